@@ -1,0 +1,62 @@
+"""Task-space velocity control of robot arms whose answers do not depend on frames or length units.
+
+Names are loaded when first used: importing the package loads neither Pinocchio nor a solver.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from invariantqp.errors import (
+        BadInput,
+        BlindSystem,
+        InvariantQPError,
+        MissingExtra,
+        NoPseudoinverse,
+        RobotModelError,
+        TaskFileError,
+        UnknownName,
+    )
+    from invariantqp.geometry.forms import invariant_form, pitch_form, pitch_form_inverse
+    from invariantqp.geometry.screws import axis, helical, pitch, prismatic, revolute
+    from invariantqp.geometry.se3 import adjoint, bracket, coadjoint, exp, inverse, log, transform
+    from invariantqp.systems.gram import gram_matrix, principal_pitches
+    from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
+
+__version__ = "0.1.0"
+
+# Where each public name lives; the floors below load as they are asked for.
+_HOME = {
+    "errors": (
+        "BadInput",
+        "BlindSystem",
+        "InvariantQPError",
+        "MissingExtra",
+        "NoPseudoinverse",
+        "RobotModelError",
+        "TaskFileError",
+        "UnknownName",
+    ),
+    "geometry.forms": ("invariant_form", "pitch_form", "pitch_form_inverse"),
+    "geometry.screws": ("axis", "helical", "pitch", "prismatic", "revolute"),
+    "geometry.se3": ("adjoint", "bracket", "coadjoint", "exp", "inverse", "log", "transform"),
+    "systems.gram": ("gram_matrix", "principal_pitches"),
+    "systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [*_MODULE_OF, "__version__"]  # noqa: PLE0604 (names are strings; a test resolves each)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'invariantqp' has no attribute {name!r}")
+    value = getattr(import_module(f"invariantqp.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

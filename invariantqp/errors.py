@@ -1,0 +1,136 @@
+"""Every error this library raises: what was found, what was expected, what to do next.
+
+`InvariantQPError` is the base. Each subclass keeps its evidence as attributes and builds its own message, so a
+handler can read numbers instead of parsing text.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from invariantqp.geometry.arrays import Array
+
+
+class InvariantQPError(Exception):
+    """Base of every error raised by invariantqp."""
+
+
+class BadInput(InvariantQPError, ValueError):
+    """An argument is not what the function takes.
+
+    Attributes:
+        argument: the name of the offending argument.
+        found: what was given, in words.
+        expected: what would have been accepted.
+        remedy: what to do next.
+    """
+
+    def __init__(self, argument: str, found: str, expected: str, remedy: str = "") -> None:
+        self.argument = argument
+        self.found = found
+        self.expected = expected
+        self.remedy = remedy
+        advice = f" {remedy}" if remedy else ""
+        super().__init__(f"{argument}: found {found}; expected {expected}.{advice}")
+
+
+class NoPseudoinverse(InvariantQPError):
+    """J has no h-pseudoinverse: rank(J'Q_h J) < rank(J) ([DS] Theorems 2.2 and 3.1).
+
+    Attributes:
+        h: the pitch asked for [length].
+        rank: rank of J.
+        gram_rank: rank of J'Q_h J.
+        self_reciprocal: (6,) unit twist z in the span of J that is h-reciprocal to all of it, the proof.
+        principal_pitches: (k',) every pitch at which the pseudoinverse fails, nearest to h first; empty when it
+            fails at all of them.
+    """
+
+    def __init__(
+        self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array
+    ) -> None:
+        self.h = h
+        self.rank = rank
+        self.gram_rank = gram_rank
+        self.self_reciprocal = self_reciprocal
+        self.principal_pitches = principal_pitches
+        if len(principal_pitches):
+            listed = ", ".join(f"{p:.6g}" for p in principal_pitches)
+            remedy = f"Choose h away from the principal pitches ({listed})."
+        else:
+            remedy = (
+                "No h works for this system: use Complement(Z) to say what may be given up, "
+                "or CarriedMetric(matrix, pose)."
+            )
+        z = ", ".join(f"{x:.4g}" for x in self_reciprocal)
+        super().__init__(
+            f"no {h:g}-pseudoinverse: rank(J'Q_h J) = {gram_rank} < rank(J) = {rank}; "
+            f"the twist z = ({z}) is h-reciprocal to the whole system. {remedy}"
+        )
+
+
+class BlindSystem(InvariantQPError):
+    """No pitch form sees every direction of the system: det(J'Q_h J) vanishes for every h.
+
+    Attributes:
+        directions: (6, b) the pure translations in the system that no Q_h sees, as unit columns.
+    """
+
+    def __init__(self, directions: Array) -> None:
+        self.directions = directions
+        listed = "; ".join("(" + ", ".join(f"{x:.4g}" for x in v[3:]) + ")" for v in directions.T)
+        super().__init__(
+            f"every pitch form is blind to the translation(s) along {listed}: this system has no h-pseudoinverse "
+            "for any h. Use Complement(Z) to say what may be given up, or CarriedMetric(matrix, pose)."
+        )
+
+
+class RobotModelError(InvariantQPError):
+    """A robot could not be loaded, or its tool or joints are not what was asked for."""
+
+
+class UnknownName(RobotModelError, KeyError):
+    """A name (robot, frame, joint, task, back end) is not known; the near ones are listed.
+
+    Attributes:
+        kind: what was looked up.
+        name: the name given.
+        near: known names like it.
+    """
+
+    def __init__(self, kind: str, name: str, near: Sequence[str], known: Sequence[str]) -> None:
+        self.kind = kind
+        self.name = name
+        self.near = tuple(near)
+        listed = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}."
+        self._message = f"unknown {kind} {name!r}; {listed}"
+        super().__init__(self._message)
+
+    def __str__(self) -> str:  # KeyError would show the repr
+        return self._message
+
+
+class TaskFileError(InvariantQPError):
+    """A task file does not decode; every problem is listed with its path.
+
+    Attributes:
+        source: the file.
+        problems: one line a problem, "$.path: what is wrong (what would be right)".
+    """
+
+    def __init__(self, source: str, problems: Sequence[str]) -> None:
+        self.source = source
+        self.problems = tuple(problems)
+        lines = "\n".join(f"  {p}" for p in problems)
+        super().__init__(f"{source}: {len(problems)} problem{'s' if len(problems) != 1 else ''}\n{lines}")
+
+
+class MissingExtra(InvariantQPError, ImportError):
+    """An optional dependency is not installed; says which extra brings it."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        self.extra = extra
+        super().__init__(f"{what} is not installed. Run: pip install 'invariantqp[{extra}]'")

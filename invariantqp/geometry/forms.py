@@ -1,0 +1,88 @@
+"""The invariant quadratic forms on twists: one pencil, Q_h = Q_0 - h (2 diag(I, 0)), and no other.
+
+    s'Q_h s = 2 (omega.v - h omega.omega)          Q_h = [[-2h I, I], [I, 0]]      Q_h^-1 = [[0, I], [I, 2h I]]
+
+Q_h is indefinite, signature (3, 3), for every finite h; Q_inf = -2 diag(I, 0) is the Killing form, degenerate.
+We leave out the factor 1/2 of [DS] (2.6), as its own Examples 1 and 4 and Sect. 6.3 do.
+
+Reference: [DS] Theorem 2.1, (2.6), Sect. 6.3.
+"""
+
+from __future__ import annotations
+
+from math import isinf, isnan
+
+import numpy as np
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+
+
+def invariant_form(alpha: float, beta: float) -> Array:
+    """The general member of the pencil, [[-2 alpha I, beta I], [beta I, 0]]; Q_h is alpha = h, beta = 1.
+
+    Args:
+        alpha: weight of the Killing form [length].
+        beta: weight of the Klein form (dimensionless).
+
+    Returns:
+        (6, 6) symmetric matrix, invariant: Ad' Q Ad = Q for every rigid motion.
+
+    Raises:
+        BadInput: NaN or infinite weights.
+
+    Reference: [DS] Theorem 2.1.
+    """
+    a, b = arrays.number(alpha, "alpha"), arrays.number(beta, "beta")
+    Q = np.zeros((6, 6))
+    Q[[0, 1, 2], [0, 1, 2]] = -2.0 * a
+    Q[[0, 1, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2]] = b
+    return Q
+
+
+def pitch_form(h: float) -> Array:
+    """Q_h, the invariant form of pitch h; its null twists are those of pitch h.
+
+    Args:
+        h: pitch [length/rad], a float or +-inf for the Killing form.
+
+    Returns:
+        (6, 6) symmetric matrix.
+
+    Raises:
+        BadInput: h is NaN or not a number.
+
+    Reference: [DS] (2.6), without its factor 1/2.
+    """
+    if isinstance(h, (int, float)) and isinf(h):
+        return invariant_form(1.0, 0.0)
+    return invariant_form(h, 1.0)
+
+
+def pitch_form_inverse(h: float) -> Array:
+    """Q_h^-1, the invariant form on wrenches (m; f): W'Q_h^-1 W = 2 (m.f + h f.f).
+
+    Args:
+        h: finite pitch [length/rad].
+
+    Returns:
+        (6, 6) symmetric matrix, invariant under `coadjoint`.
+
+    Raises:
+        BadInput: h is not finite (the Killing form has no inverse).
+
+    Reference: [DS] Sect. 6.3.
+    """
+    finite = finite_pitch(h)
+    Q = np.zeros((6, 6))
+    Q[[0, 1, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2]] = 1.0
+    Q[[3, 4, 5], [3, 4, 5]] = 2.0 * finite
+    return Q
+
+
+def finite_pitch(h: float, argument: str = "h") -> float:
+    """h as a finite float, or `BadInput` that says why infinity will not do."""
+    if isinstance(h, (int, float)) and not isnan(h) and isinf(h):
+        raise BadInput(argument, str(h), "a finite pitch", "The Killing form Q_inf is degenerate and has no inverse.")
+    return arrays.number(h, argument, "a finite pitch")

@@ -1,0 +1,82 @@
+"""Joint twists and what they are geometrically: s = (u; q x u + h u), pitch h = omega.v / omega.omega, axis q + R u.
+
+A revolute joint is a twist of pitch 0, a helical joint one of finite pitch h [length/rad], a prismatic joint one of
+infinite pitch (0; u).
+
+Reference: [DS] Sect. 2.2.
+"""
+
+from __future__ import annotations
+
+from math import inf, isinf, isnan
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+
+
+def _direction(value: ArrayLike, argument: str) -> Array:
+    u = arrays.vector(value, 3, argument)
+    length = float(np.linalg.norm(u))
+    if length == 0.0:
+        raise BadInput(argument, "the zero vector", "a direction", "Give a non-zero axis direction.")
+    return u / length
+
+
+def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 0.0) -> Array:
+    """The (6,) unit twist of a screw joint about a line.
+
+    Args:
+        axis: (3,) direction of the line, any non-zero length.
+        point: (3,) any point of the line [length].
+        pitch: translation per radian [length/rad]; inf gives the prismatic twist along the axis.
+
+    Raises:
+        BadInput: zero axis, NaN.
+    """
+    u = _direction(axis, "axis")
+    if isnan(pitch):
+        raise BadInput("pitch", "NaN", "a pitch, finite or inf")
+    if isinf(pitch):
+        return np.concatenate((np.zeros(3), u))
+    return np.concatenate((u, np.cross(arrays.vector(point, 3, "point"), u) + pitch * u))
+
+
+def revolute(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """The (6,) twist of a revolute joint (a hinge) about the line through `point` along `axis`: pitch 0."""
+    return helical(axis, point)
+
+
+def prismatic(axis: ArrayLike) -> Array:
+    """The (6,) twist of a prismatic joint (a slide) along `axis`: infinite pitch."""
+    return helical(axis, pitch=inf)
+
+
+def pitch(twist: ArrayLike) -> float:
+    """The pitch omega.v / omega.omega of a (6,) twist [length/rad]; inf for a pure translation.
+
+    Raises:
+        BadInput: the zero twist has no pitch.
+    """
+    s = arrays.twist(twist)
+    if not s.any():
+        raise BadInput("twist", "the zero twist", "a non-zero twist", "Only a non-zero twist has a pitch.")
+    s = s / np.abs(s).max()
+    w = s[:3]
+    return float(w.dot(s[3:]) / w.dot(w)) if w.any() else inf
+
+
+def axis(twist: ArrayLike) -> tuple[Array, Array]:
+    """Unit direction (3,) and the point (3,) nearest the origin of a twist's axis.
+
+    Raises:
+        BadInput: the twist has no finite axis (zero or a pure translation).
+    """
+    s = arrays.twist(twist)
+    w = s[:3]
+    if not w.any():
+        raise BadInput("twist", "a twist with omega = 0", "a twist with a finite axis", "Its direction is twist[3:].")
+    return w / np.linalg.norm(w), np.cross(w, s[3:]) / w.dot(w)

@@ -1,0 +1,163 @@
+"""The Euclidean group: a frame change moves twists by Ad and wrenches by its dual, so that power never changes.
+
+    Ad(R, p) (omega; v) = (R omega; R v + p x R omega),     Ad*(R, p) (m; f) = (R m + p x R f; R f)
+
+Poses are 4x4 homogeneous, twists (omega; v), wrenches (m; f). `x_from_y` maps y-coordinates to x-coordinates.
+
+Reference: [DS] Sect. 2.1 (2.2)-(2.4). [DS] is Donelan & Selig, Hyperbolic pseudoinverses for kinematics in the
+Euclidean group.
+"""
+
+from __future__ import annotations
+
+from math import sin, sqrt, tan
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+
+# Below this angle [rad] the closed coefficients of exp and log lose digits to cancellation; three terms of their
+# series are exact to rounding there (the next term is below 1e-18).
+SMALL_ANGLE = 1e-2
+
+
+def cross_matrix(a: ArrayLike) -> Array:
+    """The (3, 3) matrix of b -> a x b."""
+    x, y, z = arrays.vector(a, 3, "a")
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
+    """The (4, 4) pose with the given (3, 3) rotation and (3,) translation, either the identity by default."""
+    T = np.eye(4)
+    if rotation is not None:
+        T[:3, :3] = arrays.matrix(rotation, (3, 3), "rotation")
+    if translation is not None:
+        T[:3, 3] = arrays.vector(translation, 3, "translation")
+    return arrays.pose(T, "rotation")
+
+
+def inverse(pose: ArrayLike) -> Array:
+    """The inverse (4, 4) pose."""
+    T = arrays.pose(pose)
+    R_t = T[:3, :3].T
+    result = np.eye(4)
+    result[:3, :3] = R_t
+    result[:3, 3] = -R_t.dot(T[:3, 3])
+    return result
+
+
+def adjoint(pose: ArrayLike) -> Array:
+    """Ad of a pose: moves twists from the pose's frame to the frame it is expressed in.
+
+    Args:
+        pose: (4, 4) homogeneous, a_from_b.
+
+    Returns:
+        (6, 6) matrix [[R, 0], [p^ R, R]] with s_a = Ad s_b.
+
+    Raises:
+        BadInput: not a finite rigid motion.
+
+    Reference: [DS] (2.2).
+    """
+    T = arrays.pose(pose)
+    R = T[:3, :3]
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = R
+    A[3:, :3] = cross_matrix(T[:3, 3]).dot(R)
+    return A
+
+
+def coadjoint(pose: ArrayLike) -> Array:
+    """Ad^-T of a pose: moves wrenches as `adjoint` moves twists, moments included; W'.s' = W.s.
+
+    Args:
+        pose: (4, 4) homogeneous, a_from_b.
+
+    Returns:
+        (6, 6) matrix [[R, p^ R], [0, R]] with W_a = Ad* W_b.
+
+    Raises:
+        BadInput: not a finite rigid motion.
+
+    Reference: [DS] Sect. 6.3.
+    """
+    T = arrays.pose(pose)
+    R = T[:3, :3]
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = R
+    A[:3, 3:] = cross_matrix(T[:3, 3]).dot(R)
+    return A
+
+
+def bracket(first: ArrayLike, second: ArrayLike) -> Array:
+    """The Lie bracket [s1, s2] = (w1 x w2; w1 x v2 + v1 x w2) of two (6,) twists.
+
+    Reference: [DS] (2.4).
+    """
+    a, b = arrays.twist(first, "first"), arrays.twist(second, "second")
+    return np.concatenate((np.cross(a[:3], b[:3]), np.cross(a[:3], b[3:]) + np.cross(a[3:], b[:3])))
+
+
+def exp(twist: ArrayLike) -> Array:
+    """The (4, 4) rigid motion reached by moving with a (6,) twist for unit time.
+
+    Raises:
+        BadInput: not six finite numbers.
+    """
+    s = arrays.twist(twist)
+    w, v = s[:3], s[3:]
+    theta = sqrt(w.dot(w))
+    W = cross_matrix(w)
+    WW = W.dot(W)
+    if theta < SMALL_ANGLE:
+        t2 = theta * theta
+        a = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0))  # sin t / t
+        b = 0.5 * (1.0 - t2 / 12.0 * (1.0 - t2 / 30.0 * (1.0 - t2 / 56.0)))  # (1 - cos t) / t^2
+        c = (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0 * (1.0 - t2 / 72.0))) / 6.0  # (t - sin t) / t^3
+    else:
+        a = sin(theta) / theta
+        half = sin(0.5 * theta) / theta
+        b = 2.0 * half * half
+        c = (1.0 - a) / (theta * theta)
+    T = np.eye(4)
+    T[:3, :3] += a * W + b * WW
+    T[:3, 3] = v + b * W.dot(v) + c * WW.dot(v)
+    return T
+
+
+def log(pose: ArrayLike) -> Array:
+    """The (6,) twist whose unit-time motion is the pose, rotation angle in [0, pi].
+
+    At exactly pi the axis is determined up to sign; either is a logarithm.
+
+    Raises:
+        BadInput: not a finite rigid motion.
+    """
+    from scipy.spatial.transform import Rotation  # 80 ms to import: only when a logarithm is taken
+
+    T = arrays.pose(pose)
+    w = np.asarray(Rotation.from_matrix(T[:3, :3]).as_rotvec(), dtype=np.float64)
+    p = T[:3, 3]
+    theta = sqrt(w.dot(w))
+    if theta < SMALL_ANGLE:
+        t2 = theta * theta
+        c = (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0  # (1 - t/2 cot(t/2)) / t^2
+    else:
+        c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
+    return np.concatenate((w, p - 0.5 * np.cross(w, p) + c * np.cross(w, np.cross(w, p))))
+
+
+def velocity_at(twists: Array, point: Array) -> Array:
+    """Velocity v + omega x p of the body point now at p (3,), for a (6,) twist or (6, k) columns."""
+    w, v = twists[:3], twists[3:]
+    x, y, z = point
+    result = v.copy()
+    result[0] += w[1] * z - w[2] * y
+    result[1] += w[2] * x - w[0] * z
+    result[2] += w[0] * y - w[1] * x
+    return result
+
