@@ -24,6 +24,14 @@ if TYPE_CHECKING:
     from invariantqp.geometry.se3 import adjoint, bracket, coadjoint, exp, inverse, log, transform
     from invariantqp.systems.gram import gram_matrix, principal_pitches
     from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
+    from invariantqp.velocity.backends import Osqp
+    from invariantqp.velocity.damping import Adaptive, Fixed
+    from invariantqp.velocity.exact import ExactRows
+    from invariantqp.velocity.guard import Guard
+    from invariantqp.velocity.limits import Bounds
+    from invariantqp.velocity.objective import CarriedMetric, Complement, PitchForm
+    from invariantqp.velocity.request import MethodChoice, UnitsMixed, method_for, solve_velocity
+    from invariantqp.velocity.solve import VelocitySolution
 
 __version__ = "0.1.0"
 
@@ -44,6 +52,14 @@ _HOME = {
     "geometry.se3": ("adjoint", "bracket", "coadjoint", "exp", "inverse", "log", "transform"),
     "systems.gram": ("gram_matrix", "principal_pitches"),
     "systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
+    "velocity.backends": ("Osqp",),
+    "velocity.damping": ("Adaptive", "Fixed"),
+    "velocity.exact": ("ExactRows",),
+    "velocity.guard": ("Guard",),
+    "velocity.limits": ("Bounds",),
+    "velocity.objective": ("CarriedMetric", "Complement", "PitchForm"),
+    "velocity.request": ("MethodChoice", "UnitsMixed", "method_for", "solve_velocity"),
+    "velocity.solve": ("VelocitySolution",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

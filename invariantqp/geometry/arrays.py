@@ -32,8 +32,7 @@ def array(value: ArrayLike, argument: str, expected: str) -> Array:
 
 def _finite(a: Array, argument: str, expected: str) -> Array:
     # One reduction in the usual case; a square that overflows is looked at again, entry by entry.
-    flat = a.reshape(-1)
-    if not isfinite(flat.dot(flat)) and not np.isfinite(flat).all():
+    if not isfinite(np.vdot(a, a)) and not np.isfinite(a).all():
         bad = [tuple(int(i) for i in index) for index in np.argwhere(~np.isfinite(a))[:4]]
         where = ", ".join(str(i[0]) if len(i) == 1 else str(i) for i in bad)
         raise BadInput(argument, f"NaN or infinity at index {where}", expected, "Check where it was computed.")
@@ -42,13 +41,10 @@ def _finite(a: Array, argument: str, expected: str) -> Array:
 
 def vector(value: ArrayLike, size: int | None, argument: str) -> Array:
     """A finite (size,) vector; any length when `size` is None."""
-    expected = f"{'a' if size is None else size} finite number{'' if size == 1 else 's'}"
-    if size is None:
-        expected = "a finite vector"
-    a = array(value, argument, expected)
+    a = array(value, argument, "numbers")
     if a.ndim != 1 or (size is not None and len(a) != size):
         raise BadInput(argument, f"shape {a.shape}", f"shape ({'n' if size is None else size},)")
-    return _finite(a, argument, expected)
+    return _finite(a, argument, "finite numbers")
 
 
 def twist(value: ArrayLike, argument: str = "twist") -> Array:

@@ -153,11 +153,5 @@ def log(pose: ArrayLike) -> Array:
 
 def velocity_at(twists: Array, point: Array) -> Array:
     """Velocity v + omega x p of the body point now at p (3,), for a (6,) twist or (6, k) columns."""
-    w, v = twists[:3], twists[3:]
-    x, y, z = point
-    result = v.copy()
-    result[0] += w[1] * z - w[2] * y
-    result[1] += w[2] * x - w[0] * z
-    result[2] += w[0] * y - w[1] * x
-    return result
-
+    x, y, z = point.tolist()
+    return twists[3:] + np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]).dot(twists[:3])

@@ -1,0 +1,1 @@
+"""Arms: from joint positions to tool pose and joint twists, all in the base frame."""

@@ -1,0 +1,109 @@
+"""What the controller needs to know of an arm: names, limits, tool pose, joint twists. Two kinds of robot meet it.
+
+Joint positions q are (m,) [rad, length]; poses (4, 4) and twists (omega; v) are in the base frame.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+
+
+class Sighting(NamedTuple):
+    """An arm in one state, seen from the base, and how far it is from where it should be.
+
+    Attributes:
+        J: (6, m) joint twists.
+        error: (6,) twist that takes the tool to its target in unit time; the same whatever frame the tool has.
+        pose: the tool pose, in whatever form `points` takes.
+    """
+
+    J: Array
+    error: Array
+    pose: Any
+
+
+class Robot(Protocol):
+    """An arm between its base and its tool."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joint names, base first."""
+        ...
+
+    @property
+    def position_lower(self) -> Array:
+        """(m,) lower position limits, -inf where there is none."""
+        ...
+
+    @property
+    def position_upper(self) -> Array:
+        """(m,) upper position limits, inf where there is none."""
+        ...
+
+    @property
+    def velocity_limit(self) -> Array:
+        """(m,) velocity limits, positive, inf where there is none."""
+        ...
+
+    def pose(self, q: ArrayLike) -> Array:
+        """(4, 4) pose of the tool."""
+        ...
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """(6, m) joint twists as columns."""
+        ...
+
+    def target(self, pose: ArrayLike) -> Any:
+        """A target pose, checked once, in the form `sight` takes fastest."""
+        ...
+
+    def sight(self, q: Array, target: Any) -> Sighting:
+        """Joint twists and tool error at a checked q, for what `target` returned."""
+        ...
+
+    def points(self, sighting: Sighting, target: Any) -> tuple[Array, Array]:
+        """(3,) tool point and (3,) target point [length]."""
+        ...
+
+    def with_tool(self, offset: ArrayLike) -> Robot:
+        """The same arm with its tool frame moved by a (4, 4) offset in the old tool frame."""
+        ...
+
+
+def middle(robot: Robot) -> Array:
+    """The middle of each joint's range; 0, or the limit nearest it, where the range is not bounded."""
+    lower, upper = robot.position_lower, robot.position_upper
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
+    return np.minimum(np.maximum(centre, lower), upper)
+
+
+def checked_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -> tuple[Array, Array, Array]:
+    """Position and velocity limits of m joints as arrays.
+
+    Raises:
+        BadInput: wrong lengths, NaN, lower above upper, a velocity limit that is not positive.
+    """
+    limits = []
+    for name, value in (("position_lower", lower), ("position_upper", upper), ("velocity_limit", speed)):
+        a = arrays.array(value, name, f"{m} limits, infinite where there is none")
+        a = np.full(m, float(a)) if a.ndim == 0 else a.copy()
+        if a.shape != (m,) or np.isnan(a).any():
+            found = "NaN" if a.shape == (m,) else f"shape {a.shape}"
+            raise BadInput(name, found, f"{m} limits, one a joint, infinite where there is none")
+        limits.append(a)
+    low, high, v_max = limits
+    if (low > high).any():
+        i = int((low > high).argmax())
+        raise BadInput("position_lower", f"{low[i]:g} above {high[i]:g} at joint {i}", "lower <= upper for every joint")
+    if (v_max <= 0.0).any():
+        i = int((v_max <= 0.0).argmax())
+        raise BadInput("velocity_limit", f"{v_max[i]:g} at joint {i}", "positive limits")
+    return low, high, v_max

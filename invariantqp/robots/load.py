@@ -1,0 +1,94 @@
+"""One way to get a robot: a URDF path, a known name, or joint screws."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple, cast
+
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot
+
+DATA = "example-robot-data"
+
+
+class Known(NamedTuple):
+    """Where a named robot's URDF is in example-robot-data, its tool frame, and its joints where not all are meant."""
+
+    urdf: str
+    tool: str
+    joints: tuple[str, ...] | None = None
+
+
+KNOWN = {
+    "panda": Known("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+    "ur3": Known("ur_description/urdf/ur3_robot.urdf", "tool0"),
+    "ur5": Known("ur_description/urdf/ur5_robot.urdf", "tool0"),
+    "ur10": Known("ur_description/urdf/ur10_robot.urdf", "tool0"),
+    "xarm7": Known("xarm_description/urdf/xarm7.urdf", "link_eef"),
+    "so100": Known("so_arm_description/urdf/so100.urdf", "gripper"),
+    "so101": Known("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
+    "kinova": Known("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
+    "z1": Known("z1_description/urdf/z1.urdf", "gripperStator"),
+    "tiago": Known("tiago_description/robots/tiago.urdf", "arm_tool_link"),
+    "talos": Known(
+        "talos_data/robots/talos_reduced.urdf",
+        "gripper_left_base_link",
+        tuple(f"arm_left_{i}_joint" for i in range(1, 8)),
+    ),
+}
+
+
+def load_robot(
+    source: str | Path | ArrayLike, tool: str | ArrayLike | None = None, joints: Sequence[str] | None = None
+) -> Robot:
+    """An arm from its base to its tool; nothing beyond is modelled.
+
+    Args:
+        source: a name ("panda", "ur5", "so101", "xarm7", "kinova", "talos" for its left arm, ...; these come with the
+            extra `robots`), the path of a URDF file, or (6, m) joint screws at q = 0 in the base frame.
+        tool: name of the tool frame; None is the robot's usual one, for a URDF the end of its longest chain. With
+            screws: the (4, 4) tool pose at q = 0.
+        joints: names of the joints that move; None is all between base and tool. With screws: their names.
+
+    Returns:
+        A `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q).
+
+    Raises:
+        UnknownName: no robot, frame or joint of that name; near ones are listed.
+        RobotModelError: a URDF that cannot be read or parsed, a tool that no joint moves.
+        MissingExtra: a named robot without the extra `robots`.
+        BadInput: screws or poses that are none.
+    """
+    if not isinstance(source, (str, Path)):
+        if tool is None or isinstance(tool, str):
+            raise BadInput("tool", repr(tool), "the (4, 4) tool pose at q = 0 when the source is joint screws")
+        return Chain(source, tool, tuple(joints or ()))
+    if tool is not None and not isinstance(tool, str):
+        raise BadInput("tool", type(tool).__name__, "the name of a frame", "Move the frame with robot.with_tool(pose).")
+    from invariantqp.robots.pinocchio import load_urdf  # Pinocchio is loaded when a URDF is
+
+    known = KNOWN.get(str(source))
+    if known is not None:
+        chosen = joints if joints is not None or tool is not None else known.joints
+        return load_urdf(_data_folder() / known.urdf, tool or known.tool, chosen)
+    path = Path(source)
+    if path.suffix.lower() == ".urdf" or path.exists():
+        if not path.is_file():
+            raise RobotModelError(f"no URDF file at {path}")
+        return load_urdf(path, tool, joints)
+    near = difflib.get_close_matches(str(source).lower(), KNOWN)
+    raise UnknownName("robot", str(source), near, [*KNOWN, "or the path of a .urdf file"])
+
+
+def _data_folder() -> Path:
+    try:
+        distribution = metadata.distribution(DATA)
+    except metadata.PackageNotFoundError as error:
+        raise MissingExtra(DATA, "robots") from error
+    return cast("Path", Path(str(distribution.locate_file("cmeel.prefix/share/example-robot-data/robots"))))

@@ -1,0 +1,62 @@
+"""An arm's own point and length: the point p that the joints move least, and how fast they move it.
+
+    p = argmin |J_v(p)|_F,   L = |J_v(p)|_F / |J_omega|_F,   J_v(p) = v_i + omega_i x p
+
+Both are carried by every rigid change of frame and L scales with the unit of length, so a metric diag(L^2 I, I) at p
+depends on nobody's choice of frame or unit.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
+
+# Directions along which moving p changes |J_v(p)| by less than this fraction are free: all axes are parallel to them.
+PARALLEL_TOLERANCE = 1e-12
+
+
+class Centre(NamedTuple):
+    """Point p (3,) [length] and length L [length/rad]; L is inf where no joint turns, 0 where all axes meet in p."""
+
+    point: Array
+    length: float
+
+
+def _stationary_point(twists: Array) -> tuple[Array, Array]:
+    """Least-norm minimiser of |v + omega x p|_F over p, and an orthonormal basis of the directions left free."""
+    w, v = twists[:3], twists[3:]
+    moment = w.dot(v.T)
+    b = np.array([moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]])  # sum of w x v
+    spread, axes = np.linalg.eigh(w.dot(w.T))
+    stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
+    fixed = stiffness > PARALLEL_TOLERANCE * stiffness[0]
+    along = axes[:, fixed]
+    return along.dot(along.T.dot(b) / stiffness[fixed]), axes[:, ~fixed]
+
+
+def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
+    """The arm's own point and length for (6, m) joint twists.
+
+    Where all axes are parallel (a planar arm) the point is free along them; `twist` (6,), if given, settles it as the
+    point of that line which the twist moves least.
+
+    Raises:
+        BadInput: J is not finite (6, m).
+    """
+    twists = arrays.columns(J)
+    p, free = _stationary_point(twists)
+    if free.shape[1] and twist is not None:
+        s = arrays.twist(twist)
+        # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
+        across = np.cross(s[:3], free, axis=0)
+        p = p - free.dot(np.linalg.pinv(across).dot(velocity_at(s, p)))
+    turning = np.vdot(twists[:3], twists[:3])
+    moving = velocity_at(twists, p)
+    return Centre(p, sqrt(np.vdot(moving, moving) / turning) if turning > 0.0 else inf)

@@ -1,0 +1,291 @@
+"""Quadratic programs, given to the solvers people trust: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
+
+DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem is scaled to O(1)
+first, because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets out. This is
+the only file that imports a solver.
+"""
+
+from __future__ import annotations
+
+import difflib
+import warnings
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
+
+import daqp
+import numpy as np
+
+from invariantqp.errors import BadInput, InvariantQPError, UnknownName
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.exact import Reduction
+
+# After scaling bounds and H are O(1). An answer may leave its bounds by this much and is then clipped; more is a failure.
+FEASIBILITY_TOLERANCE = 1e-7
+# Far below the feasibility tolerance, above what active-set arithmetic on cond(H) = 1e6 can lose.
+DAQP_TOLERANCE = 1e-10
+# OSQP stops on absolute residuals; 1e-9 on a scaled problem is 1e-9 of a velocity limit.
+OSQP_TOLERANCE = 1e-9
+OSQP_ITERATIONS = 20_000
+# DAQP's stand-in for infinity.
+UNBOUNDED = 1e30
+# qpsolvers' defaults leave errors up to 0.3 on ill-conditioned problems; these are what the solvers can be asked for.
+TIGHT: dict[str, dict[str, Any]] = {
+    "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
+    "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-10},
+    "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
+    "highs": {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9},
+    "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9},
+}
+
+
+class SolverFailure(InvariantQPError):
+    """A solver did not return a usable answer. Never leaves the library: it becomes a retry, then a status.
+
+    Attributes:
+        infeasible: whether the solver says that no point satisfies the bounds.
+    """
+
+    def __init__(self, solver: str, reason: str, *, infeasible: bool = False) -> None:
+        self.infeasible = infeasible
+        super().__init__(f"{solver}: {reason}")
+
+
+class BoxQP(NamedTuple):
+    """Minimise 1/2 z'Hz - c'z over lower <= Cz <= upper; C = None is the identity. All O(1), all bounds finite or None.
+
+    Attributes:
+        H: (n, n) positive definite.
+        c: (n,).
+        lower: (k,) at least -UNBOUNDED.
+        upper: (k,) at most UNBOUNDED.
+        C: (k, n) rows, or None.
+    """
+
+    H: Array
+    c: Array
+    lower: Array
+    upper: Array
+    C: Array | None
+
+
+class Backend(Protocol):
+    """A solver with a name. `solve` returns z (n,) or raises SolverFailure."""
+
+    name: str
+
+    def solve(self, qp: BoxQP) -> Array:
+        """The minimiser."""
+        ...
+
+
+@dataclass(frozen=True)
+class Daqp:
+    """DAQP: dual active set, exact to rounding, stateless."""
+
+    name: str = "daqp"
+
+    def solve(self, qp: BoxQP) -> Array:
+        """The minimiser."""
+        rows = np.empty((0, len(qp.c))) if qp.C is None else qp.C
+        z, _, flag, _ = daqp.solve(qp.H, -qp.c, rows, qp.upper, qp.lower, primal_tol=DAQP_TOLERANCE)
+        if flag <= 0:
+            raise SolverFailure(self.name, f"exit flag {flag}", infeasible=flag == -1)
+        return np.asarray(z)
+
+
+@dataclass
+class Osqp:
+    """OSQP with its workspace kept between calls of the same size, warm started; one owner, one loop.
+
+    A run that does not reach its tolerances drops the workspace, so that no failure outlives its tick.
+    """
+
+    name: str = "osqp"
+    _workspace: Any = field(default=None, init=False, repr=False)
+    _shape: tuple[int, int] = field(default=(0, 0), init=False, repr=False)
+
+    def solve(self, qp: BoxQP) -> Array:
+        """The minimiser."""
+        import osqp  # 90 ms to import: only when this solver is asked for
+        from scipy import sparse
+
+        n = len(qp.c)
+        C = np.eye(n) if qp.C is None else qp.C
+        upper_triangle = np.triu_indices(n)
+        # A dense pattern (explicit zeros kept), so that later values fit the workspace.
+        values = qp.H.T[upper_triangle[1], upper_triangle[0]]
+        order = np.lexsort((upper_triangle[0], upper_triangle[1]))
+        if self._workspace is None or self._shape != C.shape:
+            P = sparse.csc_matrix(
+                (values[order], (upper_triangle[0][order], upper_triangle[1][order])), shape=(n, n)
+            )
+            A = sparse.csc_matrix(
+                (C.T.ravel(), np.tile(np.arange(len(C)), n), np.arange(n + 1) * len(C)), shape=C.shape
+            )
+            self._workspace = osqp.OSQP()
+            self._shape = (len(C), n)
+            self._workspace.setup(
+                P,
+                -qp.c,
+                A,
+                qp.lower,
+                qp.upper,
+                verbose=False,
+                eps_abs=OSQP_TOLERANCE,
+                eps_rel=OSQP_TOLERANCE,
+                max_iter=OSQP_ITERATIONS,
+                warm_starting=True,
+                polishing=False,
+            )
+        else:
+            self._workspace.update(Px=values[order], q=-qp.c, Ax=C.T.ravel(), l=qp.lower, u=qp.upper)
+        result = self._workspace.solve(raise_error=False)
+        status = str(result.info.status)
+        if status != "solved":
+            self._workspace = None
+            raise SolverFailure(self.name, status, infeasible="primal infeasible" in status)
+        return np.asarray(result.x)
+
+
+@dataclass(frozen=True)
+class QpSolvers:
+    """Any solver that qpsolvers knows and this machine has, at the tightest tolerances it takes."""
+
+    name: str
+
+    def solve(self, qp: BoxQP) -> Array:
+        """The minimiser."""
+        import qpsolvers
+        from scipy import sparse
+
+        H: Any = qp.H
+        C: Any = qp.C
+        if self.name in qpsolvers.sparse_solvers:
+            H = sparse.csc_matrix(H)
+            C = None if C is None else sparse.csc_matrix(C)
+        if C is None:
+            problem = qpsolvers.Problem(H, -qp.c, lb=qp.lower, ub=qp.upper)
+        else:
+            stack = sparse.vstack if sparse.issparse(C) else np.vstack
+            problem = qpsolvers.Problem(H, -qp.c, stack([C, -C]), np.concatenate((qp.upper, -qp.lower)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what a foreign solver thinks of a problem is in its status
+            solution = qpsolvers.solve_problem(problem, solver=self.name, **TIGHT.get(self.name, {}))
+        if not solution.found or solution.x is None:
+            raise SolverFailure(self.name, "no solution found")
+        return np.asarray(solution.x)
+
+
+def backend_of(backend: Backend | str) -> Backend:
+    """The back end meant by a name, or the given one.
+
+    Raises:
+        UnknownName: no solver of that name is installed; the near ones are listed.
+    """
+    if not isinstance(backend, str):
+        if not hasattr(backend, "solve") or not hasattr(backend, "name"):
+            raise BadInput("backend", f"{type(backend).__name__}", "a solver's name or an object with name and solve")
+        return backend
+    if backend == "daqp":
+        return Daqp()
+    if backend == "osqp":
+        return Osqp()
+    import qpsolvers
+
+    known = sorted({"daqp", "osqp", *qpsolvers.available_solvers})
+    if backend not in known:
+        raise UnknownName("QP back end", backend, difflib.get_close_matches(backend, known), known)
+    return QpSolvers(backend)
+
+
+def _scaled(H: Array, c: Array, lower: Array, upper: Array, rows: Array | None) -> tuple[BoxQP, Array]:
+    """The same problem in units of its own limits, and the factors (n,) that take its answer back."""
+    reach = np.maximum(-lower, upper)
+    if reach.max() >= UNBOUNDED or reach.min() <= 0.0:
+        # Where a side is open, the other one tells the size; a joint without limits, or held at zero, keeps its unit.
+        sides = np.abs(np.stack((lower, upper)))
+        reach = np.where(sides < UNBOUNDED, sides, 0.0).max(axis=0)
+        reach[reach == 0.0] = 1.0
+        lower, upper = np.maximum(lower, -UNBOUNDED * reach), np.minimum(upper, UNBOUNDED * reach)
+    if rows is None:
+        unit, C = reach, None
+    else:
+        C = rows / reach[:, None]
+        steepest = np.abs(C).max(axis=0)
+        unit = 1.0 / np.where(steepest > 0.0, steepest, 1.0)
+        C = C * unit
+    H = (H * unit).T * unit
+    size = H.max()  # of a positive-definite matrix: on its diagonal
+    return BoxQP(H / size, c * unit / size, lower / reach, upper / reach, C), unit
+
+
+def _checked(backend: Backend, qp: BoxQP) -> Array:
+    try:
+        z = backend.solve(qp)
+    except SolverFailure:
+        raise
+    except Exception as error:  # noqa: BLE001 (whatever a solver throws becomes a status)
+        raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
+    value = z if qp.C is None else qp.C.dot(z)
+    excess = max(float((qp.lower - value).max()), float((value - qp.upper).max()))
+    if not excess <= FEASIBILITY_TOLERANCE:  # also catches NaN
+        raise SolverFailure(backend.name, f"answer {excess:.2g} outside its scaled bounds")
+    return z
+
+
+class Solved(NamedTuple):
+    """The minimiser z (n,), who found it, and what went wrong before ("" if nothing)."""
+
+    z: Array
+    backend: str
+    trouble: str
+
+
+def minimise(backend: Backend, H: Array, c: Array, reduction: Reduction, lower: Array, upper: Array) -> Solved:
+    """Minimise 1/2 z'Hz - c'z over lower <= x0 + B z <= upper with `backend`; if it fails, with DAQP and then OSQP.
+
+    Args:
+        backend: the first to ask.
+        H: (n, n) positive definite.
+        c: (n,).
+        reduction: x = x0 + B z.
+        lower: (m,) bounds on x; -inf where there is none.
+        upper: (m,) likewise.
+
+    Raises:
+        SolverFailure: nobody found an answer; `.infeasible` when a solver says that there is none.
+    """
+    if reduction.basis is not None:
+        lower, upper = lower - reduction.origin, upper - reduction.origin
+    qp, unit = _scaled(H, c, lower, upper, reduction.basis)
+    troubles: list[str] = []
+    infeasible = False
+    others = [b for b in (Daqp(), Osqp()) if b.name != backend.name]
+    for candidate in (backend, *others):
+        try:
+            return Solved(unit * _checked(candidate, qp), candidate.name, "; ".join(troubles))
+        except SolverFailure as failure:
+            troubles.append(str(failure))
+            infeasible = infeasible or failure.infeasible
+            if infeasible and candidate.name == "daqp":
+                break  # an exact method's verdict stands
+    raise SolverFailure("every solver", "; ".join(troubles), infeasible=infeasible)
+
+
+def largest_scale(reduction: Reduction, lower: Array, upper: Array) -> float | None:
+    """The largest alpha in [0, 1] with lower <= alpha x0 + B z <= upper for some z, given exact rows; None if none.
+
+    A linear program, solved by HiGHS through SciPy.
+    """
+    from scipy.optimize import linprog
+
+    C = np.column_stack((reduction.origin, reduction.basis))
+    n = C.shape[1] - 1
+    result = linprog(
+        np.concatenate(([-1.0], np.zeros(n))),
+        A_ub=np.vstack((C, -C)),
+        b_ub=np.concatenate((upper, -lower)),
+        bounds=[(0.0, 1.0), *[(None, None)] * n],
+        method="highs",
+    )
+    return float(result.x[0]) if result.status == 0 else None

@@ -1,0 +1,96 @@
+"""Exact demands on the joint velocity, A x = b, removed before anything is minimised: x = x0 + B z.
+
+    x0 = M^-1 A'(A M^-1 A')^-1 b,    A B = 0,    B'MB = I
+
+What is left is a problem in z alone, in which the rows hold by construction. A joint metric M enters here and nowhere
+else: z is a coordinate in which M is the identity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+
+# A singular value of A M^-1/2 below this fraction of the largest is a dependent row.
+ROW_TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class ExactRows:
+    """A x = b, met exactly, or along the same direction more slowly where limits forbid it.
+
+    Attributes:
+        A: (k, m) rows on the joint velocity, for instance the velocity of a point, v + omega x p.
+        b: (k,) demands.
+
+    Raises:
+        BadInput: shapes that do not fit, NaN.
+    """
+
+    A: ArrayLike
+    b: ArrayLike
+
+    def __post_init__(self) -> None:
+        A = arrays.array(self.A, "A", "a (k, m) matrix")
+        if A.ndim != 2 or 0 in A.shape:
+            raise BadInput("A", f"shape {A.shape}", "(k, m), one row a demand")
+        object.__setattr__(self, "A", arrays.matrix(A, (None, A.shape[1]), "A"))
+        object.__setattr__(self, "b", arrays.vector(self.b, len(A), "b"))
+
+
+class Reduction(NamedTuple):
+    """x = x0 + B z.
+
+    Attributes:
+        origin: (m,) x0, the M-shortest velocity that meets the rows; empty where basis is None.
+        basis: (m, n) B, or None for the identity.
+        dual: (n, m) B'M, which gives z = B'M (x - x0); None for the identity.
+        unmet: the part of |b| that no velocity can meet, relative.
+    """
+
+    origin: Array
+    basis: Array | None
+    dual: Array | None
+    unmet: float = 0.0
+
+    def joint(self, z: Array) -> Array:
+        """The joint velocity x0 + B z."""
+        return z if self.basis is None else self.origin + self.basis.dot(z)
+
+    def reduced(self, x: Array) -> Array:
+        """The z of the solution nearest x."""
+        return x if self.dual is None else self.dual.dot(x - self.origin)
+
+    def scaled(self, alpha: float) -> Reduction:
+        """The same rows with demand alpha b."""
+        return self._replace(origin=alpha * self.origin)
+
+
+# Nothing demanded, nothing weighted: z is x.
+FREE = Reduction(np.empty(0), None, None)
+
+
+def reduce(m: int, exact: ExactRows | None, metric: Array | None) -> Reduction:
+    """Solve the rows and find what is left free; `metric` (m, m) is M or None for the identity."""
+    if exact is None and metric is None:
+        return FREE
+    M = np.eye(m) if metric is None else metric
+    to_joint = np.linalg.inv(np.linalg.cholesky(M)).T  # x = to_joint y; M is the identity in y
+    if exact is None:
+        return Reduction(np.zeros(m), to_joint, to_joint.T.dot(M))
+    A, b = np.asarray(exact.A), np.asarray(exact.b)
+    U, sigma, Vt = np.linalg.svd(A.dot(to_joint))
+    r = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
+    reachable = U[:, :r].T.dot(b)
+    unmet = b - U[:, :r].dot(reachable)
+    scale = float(np.linalg.norm(b))
+    y0 = Vt[:r].T.dot(reachable / sigma[:r])
+    B = to_joint.dot(Vt[r:].T)
+    return Reduction(to_joint.dot(y0), B, B.T.dot(M), float(np.linalg.norm(unmet)) / scale if scale > 0.0 else 0.0)

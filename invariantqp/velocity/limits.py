@@ -1,0 +1,89 @@
+"""Joint limits as one box on the joint velocity: lower <= x <= upper. Boxes on joints know nothing of frames.
+
+    lower = clip((q_min - q) / dt, -v_max, v_max),    upper = clip((q_max - q) / dt, -v_max, v_max)
+
+Inside the position limits zero is always allowed. Outside, the box shrinks to the way back at the velocity limit: never
+empty, never a jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+
+
+def _limit(value: ArrayLike, argument: str) -> Array:
+    a = arrays.array(value, argument, "a vector of limits, infinite where there is none")
+    if a.ndim != 1 or len(a) == 0:
+        raise BadInput(argument, f"shape {a.shape}", "one limit a joint: shape (m,), m >= 1")
+    if np.isnan(a).any():
+        raise BadInput(argument, f"NaN at index {int(np.isnan(a).argmax())}", "numbers, or +-inf for no limit")
+    return a
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Joint velocity limits, lower <= x <= upper.
+
+    Attributes:
+        lower: (m,) [rad/s, length/s], -inf where there is none.
+        upper: (m,) likewise, +inf where there is none.
+
+    Raises:
+        BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
+    """
+
+    lower: ArrayLike
+    upper: ArrayLike
+
+    def __post_init__(self) -> None:
+        lower, upper = _limit(self.lower, "lower"), _limit(self.upper, "upper")
+        if lower.shape != upper.shape:
+            raise BadInput("upper", f"{len(upper)} limits", f"{len(lower)}, one for each lower limit")
+        crossed = lower > upper
+        if crossed.any():
+            i = int(crossed.argmax())
+            found = f"lower {lower[i]:g} above upper {upper[i]:g} at joint {i}"
+            raise BadInput("lower", found, "lower <= upper for every joint", "No velocity satisfies both.")
+        if (lower == np.inf).any() or (upper == -np.inf).any():
+            raise BadInput("lower", "a lower limit of +inf or an upper limit of -inf", "a box with points in it")
+        object.__setattr__(self, "lower", lower)
+        object.__setattr__(self, "upper", upper)
+
+
+@dataclass(frozen=True, eq=False)
+class JointBox:
+    """The box that keeps q + x dt inside its limits at |x| <= v_max, or on the way back there.
+
+    Attributes:
+        position_lower: (m,) [rad, length], -inf where there is none.
+        position_upper: (m,).
+        velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
+        dt: [s].
+    """
+
+    position_lower: Array
+    position_upper: Array
+    velocity_limit: Array
+    dt: float
+
+    def __post_init__(self) -> None:
+        # What the limits allow in one tick from q = 0, so that a tick subtracts and clips and nothing else.
+        object.__setattr__(self, "_rate", np.full(len(self.velocity_limit), 1.0 / self.dt))
+        object.__setattr__(self, "_low", self.position_lower / self.dt)
+        object.__setattr__(self, "_high", self.position_upper / self.dt)
+        object.__setattr__(self, "_slowest", -self.velocity_limit)
+
+    def at(self, q: Array) -> tuple[Array, Array]:
+        """(lower, upper), each (m,), at joint positions q (m,)."""
+        place = q * self._rate  # type: ignore[attr-defined]
+        back, ahead = self._slowest, self.velocity_limit  # type: ignore[attr-defined]
+        lower = np.minimum(np.maximum(self._low - place, back), ahead)  # type: ignore[attr-defined]
+        upper = np.maximum(np.minimum(self._high - place, ahead), back)  # type: ignore[attr-defined]
+        return lower, upper

@@ -1,0 +1,187 @@
+"""What a joint velocity is judged by: three ways to measure a twist, each giving (G, g) that no frame can change.
+
+    PitchForm(h)             G = J'Q_h J,   g = J'Q_h s                   depends on a length alone
+    CarriedMetric(W, pose)   G = J'WJ,      g = J'Ws,  W carried by Ad    tied to the body at `pose`
+    Complement(Z)            P = J(K'J)^-1 K',  K'Z = 0                   tied to what may be given up, Z
+
+A law that reads only (G, g), the joint metric and the joint limits cannot depend on where a frame was put.
+
+Reference: [DS] Sect. 6.2 (stationary points of Q_h, the projector along Z).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isinf
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.systems.centre import centre
+
+# A singular value of the scaled K'J below this fraction of the largest is zero: S then meets Z, and that motion is lost.
+COMPLEMENT_TOLERANCE = 1e-10
+
+
+class GramData(NamedTuple):
+    """G (m, m) and g (m,): all the law ever sees of twists; and the size |J|^2 |Q| that G's rounding is relative to."""
+
+    G: Array
+    g: Array
+    size: float
+
+
+class Norms(NamedTuple):
+    """Upper bounds on |Q| and |Q^-1|, the spectral norms of a form's matrix and of its inverse."""
+
+    form: float
+    inverse: float
+
+
+def gram_data(J: Array, QJ: Array, s: Array, norm: float) -> GramData:
+    """(J'QJ, J'Qs) from QJ, Q symmetric with |Q| <= norm."""
+    return GramData(J.T.dot(QJ), s.dot(QJ), norm * np.vdot(J, J))
+
+
+def _set(frozen: object, **values: Any) -> None:
+    """Store what a frozen dataclass derives from its arguments, once, while it is made."""
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
+@dataclass(frozen=True)
+class PitchForm:
+    """Twists measured by the invariant form Q_h of pitch h [length/rad]: s'Q_h s = 2 (omega.v - h omega.omega).
+
+    Large |h| puts orientation first; no h puts position first (use exact rows for that).
+
+    Reference: [DS] (2.6), without its factor 1/2.
+    """
+
+    h: float
+    norms: Norms = field(init=False, repr=False, compare=False)
+    _Q: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        _set(self, h=finite_pitch(self.h))
+        size = 1.0 + 2.0 * abs(self.h)
+        _set(self, _Q=pitch_form(self.h), norms=Norms(size, size))
+
+    def gram_data(self, J: Array, s: Array) -> GramData:
+        """(J'Q_h J, J'Q_h s)."""
+        return gram_data(J, self._Q.dot(J), s, self.norms.form)
+
+    def describe(self) -> str:
+        """One phrase for reports."""
+        return f"pitch form h = {self.h:.4g}"
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedMetric:
+    """A positive-definite metric on twists carried by a body: s'Ws, with W given in the body's own frame.
+
+    Attributes:
+        matrix: (6, 6) symmetric positive definite, in the body's frame; a (6,) vector is its diagonal. The body's
+            inertia or a contact's stiffness, for instance.
+        pose: (4, 4) pose of the body's frame in the frame of J, or "tool" to have a controller put it at the tool in
+            every tick.
+    """
+
+    matrix: ArrayLike
+    pose: ArrayLike | str = "tool"
+    norms: Norms | None = field(init=False, repr=False)
+    _W: Array | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        W = arrays.positive_definite(self.matrix, 6, "matrix")
+        _set(self, matrix=W, norms=None, _W=None)
+        if isinstance(self.pose, str):
+            if self.pose != "tool":
+                raise BadInput("pose", repr(self.pose), 'a (4, 4) pose or "tool"')
+            return
+        A = se3.coadjoint(self.pose)
+        carried = A.dot(W).dot(A.T)
+        norms = Norms(float(np.linalg.norm(carried)), float(np.linalg.norm(np.linalg.inv(carried))))
+        _set(self, pose=arrays.pose(self.pose), _W=carried, norms=norms)
+
+    def at(self, pose: ArrayLike) -> CarriedMetric:
+        """The same metric on the body at another (4, 4) pose."""
+        return CarriedMetric(self.matrix, pose)
+
+    def gram_data(self, J: Array, s: Array) -> GramData:
+        """(J'WJ, J'Ws), W carried to the frame of J."""
+        if self._W is None or self.norms is None:
+            raise BadInput("form", 'CarriedMetric(..., "tool")', "a CarriedMetric with a (4, 4) pose", "Use .at(pose).")
+        return gram_data(J, self._W.dot(J), s, self.norms.form)
+
+    def describe(self) -> str:
+        """One phrase for reports."""
+        return f"metric carried by the body at {'the tool' if isinstance(self.pose, str) else 'the given pose'}"
+
+
+@dataclass(frozen=True, eq=False)
+class Complement:
+    """Twists projected along a space Z of twists that may be given up: what is left of s + Z is what the arm can do.
+
+    Attributes:
+        Z: (6, c) twists in the frame of J, independent; c + rank(J) = 6 makes the projector unique.
+
+    Reference: [DS] (6.5), P = J(K'J)^-1 K'.
+    """
+
+    Z: ArrayLike
+    norms: None = field(init=False, repr=False, default=None)
+    _K: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        Z = arrays.columns(self.Z, "Z")
+        U, sigma, _ = np.linalg.svd(Z)
+        rank = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
+        if rank < Z.shape[1]:
+            raise BadInput("Z", f"{Z.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones.")
+        _set(self, Z=Z, _K=U[:, rank:])
+
+    def gram_data(self, J: Array, s: Array) -> GramData:
+        """G projects on the joint motions that K'J sees, g = G x for the x with K'Jx = K's.
+
+        Neither the basis of K nor its lengths enter: (G, g) has the row space of K'J and the solution alone.
+        """
+        U, sigma, Vt = np.linalg.svd(self._K.T.dot(J), full_matrices=False)
+        r = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
+        rows = Vt[:r]
+        return GramData(rows.T.dot(rows), rows.T.dot(U[:, :r].T.dot(self._K.T.dot(s)) / sigma[:r]), 0.0)
+
+    def describe(self) -> str:
+        """One phrase for reports."""
+        return f"projection along the given complement of dimension {np.shape(self.Z)[1]}"
+
+
+Form = PitchForm | CarriedMetric | Complement
+
+
+def form_of(form: Form | float | None, J: Array, s: Array | None = None) -> Form:
+    """The form meant: a pitch is a PitchForm; None is the arm's own, the pitch form of its own length.
+
+    Where no joint turns the arm has no such length and every pitch form is blind: then the metric of velocity of its own
+    point.
+
+    Raises:
+        BadInput: neither a number nor one of the three forms.
+    """
+    if isinstance(form, (PitchForm, CarriedMetric, Complement)):
+        return form
+    if form is not None:
+        if isinstance(form, (bool, str)) or not np.isscalar(form):
+            expected = "a pitch h, PitchForm(h), CarriedMetric(matrix, pose) or Complement(Z)"
+            raise BadInput("form", f"{form!r}", expected)
+        return PitchForm(form)
+    point, length = centre(J, s)
+    if isinf(length):
+        return CarriedMetric(np.eye(6), se3.transform(translation=point))
+    # All axes through one point: rotations about it, which every h other than 0 measures alike.
+    return PitchForm(length if length > 0.0 else 1.0)

@@ -1,0 +1,47 @@
+"""Where the joints can move the tool in all six directions every form agrees, and one Cholesky factor is enough.
+
+    x = x_p + J'(JJ')^-1 (s - J x_p)          J^{+h} = J^+ for every h
+
+Nothing here depends on the form; it only has to be certain that the form's own spectrum asks for no damping, since then
+the general way would end at the same x. The eigenvalues of J'QJ other than zero are those of Q JJ', hence
+
+    |mu|_min >= 1 / (|(JJ')^-1| |Q^-1|),      |mu|_max <= |JJ'| |Q|
+
+Reference: [DS] (2.14).
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from scipy.linalg import lapack
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.law import Demand, VelocityLaw
+
+# The bound on |mu|_min / |mu|_max above which the normal equations keep twelve digits.
+ACCURATE_RATIO = 1e-4
+
+
+def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
+    """The undamped velocity (m,) that meets the twist exactly; None where that is not certain to be the law's answer."""
+    norms = law.form.norms
+    if norms is None or demand.exact is not None or law.metric is not None or demand.J.shape[1] < 6:
+        return None
+    J, s, posture = demand.J, demand.s, demand.posture
+    S = J.dot(J.T)
+    factor, info = lapack.dpotrf(S)
+    if info != 0:
+        return None
+    inverse, _ = lapack.dpotri(factor)  # upper triangle: its norm is that of the whole to within a factor of sqrt(2)
+    smallest = 1.0 / (sqrt(2.0 * np.vdot(inverse, inverse)) * norms.inverse)
+    largest = sqrt(np.vdot(S, S)) * norms.form
+    if smallest < ACCURATE_RATIO * largest or law.damping(smallest, largest) > 0.0:
+        return None
+    if posture is None or len(posture) == 6:
+        y, _ = lapack.dpotrs(factor, s)
+        x: Array = y.dot(J)
+        return x
+    y, _ = lapack.dpotrs(factor, s - J.dot(posture))
+    return posture + y.dot(J)

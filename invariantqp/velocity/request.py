@@ -1,0 +1,184 @@
+"""The velocity law as a function of plain arrays: everything is checked here, once.
+
+Reference: [DS] Sect. 6.2; `invariantqp.velocity.solve` for what is done with it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.backends import Backend, backend_of
+from invariantqp.velocity.damping import Damping, damping_of
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits import Bounds
+from invariantqp.velocity.objective import Form, form_of
+from invariantqp.velocity.solve import VelocitySolution, conditioning, damping_reason, is_inside, solve
+
+
+class MethodChoice(NamedTuple):
+    """Which way `solve_velocity` would take, and why.
+
+    Attributes:
+        method: "closed-form", "damped" or "qp".
+        reason: in words.
+        damping: lambda that would be used [unit of G].
+        conditioning: smallest |mu| over largest: the distance from a singularity or a principal pitch, in [0, 1].
+    """
+
+    method: str
+    reason: str
+    damping: float
+    conditioning: float
+
+
+class UnitsMixed(UserWarning):
+    """Prismatic and revolute joints without a joint metric: what is shortest depends on the unit of length."""
+
+
+def _asked(
+    J: ArrayLike,
+    twist: ArrayLike,
+    form: Form | float | None,
+    damping: Damping | float | None,
+    bounds: Bounds | None,
+    exact: ExactRows | None,
+    joint_metric: ArrayLike | None,
+    backend: Backend | str,
+    guard: Guard | bool,
+    posture: ArrayLike | None,
+) -> tuple[VelocityLaw, Demand]:
+    twists, s = arrays.columns(J), arrays.twist(twist)
+    m = twists.shape[1]
+    if bounds is None:
+        lower, upper = np.full(m, -np.inf), np.full(m, np.inf)
+    elif isinstance(bounds, Bounds):
+        lower, upper = np.asarray(bounds.lower), np.asarray(bounds.upper)
+        if len(lower) != m:
+            raise BadInput("bounds", f"{len(lower)} limits", f"{m}, one for each column of J")
+    else:
+        raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper)")
+    if exact is not None:
+        if not isinstance(exact, ExactRows):
+            raise BadInput("exact", type(exact).__name__, "ExactRows(A, b)")
+        if np.shape(exact.A)[1] != m:
+            raise BadInput("exact", f"rows on {np.shape(exact.A)[1]} joints", f"rows on {m}, one for each column of J")
+    metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
+    if metric is None:
+        warn_if_units_mix(twists)
+    law = VelocityLaw(
+        form=form_of(form, twists, s),
+        damping=damping_of(damping),
+        guard=guard_of(guard),
+        metric=metric,
+        backend=backend_of(backend),
+    )
+    wanted = None if posture is None else arrays.vector(posture, m, "posture")
+    return law, Demand(twists, s, lower, upper, exact, wanted)
+
+
+def guard_of(guard: Guard | bool) -> Guard | None:
+    """The guard meant: True is the default one, False none."""
+    if isinstance(guard, Guard):
+        return guard
+    if not isinstance(guard, bool):
+        raise BadInput("guard", type(guard).__name__, "a Guard, True or False")
+    return Guard() if guard else None
+
+
+def warn_if_units_mix(J: Array) -> None:
+    """Warn, once a place, where joints turn and slide and nobody said how a metre compares with a radian."""
+    turns = np.abs(J[:3]).max(axis=0) > 0.0
+    slides = ~turns & (np.abs(J[3:]).max(axis=0) > 0.0)
+    if turns.any() and slides.any():
+        warnings.warn(
+            "prismatic and revolute joints without a joint_metric: where joints are redundant or limited, the answer "
+            "depends on the unit of length. Pass joint_metric, for instance ones with 1/length^2 at the prismatic joints.",
+            UnitsMixed,
+            stacklevel=4,
+        )
+
+
+def solve_velocity(
+    J: ArrayLike,
+    twist: ArrayLike,
+    *,
+    form: Form | float | None = None,
+    damping: Damping | float | None = None,
+    bounds: Bounds | None = None,
+    exact: ExactRows | None = None,
+    joint_metric: ArrayLike | None = None,
+    backend: Backend | str = "daqp",
+    guard: Guard | bool = True,
+    posture: ArrayLike | None = None,
+) -> VelocitySolution:
+    """Joint velocities for a twist, the same in every frame: the stationary point of the form, inside the bounds.
+
+    Closed form where it exists and no bound is met, the convex QP with the same optimum otherwise.
+
+    Args:
+        J: (6, m) joint twists (omega; v) as columns, in any one frame.
+        twist: (6,) wanted twist in the same frame [rad/s; length/s].
+        form: a pitch h [length/rad], PitchForm, CarriedMetric or Complement; None is the pitch form of the arm's own
+            length.
+        damping: lambda >= 0 [unit of G, a length for pitch forms], or a policy; None is `Adaptive()`, which acts near
+            singularities and principal pitches only.
+        bounds: joint velocity limits; None is none.
+        exact: rows A x = b met before anything is minimised, slowed down where the bounds forbid them.
+        joint_metric: (m, m) or (m,) positive definite, what counts as a short joint velocity; None is the identity.
+        backend: "daqp", "osqp", any solver qpsolvers has, or a `Backend` of yours (a kept `Osqp()`, for instance).
+        guard: the descent guard; False switches it off.
+        posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
+
+    Returns:
+        VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
+
+    Raises:
+        BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
+        UnknownName: no such back end.
+
+    Reference: [DS] Sect. 6.2. A stationary point of an indefinite form is not a minimum; the guard sees to descent.
+    """
+    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture)
+    return solve(law, demand)
+
+
+def method_for(
+    J: ArrayLike,
+    twist: ArrayLike,
+    *,
+    form: Form | float | None = None,
+    damping: Damping | float | None = None,
+    bounds: Bounds | None = None,
+    exact: ExactRows | None = None,
+    joint_metric: ArrayLike | None = None,
+    backend: Backend | str = "daqp",
+    guard: Guard | bool = True,
+    posture: ArrayLike | None = None,
+) -> MethodChoice:
+    """Which way `solve_velocity` would take for the same arguments, and why; no QP is solved.
+
+    Raises:
+        BadInput: as `solve_velocity`.
+        UnknownName: no such back end.
+    """
+    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture)
+    problem = law.build(demand)
+    x = problem.unconstrained()
+    lam = problem.convex.damping
+    if not is_inside(x, demand):
+        outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
+        reason = f"the closed form would take joints {', '.join(map(str, outside))} past their bounds; {law.backend.name}"
+        return MethodChoice("qp", reason, lam, conditioning(problem.convex))
+    if lam > 0.0:
+        return MethodChoice("damped", damping_reason(problem.convex), lam, conditioning(problem.convex))
+    reason = f"the {law.form.describe()} has a stationary point and no bound is met"
+    return MethodChoice("closed-form", reason, lam, conditioning(problem.convex))
