@@ -9,6 +9,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from invariantqp.compare.frames import FrameCheck, frame_check
+    from invariantqp.control.controller import Controller
+    from invariantqp.control.picture import picture
+    from invariantqp.control.simulate import Trace, run_task
+    from invariantqp.control.taskfile import Task, load_task, shipped_tasks
     from invariantqp.errors import (
         BadInput,
         BlindSystem,
@@ -22,6 +27,10 @@ if TYPE_CHECKING:
     from invariantqp.geometry.forms import invariant_form, pitch_form, pitch_form_inverse
     from invariantqp.geometry.screws import axis, helical, pitch, prismatic, revolute
     from invariantqp.geometry.se3 import adjoint, bracket, coadjoint, exp, inverse, log, transform
+    from invariantqp.robots.chain import Chain
+    from invariantqp.robots.kinematics import Robot
+    from invariantqp.robots.load import load_robot
+    from invariantqp.systems.centre import centre
     from invariantqp.systems.gram import gram_matrix, principal_pitches
     from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
     from invariantqp.velocity.backends import Osqp
@@ -37,6 +46,11 @@ __version__ = "0.1.0"
 
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
+    "compare.frames": ("FrameCheck", "frame_check"),
+    "control.controller": ("Controller",),
+    "control.picture": ("picture",),
+    "control.simulate": ("Trace", "run_task"),
+    "control.taskfile": ("Task", "load_task", "shipped_tasks"),
     "errors": (
         "BadInput",
         "BlindSystem",
@@ -50,6 +64,10 @@ _HOME = {
     "geometry.forms": ("invariant_form", "pitch_form", "pitch_form_inverse"),
     "geometry.screws": ("axis", "helical", "pitch", "prismatic", "revolute"),
     "geometry.se3": ("adjoint", "bracket", "coadjoint", "exp", "inverse", "log", "transform"),
+    "robots.chain": ("Chain",),
+    "robots.kinematics": ("Robot",),
+    "robots.load": ("load_robot",),
+    "systems.centre": ("centre",),
     "systems.gram": ("gram_matrix", "principal_pitches"),
     "systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
     "velocity.backends": ("Osqp",),

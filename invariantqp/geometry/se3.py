@@ -25,7 +25,11 @@ SMALL_ANGLE = 1e-2
 
 def cross_matrix(a: ArrayLike) -> Array:
     """The (3, 3) matrix of b -> a x b."""
-    x, y, z = arrays.vector(a, 3, "a")
+    return _cross(arrays.vector(a, 3, "a"))
+
+
+def _cross(a: Array) -> Array:
+    x, y, z = a.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
@@ -41,7 +45,11 @@ def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None =
 
 def inverse(pose: ArrayLike) -> Array:
     """The inverse (4, 4) pose."""
-    T = arrays.pose(pose)
+    return inverted(arrays.pose(pose))
+
+
+def inverted(T: Array) -> Array:
+    """`inverse` of a (4, 4) pose that is known to be one."""
     R_t = T[:3, :3].T
     result = np.eye(4)
     result[:3, :3] = R_t
@@ -63,11 +71,15 @@ def adjoint(pose: ArrayLike) -> Array:
 
     Reference: [DS] (2.2).
     """
-    T = arrays.pose(pose)
+    return carried(arrays.pose(pose))
+
+
+def carried(T: Array) -> Array:
+    """`adjoint` of a (4, 4) pose that is known to be one."""
     R = T[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R
-    A[3:, :3] = cross_matrix(T[:3, 3]).dot(R)
+    A[3:, :3] = _cross(T[:3, 3]).dot(R)
     return A
 
 
@@ -89,7 +101,7 @@ def coadjoint(pose: ArrayLike) -> Array:
     R = T[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R
-    A[:3, 3:] = cross_matrix(T[:3, 3]).dot(R)
+    A[:3, 3:] = _cross(T[:3, 3]).dot(R)
     return A
 
 
@@ -108,10 +120,14 @@ def exp(twist: ArrayLike) -> Array:
     Raises:
         BadInput: not six finite numbers.
     """
-    s = arrays.twist(twist)
+    return motion(arrays.twist(twist))
+
+
+def motion(s: Array) -> Array:
+    """`exp` of a (6,) twist that is known to be finite."""
     w, v = s[:3], s[3:]
     theta = sqrt(w.dot(w))
-    W = cross_matrix(w)
+    W = _cross(w)
     WW = W.dot(W)
     if theta < SMALL_ANGLE:
         t2 = theta * theta
@@ -137,9 +153,13 @@ def log(pose: ArrayLike) -> Array:
     Raises:
         BadInput: not a finite rigid motion.
     """
+    return displacement(arrays.pose(pose))
+
+
+def displacement(T: Array) -> Array:
+    """`log` of a (4, 4) pose that is known to be one."""
     from scipy.spatial.transform import Rotation  # 80 ms to import: only when a logarithm is taken
 
-    T = arrays.pose(pose)
     w = np.asarray(Rotation.from_matrix(T[:3, :3]).as_rotvec(), dtype=np.float64)
     p = T[:3, 3]
     theta = sqrt(w.dot(w))
@@ -148,10 +168,12 @@ def log(pose: ArrayLike) -> Array:
         c = (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0  # (1 - t/2 cot(t/2)) / t^2
     else:
         c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
-    return np.concatenate((w, p - 0.5 * np.cross(w, p) + c * np.cross(w, np.cross(w, p))))
+    W = _cross(w)
+    Wp = W.dot(p)
+    return np.concatenate((w, p - 0.5 * Wp + c * W.dot(Wp)))
 
 
 def velocity_at(twists: Array, point: Array) -> Array:
     """Velocity v + omega x p of the body point now at p (3,), for a (6,) twist or (6, k) columns."""
-    x, y, z = point.tolist()
-    return twists[3:] + np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]).dot(twists[:3])
+    velocity: Array = twists[3:] - _cross(point).dot(twists[:3])
+    return velocity

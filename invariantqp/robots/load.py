@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
@@ -91,4 +91,4 @@ def _data_folder() -> Path:
         distribution = metadata.distribution(DATA)
     except metadata.PackageNotFoundError as error:
         raise MissingExtra(DATA, "robots") from error
-    return cast("Path", Path(str(distribution.locate_file("cmeel.prefix/share/example-robot-data/robots"))))
+    return Path(str(distribution.locate_file("cmeel.prefix/share/example-robot-data/robots")))

@@ -180,5 +180,7 @@ def _parsed(path: Path) -> pin.Model:
         raise RobotModelError(f"{path}: Pinocchio cannot build a model from it ({error})") from error
     if model.nq != model.nv:
         wide = next(j.shortname() for j in model.joints if j.nq != j.nv)
-        raise RobotModelError(f"{path}: a {wide} joint has no single coordinate; only revolute and prismatic joints are")
+        raise RobotModelError(
+            f"{path}: a {wide} joint has no single coordinate; only revolute and prismatic joints are"
+        )
     return model

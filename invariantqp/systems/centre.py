@@ -33,7 +33,9 @@ def _stationary_point(twists: Array) -> tuple[Array, Array]:
     """Least-norm minimiser of |v + omega x p|_F over p, and an orthonormal basis of the directions left free."""
     w, v = twists[:3], twists[3:]
     moment = w.dot(v.T)
-    b = np.array([moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]])  # sum of w x v
+    b = np.array(
+        [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
+    )  # sum of w x v
     spread, axes = np.linalg.eigh(w.dot(w.T))
     stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
     fixed = stiffness > PARALLEL_TOLERANCE * stiffness[0]

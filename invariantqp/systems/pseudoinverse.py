@@ -84,7 +84,8 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
         if r and _vanishing(mu, Q).any():
             raise _no_pseudoinverse(twists, pitch, system, mu, E, Q)
         left_inverse = (E / mu).dot(E.T).dot(U.T.dot(Q))
-    return _right_inverse(system, metric).dot(system.scaled_rows(left_inverse))
+    result: Array = _right_inverse(system, metric).dot(system.scaled_rows(left_inverse))
+    return result
 
 
 def _right_inverse(system: Span, metric: Array | None) -> Array:

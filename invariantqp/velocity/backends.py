@@ -1,7 +1,7 @@
 """Quadratic programs, given to the solvers people trust: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
 
-DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem is scaled to O(1)
-first, because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets out. This is
+DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem is scaled to
+O(1) first, because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets out. This is
 the only file that imports a solver.
 """
 
@@ -19,7 +19,7 @@ from invariantqp.errors import BadInput, InvariantQPError, UnknownName
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.exact import Reduction
 
-# After scaling bounds and H are O(1). An answer may leave its bounds by this much and is then clipped; more is a failure.
+# After scaling, bounds and H are O(1). An answer may leave its bounds by this much and is clipped; more is a failure.
 FEASIBILITY_TOLERANCE = 1e-7
 # Far below the feasibility tolerance, above what active-set arithmetic on cond(H) = 1e6 can lose.
 DAQP_TOLERANCE = 1e-10
@@ -71,7 +71,10 @@ class BoxQP(NamedTuple):
 class Backend(Protocol):
     """A solver with a name. `solve` returns z (n,) or raises SolverFailure."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """How statuses call it."""
+        ...
 
     def solve(self, qp: BoxQP) -> Array:
         """The minimiser."""
@@ -116,9 +119,7 @@ class Osqp:
         values = qp.H.T[upper_triangle[1], upper_triangle[0]]
         order = np.lexsort((upper_triangle[0], upper_triangle[1]))
         if self._workspace is None or self._shape != C.shape:
-            P = sparse.csc_matrix(
-                (values[order], (upper_triangle[0][order], upper_triangle[1][order])), shape=(n, n)
-            )
+            P = sparse.csc_matrix((values[order], (upper_triangle[0][order], upper_triangle[1][order])), shape=(n, n))
             A = sparse.csc_matrix(
                 (C.T.ravel(), np.tile(np.arange(len(C)), n), np.arange(n + 1) * len(C)), shape=C.shape
             )
@@ -224,7 +225,7 @@ def _checked(backend: Backend, qp: BoxQP) -> Array:
         z = backend.solve(qp)
     except SolverFailure:
         raise
-    except Exception as error:  # noqa: BLE001 (whatever a solver throws becomes a status)
+    except Exception as error:  # whatever a solver throws becomes a status
         raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
     value = z if qp.C is None else qp.C.dot(z)
     excess = max(float((qp.lower - value).max()), float((value - qp.upper).max()))
@@ -260,8 +261,8 @@ def minimise(backend: Backend, H: Array, c: Array, reduction: Reduction, lower: 
     qp, unit = _scaled(H, c, lower, upper, reduction.basis)
     troubles: list[str] = []
     infeasible = False
-    others = [b for b in (Daqp(), Osqp()) if b.name != backend.name]
-    for candidate in (backend, *others):
+    fallback: list[Backend] = [Daqp(), Osqp()]
+    for candidate in [backend, *(b for b in fallback if b.name != backend.name)]:
         try:
             return Solved(unit * _checked(candidate, qp), candidate.name, "; ".join(troubles))
         except SolverFailure as failure:
@@ -273,12 +274,14 @@ def minimise(backend: Backend, H: Array, c: Array, reduction: Reduction, lower: 
 
 
 def largest_scale(reduction: Reduction, lower: Array, upper: Array) -> float | None:
-    """The largest alpha in [0, 1] with lower <= alpha x0 + B z <= upper for some z, given exact rows; None if none.
+    """The largest alpha in [0, 1] with lower <= alpha x0 + B z <= upper for some z, None if there is none.
 
     A linear program, solved by HiGHS through SciPy.
     """
     from scipy.optimize import linprog
 
+    if reduction.basis is None:
+        return 1.0
     C = np.column_stack((reduction.origin, reduction.basis))
     n = C.shape[1] - 1
     result = linprog(

@@ -1,11 +1,12 @@
-"""From a saddle to a convex problem with the same answer: the spectrum of G, filtered, and the QP that it is optimal for.
+"""From a saddle to a convex problem with the same answer: the spectrum of G, filtered, and the QP it is optimal for.
 
     G = V diag(mu) V',   z* = V (mu / (mu^2 + lambda^2) V'g + lambda^2 / (mu^2 + lambda^2) V'z_p)
     minimise 1/2 (z - z*)'H (z - z*),   H = V diag(sqrt(mu^2 + lambda^2) + w p) V'
 
 G has both signs for every arm of rank 4 or more, so no convex solver may see it. H is positive definite with about the
-condition of G and has z* as its unconstrained optimum, so the law is continuous as bounds come and go. What the filter
-leaves of a direction, p = lambda^2 / (mu^2 + lambda^2), goes to the posture z_p; a redundant arm's null space is left whole.
+condition of G and has z* as its unconstrained optimum, so the law is continuous as bounds come and go. What the
+filter leaves of a direction, p = lambda^2 / (mu^2 + lambda^2), goes to the posture z_p; a redundant arm's null space is
+left to it whole.
 
 Reference: [DS] Sect. 6.2 with Lambda = lambda^2 G^-1; H is the fundamental-symmetry majorant of Krein-space theory.
 """
@@ -49,7 +50,8 @@ class Convexified(NamedTuple):
 
     def solution(self) -> Array:
         """The unconstrained optimum z*."""
-        return self.V.dot(self.optimum)
+        z: Array = self.V.dot(self.optimum)
+        return z
 
     def given_up(self) -> Array:
         """(n,) p, the fraction of each direction left to the posture; without damping 1 on `null` and 0 elsewhere."""

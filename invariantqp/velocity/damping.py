@@ -56,7 +56,7 @@ class Fixed:
 
 @dataclass(frozen=True)
 class Adaptive:
-    """No damping while |mu|_min / |mu|_max >= threshold; below, it grows smoothly to ceiling * |mu|_max at a singularity.
+    """No damping while |mu|_min / |mu|_max >= threshold; below, it grows smoothly to ceiling |mu|_max at a singularity.
 
     lambda = ceiling |mu|_max (1 - (r / threshold)^2), r = |mu|_min / |mu|_max. Relative, so no unit enters.
     """

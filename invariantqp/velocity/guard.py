@@ -1,10 +1,10 @@
-"""The descent guard: an indefinite form need not reduce the error where it cannot be removed, so a definite one watches.
+"""The descent guard: an indefinite form need not reduce an error it cannot remove, so a definite one watches.
 
     f(x) = 1/2 |s|_W^2 - 1/2 |s - Jx|_W^2,   W = diag(L^2 I, I) carried to the arm's own point
     keep x_h where f(x_h) >= eta f(x_W);   else x = (1 - t) x_h + t x_W, the smallest t that reaches eta f(x_W)
 
-x_W is the least-squares velocity inside the same limits. The blend stays inside them (they are convex), is continuous in
-the data, moves with every change of frame as x_h does, and is x_h wherever x_h meets the twist.
+x_W is the least-squares velocity inside the same limits. The blend stays inside them (they are convex), is continuous
+in the data, moves with every change of frame as x_h does, and is x_h wherever x_h meets the twist.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Guard:
         if self.length is not None:
             object.__setattr__(self, "length", arrays.number(self.length, "length", positive=True))
 
-    def scene(self, J: Array, s: Array) -> Scene:
-        """W^(1/2) applied to this tick's twists."""
-        point, length = self.point, self.length
+    def scene(self, J: Array, s: Array, anchor: Array | None = None) -> Scene:
+        """W^(1/2) applied to this tick's twists; `anchor` (3,) is where W is carried to if the guard has no point."""
+        point, length = anchor if self.point is None else self.point, self.length
         if point is None or length is None:
             own = centre(J, s)
             point = own.point if point is None else np.asarray(point)

@@ -35,6 +35,7 @@ class Demand(NamedTuple):
         upper: (m,).
         exact: rows to be met exactly, or None.
         posture: (m,) joint velocity wanted in the null space, or None for none.
+        anchor: (3,) point whose motion the exact rows fix, where the guard then measures; None is the arm's own point.
     """
 
     J: Array
@@ -43,6 +44,7 @@ class Demand(NamedTuple):
     upper: Array
     exact: ExactRows | None = None
     posture: Array | None = None
+    anchor: Array | None = None
 
     def slowed(self, alpha: float) -> Demand:
         """The same direction at a share of the speed."""

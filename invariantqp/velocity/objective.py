@@ -24,7 +24,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.centre import centre
 
-# A singular value of the scaled K'J below this fraction of the largest is zero: S then meets Z, and that motion is lost.
+# A singular value of K'J below this fraction of the largest is zero: S then meets Z, and that motion is lost.
 COMPLEMENT_TOLERANCE = 1e-10
 
 
@@ -45,7 +45,7 @@ class Norms(NamedTuple):
 
 def gram_data(J: Array, QJ: Array, s: Array, norm: float) -> GramData:
     """(J'QJ, J'Qs) from QJ, Q symmetric with |Q| <= norm."""
-    return GramData(J.T.dot(QJ), s.dot(QJ), norm * np.vdot(J, J))
+    return GramData(J.T.dot(QJ), s.dot(QJ), norm * float(np.vdot(J, J)))
 
 
 def _set(frozen: object, **values: Any) -> None:
@@ -109,6 +109,11 @@ class CarriedMetric:
         norms = Norms(float(np.linalg.norm(carried)), float(np.linalg.norm(np.linalg.inv(carried))))
         _set(self, pose=arrays.pose(self.pose), _W=carried, norms=norms)
 
+    @property
+    def follows_tool(self) -> bool:
+        """Whether a controller is to put it at the tool in every tick."""
+        return isinstance(self.pose, str)
+
     def at(self, pose: ArrayLike) -> CarriedMetric:
         """The same metric on the body at another (4, 4) pose."""
         return CarriedMetric(self.matrix, pose)
@@ -121,7 +126,7 @@ class CarriedMetric:
 
     def describe(self) -> str:
         """One phrase for reports."""
-        return f"metric carried by the body at {'the tool' if isinstance(self.pose, str) else 'the given pose'}"
+        return f"metric carried by the body at {'the tool' if self.follows_tool else 'the given pose'}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +148,9 @@ class Complement:
         U, sigma, _ = np.linalg.svd(Z)
         rank = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
         if rank < Z.shape[1]:
-            raise BadInput("Z", f"{Z.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones.")
+            raise BadInput(
+                "Z", f"{Z.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones."
+            )
         _set(self, Z=Z, _K=U[:, rank:])
 
     def gram_data(self, J: Array, s: Array) -> GramData:
@@ -167,8 +174,8 @@ Form = PitchForm | CarriedMetric | Complement
 def form_of(form: Form | float | None, J: Array, s: Array | None = None) -> Form:
     """The form meant: a pitch is a PitchForm; None is the arm's own, the pitch form of its own length.
 
-    Where no joint turns the arm has no such length and every pitch form is blind: then the metric of velocity of its own
-    point.
+    Where no joint turns the arm has no such length and every pitch form is blind: then the metric of velocity of its
+    own point.
 
     Raises:
         BadInput: neither a number nor one of the three forms.
@@ -176,10 +183,10 @@ def form_of(form: Form | float | None, J: Array, s: Array | None = None) -> Form
     if isinstance(form, (PitchForm, CarriedMetric, Complement)):
         return form
     if form is not None:
-        if isinstance(form, (bool, str)) or not np.isscalar(form):
+        if isinstance(form, bool) or not isinstance(form, (int, float, np.number)):
             expected = "a pitch h, PitchForm(h), CarriedMetric(matrix, pose) or Complement(Z)"
             raise BadInput("form", f"{form!r}", expected)
-        return PitchForm(form)
+        return PitchForm(float(form))
     point, length = centre(J, s)
     if isinf(length):
         return CarriedMetric(np.eye(6), se3.transform(translation=point))

@@ -25,7 +25,7 @@ ACCURATE_RATIO = 1e-4
 
 
 def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
-    """The undamped velocity (m,) that meets the twist exactly; None where that is not certain to be the law's answer."""
+    """The undamped velocity (m,) that meets the twist; None where that is not certain to be the law's answer."""
     norms = law.form.norms
     if norms is None or demand.exact is not None or law.metric is not None or demand.J.shape[1] < 6:
         return None
@@ -39,9 +39,6 @@ def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
     largest = sqrt(np.vdot(S, S)) * norms.form
     if smallest < ACCURATE_RATIO * largest or law.damping(smallest, largest) > 0.0:
         return None
-    if posture is None or len(posture) == 6:
-        y, _ = lapack.dpotrs(factor, s)
-        x: Array = y.dot(J)
-        return x
-    y, _ = lapack.dpotrs(factor, s - J.dot(posture))
-    return posture + y.dot(J)
+    y, _ = lapack.dpotrs(factor, s if posture is None else s - J.dot(posture))
+    x: Array = y.dot(J)
+    return x if posture is None else posture + x

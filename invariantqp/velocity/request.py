@@ -43,6 +43,18 @@ class MethodChoice(NamedTuple):
 class UnitsMixed(UserWarning):
     """Prismatic and revolute joints without a joint metric: what is shortest depends on the unit of length."""
 
+    ADVICE = (
+        "prismatic and revolute joints without a joint_metric: where joints are redundant or limited, the answer "
+        "depends on the unit of length. Pass joint_metric, for instance ones with 1/length^2 at the prismatic joints."
+    )
+
+
+def units_mix(J: Array) -> bool:
+    """Whether some joints of (6, m) twists turn and some only slide."""
+    turns = np.abs(J[:3]).max(axis=0) > 0.0
+    slides = ~turns & (np.abs(J[3:]).max(axis=0) > 0.0)
+    return bool(turns.any() and slides.any())
+
 
 def _asked(
     J: ArrayLike,
@@ -72,8 +84,8 @@ def _asked(
         if np.shape(exact.A)[1] != m:
             raise BadInput("exact", f"rows on {np.shape(exact.A)[1]} joints", f"rows on {m}, one for each column of J")
     metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
-    if metric is None:
-        warn_if_units_mix(twists)
+    if metric is None and units_mix(twists):
+        warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=3)
     law = VelocityLaw(
         form=form_of(form, twists, s),
         damping=damping_of(damping),
@@ -92,19 +104,6 @@ def guard_of(guard: Guard | bool) -> Guard | None:
     if not isinstance(guard, bool):
         raise BadInput("guard", type(guard).__name__, "a Guard, True or False")
     return Guard() if guard else None
-
-
-def warn_if_units_mix(J: Array) -> None:
-    """Warn, once a place, where joints turn and slide and nobody said how a metre compares with a radian."""
-    turns = np.abs(J[:3]).max(axis=0) > 0.0
-    slides = ~turns & (np.abs(J[3:]).max(axis=0) > 0.0)
-    if turns.any() and slides.any():
-        warnings.warn(
-            "prismatic and revolute joints without a joint_metric: where joints are redundant or limited, the answer "
-            "depends on the unit of length. Pass joint_metric, for instance ones with 1/length^2 at the prismatic joints.",
-            UnitsMixed,
-            stacklevel=4,
-        )
 
 
 def solve_velocity(
@@ -176,7 +175,9 @@ def method_for(
     lam = problem.convex.damping
     if not is_inside(x, demand):
         outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
-        reason = f"the closed form would take joints {', '.join(map(str, outside))} past their bounds; {law.backend.name}"
+        reason = (
+            f"the closed form would take joints {', '.join(map(str, outside))} past their bounds; {law.backend.name}"
+        )
         return MethodChoice("qp", reason, lam, conditioning(problem.convex))
     if lam > 0.0:
         return MethodChoice("damped", damping_reason(problem.convex), lam, conditioning(problem.convex))

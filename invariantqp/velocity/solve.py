@@ -188,7 +188,7 @@ class _Tick:
         alpha = largest_scale(problem.reduction, self.demand.lower, self.demand.upper)
         if alpha is None:
             self.troubles.append("the limits leave no velocity along the exact rows, not even zero; rows dropped")
-            self.demand = self.demand._replace(exact=None)
+            self.demand = self.demand._replace(exact=None, anchor=None)
         else:
             self.scale = alpha * SCALE_MARGIN
             self.demand = self.demand.slowed(self.scale)
@@ -208,7 +208,7 @@ class _Tick:
         guard = self.law.guard
         if guard is None:
             return x, 0.0
-        scene = guard.scene(self.demand.J, self.demand.s)
+        scene = guard.scene(self.demand.J, self.demand.s, self.demand.anchor)
         if scene.surely_enough(scene.decrease(x)):
             return x, 0.0
         try:

@@ -1,0 +1,122 @@
+"""Paths of the tool in the base frame, as functions of time: start and end at rest, by a minimum-jerk time scaling.
+
+    sigma(t) = 10 u^3 - 15 u^4 + 6 u^5,   u = t / duration clipped to [0, 1]
+
+A path starts where the robot's tool is, so a task file says how to move, not where the world is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, StrictBool
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+
+# A number in a file is a number: no strings, no booleans, nothing infinite unless a field says so.
+Number = Annotated[float, Strict(), AllowInfNan(False)]
+Positive = Annotated[Number, Field(gt=0.0)]
+Vector3 = tuple[Number, Number, Number]
+PoseAt = Callable[[float], Array]
+
+
+def eased(u: float) -> float:
+    """Minimum-jerk progress in [0, 1] at a share u of the duration, at rest at both ends."""
+    u = min(max(u, 0.0), 1.0)
+    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
+
+
+class _Path(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    duration: Positive = Field(description="[s]", examples=[4.0])
+
+
+class LinePath(_Path):
+    """A straight line with a turn about a fixed axis, there, or there and back."""
+
+    kind: Literal["line"]
+    move: Vector3 = Field((0.0, 0.0, 0.0), description="displacement in base axes [m]", examples=[[0.1, 0.0, 0.0]])
+    turn: Vector3 = Field((0.0, 0.0, 0.0), description="rotation vector in base axes [rad]", examples=[[0.0, 0.0, 0.5]])
+    there_and_back: StrictBool = False
+
+    def along(self, robot: Robot, start: Array) -> PoseAt:
+        """The pose at a time, for a robot that starts at joint positions `start`."""
+        T0 = robot.pose(start)
+        move, turn = np.array(self.move), np.array(self.turn)
+
+        def pose(t: float) -> Array:
+            u = t / self.duration
+            share = eased(2.0 * u) - eased(2.0 * u - 1.0) if self.there_and_back else eased(u)
+            return _displaced(T0, share * move, share * turn)
+
+        return pose
+
+
+class CirclePath(_Path):
+    """Turns of a circle through the start, while the tool rocks about an axis and back."""
+
+    kind: Literal["circle"]
+    centre: Vector3 = Field(description="from the start, in base axes [m]", examples=[[0.0, 0.05, 0.0]])
+    normal: Vector3 = Field((0.0, 0.0, 1.0), description="axis of the circle in base axes", examples=[[0.0, 0.0, 1.0]])
+    turns: Number = Field(1.0, examples=[2.0])
+    rock: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="largest rotation vector, once a turn [rad]", examples=[[0.2, 0, 0]]
+    )
+
+    def along(self, robot: Robot, start: Array) -> PoseAt:
+        """The pose at a time, for a robot that starts at joint positions `start`.
+
+        Raises:
+            BadInput: a centre at the start or a zero normal.
+        """
+        T0 = robot.pose(start)
+        centre, normal, rock = np.array(self.centre), np.array(self.normal), np.array(self.rock)
+        if not centre.any() or not normal.any():
+            raise BadInput("path", "a zero centre or normal", "a centre away from the start and an axis direction")
+        normal = normal / np.linalg.norm(normal)
+
+        def pose(t: float) -> Array:
+            angle = 2.0 * np.pi * self.turns * eased(t / self.duration)
+            move = centre - Rotation.from_rotvec(angle * normal).apply(centre)
+            return _displaced(T0, move, 0.5 * (1.0 - np.cos(angle)) * rock)
+
+        return pose
+
+
+class JointsPath(_Path):
+    """The tool poses of a joint motion through waypoints: what the arm can do, asked for in task space."""
+
+    kind: Literal["joints"]
+    waypoints: Annotated[list[list[Number]], Field(min_length=1)] = Field(
+        description="joint positions after the start [rad, m]", examples=[[[0.0, 0.5, 0.0]]]
+    )
+
+    def along(self, robot: Robot, start: Array) -> PoseAt:
+        """The pose at a time, for a robot that starts at joint positions `start`.
+
+        Raises:
+            BadInput: a waypoint with another number of joints.
+        """
+        for i, waypoint in enumerate(self.waypoints):
+            if len(waypoint) != len(start):
+                raise BadInput(f"path.waypoints[{i}]", f"{len(waypoint)} joints", f"{len(start)}, one a joint")
+        knots = np.vstack((start, self.waypoints))
+        spline = CubicSpline(np.linspace(0.0, 1.0, len(knots)), knots, bc_type="natural")
+        return lambda t: robot.pose(spline(eased(t / self.duration)))
+
+
+Path = Annotated[LinePath | CirclePath | JointsPath, Field(discriminator="kind")]
+
+
+def _displaced(T0: Array, move: Array, turn: Array) -> Array:
+    T = T0.copy()
+    T[:3, :3] = Rotation.from_rotvec(turn).as_matrix().dot(T0[:3, :3])
+    T[:3, 3] += move
+    return T

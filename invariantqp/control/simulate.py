@@ -1,0 +1,264 @@
+"""A task run in closed loop: q <- q + dt x, the plant that a velocity-controlled arm is to its controller.
+
+Nothing else is modelled: no inertia, no actuator, no delay.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from time import perf_counter_ns
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.taskfile import LawSpec, Task
+from invariantqp.errors import BadInput, BlindSystem
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.systems.gram import principal_pitches
+from invariantqp.velocity.objective import PitchForm, form_of
+from invariantqp.velocity.solve import VelocitySolution
+
+Progress = Callable[[int, int], None]
+MakeController = Callable[[Robot, LawSpec], Controls]
+
+# A pitch form whose h comes this close to a principal pitch, relative to h, is worth a warning.
+NEAR_PITCH = 0.1
+# States looked at for principal pitches; a path is smooth, every tick would only cost time.
+PITCH_SAMPLES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What happened in a run.
+
+    Attributes:
+        task: the task.
+        names: joint names.
+        time: (n + 1,) [s].
+        q: (n + 1, m) joint positions [rad, m].
+        velocity: (n, m) commanded [rad/s, m/s].
+        position_error: (n,) distance of the tool point from the path after each tick [m].
+        orientation_error: (n,) [rad].
+        position_limits: (2, m), lower and upper.
+        velocity_limit: (m,).
+        methods: (n,) names.
+        statuses: (n,) names.
+        bound: (n,) whether a limit was active.
+        tick_ns: (n,) time of each tick of the controller [ns].
+        warnings: what a person should know.
+    """
+
+    task: Task
+    names: tuple[str, ...]
+    time: Array
+    q: Array
+    velocity: Array
+    position_error: Array
+    orientation_error: Array
+    position_limits: Array
+    velocity_limit: Array
+    methods: list[str]
+    statuses: list[str]
+    bound: list[bool]
+    tick_ns: Array
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def limit_violation(self) -> float:
+        """Largest excess over a position [rad, m] or velocity [rad/s, m/s] limit; 0 when inside."""
+        low, high = self.position_limits
+        excess = [low - self.q[1:], self.q[1:] - high, np.abs(self.velocity) - self.velocity_limit]
+        return max(0.0, *(float(e.max()) for e in excess))
+
+    @property
+    def shortfalls(self) -> list[str]:
+        """The acceptance numbers that were missed, in words; empty when the task is passed."""
+        accept = self.task.accept
+        mm, deg = 1e3 * self.position_error, np.degrees(self.orientation_error)
+        asked = [
+            ("largest position error", float(mm.max()), accept.position_error_mm, "mm"),
+            ("largest orientation error", float(deg.max()), accept.orientation_error_deg, "deg"),
+            ("final position error", float(mm[-1]), accept.final_position_error_mm, "mm"),
+            ("final orientation error", float(deg[-1]), accept.final_orientation_error_deg, "deg"),
+            ("limit violation", self.limit_violation, accept.limit_violation, "rad or m (/s)"),
+        ]
+        return [
+            f"{what} {got:.3g} {unit}, at most {limit:g} {unit} asked"
+            for what, got, limit, unit in asked
+            if limit is not None and not got <= limit
+        ]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the task's own acceptance numbers are met."""
+        return not self.shortfalls
+
+    def summary(self) -> dict[str, Any]:
+        """The run's figures; SI units unless a key says otherwise."""
+        n = len(self.velocity)
+        return {
+            "task": self.task.name,
+            "passed": self.passed,
+            "ticks": n,
+            "position_error_mm": _spread(1e3 * self.position_error),
+            "orientation_error_deg": _spread(np.degrees(self.orientation_error)),
+            "final_position_error_mm": 1e3 * float(self.position_error[-1]),
+            "final_orientation_error_deg": float(np.degrees(self.orientation_error[-1])),
+            "limit_violation": self.limit_violation,
+            "peak_speed": float(np.abs(self.velocity).max()),
+            "limits_active": sum(self.bound) / n,
+            "methods": {name: count / n for name, count in Counter(self.methods).items()},
+            "statuses": {name: count / n for name, count in Counter(self.statuses).items()},
+            "tick_us": _spread(1e-3 * self.tick_ns),
+            "force_error_relative_rms": None,
+            "shortfalls": self.shortfalls,
+            "warnings": self.warnings,
+        }
+
+    def as_json(self) -> dict[str, Any]:
+        """The summary and the joint trajectory."""
+        return {**self.summary(), "joints": list(self.names), "dt": self.task.law.dt, "q": self.q.tolist()}
+
+
+def _spread(values: Array) -> dict[str, float]:
+    return {
+        "median": float(np.median(values)),
+        "p99": float(np.percentile(values, 99)),
+        "max": float(values.max()),
+    }
+
+
+def our_controller(robot: Robot, law: LawSpec) -> Controller:
+    """The controller that a task's [law] describes."""
+    return Controller(
+        robot,
+        dt=law.dt,
+        gain=law.gain,
+        form=law.pitch,
+        damping=law.damping,
+        guard=law.guard,
+        posture=law.posture,
+        backend=law.backend,
+        exact=law.exact,
+    )
+
+
+def run_task(
+    task: Task,
+    *,
+    tool_offset: ArrayLike | None = None,
+    controller: MakeController = our_controller,
+    progress: Progress | None = None,
+    **overrides: Any,
+) -> Trace:
+    """Run a task in closed loop.
+
+    Args:
+        task: from `load_task`.
+        tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
+        controller: makes the controller from robot and law; ours by default.
+        progress: called with (ticks done, ticks in all).
+        overrides: keys of the task's [law] to change: dt, gain, pitch, damping, exact, guard, posture, backend.
+
+    Returns:
+        Trace: trajectory, errors, methods, statuses, times.
+
+    Raises:
+        BadInput: an override that no law has, a start outside any sense, shapes that do not fit.
+        RobotModelError, UnknownName, MissingExtra: the robot cannot be had.
+    """
+    law = _overridden(task.law, overrides)
+    task = task.model_copy(update={"law": law})
+    robot = task.load_robot()
+    start = task.start()
+    pose = task.path.along(robot, start)
+    offset = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
+    moved = robot if tool_offset is None else robot.with_tool(offset)
+    loop = controller(moved, law)
+    n = max(1, round(task.path.duration / law.dt))
+    time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
+    wanted = [pose(t) for t in time.tolist()]
+    targets = [moved.target(T.dot(offset)) for T in wanted]
+    feedforward = [se3.log(b.dot(se3.inverse(a))) / law.dt for a, b in pairwise(wanted)]
+    q = np.empty((n + 1, len(start)))
+    q[0] = start
+    ticks = np.empty(n)
+    solutions: list[VelocitySolution] = []
+    for k in range(n):
+        before = perf_counter_ns()
+        solution = loop.step(q[k], targets[k], feedforward[k])
+        ticks[k] = perf_counter_ns() - before
+        solutions.append(solution)
+        q[k + 1] = q[k] + law.dt * solution.velocity
+        if progress is not None:
+            progress(k + 1, n)
+    errors = np.array([_error(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])
+    return Trace(
+        task=task,
+        names=robot.names,
+        time=time,
+        q=q,
+        velocity=np.array([s.velocity for s in solutions]),
+        position_error=errors[:, 0],
+        orientation_error=errors[:, 1],
+        position_limits=np.stack((robot.position_lower, robot.position_upper)),
+        velocity_limit=robot.velocity_limit,
+        methods=[s.method for s in solutions],
+        statuses=[s.status for s in solutions],
+        bound=[bool(s.active) for s in solutions],
+        tick_ns=ticks,
+        warnings=_warnings(robot, law, q, solutions),
+    )
+
+
+def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
+    unknown = sorted(set(overrides) - set(LawSpec.model_fields))
+    if unknown:
+        raise BadInput("overrides", ", ".join(unknown), f"some of {', '.join(LawSpec.model_fields)}")
+    return LawSpec.model_validate({**law.model_dump(), **overrides})
+
+
+def _error(T: Array, wanted: Array) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses."""
+    R = T[:3, :3].T.dot(wanted[:3, :3])
+    # |R - I|_F = 2 sqrt(2) sin(angle / 2): keeps its digits at small angles, where the trace loses them.
+    angle = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(R - np.eye(3))) / np.sqrt(8.0)))
+    return float(np.linalg.norm(wanted[:3, 3] - T[:3, 3])), float(angle)
+
+
+def _warnings(robot: Robot, law: LawSpec, q: Array, solutions: list[VelocitySolution]) -> list[str]:
+    said = []
+    n = len(solutions)
+    damped = [s for s in solutions if s.damping > 0.0]
+    if damped:
+        said.append(f"{len(damped)} of {n} ticks were damped, near a singularity or a principal pitch")
+    for status in ("guarded", "scaled", "degraded", "held"):
+        hits = [s for s in solutions if s.status == status]
+        if hits:
+            said.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
+    form = form_of(law.pitch, robot.jacobian(q[0]))
+    if isinstance(form, PitchForm) and len(robot.names) < 6:
+        said.extend(_pitch_warnings(robot, form.h, q))
+    return said
+
+
+def _pitch_warnings(robot: Robot, h: float, q: Array) -> list[str]:
+    nearest = None
+    for state in q[:: max(1, len(q) // PITCH_SAMPLES)]:
+        try:
+            pitches = principal_pitches(robot.jacobian(state))
+        except BlindSystem as blind:
+            return [f"no pitch form sees all of this arm: {blind}"]
+        for p in pitches.tolist():
+            if nearest is None or abs(p - h) < abs(nearest - h):
+                nearest = p
+    if nearest is None or abs(nearest - h) > NEAR_PITCH * abs(h):
+        return []
+    return [f"h = {h:.4g} m comes near the principal pitch {nearest:.4g} m on this path"]
