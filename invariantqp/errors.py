@@ -49,9 +49,7 @@ class NoPseudoinverse(InvariantQPError):
             fails at all of them.
     """
 
-    def __init__(
-        self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array
-    ) -> None:
+    def __init__(self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array) -> None:
         self.h = h
         self.rank = rank
         self.gram_rank = gram_rank

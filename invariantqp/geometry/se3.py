@@ -160,4 +160,3 @@ def velocity_at(twists: Array, point: Array) -> Array:
     result[1] += w[2] * x - w[0] * z
     result[2] += w[0] * y - w[1] * x
     return result
-
