@@ -64,14 +64,19 @@ def length_unit(J: Array) -> float:
     return float(2.0 ** round(log2(v) - log2(w)))
 
 
-def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Span:
+def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = None) -> Span:
     """Factorise (6, m) twists; singular values below `tolerance` times the largest are taken as zero.
+
+    Args:
+        J: (6, m) twists as columns.
+        tolerance: relative size below which a singular value is zero.
+        unit: the length that counts as 1, where two systems must share one; the twists' own by default.
 
     Raises:
         BadInput: not finite (6, m) columns.
     """
     twists = arrays.columns(J)
-    unit = length_unit(twists)
+    unit = length_unit(twists) if unit is None else unit
     scaled = twists.copy()
     scaled[3:] /= unit
     U, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)
