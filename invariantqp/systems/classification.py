@@ -37,11 +37,11 @@ NEAR_BORDER = 10.0
 
 # Axes that all meet within this fraction of their distance from the origin give no length to measure by: the error of
 # their moments is relative to that distance.
-MEETING = 0.1
+MEETING = 0.3
 
 # Lengths outside these many of the caller's units are not the size of a machine but rounding in the numbers given: of
 # moments that should vanish, or of angular parts that should.
-SHORTEST, LONGEST = 1e-2, 1e5
+SHORTEST, LONGEST = 0.1, 1e5
 
 # No h exists for these ([DS] Table 3 and its missing IID); 4- and 5-systems follow their reciprocal (Corollary 3.2).
 _NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
@@ -239,19 +239,21 @@ def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
         elif e < 2:
             name = f"II{letter}"
         else:
-            W, V, pitches, suffix, gaps = _principal(W, V, tolerance / (trust * float(sigma[e - 1])))
-            borders += [Border("pitch difference", g * trust * float(sigma[e - 1]), tolerance) for g in gaps]
+            W, V, pitches, suffix, gaps = _principal(W, V, sigma[:e], tolerance / size[k - 1])
+            borders += [Border("pitch difference", g * float(size[k - 1]), tolerance) for g in gaps]
             name = f"II{letter}" if suffix == 0 else f"I{letter}"
             if n == 3 and suffix:
                 name += str(suffix) if letter == "A" else "3"
     return _Decision(name, k, Parts(W, V, N, pitches), borders)
 
 
-def _principal(W: Array, V: Array, tolerance: float) -> tuple[Array, Array, Array, int, list[float]]:
+def _principal(W: Array, V: Array, sigma: Array, tolerance: float) -> tuple[Array, Array, Array, int, list[float]]:
     """Principal directions, moments, distinct pitches; 0, 1, 2 for all equal, all distinct, two equal; the gaps."""
     A = W.T.dot(V)
     pitches, X = np.linalg.eigh(0.5 * (A + A.T))
-    gaps = (pitches[1:] - pitches[:-1]).tolist()
+    # h_i = x'A x with A = Sigma^-1 (..) Sigma^-1: an error in the basis is magnified by |Sigma^-1 x|^2 in the pitch.
+    firm = 1.0 / ((X / sigma[:, None]) ** 2).sum(axis=0)
+    gaps = ((pitches[1:] - pitches[:-1]) * np.minimum(firm[1:], firm[:-1])).tolist()
     equal = [g <= tolerance for g in gaps]
     kind = 1
     if all(equal):
