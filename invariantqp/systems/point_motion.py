@@ -96,6 +96,6 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     active = V.dot(coordinates / system.singular[:, None])
     p = arrays.vector(point, 3, "point")
     speeds = velocity_at(shared, p)
-    terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * np.linalg.norm(p)
+    terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.unit)
     moves = bool(np.linalg.norm(speeds) > MEET_TOLERANCE * terms)
     return PointMotion(np.hstack((active, idle)), shared, idle, moves)
