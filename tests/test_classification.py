@@ -170,6 +170,14 @@ def test_axes_through_one_point_with_noise():
         assert (str(kind), kind.moduli[0]) == ("IIA", pytest.approx(0.0, abs=1e-6 * max(reach, 1.0)))
 
 
+def test_a_pitch_is_trusted_as_far_as_its_axis_is_near():
+    # The axes meet a thousand units away: noise of 1e-9 moves the second pitch by 1e-3, which tells it from nothing.
+    rng = np.random.default_rng(12)
+    S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1e-3, 0, 0, 0.5e-3, 1)]).T
+    for _ in range(20):
+        assert str(iq.gibson_hunt(S + 1e-9 * rng.normal(size=S.shape))) == "IIA"
+
+
 def test_six_system():
     rng = np.random.default_rng(1)
     kind = iq.gibson_hunt(rng.normal(size=(6, 7)))

@@ -35,8 +35,11 @@ CLASS_TOLERANCE = 1e-7
 # With the tolerance less than this many times smaller or larger the name would be another: worth telling.
 NEAR_BORDER = 10.0
 
+# How far past a border the other side is looked at: far above rounding, far below any distance between two borders.
+BEYOND = 1e-9
+
 # Axes that all meet within this fraction of their distance from the origin give no length to measure by: the error of
-# their moments is relative to that distance.
+# their moments is relative to that distance, as it is to the distance of the point where they meet.
 MEETING = 0.3
 
 # Lengths outside these many of the caller's units are not the size of a machine but rounding in the numbers given: of
@@ -139,14 +142,14 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
         raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
     point = _resting_point(twists)
     moved = velocity_at(twists, point)
-    system = span(np.vstack((twists[:3], moved)), unit=_unit(twists, moved))
+    system = span(np.vstack((twists[:3], moved)), unit=_unit(twists, moved, point))
     chosen = _decide(system.basis, system.singular, limit)
     k, name = chosen.dimension, chosen.name
     borders = tuple(sorted(chosen.borders, key=lambda b: b.margin))
     following = ""
     if borders and borders[0].margin < inf:
         # Just beyond the nearest border, on the side away from the present answer.
-        beyond = borders[0].value * (1.0 + 1e-9 if not borders[0].vanishes else 1.0 - 1e-9)
+        beyond = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
         other = _decide(system.basis, system.singular, beyond)
         following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
     if k == 6:
@@ -189,19 +192,20 @@ def _resting_point(twists: Array) -> Array:
     if np.vdot(v, v) > LONGEST * LONGEST * np.vdot(w, w):
         return np.zeros(3)
     b = w.dot(v.T)
-    return np.asarray(
-        np.linalg.pinv(A, rcond=CLASS_TOLERANCE, hermitian=True).dot(
-            (b[1, 2] - b[2, 1], b[2, 0] - b[0, 2], b[0, 1] - b[1, 0])
-        )
-    )
+    stiffness, axes = np.linalg.eigh(A)
+    fixed = stiffness > CLASS_TOLERANCE * stiffness[-1]  # all axes are parallel to the other directions
+    E = axes[:, fixed]
+    moment = np.array((b[1, 2] - b[2, 1], b[2, 0] - b[0, 2], b[0, 1] - b[1, 0]))
+    return np.asarray(E.dot(E.T.dot(moment) / stiffness[fixed]))
 
 
-def _unit(twists: Array, moved: Array) -> float:
+def _unit(twists: Array, moved: Array, point: Array) -> float:
     """The length that counts as 1: that of the twists about their own point, within what rounding lets one know."""
     w, v, raw = (float(np.sqrt(np.vdot(a, a))) for a in (twists[:3], moved, twists[3:]))
     if v > LONGEST * w:
         return 1.0
-    return float(2.0 ** round(log2(max(v / w, MEETING * raw / w, SHORTEST))))
+    away = max(raw / w, float(np.sqrt(point.dot(point))))
+    return float(2.0 ** round(log2(max(v / w, MEETING * away, SHORTEST))))
 
 
 def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
