@@ -27,7 +27,7 @@ def main() -> None:
     print("leg forces [N]:         ", np.round(forces, 1))
     print("  seen from elsewhere:  ", np.round(iq.wrench_pseudoinverse(W_away, h) @ iq.coadjoint(away) @ load, 1))
 
-    K = iq.stiffness(W, stiffness_of_leg)
+    K = iq.platform_stiffness(W, stiffness_of_leg)
     twist = np.linalg.solve(K, load)
     print(f"sinks under the load by: {1e6 * -twist[5]:.2f} um")
 

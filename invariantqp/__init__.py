@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     )
     from invariantqp.systems.hyperbolic import HyperbolicSpectrum, hyperbolic_singular_values
     from invariantqp.systems.involution import Involution, involution
-    from invariantqp.systems.parallel import leg_spectrum, leg_wrenches, stiffness, wrench_pseudoinverse
+    from invariantqp.systems.parallel import leg_spectrum, leg_wrenches, platform_stiffness, wrench_pseudoinverse
     from invariantqp.systems.point_motion import PointMotion, motions_along, point_motion
     from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
     from invariantqp.systems.report import SystemReport, describe
@@ -69,7 +69,7 @@ _HOME = {
     "systems.gram": ("blind_directions", "gram_matrix", "gram_polynomial", "principal_pitches", "principal_screws"),
     "systems.hyperbolic": ("HyperbolicSpectrum", "hyperbolic_singular_values"),
     "systems.involution": ("Involution", "involution"),
-    "systems.parallel": ("leg_spectrum", "leg_wrenches", "stiffness", "wrench_pseudoinverse"),
+    "systems.parallel": ("leg_spectrum", "leg_wrenches", "platform_stiffness", "wrench_pseudoinverse"),
     "systems.point_motion": ("PointMotion", "motions_along", "point_motion"),
     "systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
     "systems.report": ("SystemReport", "describe"),

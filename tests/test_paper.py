@@ -336,6 +336,14 @@ def test_erratum_8_hp4_is_meant_with_the_ordinary_transpose():
     np.testing.assert_allclose(np.linalg.solve(M, D.T @ M), D, atol=1e-12)
 
 
+def test_example_3_the_four_system_is_no_lie_algebra():
+    """Beyond the eight: Example 3 calls the 4-system the Lie algebra of a subgroup; a bracket leaves it."""
+    S = iq.motions_along((0, 0, 0), (1, 0, 0))
+    turn, slide = np.array([0, 1, 0, 0, 0, 0]), np.array([0, 0, 0, 1, 0, 0])
+    assert np.linalg.matrix_rank(np.column_stack((S, turn, slide))) == 4
+    assert np.linalg.matrix_rank(np.column_stack((S, iq.bracket(turn, slide)))) == 5
+
+
 # --- Sect. 4
 
 

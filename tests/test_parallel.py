@@ -74,12 +74,12 @@ def test_where_it_fails_it_says_so_in_pitches_of_wrenches():
 def test_stiffness_is_the_force_of_small_displacements_and_moves_as_a_tensor():
     rng = np.random.default_rng(5)
     W, k = iq.leg_wrenches(*legs(rng, 6)), rng.uniform(1e3, 1e4, 6)
-    K = iq.stiffness(W, k)
+    K = iq.platform_stiffness(W, k)
     s = rng.normal(size=6)
     np.testing.assert_allclose(K @ s, sum(ki * (w @ s) * w for ki, w in zip(k, W.T, strict=True)))
     assert np.linalg.eigvalsh(K)[0] > 0.0
     Ad = iq.coadjoint(motion(rng))
-    np.testing.assert_allclose(iq.stiffness(Ad @ W, k), Ad @ K @ Ad.T, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(iq.platform_stiffness(Ad @ W, k), Ad @ K @ Ad.T, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("n", [3, 6, 8])
@@ -90,7 +90,7 @@ def test_conditioning_is_frame_free_where_singular_values_are_not(n):
     here, there = iq.leg_spectrum(W, h, k), iq.leg_spectrum(moved, h, k)
     np.testing.assert_allclose(there.values, here.values, atol=1e-9 * np.abs(here.values).max())
     assert abs(np.linalg.cond(moved) - np.linalg.cond(W)) > 0.1
-    eigenvalues = np.linalg.eigvals(iq.stiffness(W, k) @ iq.pitch_form_inverse(h)).real
+    eigenvalues = np.linalg.eigvals(iq.platform_stiffness(W, k) @ iq.pitch_form_inverse(h)).real
     found = here.values[: here.rank]
     kept = eigenvalues[np.argsort(-np.abs(eigenvalues))][: here.rank]
     np.testing.assert_allclose(np.sort(found), np.sort(kept), rtol=1e-6)
@@ -116,7 +116,7 @@ def test_bad_input_is_told():
     with pytest.raises(iq.BadInput, match="platform"):
         iq.leg_wrenches(np.zeros((3, 3)), np.ones((2, 3)))
     with pytest.raises(iq.BadInput, match="above zero"):
-        iq.stiffness(np.eye(6), [1, 1, 1, 1, 1, 0])
+        iq.platform_stiffness(np.eye(6), [1, 1, 1, 1, 1, 0])
 
 
 def test_the_example_runs(capsys):

@@ -48,8 +48,8 @@ def test_rank_singularity_and_their_words():
 def test_singularity_distance_is_the_same_in_every_frame_and_unit():
     rng = np.random.default_rng(3)
     J = rng.normal(size=(6, 4))
-    moved = iq.adjoint(motion(rng)) @ J
-    scaled = moved * np.array([[1.0], [1.0], [1.0], [1024.0], [1024.0], [1024.0]])
+    moved = iq.adjoint(motion(rng, reach=30.0)) @ J
+    scaled = moved * np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
     expected = iq.describe(J).singularity_distance
     assert 0.0 < expected < 1.0
     assert iq.describe(moved).singularity_distance == pytest.approx(expected)

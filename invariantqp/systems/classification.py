@@ -7,8 +7,8 @@ A class is a set of equations; data that are nearly right satisfy none exactly. 
 a difference of pitches) compared with what an error of `tolerance` in the twists could make of zero, and the answer
 carries every number: `margin` is the factor by which the tolerance would have to change for the name to change.
 Before anything is compared the origin is moved to the point the twists move least and lengths are measured in the unit
-that follows from them, so that decisions depend neither on the frame nor on the unit, until that unit drowns in the
-rounding of the numbers given (`_unit`).
+that follows from them, so that decisions depend neither on the frame nor on the unit, as long as the origin is not so
+far off that the numbers given resolve that unit badly (`_unit`).
 
 Reference: [DS] Sect. 3, Tables 1 and 2, Table 3 with its missing IID (no three translations have a pseudoinverse).
 """
@@ -140,7 +140,7 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
     limit = arrays.number(tolerance, "tolerance", positive=True)
     if not twists.any():
         raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
-    point = _resting_point(twists)
+    point = resting_point(twists)
     moved = velocity_at(twists, point)
     system = span(np.vstack((twists[:3], moved)), unit=_unit(twists, moved, point))
     chosen = _decide(system.basis, system.singular, limit)
@@ -185,7 +185,7 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
     )
 
 
-def _resting_point(twists: Array) -> Array:
+def resting_point(twists: Array) -> Array:
     """A point p that minimises |v + omega x p| over the twists, the nearest to the origin where many do."""
     w, v = twists[:3], twists[3:]
     A = np.vdot(w, w) * np.eye(3) - w.dot(w.T)

@@ -84,7 +84,7 @@ def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None
     return result
 
 
-def stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
+def platform_stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
     """The stiffness K = W diag(k) W' of a platform on unloaded legs: wrench = K s for a small displacement twist s.
 
     Args:

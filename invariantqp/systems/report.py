@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import adjoint, inverse
-from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt
+from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
+from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, resting_point
 from invariantqp.systems.gram import blind_directions, principal_screws
-from invariantqp.systems.span import span
+from invariantqp.systems.span import LENGTH_LIMIT, span
 from invariantqp.systems.subspaces import annihilator
 
 # Numbers below this are written as 0 in sentences: rounding, in any unit a machine is measured in.
@@ -123,9 +123,6 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
     else:
         # Exact in the normal form, so that nothing near zero is judged twice; S and its reciprocal share them.
         blind = adjoint(inverse(kind.motion)).dot(blind_directions(kind.normal_form))
-    dimension = [b.value for b in kind.borders if b.quantity == "dimension"]
-    most = min(6, twists.shape[1])
-    distance = 0.0 if kind.dimension < most else min(dimension, default=1.0)
     return SystemReport(
         joints=twists.shape[1],
         rank=kind.dimension,
@@ -134,5 +131,14 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
         principal_screws=screws,
         blind_directions=blind,
         constraint_wrenches=annihilator(S),
-        singularity_distance=distance,
+        singularity_distance=0.0 if kind.dimension < min(6, twists.shape[1]) else _isotropy(twists),
     )
+
+
+def _isotropy(twists: Array) -> float:
+    """Smallest over largest singular value, about the twists' own point and in their own length."""
+    moved = velocity_at(twists, resting_point(twists))
+    w, v = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(moved))
+    own = 1.0 / LENGTH_LIMIT < v / w < LENGTH_LIMIT if w > 0.0 else False
+    sigma = np.linalg.svd(np.vstack((twists[:3], moved * (w / v if own else 1.0))), compute_uv=False)
+    return float(sigma[-1] / sigma[0])
