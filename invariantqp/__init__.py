@@ -31,8 +31,30 @@ if TYPE_CHECKING:
     from invariantqp.robots.kinematics import Robot
     from invariantqp.robots.load import load_robot
     from invariantqp.systems.centre import centre
-    from invariantqp.systems.gram import gram_matrix, principal_pitches
+    from invariantqp.systems.classification import Border, GibsonHunt, gibson_hunt
+    from invariantqp.systems.existence import Existence, existence, reciprocal_has_pseudoinverse
+    from invariantqp.systems.gram import (
+        blind_directions,
+        gram_matrix,
+        gram_polynomial,
+        principal_pitches,
+        principal_screws,
+    )
+    from invariantqp.systems.hyperbolic import HyperbolicSpectrum, hyperbolic_singular_values
+    from invariantqp.systems.involution import Involution, involution
+    from invariantqp.systems.parallel import leg_spectrum, leg_wrenches, platform_stiffness, wrench_pseudoinverse
+    from invariantqp.systems.point_motion import PointMotion, motions_along, point_motion
     from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
+    from invariantqp.systems.report import SystemReport, describe
+    from invariantqp.systems.stationarity import StationaryPoint, error_form, stationary_point, vanishing_pitches
+    from invariantqp.systems.subspaces import (
+        annihilator,
+        reciprocal,
+        screw_system,
+        self_reciprocal,
+        system_meet,
+        system_sum,
+    )
     from invariantqp.velocity.backends import Osqp
     from invariantqp.velocity.damping import Adaptive, Fixed
     from invariantqp.velocity.exact import ExactRows
@@ -68,8 +90,17 @@ _HOME = {
     "robots.kinematics": ("Robot",),
     "robots.load": ("load_robot",),
     "systems.centre": ("centre",),
-    "systems.gram": ("gram_matrix", "principal_pitches"),
+    "systems.classification": ("Border", "GibsonHunt", "gibson_hunt"),
+    "systems.existence": ("Existence", "existence", "reciprocal_has_pseudoinverse"),
+    "systems.gram": ("blind_directions", "gram_matrix", "gram_polynomial", "principal_pitches", "principal_screws"),
+    "systems.hyperbolic": ("HyperbolicSpectrum", "hyperbolic_singular_values"),
+    "systems.involution": ("Involution", "involution"),
+    "systems.parallel": ("leg_spectrum", "leg_wrenches", "platform_stiffness", "wrench_pseudoinverse"),
+    "systems.point_motion": ("PointMotion", "motions_along", "point_motion"),
     "systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
+    "systems.report": ("SystemReport", "describe"),
+    "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
+    "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
     "velocity.backends": ("Osqp",),
     "velocity.damping": ("Adaptive", "Fixed"),
     "velocity.exact": ("ExactRows",),

@@ -2,13 +2,19 @@
 
     G_h = G_0 - 2h K,   K = J_omega'J_omega;   principal pitches: the finite h with rank(G_h) < rank(J)
 
-G_h is the same in every frame. Split the span into pure translations N and the rest F; then G_0 = [[A, C], [C', 0]]
-and the finite principal pitches are the generalised eigenvalues of (A, 2K) on null(C').
+G_h is the same in every frame. Split the span into pure translations N (d of them) and the rest F (e); then
+G_0 = [[A + A', C], [C', 0]], C = F_omega'N_v, and with E a basis of null(C')
+
+    det G_h = (-1)^d det(C'C) det(E'(A + A' - 2h F_omega'F_omega)E)
+
+so the finite principal pitches are e - d eigenvalues, and every h fails iff C has not full column rank.
 
 Reference: [DS] Sect. 3, Theorem 3.1, Sect. 5.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +23,7 @@ from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.systems.span import span
+from invariantqp.systems.span import Span, span
 
 # A direction of the orthonormal basis whose angular part is below this is a pure translation, and a coupling C below it
 # is none: a screw of pitch 1e10 units of length is infinite for every purpose of control.
@@ -37,6 +43,54 @@ def gram_matrix(J: ArrayLike, h: float) -> Array:
     return 0.5 * (G + G.T)
 
 
+class _Reduction(NamedTuple):
+    """The span split at infinite pitch: all in the unit of length of the span's basis.
+
+    F (6, e), N (6, d) orthonormal; C = left diag(coupling) right_t; c is the rank of C.
+    """
+
+    F: Array
+    N: Array
+    left: Array
+    coupling: Array
+    right_t: Array
+    c: int
+
+
+class _Pencil(NamedTuple):
+    """The eigenproblem on null(C'): pitches (e-d,) ascending, basis X (e, e-d) of F-coordinates, X'K X = I."""
+
+    pitches: Array
+    vectors: Array
+    volume: float
+
+
+def _reduction(system: Span, tolerance: float) -> _Reduction:
+    B = system.basis
+    _, sigma, Vt = np.linalg.svd(B[:3])
+    e = int(np.count_nonzero(sigma > tolerance))
+    F, N = B.dot(Vt[:e].T), B.dot(Vt[e:].T)
+    left, coupling, right_t = np.linalg.svd(F[:3].T.dot(N[3:]))
+    return _Reduction(F, N, left, coupling, right_t, int(np.count_nonzero(coupling > tolerance)))
+
+
+def _blind(part: _Reduction) -> Array:
+    """The pure translations of the system that are reciprocal to all of it, unit columns (6, d - c)."""
+    blind = part.N.dot(part.right_t[part.c :].T)
+    blind[:3] = 0.0
+    return np.asarray(blind / np.linalg.norm(blind, axis=0))
+
+
+def _pencil(part: _Reduction) -> _Pencil:
+    E = part.left[:, part.c :]
+    FE = part.F.dot(E)
+    lower = np.linalg.cholesky(FE[:3].T.dot(FE[:3]))
+    whiten = np.linalg.inv(lower).T
+    A = whiten.T.dot(FE[:3].T.dot(FE[3:])).dot(whiten)
+    pitches, vectors = np.linalg.eigh(0.5 * (A + A.T))
+    return _Pencil(pitches, E.dot(whiten).dot(vectors), float(np.diag(lower).prod()) ** 2)
+
+
 def principal_pitches(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
     """The finite pitches at which J has no h-pseudoinverse, ascending, with multiplicity.
 
@@ -53,23 +107,96 @@ def principal_pitches(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array
 
     Reference: [DS] Sect. 3 and 5; the reduction for systems with screws of infinite pitch is ours.
     """
+    return principal_screws(J, tolerance)[0]
+
+
+def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[Array, Array]:
+    """The principal pitches h_i with their screws z_i: J'Q_{h_i} z_i = 0, the twist that shows why h_i fails.
+
+    The screws are mutually orthogonal axes (omega_i.omega_j = 0) of unit angular part, and of pitch h_i each.
+
+    Args:
+        J: (6, m) twists, independent or not.
+        tolerance: relative size below which an angular part or a coupling is zero.
+
+    Returns:
+        (k',) ascending pitches [length/rad] and (6, k') screws.
+
+    Raises:
+        BlindSystem: no h works at all; carries the translations that no Q_h sees.
+        BadInput: J is not finite (6, m).
+
+    Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
+    """
     system = span(J)
     if system.rank in (0, 6):
-        return np.empty(0)
-    B = system.basis
-    _, sigma, Vt = np.linalg.svd(B[:3])
-    e = int(np.count_nonzero(sigma > tolerance))
-    F, N = B.dot(Vt[:e].T), B.dot(Vt[e:].T)
-    C = F[:3].T.dot(N[3:])
-    A = F[:3].T.dot(F[3:])
-    d = N.shape[1]
-    left, coupling, right_t = np.linalg.svd(C)
-    c = int(np.count_nonzero(coupling > tolerance))
-    if c < d:
-        blind = N.dot(right_t[c:].T)
-        blind[:3] = 0.0
-        raise BlindSystem(blind / np.linalg.norm(blind, axis=0))
-    E = left[:, c:]
-    whiten = np.linalg.inv(np.linalg.cholesky(E.T.dot(F[:3].T).dot(F[:3]).dot(E)))
-    pitches = np.linalg.eigvalsh(0.5 * whiten.dot(E.T.dot(A + A.T).dot(E)).dot(whiten.T))
-    return np.asarray(pitches * system.unit)
+        return np.empty(0), np.empty((6, 0))
+    part = _reduction(system, tolerance)
+    if part.c < part.N.shape[1]:
+        raise BlindSystem(_blind(part))
+    pencil = _pencil(part)
+    z = part.F.dot(pencil.vectors)
+    # The rows of G_h z = 0 across null(C') are met by adding translations y: C y = -F'Q_h z.
+    force = part.F[:3].T.dot(z[3:]) + part.F[3:].T.dot(z[:3]) - 2.0 * part.F[:3].T.dot(z[:3]) * pencil.pitches
+    y = part.right_t.T.dot(part.left[:, : part.c].T.dot(force) / part.coupling[: part.c, None])
+    z = z - part.N.dot(y)
+    z[3:] *= system.unit
+    return pencil.pitches * system.unit, z
+
+
+def blind_directions(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
+    """The pure translations in the span that no Q_h sees: reciprocal to the whole system for every h.
+
+    Args:
+        J: (6, m) twists, independent or not.
+        tolerance: relative size below which an angular part or a coupling is zero.
+
+    Returns:
+        (6, b) unit columns (0; v); b = 0 exactly where some h works.
+
+    Raises:
+        BadInput: J is not finite (6, m).
+
+    Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
+    """
+    system = span(J)
+    if system.rank in (0, 6):
+        return np.empty((6, 0))
+    return _blind(_reduction(system, tolerance))
+
+
+def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
+    """Coefficients of det(J'Q_h J) = c_0 + c_1 h + ... + c_m h^m for the columns given.
+
+    Covariant: the columns J A have det(A)^2 times these, so their ratios, and each sign, are invariants of the system;
+    a rigid motion changes none. All vanish iff no h works or the columns are dependent. No further normalisation is
+    made: divide by the last non-zero one to make the polynomial monic up to sign.
+
+    Args:
+        J: (6, m) twists.
+        tolerance: relative size below which an angular part or a coupling is zero.
+
+    Returns:
+        (m+1,) coefficients, lowest power first; that of h^i in units of length^(m-i) for angular parts without unit.
+
+    Raises:
+        BadInput: J is not finite (6, m).
+
+    Reference: [DS] Sect. 5.2 (i_1, i_2, i_3), 5.3.
+    """
+    system = span(J)
+    m = len(system.right)
+    result = np.zeros(m + 1)
+    if system.rank < m:
+        return result
+    part = _reduction(system, tolerance)
+    d = part.N.shape[1]
+    if part.c < d:
+        return result
+    pencil = _pencil(part)
+    scale = (-1.0) ** d * np.prod(part.coupling[:d]) ** 2 * pencil.volume * np.prod(system.singular) ** 2
+    # det(2 diag(h_i - h)) in the basis' unit of length u: h -> h / u, and each of the m rows of J'Q_h J carries a u.
+    factors = np.atleast_1d(np.poly(pencil.pitches))[::-1] * (-2.0) ** len(pencil.pitches)
+    powers = float(system.unit) ** (m - np.arange(len(factors)))
+    result[: len(factors)] = scale * factors * powers
+    return result

@@ -82,7 +82,7 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
     else:
         Q, mu, E = _form_spectrum(system, pitch)
         if r and _vanishing(mu, Q).any():
-            raise _no_pseudoinverse(twists, pitch, system, mu, E, Q)
+            raise _no_pseudoinverse(twists, pitch, system, (Q, mu, E))
         left_inverse = (E / mu).dot(E.T).dot(U.T.dot(Q))
     result: Array = _right_inverse(system, metric).dot(system.scaled_rows(left_inverse))
     return result
@@ -99,7 +99,8 @@ def _right_inverse(system: Span, metric: Array | None) -> Array:
     return result
 
 
-def _no_pseudoinverse(J: Array, h: float, system: Span, mu: Array, E: Array, Q: Array) -> NoPseudoinverse:
+def _no_pseudoinverse(J: Array, h: float, system: Span, spectrum: tuple[Array, Array, Array]) -> NoPseudoinverse:
+    Q, mu, E = spectrum
     lost = _vanishing(mu, Q)
     z = system.twists(E[:, int(np.abs(mu).argmin())])
     try:

@@ -21,6 +21,10 @@ from invariantqp.geometry.arrays import Array
 # joint axis is exactly dependent, and cond(J) = 1e7 must still count as full rank.
 RANK_TOLERANCE = 1e-13
 
+# A length outside these many of the caller's units is what rounding leaves of no rotation (a gantry) or of no moments
+# (axes that meet in the origin), not the size of a machine: measured by it, the rounding would look like motion.
+LENGTH_LIMIT = 1e12
+
 
 @dataclass(frozen=True)
 class Span:
@@ -57,21 +61,26 @@ class Span:
 
 
 def length_unit(J: Array) -> float:
-    """The power of two nearest |J_v|_F / |J_omega|_F; 1 where either part vanishes."""
+    """The power of two nearest |J_v|_F / |J_omega|_F; 1 where either part vanishes, exactly or but for rounding."""
     w, v = float(np.linalg.norm(J[:3])), float(np.linalg.norm(J[3:]))
-    if w == 0.0 or v == 0.0:
+    if v >= LENGTH_LIMIT * w or w >= LENGTH_LIMIT * v:
         return 1.0
     return float(2.0 ** round(log2(v) - log2(w)))
 
 
-def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Span:
+def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = None) -> Span:
     """Factorise (6, m) twists; singular values below `tolerance` times the largest are taken as zero.
+
+    Args:
+        J: (6, m) twists as columns.
+        tolerance: relative size below which a singular value is zero.
+        unit: the length that counts as 1, where two systems must share one; the twists' own by default.
 
     Raises:
         BadInput: not finite (6, m) columns.
     """
     twists = arrays.columns(J)
-    unit = length_unit(twists)
+    unit = length_unit(twists) if unit is None else unit
     scaled = twists.copy()
     scaled[3:] /= unit
     U, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)

@@ -1,8 +1,8 @@
 """Quadratic programs, given to the solvers people trust: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
 
 DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem is scaled to
-O(1) first, because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets out. This is
-the only file that imports a solver.
+O(1) first, because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets out.
+This is the only file that imports a solver.
 """
 
 from __future__ import annotations

@@ -1,0 +1,270 @@
+"""The Gibson-Hunt type of a screw system, its moduli, its normal form, and how near it is to another type.
+
+Type I or II: S lies in no, or one, pitch hyperquadric q_h. A, B, C, D: S has 0, 1, 2, 3 independent screws of infinite
+pitch. The index of IA and IB tells how S meets the pencil of the q_h. A 4- or 5-system is named by its reciprocal.
+
+A class is a set of equations; data that are nearly right satisfy none exactly. So each decision is a number (a sine,
+a difference of pitches) compared with what an error of `tolerance` in the twists could make of zero, and the answer
+carries every number: `margin` is the factor by which the tolerance would have to change for the name to change.
+Before anything is compared the origin is moved to the point the twists move least and lengths are measured in the unit
+that follows from them, so that decisions depend neither on the frame nor on the unit, as long as the origin is not so
+far off that the numbers given resolve that unit badly (`_unit`).
+
+Reference: [DS] Sect. 3, Tables 1 and 2, Table 3 with its missing IID (no three translations have a pseudoinverse).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, log2
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.normal_form import FRAMES, MODULUS_NAMES, Parts, normal_form
+from invariantqp.systems.span import span
+
+# Relative error of the twists that the type must survive: a hundred times the nine digits of a careful model file.
+CLASS_TOLERANCE = 1e-7
+
+# With the tolerance less than this many times smaller or larger the name would be another: worth telling.
+NEAR_BORDER = 10.0
+
+# How far past a border the other side is looked at: far above rounding, far below any distance between two borders.
+BEYOND = 1e-9
+
+# Axes that all meet within this fraction of their distance from the origin give no length to measure by: the error of
+# their moments is relative to that distance, as it is to the distance of the point where they meet.
+MEETING = 0.3
+
+# Lengths outside these many of the caller's units are not the size of a machine but rounding in the numbers given: of
+# moments that should vanish, or of angular parts that should.
+SHORTEST, LONGEST = 0.1, 1e5
+
+# No h exists for these ([DS] Table 3 and its missing IID); 4- and 5-systems follow their reciprocal (Corollary 3.2).
+_NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
+
+
+@dataclass(frozen=True)
+class Border:
+    """One decision: `quantity` has the size `value`, as the relative error of the twists that could fake it."""
+
+    quantity: str
+    value: float
+    tolerance: float
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether it was taken as zero."""
+        return self.value <= self.tolerance
+
+    @property
+    def margin(self) -> float:
+        """The factor, above 1, between the value and the tolerance."""
+        if self.value == 0.0:
+            return inf
+        return max(self.value / self.tolerance, self.tolerance / self.value)
+
+
+@dataclass(frozen=True)
+class GibsonHunt:
+    """The type of a k-system; `str()` is the name in [DS] Tables 1 and 2.
+
+    Attributes:
+        name: the class; of the reciprocal system where `reciprocal` is true.
+        dimension: k.
+        reciprocal: whether the system (k = 4, 5) is named by its reciprocal 2- or 1-system.
+        admits_pseudoinverse: whether some h has an h-pseudoinverse.
+        moduli: the invariants of the named system, in the order of `modulus_names`.
+        modulus_names: "h..." are pitches [length/rad], ascending (IA2: the single one first), "p" is a ratio.
+        normal_form: (6, n) columns of [DS]'s normal form of the named system, n = k or 6 - k.
+        motion: (4, 4) rigid motion with span(Ad(motion) S) = span(normal_form), for the named system S.
+        borders: every decision taken, nearest to its border first.
+        next: the name on the other side of the nearest border; "" where there is none.
+    """
+
+    name: str
+    dimension: int
+    reciprocal: bool
+    admits_pseudoinverse: bool
+    moduli: tuple[float, ...]
+    modulus_names: tuple[str, ...]
+    normal_form: Array
+    motion: Array
+    borders: tuple[Border, ...]
+    next: str
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def margin(self) -> float:
+        """The factor by which the tolerance would have to change for another name; inf where none is near."""
+        return self.borders[0].margin if self.borders else inf
+
+    @property
+    def near_border(self) -> bool:
+        """Whether the margin is so small that the other name should be kept in mind."""
+        return self.margin < NEAR_BORDER
+
+
+class _Decision(NamedTuple):
+    name: str
+    dimension: int
+    parts: Parts
+    borders: list[Border]
+
+
+def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
+    """Classify the system that (6, m) twists span.
+
+    Args:
+        J: (6, m) twists as columns, dependent or not.
+        tolerance: relative error of the twists that is to be seen through, also in the rank: what such an error could
+            have made of an exact system of a more special type gets the special name.
+
+    Returns:
+        GibsonHunt; near a border `.margin` is near 1 and `.next` names the other side.
+
+    Raises:
+        BadInput: not finite (6, m), all twists zero, or a tolerance that is not positive.
+
+    Reference: [DS] Sect. 3, Tables 1 and 2; 4- and 5-systems by their reciprocals.
+    """
+    twists = arrays.columns(J)
+    limit = arrays.number(tolerance, "tolerance", positive=True)
+    if not twists.any():
+        raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
+    point = resting_point(twists)
+    moved = velocity_at(twists, point)
+    system = span(np.vstack((twists[:3], moved)), unit=_unit(twists, moved, point))
+    chosen = _decide(system.basis, system.singular, limit)
+    k, name = chosen.dimension, chosen.name
+    borders = tuple(sorted(chosen.borders, key=lambda b: b.margin))
+    following = ""
+    if borders and borders[0].margin < inf:
+        # Just beyond the nearest border, on the side away from the present answer.
+        beyond = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
+        other = _decide(system.basis, system.singular, beyond)
+        following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
+    if k == 6:
+        return GibsonHunt(
+            name=name,
+            dimension=6,
+            reciprocal=False,
+            admits_pseudoinverse=True,
+            moduli=(),
+            modulus_names=(),
+            normal_form=np.empty((6, 0)),
+            motion=np.eye(4),
+            borders=borders,
+            next=following,
+        )
+    n = min(k, 6 - k)
+    frame = FRAMES[n, name](chosen.parts)
+    moduli = (*(h * system.unit for h in frame.pitches), *frame.ratios)
+    motion = np.eye(4)
+    motion[:3, :3] = frame.axes
+    motion[:3, 3] = -frame.axes.dot(point + frame.origin * system.unit)
+    return GibsonHunt(
+        name=name,
+        dimension=k,
+        reciprocal=k > 3,
+        admits_pseudoinverse=(n, name) not in _NO_PSEUDOINVERSE,
+        moduli=moduli,
+        modulus_names=MODULUS_NAMES[n, name],
+        normal_form=normal_form(n, name, moduli),
+        motion=motion,
+        borders=borders,
+        next=following,
+    )
+
+
+def resting_point(twists: Array) -> Array:
+    """A point p that minimises |v + omega x p| over the twists, the nearest to the origin where many do."""
+    w, v = twists[:3], twists[3:]
+    A = np.vdot(w, w) * np.eye(3) - w.dot(w.T)
+    if np.vdot(v, v) > LONGEST * LONGEST * np.vdot(w, w):
+        return np.zeros(3)
+    b = w.dot(v.T)
+    stiffness, axes = np.linalg.eigh(A)
+    fixed = stiffness > CLASS_TOLERANCE * stiffness[-1]  # all axes are parallel to the other directions
+    E = axes[:, fixed]
+    moment = np.array((b[1, 2] - b[2, 1], b[2, 0] - b[0, 2], b[0, 1] - b[1, 0]))
+    return np.asarray(E.dot(E.T.dot(moment) / stiffness[fixed]))
+
+
+def _unit(twists: Array, moved: Array, point: Array) -> float:
+    """The length that counts as 1: that of the twists about their own point, within what rounding lets one know."""
+    w, v, raw = (float(np.sqrt(np.vdot(a, a))) for a in (twists[:3], moved, twists[3:]))
+    if v > LONGEST * w:
+        return 1.0
+    away = max(raw / w, float(np.sqrt(point.dot(point))))
+    return float(2.0 ** round(log2(max(v / w, MEETING * away, SHORTEST))))
+
+
+def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
+    """The class at a tolerance, every number that decided it, and the parts of the system."""
+    size = singular / singular[0]
+    k = int(np.count_nonzero(size > tolerance))
+    borders = [Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1]]
+    # An error eps of the twists turns the basis by eps * cond: numbers below are divided by cond, then compared.
+    trust = float(size[k - 1])
+    if k == 6:
+        return _Decision("SE3", 6, Parts(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)
+    B = basis[:, :k]
+    if k > 3:
+        B = np.linalg.qr(B[[3, 4, 5, 0, 1, 2]], mode="complete")[0][:, k:]
+    W, sigma, Vt = np.linalg.svd(B[:3], full_matrices=False)
+    n = B.shape[1]
+    e = int(np.count_nonzero(sigma * trust > tolerance))
+    borders += [Border("smallest angular part", float(s) * trust, tolerance) for s in sigma[max(e - 1, 0) : e + 1]]
+    moments = B[3:].dot(Vt.T)
+    W, V, N = W[:, :e], moments[:, :e] / sigma[:e], moments[:, e:]
+    if n - e:
+        N = N / np.sqrt((N * N).sum(axis=0))
+    if e:
+        trust *= float(sigma[e - 1])
+    name, pitches = f"{'h' if e else 'h=inf'}", np.empty(0)
+    if n > 1:
+        letter = "ABCD"[n - e]
+        coupled = False
+        if 0 < e < n:
+            coupling = float(np.linalg.norm(W.T.dot(N)))
+            borders.append(Border("translation along the axes", coupling * trust, tolerance))
+            coupled = coupling * trust > tolerance
+        if coupled:
+            name = f"I{letter}0" if (n, e) == (3, 2) else f"I{letter}"
+        elif e < 2:
+            name = f"II{letter}"
+        else:
+            W, V, pitches, suffix, gaps = _principal(W, V, sigma[:e], tolerance / size[k - 1])
+            borders += [Border("pitch difference", g * float(size[k - 1]), tolerance) for g in gaps]
+            name = f"II{letter}" if suffix == 0 else f"I{letter}"
+            if n == 3 and suffix:
+                name += str(suffix) if letter == "A" else "3"
+    return _Decision(name, k, Parts(W, V, N, pitches), borders)
+
+
+def _principal(W: Array, V: Array, sigma: Array, tolerance: float) -> tuple[Array, Array, Array, int, list[float]]:
+    """Principal directions, moments, distinct pitches; 0, 1, 2 for all equal, all distinct, two equal; the gaps."""
+    A = W.T.dot(V)
+    pitches, X = np.linalg.eigh(0.5 * (A + A.T))
+    # h_i = x'A x with A = Sigma^-1 (..) Sigma^-1: an error in the basis is magnified by |Sigma^-1 x|^2 in the pitch.
+    firm = 1.0 / ((X / sigma[:, None]) ** 2).sum(axis=0)
+    gaps = ((pitches[1:] - pitches[:-1]) * np.minimum(firm[1:], firm[:-1])).tolist()
+    equal = [g <= tolerance for g in gaps]
+    kind = 1
+    if all(equal):
+        kind, pitches = 0, pitches.mean(keepdims=True)
+    elif any(equal):
+        kind = 2
+        if equal[0]:
+            X, pitches = X[:, [2, 0, 1]], pitches[[2, 0, 1]]
+        pitches = np.array((pitches[0], 0.5 * (pitches[1] + pitches[2])))
+    return W.dot(X), V.dot(X), pitches, kind, gaps

@@ -1,0 +1,101 @@
+"""All joint velocities that move a point of the end-effector along a line, or not at all.
+
+    {x : (J x)(p) parallel to q} = J^{+h}(S_q meet im J) + ker J,   S_q = {s : v + omega x p parallel to q}
+
+On im J every J^{+h} is the same map up to ker J, so no h has to be chosen and none has to exist. [DS] Example 3 prints
+J^{+h}(S_q), which is too much: for a generic arm of three joints that is every joint velocity.
+
+Reference: [DS] Example 3, corrected; S_q is a 4-system whose reciprocal is a IIA 2-system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.span import span
+from invariantqp.systems.subspaces import system_meet
+
+# Angle below which a twist of im J counts as one of S_q, and the fraction of the fastest speed that counts as no motion
+# of the point: both come out of two factorisations.
+MEET_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True)
+class PointMotion:
+    """The joint velocities that move a point along a direction.
+
+    Attributes:
+        velocities: (m, n) basis of them all: those of `twists` first, then those that move nothing.
+        twists: (6, k) basis of S_q meet im J, the end-effector's motions that do it.
+        self_motions: (m, m-r) basis of ker J.
+        moves: whether the point can move along the direction at all; else every velocity here leaves it at rest.
+    """
+
+    velocities: Array
+    twists: Array
+    self_motions: Array
+    moves: bool
+
+
+def motions_along(point: ArrayLike, direction: ArrayLike) -> Array:
+    """S_q: a basis (6, 4) of the twists that move a point along a direction or leave it at rest.
+
+    The rotations about three axes through the point, and the translation along the direction.
+
+    Args:
+        point: (3,) the point [length].
+        direction: (3,) not zero.
+
+    Raises:
+        BadInput: not three finite numbers, or a zero direction.
+
+    Reference: [DS] Example 3 (the 4-system ev_x^-1(L)).
+    """
+    p, q = arrays.vector(point, 3, "point"), arrays.vector(direction, 3, "direction")
+    length = float(np.linalg.norm(q))
+    if length == 0.0:
+        raise BadInput("direction", "the zero vector", "a direction", "Give a non-zero direction.")
+    S = np.zeros((6, 4))
+    S[:3, :3] = np.eye(3)
+    S[3:, :3] = np.cross(p, np.eye(3)).T
+    S[3:, 3] = q / length
+    return S
+
+
+def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointMotion:
+    """Every joint velocity whose twist moves `point` along `direction`.
+
+    Args:
+        J: (6, m) joint twists, any m and rank.
+        point: (3,) point of the end-effector, in the frame of J [length].
+        direction: (3,) not zero, in the frame of J.
+
+    Returns:
+        PointMotion with bases of the joint velocities, twists and self-motions.
+
+    Raises:
+        BadInput: shapes, NaN, a zero direction.
+
+    Reference: [DS] Example 3, corrected.
+    """
+    twists = arrays.columns(J)
+    wanted = motions_along(point, direction)
+    system = span(twists)
+    V = system.right
+    idle = np.linalg.qr(V, mode="complete")[0][:, system.rank :]
+    shared = system_meet(wanted, twists, MEET_TOLERANCE) if system.rank else np.empty((6, 0))
+    # The M-P right inverse of C = diag(sigma) V' on coordinates U'D s: any J^{+h} gives the same on im J.
+    coordinates = system.basis.T.dot(system.scaled_rows(shared.T).T)
+    active = V.dot(coordinates / system.singular[:, None])
+    p = arrays.vector(point, 3, "point")
+    speeds = velocity_at(shared, p)
+    terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.unit)
+    moves = bool(np.linalg.norm(speeds) > MEET_TOLERANCE * terms)
+    return PointMotion(np.hstack((active, idle)), shared, idle, moves)

@@ -1,0 +1,144 @@
+"""The state of an arm as its screw system shows it: rank, type, pitches to stay away from, blindness, and in words.
+
+One object that holds what the other files of this floor say of the same joint twists, each number by name and a
+sentence for each that an engineer who does not know the classes can act on.
+
+Reference: [DS] Sect. 3, 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BlindSystem
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
+from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, resting_point
+from invariantqp.systems.gram import blind_directions, principal_screws
+from invariantqp.systems.span import LENGTH_LIMIT, span
+from invariantqp.systems.subspaces import annihilator
+
+# Numbers below this are written as 0 in sentences: rounding, in any unit a machine is measured in.
+WRITTEN_ZERO = 1e-12
+
+
+def _written(x: float, digits: int) -> str:
+    return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
+
+
+@dataclass(frozen=True)
+class SystemReport:
+    """What (6, m) joint twists can and cannot do.
+
+    Attributes:
+        joints: m.
+        rank: dimension of the span, at the tolerance of the type.
+        type: the Gibson-Hunt type, with moduli, normal form and margin.
+        principal_pitches: (k',) ascending pitches that have no pseudoinverse [length/rad]; empty if none fails, and
+            if all do.
+        principal_screws: (6, k') the twist that shows why, for each.
+        blind_directions: (6, b) unit translations that no pitch form sees; b > 0 exactly where no h works.
+        constraint_wrenches: (6, 6 - rank) basis of the wrenches that no joint feels.
+        singularity_distance: smallest over largest singular value of the twists about their own point, in their own
+            length: the same in every frame and unit; 0 in a singularity.
+    """
+
+    joints: int
+    rank: int
+    type: GibsonHunt
+    principal_pitches: Array
+    principal_screws: Array
+    blind_directions: Array
+    constraint_wrenches: Array
+    singularity_distance: float
+
+    @property
+    def singular(self) -> bool:
+        """Whether the joints span less than they could."""
+        return self.rank < min(6, self.joints)
+
+    def sentences(self) -> tuple[str, ...]:
+        """The report in words, one fact a sentence."""
+        return (self._rank_words(), self._type_words(), self._pitch_words(), *self._border_words())
+
+    def _rank_words(self) -> str:
+        have = f"{self.joints} joint{'s' if self.joints != 1 else ''}, rank {self.rank}"
+        if self.singular:
+            return f"{have}: singular, {min(6, self.joints) - self.rank} direction(s) of motion lost."
+        return f"{have}: regular, {self.singularity_distance:.3g} away from a singularity (0 singular, 1 isotropic)."
+
+    def _type_words(self) -> str:
+        t = self.type
+        if t.dimension == 6:
+            return "The joints move the tool in every direction: there is no type to tell apart."
+        moduli = ", ".join(f"{n} = {_written(x, 6)}" for n, x in zip(t.modulus_names, t.moduli, strict=True))
+        whose = f"the reciprocal of a {6 - t.dimension}-system of" if t.reciprocal else "of"
+        return f"A {t.dimension}-system, {whose} type {t.name}{f' ({moduli})' if moduli else ''}."
+
+    def _pitch_words(self) -> str:
+        if self.blind_directions.shape[1]:
+            listed = "; ".join("(" + ", ".join(_written(x, 4) for x in v) + ")" for v in self.blind_directions[3:].T)
+            return (
+                f"No pitch h works: every pitch form is blind to translation along {listed}. "
+                "Say what may be given up, Complement(Z), or use a metric carried by a body, CarriedMetric."
+            )
+        if not len(self.principal_pitches):
+            return "Every pitch h works."
+        listed = ", ".join(_written(h, 6) for h in self.principal_pitches)
+        return f"Stay away from the principal pitches h = {listed} (length/rad): there no pseudoinverse exists."
+
+    def _border_words(self) -> tuple[str, ...]:
+        t = self.type
+        if not t.near_border:
+            return ()
+        b = t.borders[0]
+        size = f"the {b.quantity} has size {b.value:.3g}, a factor {t.margin:.3g} from {b.tolerance:.3g}"
+        return (f"Close to type {t.next}: {size}.",)
+
+
+def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
+    """Everything this floor can say of (6, m) joint twists at once.
+
+    Args:
+        J: (6, m) joint twists as columns.
+        tolerance: relative error of the twists that rank and type are to see through.
+
+    Raises:
+        BadInput: not finite (6, m), all zero, or a tolerance that is not positive.
+    """
+    twists = arrays.columns(J)
+    kind = gibson_hunt(twists, tolerance)
+    system = span(twists)
+    S = system.twists(np.eye(system.rank)[:, : kind.dimension])
+    pitches, screws, blind = np.empty(0), np.empty((6, 0)), np.empty((6, 0))
+    if kind.admits_pseudoinverse:
+        try:
+            pitches, screws = principal_screws(S)
+        except BlindSystem as error:  # within a rounding of the border: the form that sees it least decides
+            blind = error.directions
+    else:
+        # Exact in the normal form, so that nothing near zero is judged twice; S and its reciprocal share them.
+        blind = adjoint(inverse(kind.motion)).dot(blind_directions(kind.normal_form))
+    return SystemReport(
+        joints=twists.shape[1],
+        rank=kind.dimension,
+        type=kind,
+        principal_pitches=pitches,
+        principal_screws=screws,
+        blind_directions=blind,
+        constraint_wrenches=annihilator(S),
+        singularity_distance=0.0 if kind.dimension < min(6, twists.shape[1]) else _isotropy(twists),
+    )
+
+
+def _isotropy(twists: Array) -> float:
+    """Smallest over largest singular value, about the twists' own point and in their own length."""
+    moved = velocity_at(twists, resting_point(twists))
+    w, v = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(moved))
+    own = 1.0 / LENGTH_LIMIT < v / w < LENGTH_LIMIT if w > 0.0 else False
+    sigma = np.linalg.svd(np.vstack((twists[:3], moved * (w / v if own else 1.0))), compute_uv=False)
+    return float(sigma[-1] / sigma[0])

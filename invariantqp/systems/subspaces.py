@@ -1,0 +1,142 @@
+"""Screw systems as subspaces: bases, reciprocals, annihilators, sums and meets, each from any spanning set.
+
+    S^{perp h} = {t : t'Q_h s = 0 for all s in S},   S* = {W : W's = 0 for all s in S},   Q_h S^{perp h} = S*
+
+Every answer is a basis, twists or wrenches as columns, in the caller's unit of length. The dimension of each follows
+from the one decision of rank in `span`; a (6, 0) answer is the zero system.
+
+Reference: [DS] (2.10), (2.11), Theorem 3.1 (ii), Sect. 6.3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.systems.span import RANK_TOLERANCE, Span, span
+
+
+def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
+    """A basis of the screw system that (6, m) twists span: (6, k), orthonormal up to the unit of length.
+
+    Raises:
+        BadInput: J is not finite (6, m).
+
+    Reference: [DS] Sect. 2.2.
+    """
+    system = span(J, tolerance)
+    return system.twists(np.eye(system.rank))
+
+
+def _complement(columns: Array) -> Array:
+    """An orthonormal basis of what is orthogonal to independent columns (6, k)."""
+    Q: Array = np.linalg.qr(columns, mode="complete")[0]
+    return Q[:, columns.shape[1] :]
+
+
+def _in_unit(columns: Array, unit: float) -> Array:
+    result = columns.copy()
+    result[3:] *= unit
+    return result
+
+
+def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
+    """The h-reciprocal system S^{perp h}: every twist that Q_h pairs to zero with all of S.
+
+    Args:
+        S: (6, m) spanning twists of a k-system, dependent or not.
+        h: finite pitch [length/rad]; 0 is reciprocity in the ordinary sense.
+
+    Returns:
+        (6, 6-k) basis.
+
+    Raises:
+        BadInput: S is not finite (6, m), or h is not finite.
+
+    Reference: [DS] (2.10), (2.11).
+    """
+    pitch = finite_pitch(h)
+    system = span(S)
+    return _in_unit(_complement(pitch_form(pitch / system.unit).dot(system.basis)), system.unit)
+
+
+def annihilator(S: ArrayLike) -> Array:
+    """The wrenches that do no work on any twist of S, S* = Q_0 S^{perp 0}; for wrenches, the twists they do not resist.
+
+    Args:
+        S: (6, m) spanning twists of a k-system.
+
+    Returns:
+        (6, 6-k) basis, wrenches (m; f).
+
+    Raises:
+        BadInput: S is not finite (6, m).
+
+    Reference: [DS] Sect. 6.1 (before (6.5)), Sect. 6.3.
+    """
+    system = span(S)
+    return _in_unit(_complement(system.basis), 1.0 / system.unit)
+
+
+def system_sum(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
+    """A basis (6, k) of S1 + S2, all twists s1 + s2.
+
+    Args:
+        first: (6, m1) spanning twists.
+        second: (6, m2) spanning twists.
+        tolerance: angle below which two directions count as one.
+
+    Raises:
+        BadInput: either is not finite (6, m).
+    """
+    joined, _, unit = _joined(arrays.columns(first, "first"), arrays.columns(second, "second"), tolerance)
+    return _in_unit(joined.basis, unit)
+
+
+def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
+    """A basis (6, k) of S1 meet S2, the twists in both; dim meet = dim S1 + dim S2 - dim sum.
+
+    Args:
+        first: (6, m1) spanning twists.
+        second: (6, m2) spanning twists.
+        tolerance: angle below which two directions count as one.
+
+    Raises:
+        BadInput: either is not finite (6, m).
+    """
+    joined, bases, unit = _joined(arrays.columns(first, "first"), arrays.columns(second, "second"), tolerance)
+    # U1 a + U2 b = 0 says that U1 a lies in both; the joint directions that move nothing are those (a; b).
+    still = np.linalg.qr(joined.right, mode="complete")[0][:, joined.rank :]
+    k = bases[0].shape[1]
+    shared = bases[0].dot(still[:k]) - bases[1].dot(still[k:])
+    return _in_unit(np.linalg.qr(shared)[0], unit) if still.shape[1] else np.empty((6, 0))
+
+
+def _joined(first: Array, second: Array, tolerance: float) -> tuple[Span, tuple[Array, Array], float]:
+    """The span of two systems' orthonormal bases side by side, those bases, and the unit of length they share."""
+    unit = span(np.hstack((first, second))).unit
+    scale = np.array([[1.0], [1.0], [1.0], [unit], [unit], [unit]])
+    bases = span(first / scale, unit=1.0).basis, span(second / scale, unit=1.0).basis
+    return span(np.hstack(bases), tolerance, unit=1.0), bases, unit
+
+
+def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERANCE) -> Array:
+    """A basis (6, k) of S meet S^{perp h}: the twists of S that Q_h cannot tell from zero within S.
+
+    It is the zero system exactly where S has an h-pseudoinverse.
+
+    Args:
+        S: (6, m) spanning twists.
+        h: finite pitch [length/rad].
+        tolerance: angle between S and S^{perp h} below which they meet.
+
+    Raises:
+        BadInput: S is not finite (6, m), or h is not finite.
+
+    Reference: [DS] Theorem 3.1 (ii).
+    """
+    other = reciprocal(S, h)
+    return system_meet(S, other, tolerance) if other.shape[1] else np.empty((6, 0))

@@ -1,0 +1,54 @@
+"""Screw systems of every type, moved by random rigid motions and mixed by random basis changes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import invariantqp as iq
+from invariantqp.systems.normal_form import MODULUS_NAMES, normal_form
+
+CLASSES = sorted(MODULUS_NAMES)
+DISTINCT = {(2, "IA"), (3, "IA1"), (3, "IA2"), (3, "IB3")}  # whose pitches must differ
+WITHOUT = {"h=inf", "IC", "IIC", "IID", "IB3"}  # and IIB, of either dimension: no h works
+
+
+def admits(name):
+    return name not in WITHOUT | {"IIB"}
+
+
+def moduli(rng, key):
+    names = MODULUS_NAMES[key]
+    values = [abs(rng.uniform(-1.0, 1.0)) if n == "p" else rng.uniform(-1.0, 1.0) for n in names]
+    return tuple(sorted(values)) if key in DISTINCT - {(3, "IA2")} else tuple(values)
+
+
+def motion(rng, reach=2.0):
+    """A random rotation (uniform) and a translation of a few units."""
+    T = iq.exp(np.concatenate((rng.normal(size=3) * 2.0, np.zeros(3))))
+    T[:3, 3] = rng.normal(size=3) * reach
+    return T
+
+
+def reciprocal_of(S):
+    """The reciprocal system by numpy alone: the orthogonal complement of Q_0 S."""
+    U = np.linalg.svd(np.vstack((S[3:], S[:3])))[0]
+    return U[:, S.shape[1] :]
+
+
+def sample(rng, key, *, upper=False, noise=0.0, extra=0):
+    """(J, moduli): a random member of a class (or of its reciprocals) from k + extra columns, relative noise added."""
+    values = moduli(rng, key)
+    S = normal_form(*key, values)
+    if upper:
+        S = reciprocal_of(S)
+    k = S.shape[1]
+    J = iq.adjoint(motion(rng)) @ S @ rng.normal(size=(k, k + extra))
+    return J + noise * np.abs(J).max() * rng.normal(size=J.shape), values
+
+
+def distance(S, R):
+    """Sine of the largest angle between the spans of S (k columns) and R (any number), by numpy alone."""
+    k = S.shape[1]
+    outside = np.linalg.svd(S)[0][:, k:]
+    inside = np.linalg.svd(R)[0][:, :k]
+    return np.linalg.norm(outside.T @ inside, 2) if outside.shape[1] else 0.0
