@@ -25,8 +25,8 @@ from invariantqp.velocity.regular import regular_velocity
 
 # A twist missed by less than this fraction of itself is met: no guard can find anything to gain there.
 MET_TOLERANCE = 1e-9
-# A joint this close to its bound, relative to the bound's size (or 1), is at it.
-ACTIVE_TOLERANCE = 1e-9
+# A joint this close to its bound, relative to its speed (or 1), is at it: interior-point solvers stop that far inside.
+ACTIVE_TOLERANCE = 1e-6
 # Below this |mu| ratio an undamped solution is computed from the factored J, which keeps the digits that G lost.
 FACTORED_RATIO = 1e-4
 # Of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find.
