@@ -20,6 +20,9 @@ from invariantqp.geometry.se3 import velocity_at
 
 # Directions along which moving p changes |J_v(p)| by less than this fraction are free: all axes are parallel to them.
 PARALLEL_TOLERANCE = 1e-12
+# det A over its trace cubed (at most 1/27): above this the adjugate loses less than four digits.
+WELL_POSED = 1e-4
+NOTHING_FREE = np.empty((3, 0))
 
 
 class Centre(NamedTuple):
@@ -32,11 +35,23 @@ class Centre(NamedTuple):
 def _stationary_point(twists: Array) -> tuple[Array, Array]:
     """Least-norm minimiser of |v + omega x p|_F over p, and an orthonormal basis of the directions left free."""
     w, v = twists[:3], twists[3:]
-    moment = w.dot(v.T)
-    b = np.array(
-        [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
-    )  # sum of w x v
-    spread, axes = np.linalg.eigh(w.dot(w.T))
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = w.dot(v.T).tolist()
+    b = (yz - zy, zx - xz, xy - yx)  # the sum of w x v
+    spread = w.dot(w.T)
+    (xx, s, t), (_, yy, r), (_, _, zz) = spread.tolist()
+    # A p = b with A = |w|^2 I - w w', by its adjugate: a tick has no time for more where A is well away from singular.
+    k, m, n = yy + zz, xx + zz, xx + yy
+    cofactors = np.array(
+        (
+            (m * n - r * r, s * n + t * r, t * m + s * r),
+            (s * n + t * r, k * n - t * t, r * k + s * t),
+            (t * m + s * r, r * k + s * t, k * m - s * s),
+        )
+    )
+    determinant = k * (m * n - r * r) - s * (s * n + t * r) - t * (t * m + s * r)
+    if determinant > WELL_POSED * (k + m + n) ** 3:
+        return cofactors.dot(b) / determinant, NOTHING_FREE
+    spread, axes = np.linalg.eigh(spread)
     stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
     fixed = stiffness > PARALLEL_TOLERANCE * stiffness[0]
     along = axes[:, fixed]
