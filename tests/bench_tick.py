@@ -1,7 +1,7 @@
 """How long one tick takes, side by side in one run: ours, a hand-written Pinocchio + DAQP loop, and Pink with DAQP.
 
-Run with `pytest tests/bench_tick.py --benchmark-enable -n 0`; not collected by a plain `pytest`, and nothing is asserted
-about time. Each tick is pose, Jacobian, law and limits for the Panda on the states of tasks/panda_path.toml.
+Run with `pytest tests/bench_tick.py --benchmark-enable -n 0`; a plain `pytest` does not collect it, and nothing is
+asserted about time. Each tick is pose, Jacobian, law and limits for the Panda on the states of tasks/panda_path.toml.
 """
 
 import daqp

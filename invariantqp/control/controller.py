@@ -108,7 +108,9 @@ class Controller:
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
         if metric is None and units_mix(J):
             warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
-        self.law = VelocityLaw(form_of(form, J), damping_of(damping), guard_of(guard), metric, backend_of(backend))
+        self.law = VelocityLaw(
+            form_of(form, J), damping_of(damping), guard_of(guard), metric, backend_of(backend), self.dt
+        )
         self.posture_gain = _posture_gain(posture) if m > 6 else 0.0
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
         self._follows_tool = isinstance(self.law.form, CarriedMetric) and self.law.form.follows_tool

@@ -9,6 +9,8 @@ Trouble is a status with a reason, never an exception.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +19,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
 from invariantqp.velocity.backends import SolverFailure, largest_scale, minimise
 from invariantqp.velocity.convexify import Convexified, is_singular
-from invariantqp.velocity.damping import Adaptive
-from invariantqp.velocity.guard import Scene
+from invariantqp.velocity.damping import Adaptive, Fixed
+from invariantqp.velocity.guard import Guard, Scene
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
 from invariantqp.velocity.objective import PitchForm, gram_data
 from invariantqp.velocity.regular import regular_velocity
@@ -31,6 +33,8 @@ ACTIVE_TOLERANCE = 1e-6
 FACTORED_RATIO = 1e-4
 # Of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find.
 SCALE_MARGIN = 1.0 - 1e-9
+# Residual damping mu = this dt |s - Jx|_W |J|_W: enough to stop every arm tried from rattling at a target out of reach.
+RESIDUAL_DAMPING = 0.5
 # Rows that cannot be met by more than this, relative, are reported as unmet.
 UNMET_TOLERANCE = 1e-9
 
@@ -142,7 +146,11 @@ class _Tick:
                 x, problem = self._bounded(problem)
             except SolverFailure as failure:
                 return self._held(f"no velocity found: {failure}")
-        x, blend = self._guarded(problem, x)
+        try:
+            x, blend = self._guarded(problem, x)
+        except SolverFailure as failure:
+            self.troubles.append(f"neither guarded nor quiet: {failure}")
+            blend = 0.0
         x, active = self._clipped(x)
         if problem.reduction.unmet > UNMET_TOLERANCE:
             self.troubles.append(f"{problem.reduction.unmet:.1e} of the exact rows is beyond these joints")
@@ -204,26 +212,47 @@ class _Tick:
         return problem.reduction.joint(solved.z)
 
     def _guarded(self, problem: Problem, x: Array) -> tuple[Array, float]:
-        """The guarded velocity, and how much of least squares the guard blended into it."""
-        guard = self.law.guard
-        if guard is None:
+        """The velocity that neither climbs nor rattles where the twist is missed, and the guard's share of it."""
+        guard, dt = self.law.guard, self.law.dt
+        if guard is None and dt == 0.0:
             return x, 0.0
-        scene = guard.scene(self.demand.J, self.demand.s, self.demand.anchor)
-        if scene.surely_enough(scene.decrease(x)):
+        demand = self.demand
+        scene = (guard or Guard()).scene(demand.J, demand.s, demand.anchor)
+        size = float(np.vdot(scene.J, scene.J))
+        # A velocity held for dt turns J by about dt |J x|: what is missed comes back as a step that long.
+        missed = scene.missed(x)
+        quiet = RESIDUAL_DAMPING * dt * missed * sqrt(size)
+        if quiet > MET_TOLERANCE * size:
+            scene = replace(scene, damping=quiet)
+            if demand.posture is not None:  # a posture is for joints the task leaves free, not for a task that is stuck
+                share = max(0.0, 1.0 - missed / sqrt(float(scene.s.dot(scene.s))))
+                self.demand = demand._replace(posture=share * demand.posture)
+            x = self._slowed(problem, quiet / size)
+        if guard is None or scene.surely_enough(scene.decrease(x)):
             return x, 0.0
-        try:
-            best = self._least_squares(scene, problem)
-        except SolverFailure as failure:
-            self.troubles.append(f"the descent guard could not be computed: {failure}")
-            return x, 0.0
+        best = self._least_squares(scene, problem)
         t = scene.blend(x, best)
         return (x, 0.0) if t == 0.0 else ((1.0 - t) * x + t * best, t)
 
+    def _slowed(self, problem: Problem, share: float) -> Array:
+        """The form's own optimum with a share of max|mu| added to its damping."""
+        extra = share * problem.convex.largest
+        data = self.law.form.gram_data(self.demand.J, self.demand.s)
+        slowed = assemble(data, problem.reduction, self.demand, Fixed(hypot(problem.convex.damping, extra)))
+        return self._inside(slowed)
+
     def _least_squares(self, scene: Scene, problem: Problem) -> Array:
         """What least squares in W does inside the same bounds, with the same exact rows."""
-        definite = assemble(gram_data(scene.J, scene.J, scene.s, 1.0), problem.reduction, self.demand, Adaptive())
-        x = definite.unconstrained()
-        return x if is_inside(x, self.demand) else self._minimised(definite)
+        data = gram_data(scene.J, scene.J, scene.s, 1.0)
+        if scene.damping > 0.0:
+            metric = np.eye(len(data.g)) if self.law.metric is None else self.law.metric
+            data = data._replace(G=data.G + scene.damping * metric)
+        return self._inside(assemble(data, problem.reduction, self.demand, Adaptive()))
+
+    def _inside(self, problem: Problem) -> Array:
+        """The problem's optimum inside the bounds."""
+        x = problem.unconstrained()
+        return x if is_inside(x, self.demand) else self._minimised(problem)
 
     def _clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
         """The velocity without rounding past its bounds, and the joints at them."""
