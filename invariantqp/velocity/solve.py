@@ -35,6 +35,8 @@ FACTORED_RATIO = 1e-4
 SCALE_MARGIN = 1.0 - 1e-9
 # Residual damping mu = this dt |s - Jx|_W |J|_W: enough to stop every arm tried from rattling at a target out of reach.
 RESIDUAL_DAMPING = 0.5
+# Residual damping below this share of |J|_W^2 changes no digit that matters (its square, over what is damped anyway).
+QUIET_SHARE = 1e-6
 # Rows that cannot be met by more than this, relative, are reported as unmet.
 UNMET_TOLERANCE = 1e-9
 
@@ -222,7 +224,7 @@ class _Tick:
         # A velocity held for dt turns J by about dt |J x|: what is missed comes back as a step that long.
         missed = scene.missed(x)
         quiet = RESIDUAL_DAMPING * dt * missed * sqrt(size)
-        if quiet > MET_TOLERANCE * size:
+        if quiet > QUIET_SHARE * size:
             scene = replace(scene, damping=quiet)
             if demand.posture is not None:  # a posture is for joints the task leaves free, not for a task that is stuck
                 share = max(0.0, 1.0 - missed / sqrt(float(scene.s.dot(scene.s))))
