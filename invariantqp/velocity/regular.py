@@ -34,8 +34,10 @@ def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
     factor, info = lapack.dpotrf(S)
     if info != 0:
         return None
-    inverse, _ = lapack.dpotri(factor)  # upper triangle: its norm is that of the whole to within a factor of sqrt(2)
-    smallest = 1.0 / (sqrt(2.0 * np.vdot(inverse, inverse)) * norms.inverse)
+    # trace (JJ')^-1 = |U^-1|_F^2 bounds its norm. Not dpotri: OpenBLAS gives that to all its threads whatever the size, and
+    # six rows then wait milliseconds for a busy core.
+    inverse, _ = lapack.dtrtri(factor)
+    smallest = 1.0 / (np.vdot(inverse, inverse) * norms.inverse)
     largest = sqrt(np.vdot(S, S)) * norms.form
     if smallest < ACCURATE_RATIO * largest or law.damping(smallest, largest) > 0.0:
         return None
