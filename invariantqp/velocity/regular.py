@@ -34,8 +34,8 @@ def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
     factor, info = lapack.dpotrf(S)
     if info != 0:
         return None
-    # trace (JJ')^-1 = |U^-1|_F^2 bounds its norm. Not dpotri: OpenBLAS gives that to all its threads whatever the size, and
-    # six rows then wait milliseconds for a busy core.
+    # trace (JJ')^-1 = |U^-1|_F^2 bounds its norm. Not dpotri: OpenBLAS gives that to all its threads whatever the size,
+    # and six rows then wait milliseconds for a busy core.
     inverse, _ = lapack.dtrtri(factor)
     smallest = 1.0 / (np.vdot(inverse, inverse) * norms.inverse)
     largest = sqrt(np.vdot(S, S)) * norms.form
