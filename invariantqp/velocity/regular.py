@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.damping import Selective
 from invariantqp.velocity.law import Demand, VelocityLaw
 
 # The bound on |mu|_min / |mu|_max above which the normal equations keep twelve digits.
@@ -28,6 +29,8 @@ def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
     """The undamped velocity (m,) that meets the twist; None where that is not certain to be the law's answer."""
     norms = law.form.norms
     if norms is None or demand.exact is not None or law.metric is not None or demand.J.shape[1] < 6:
+        return None
+    if isinstance(law.damping, Selective):  # it looks at each direction of the spectrum
         return None
     J, s, posture = demand.J, demand.s, demand.posture
     S = J.dot(J.T)

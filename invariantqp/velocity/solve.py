@@ -19,10 +19,11 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
 from invariantqp.velocity.backends import SolverFailure, largest_scale, minimise
 from invariantqp.velocity.convexify import Convexified, is_singular
-from invariantqp.velocity.damping import Adaptive, Fixed
+from invariantqp.velocity.damping import Adaptive, Fixed, PaperLambda
 from invariantqp.velocity.guard import Guard, Scene
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
 from invariantqp.velocity.objective import PitchForm, gram_data
+from invariantqp.velocity.paper import paper_velocity
 from invariantqp.velocity.regular import regular_velocity
 
 # A twist missed by less than this fraction of itself is met: no guard can find anything to gain there.
@@ -72,6 +73,8 @@ class VelocitySolution(NamedTuple):
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     """The joint velocity for a checked demand."""
+    if isinstance(law.damping, PaperLambda):
+        return _as_printed(law, law.damping, demand)
     x = regular_velocity(law, demand)
     if x is not None and is_inside(x, demand):
         residual = _missed(demand, x)
@@ -89,6 +92,23 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
             method, reason = ("damped", damping_reason(convex)) if damped else ("closed-form", "")
             return VelocitySolution(x, method, "ok", reason, (), residual, 1.0, convex.damping, 0.0, "")
     return _Tick(law, demand).solution(problem, x)
+
+
+def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
+    """[DS]'s own formula, clipped to the bounds; exact rows are beyond it."""
+    tick = _Tick(law, demand)
+    if demand.exact is not None:
+        return tick.held("PaperLambda knows no exact rows; use another damping")
+    try:
+        x, trouble = paper_velocity(law, damping, demand)
+    except np.linalg.LinAlgError:
+        return tick.held("G + Lambda is singular: this is the pole of [DS]'s formula")
+    clipped, active = tick.clipped(x)
+    reasons = [r for r in (trouble, "" if is_inside(x, demand) else "clipped to the bounds") if r]
+    status = "degraded" if reasons else "ok"
+    size = float(np.abs(np.asarray(damping.matrix)).max())
+    residual = demand.s - demand.J.dot(clipped)
+    return VelocitySolution(clipped, "damped", status, "; ".join(reasons), active, residual, 1.0, size, 0.0, "")
 
 
 def _missed(demand: Demand, x: Array) -> Array | None:
@@ -140,20 +160,20 @@ class _Tick:
     def solution(self, problem: Problem, x: Array) -> VelocitySolution:
         """From the unconstrained optimum x to a velocity that may be commanded."""
         if not np.isfinite(x).all():
-            return self._held("the unconstrained solution overflowed: the input is out of any scale")
+            return self.held("the unconstrained solution overflowed: the input is out of any scale")
         method = "damped" if problem.convex.damping > 0.0 else "closed-form"
         if not is_inside(x, self.demand):
             method = "qp"
             try:
                 x, problem = self._bounded(problem)
             except SolverFailure as failure:
-                return self._held(f"no velocity found: {failure}")
+                return self.held(f"no velocity found: {failure}")
         try:
             x, blend = self._guarded(problem, x)
         except SolverFailure as failure:
             self.troubles.append(f"neither guarded nor quiet: {failure}")
             blend = 0.0
-        x, active = self._clipped(x)
+        x, active = self.clipped(x)
         if problem.reduction.unmet > UNMET_TOLERANCE:
             self.troubles.append(f"{problem.reduction.unmet:.1e} of the exact rows is beyond these joints")
         return VelocitySolution(
@@ -256,7 +276,7 @@ class _Tick:
         x = problem.unconstrained()
         return x if is_inside(x, self.demand) else self._minimised(problem)
 
-    def _clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
+    def clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
         """The velocity without rounding past its bounds, and the joints at them."""
         lower, upper = self.asked.lower, self.asked.upper
         x = np.minimum(np.maximum(x, lower), upper)
@@ -264,7 +284,7 @@ class _Tick:
         at = (x <= lower + margin) | (x >= upper - margin)
         return x, tuple(np.flatnonzero(at).tolist())
 
-    def _held(self, reason: str) -> VelocitySolution:
-        x, active = self._clipped(np.zeros(len(self.asked.lower)))
+    def held(self, reason: str) -> VelocitySolution:
+        x, active = self.clipped(np.zeros(len(self.asked.lower)))
         residual = self.asked.s - self.asked.J.dot(x)
         return VelocitySolution(x, "hold", "held", reason, active, residual, 0.0, 0.0, 0.0, "")
