@@ -88,7 +88,7 @@ class Adaptive:
 class Selective:
     """Each direction damped by itself: near zero as `Adaptive`, and so that it contributes at most a given speed.
 
-    lambda_i^2 = max(adaptive(|mu_i|)^2, |mu_i| (|v_i'g| / speed - |mu_i|)), hence |x_i| <= speed in every direction v_i:
+    lambda_i^2 = max(adaptive(|mu_i|)^2, |mu_i| (|v_i'g| / speed - |mu_i|)), hence |x_i| <= speed along every v_i:
     the invariant analogue of selectively damped least squares.
 
     Attributes:
