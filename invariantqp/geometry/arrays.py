@@ -82,8 +82,8 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     a = array(value, argument, expected)
     a = np.diag(a) if a.ndim == 1 else a
     a = matrix(a, (size, size), argument)
-    size = np.sqrt(np.abs(np.diag(a)))
-    if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.outer(size, size)).any():
+    root = np.sqrt(np.abs(np.diag(a)))
+    if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.outer(root, root)).any():
         raise BadInput(argument, "a matrix that is not symmetric", expected, "Pass (A + A.T) / 2 if that is meant.")
     try:
         np.linalg.cholesky(a)
