@@ -199,8 +199,9 @@ class _Tick:
         H, c = problem.convex.qp()
         solved = minimise(self.law.backend, H, c, problem.reduction, self.demand.lower, self.demand.upper)
         self.backend = solved.backend
-        if solved.trouble:
-            self.troubles.append(f"{solved.trouble}; solved by {solved.backend}")
+        said = f"{solved.trouble}; solved by {solved.backend}"
+        if solved.trouble and said not in self.troubles:  # the guard's QP may fail as the law's did
+            self.troubles.append(said)
         return problem.reduction.joint(solved.z)
 
     def _guarded(self, problem: Problem, x: Array) -> tuple[Array, float]:
