@@ -10,7 +10,6 @@ from __future__ import annotations
 import difflib
 import warnings
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 import daqp
@@ -233,7 +232,7 @@ def _checked(backend: Backend, qp: BoxQP) -> Array:
         raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
     if z.shape != qp.c.shape:
         raise SolverFailure(backend.name, f"answer of shape {z.shape}, not {qp.c.shape}")
-    if not isfinite(z.dot(z)):
+    if not np.isfinite(z).all():
         raise SolverFailure(backend.name, "answer that is not finite")
     value = z if qp.C is None else qp.C.dot(z)
     excess = max(float((qp.lower - value).max()), float((value - qp.upper).max()))
@@ -266,6 +265,10 @@ def minimise(backend: Backend, H: Array, c: Array, reduction: Reduction, lower: 
     """
     if reduction.basis is not None:
         lower, upper = lower - reduction.origin, upper - reduction.origin
+    if not len(c):  # the rows leave nothing free: x0 or nothing
+        if (lower > 0.0).any() or (upper < 0.0).any():
+            raise SolverFailure("the exact rows", "their only velocity is outside the bounds", infeasible=True)
+        return Solved(c, "", "")
     qp, unit = _scaled(H, c, lower, upper, reduction.basis)
     troubles: list[str] = []
     infeasible = False

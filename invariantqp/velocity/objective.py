@@ -104,9 +104,10 @@ class CarriedMetric:
             if self.pose != "tool":
                 raise BadInput("pose", repr(self.pose), 'a (4, 4) pose or "tool"')
             return
-        A = se3.coadjoint(self.pose)
+        A, B = se3.coadjoint(self.pose), se3.adjoint(self.pose)
         carried = A.dot(W).dot(A.T)
-        norms = Norms(float(np.linalg.norm(carried)), float(np.linalg.norm(np.linalg.inv(carried))))
+        inverse = B.dot(np.linalg.inv(W)).dot(B.T)
+        norms = Norms(float(np.linalg.norm(carried)), float(np.linalg.norm(inverse)))
         _set(self, pose=arrays.pose(self.pose), _W=carried, norms=norms)
 
     @property
