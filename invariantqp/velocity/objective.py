@@ -158,7 +158,14 @@ class Complement:
         """G projects on the joint motions that K'J sees, g = G x for the x with K'Jx = K's.
 
         Neither the basis of K nor its lengths enter: (G, g) has the row space of K'J and the solution alone.
+
+        Raises:
+            BadInput: Z and J together cannot fill six dimensions, so that a frame would have to decide.
         """
+        c, m = np.shape(self.Z)[1], J.shape[1]
+        if c + m < 6:
+            found = f"{c} column{'s' if c != 1 else ''}"
+            raise BadInput("Z", found, f"at least {6 - m} for {m} joints", "Say all that may be given up.")
         U, sigma, Vt = np.linalg.svd(self._K.T.dot(J), full_matrices=False)
         r = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
         rows = Vt[:r]

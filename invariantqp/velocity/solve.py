@@ -188,6 +188,7 @@ class _Tick:
         alpha = largest_scale(problem.reduction, self.demand.lower, self.demand.upper)
         if alpha is None:
             self.troubles.append("the limits leave no velocity along the exact rows, not even zero; rows dropped")
+            self.scale = 0.0
             self.demand = self.demand._replace(exact=None, anchor=None)
         else:
             self.scale = alpha * SCALE_MARGIN
