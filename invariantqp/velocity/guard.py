@@ -3,9 +3,9 @@
     f(x) = 1/2 |s|_W^2 - 1/2 |s - Jx|_W^2,   W = diag(L^2 I, I) carried to the arm's own point
     keep x_h where f(x_h) >= eta f(x_W);   else x = (1 - t) x_h + t x_W, the smallest t that reaches eta f(x_W)
 
-x_W is the least-squares velocity inside the same limits, damped near a singularity as the law is. The blend stays inside
-them (they are convex), is continuous in the data, moves with every change of frame as x_h does, and is x_h wherever x_h
-meets the twist.
+x_W is the least-squares velocity inside the same limits, damped near a singularity as the law is. The blend stays
+inside them (they are convex), is continuous in the data, moves with every change of frame as x_h does, and is x_h
+wherever x_h meets the twist.
 """
 
 from __future__ import annotations

@@ -29,8 +29,9 @@ MET_TOLERANCE = 1e-9
 ACTIVE_TOLERANCE = 1e-9
 # Below this |mu| ratio an undamped solution is computed from the factored J, which keeps the digits that G lost.
 FACTORED_RATIO = 1e-4
-# Of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find.
-SCALE_MARGIN = 1.0 - 1e-9
+# Given away of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find; the
+# next one where it finds none.
+SCALE_MARGINS = (1e-9, 1e-7, 1e-5)
 # Rows that cannot be met by more than this, relative, are reported as unmet.
 UNMET_TOLERANCE = 1e-9
 
@@ -190,11 +191,21 @@ class _Tick:
             self.troubles.append("the limits leave no velocity along the exact rows, not even zero; rows dropped")
             self.scale = 0.0
             self.demand = self.demand._replace(exact=None, anchor=None)
-        else:
-            self.scale = alpha * SCALE_MARGIN
-            self.demand = self.demand.slowed(self.scale)
+            problem = self.law.build(self.demand)
+            return self._minimised(problem), problem
+        return self._slowed(self.demand, alpha, SCALE_MARGINS)
+
+    def _slowed(self, demand: Demand, alpha: float, margins: tuple[float, ...]) -> tuple[Array, Problem]:
+        """The optimum at the share alpha of the demanded speed, but for the first margin that a solver can do with."""
+        self.scale = alpha * (1.0 - margins[0])
+        self.demand = demand.slowed(self.scale)
         problem = self.law.build(self.demand)
-        return self._minimised(problem), problem
+        try:
+            return self._minimised(problem), problem
+        except SolverFailure as failure:
+            if not failure.infeasible or len(margins) == 1:
+                raise
+        return self._slowed(demand, alpha, margins[1:])
 
     def _minimised(self, problem: Problem) -> Array:
         H, c = problem.convex.qp()
@@ -216,7 +227,8 @@ class _Tick:
         try:
             best = self._least_squares(scene, problem)
         except SolverFailure as failure:
-            self.troubles.append(f"the descent guard could not be computed: {failure}")
+            if not (failure.infeasible and self.scale < 1.0):  # slowed to the edge: there is no room to do better in
+                self.troubles.append(f"the descent guard could not be computed: {failure}")
             return x, 0.0
         t = scene.blend(x, best)
         return (x, 0.0) if t == 0.0 else ((1.0 - t) * x + t * best, t)
