@@ -23,6 +23,9 @@ PARALLEL_TOLERANCE = 1e-12
 # det A over its trace cubed (at most 1/27): above this the adjugate loses less than four digits.
 WELL_POSED = 1e-4
 NOTHING_FREE = np.empty((3, 0))
+# A point this many of the arm's lengths away (of the caller's units where it has none) is what rounding makes of a
+# twist that does not turn across the axes; measured from there, every velocity nearby would count as nothing.
+FAR = 1e6
 
 
 class Centre(NamedTuple):
@@ -62,18 +65,22 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     """The arm's own point and length for (6, m) joint twists.
 
     Where all axes are parallel (a planar arm) the point is free along them; `twist` (6,), if given, settles it as the
-    point of that line which the twist moves least.
+    point of that line which the twist moves least, unless it is out of sight: a twist that does not turn across the
+    axes moves all their points alike.
 
     Raises:
         BadInput: J is not finite (6, m).
     """
     twists = arrays.columns(J)
     p, free = _stationary_point(twists)
+    turning = np.vdot(twists[:3], twists[:3])
+    moving = velocity_at(twists, p)
+    length = sqrt(np.vdot(moving, moving) / turning) if turning > 0.0 else inf
     if free.shape[1] and twist is not None:
         s = arrays.twist(twist)
         # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
         across = np.cross(s[:3], free, axis=0)
-        p = p - free.dot(np.linalg.pinv(across).dot(velocity_at(s, p)))
-    turning = np.vdot(twists[:3], twists[:3])
-    moving = velocity_at(twists, p)
-    return Centre(p, sqrt(np.vdot(moving, moving) / turning) if turning > 0.0 else inf)
+        along = np.linalg.pinv(across).dot(velocity_at(s, p))
+        if sqrt(along.dot(along)) <= FAR * (length if 0.0 < length < inf else 1.0):
+            p = p - free.dot(along)
+    return Centre(p, length)
