@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
 
 # A singular value of A M^-1/2 below this fraction of the largest is a dependent row.
 ROW_TOLERANCE = 1e-10
@@ -43,6 +44,50 @@ class ExactRows:
             raise BadInput("A", f"shape {A.shape}", "(k, m), one row a demand")
         object.__setattr__(self, "A", arrays.matrix(A, (None, A.shape[1]), "A"))
         object.__setattr__(self, "b", arrays.vector(self.b, len(A), "b"))
+
+    def with_rows(self, others: ExactRows) -> ExactRows:
+        """These rows and others, of the same joints.
+
+        Raises:
+            BadInput: rows on another number of joints.
+        """
+        A, B = np.asarray(self.A), np.asarray(others.A)
+        if A.shape[1] != B.shape[1]:
+            raise BadInput("others", f"rows on {B.shape[1]} joints", f"rows on {A.shape[1]}")
+        return ExactRows(np.vstack((A, B)), np.concatenate((np.asarray(self.b), np.asarray(others.b))))
+
+    @classmethod
+    def point(cls, J: ArrayLike, point: ArrayLike, velocity: ArrayLike) -> ExactRows:
+        """The velocity (3,) of the body point now at `point` (3,), v + omega x p, for joint twists J (6, m)."""
+        return cls(velocity_at(arrays.columns(J), arrays.vector(point, 3, "point")), velocity)
+
+    @classmethod
+    def axis(cls, J: ArrayLike, axis: ArrayLike, omega: ArrayLike) -> ExactRows:
+        """How a direction (3,) fixed in the body turns: omega (3,) but for its part about the axis itself.
+
+        Raises:
+            BadInput: a zero axis.
+        """
+        a = arrays.vector(axis, 3, "axis")
+        length = float(np.linalg.norm(a))
+        if length == 0.0:
+            raise BadInput("axis", "the zero vector", "a direction")
+        across = np.linalg.svd(a.reshape(1, 3) / length)[2][1:]
+        return cls(across.dot(arrays.columns(J)[:3]), across.dot(arrays.vector(omega, 3, "omega")))
+
+    @classmethod
+    def plane(cls, J: ArrayLike, point: ArrayLike, normal: ArrayLike, speed: float) -> ExactRows:
+        """The speed of the body point now at `point` (3,) along `normal` (3,), of any length: its way from a plane.
+
+        Raises:
+            BadInput: a zero normal.
+        """
+        n = arrays.vector(normal, 3, "normal")
+        length = float(np.linalg.norm(n))
+        if length == 0.0:
+            raise BadInput("normal", "the zero vector", "a direction")
+        moves = velocity_at(arrays.columns(J), arrays.vector(point, 3, "point"))
+        return cls((n / length).dot(moves).reshape(1, -1), [arrays.number(speed, "speed")])
 
 
 class Reduction(NamedTuple):

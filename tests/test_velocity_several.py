@@ -1,0 +1,117 @@
+"""Several tasks: sums, strict priority, limits, and what a lower level may not touch."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import invariantqp as iq
+
+WIDE = 50.0
+
+
+def arm(rng, m):
+    axes = rng.normal(size=(3, m))
+    axes /= np.linalg.norm(axes, axis=0)
+    return np.vstack((axes, np.cross(rng.normal(size=(m, 3)), axes.T).T))
+
+
+def box(m, size):
+    return iq.Bounds(np.full(m, -size), np.full(m, size))
+
+
+@pytest.mark.parametrize("m", [3, 5, 6, 7, 8])
+def test_one_task_is_the_velocity_law_without_its_guard(rng, m):
+    J, s = arm(rng, m), rng.normal(size=6)
+    for bounds in (None, box(m, 0.2)):
+        alone = iq.solve_velocity(J, s, form=0.7, bounds=bounds, guard=False)
+        among = iq.solve_tasks([iq.TwistTask(J, s, form=0.7)], bounds=bounds)
+        assert np.allclose(among.velocity, alone.velocity, rtol=1e-7, atol=1e-9)
+
+
+def test_a_joint_task_alone_is_met():
+    wanted = np.array([0.1, -0.2, 0.3])
+    assert np.allclose(iq.solve_tasks([iq.JointTask(wanted)]).velocity, wanted)
+
+
+def test_the_weighted_sum_is_the_optimum_of_the_sum(rng):
+    J, s, rest = arm(rng, 4), rng.normal(size=6), rng.normal(size=4)
+    x = iq.solve_tasks([iq.TwistTask(J, s, form=0.5, weight=2.0), iq.JointTask(rest, weight=0.3)]).velocity
+    mu, V = np.linalg.eigh(J.T @ iq.pitch_form(0.5) @ J)
+    g = J.T @ iq.pitch_form(0.5) @ s
+    H = V @ np.diag(np.abs(mu)) @ V.T
+    best = V @ ((V.T @ g) / mu)
+
+    def cost(y):
+        return (y - best) @ H @ (y - best) + 0.15 * (y - rest) @ (y - rest)
+
+    found = minimize(cost, np.zeros(4), method="BFGS", options={"gtol": 1e-12}).x
+    assert np.allclose(x, found, atol=1e-6)
+
+
+def test_a_lower_level_moves_only_what_the_higher_leaves_free(rng):
+    J, s, rest = arm(rng, 8), 0.3 * rng.normal(size=6), rng.normal(size=8)
+    first = iq.TwistTask(J, s, form=0.5, priority=0)
+    second = iq.JointTask(rest, priority=1)
+    both = iq.solve_tasks([second, first], bounds=box(8, WIDE))
+    assert np.allclose(J @ both.velocity, s, atol=1e-9)
+    null = np.linalg.svd(J)[2][6:]
+    assert np.allclose(null @ both.velocity, null @ rest, atol=1e-9)
+
+
+def test_priority_holds_at_the_limits_too(rng):
+    for _ in range(20):
+        J, s, rest = arm(rng, 8), 2.0 * rng.normal(size=6), 5.0 * rng.normal(size=8)
+        bounds = box(8, 0.5)
+        alone = iq.solve_tasks([iq.TwistTask(J, s, form=0.5)], bounds=bounds)
+        both = iq.solve_tasks([iq.TwistTask(J, s, form=0.5), iq.JointTask(rest, priority=1)], bounds=bounds)
+        assert np.abs(both.velocity).max() <= 0.5
+        assert both.status == "ok"
+        assert np.allclose(J @ both.velocity, J @ alone.velocity, atol=1e-7)
+        assert np.linalg.norm(both.velocity - rest) <= np.linalg.norm(alone.velocity - rest) + 1e-9
+
+
+def test_a_change_of_frame_changes_nothing(rng):
+    J, K, s, t = arm(rng, 7), arm(rng, 7), rng.normal(size=6), rng.normal(size=6)
+    K[:, 4:] = 0.0  # an elbow: the last joints do not move it
+    Ad = iq.adjoint(iq.exp(rng.normal(size=6)))
+    bounds = box(7, 0.4)
+
+    def solved(A):
+        tasks = [iq.TwistTask(A @ J, A @ s, 0.4), iq.TwistTask(A @ K, A @ t, -0.3, weight=0.2)]
+        return iq.solve_tasks([*tasks, iq.JointTask(np.zeros(7), weight=0.01)], bounds=bounds).velocity
+
+    assert np.allclose(solved(np.eye(6)), solved(Ad), rtol=0.0, atol=1e-10)
+
+
+def test_exact_rows_come_before_every_level(rng):
+    J, s = arm(rng, 7), rng.normal(size=6)
+    rows = iq.ExactRows(rng.normal(size=(2, 7)), 0.1 * rng.normal(size=2))
+    x = iq.solve_tasks([iq.TwistTask(J, s, 0.4), iq.JointTask(np.ones(7), priority=3)], exact=rows).velocity
+    assert np.allclose(np.asarray(rows.A) @ x, rows.b, atol=1e-12)
+
+
+def test_rows_from_geometry(rng):
+    J, x = arm(rng, 6), rng.normal(size=6)
+    twist, p, a = J @ x, rng.normal(size=3), rng.normal(size=3)
+    v = twist[3:] + np.cross(twist[:3], p)
+    point, plane = iq.ExactRows.point(J, p, v), iq.ExactRows.plane(J, p, 3.0 * a, v @ a / np.linalg.norm(a))
+    axis = iq.ExactRows.axis(J, a, twist[:3] + 0.7 * a)  # turning about the axis itself is nobody's demand
+    rows = point.with_rows(plane).with_rows(axis)
+    assert np.shape(rows.A) == (6, 6)
+    assert np.allclose(np.asarray(rows.A) @ x, rows.b)
+
+
+def test_bad_tasks_are_refused(rng):
+    J, s = arm(rng, 4), np.ones(6)
+    with pytest.raises(iq.BadInput, match="none"):
+        iq.solve_tasks([])
+    with pytest.raises(iq.BadInput, match="4 joints|5 joints"):
+        iq.solve_tasks([iq.TwistTask(J, s), iq.JointTask(np.zeros(5))])
+    with pytest.raises(iq.BadInput, match="weight"):
+        iq.JointTask(np.zeros(4), weight=0.0)
+    with pytest.raises(iq.BadInput, match="NaN"):
+        iq.TwistTask(J, np.full(6, np.nan))
+    with pytest.raises(iq.BadInput, match="PaperLambda"):
+        iq.solve_tasks([iq.TwistTask(J, s)], damping=iq.PaperLambda(0.1))
+    with pytest.raises(iq.BadInput, match="zero vector"):
+        iq.ExactRows.axis(J, np.zeros(3), np.zeros(3))
