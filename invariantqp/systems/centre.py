@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.span import LENGTH_LIMIT
 
 # Directions along which moving p changes |J_v(p)| by less than this fraction are free: all axes are parallel to them.
 PARALLEL_TOLERANCE = 1e-12
@@ -29,18 +30,33 @@ class Centre(NamedTuple):
     length: float
 
 
-def _stationary_point(twists: Array) -> tuple[Array, Array]:
-    """Least-norm minimiser of |v + omega x p|_F over p, and an orthonormal basis of the directions left free."""
+class Resting(NamedTuple):
+    """Point (3,) that the twists move least, the nearest to the origin of those; free (3, f) directions it may move."""
+
+    point: Array
+    free: Array
+
+
+def resting_point(twists: Array, tolerance: float = PARALLEL_TOLERANCE, longest: float = LENGTH_LIMIT) -> Resting:
+    """The least-norm minimiser of |v + omega x p|_F over p, for checked (6, m) twists.
+
+    Args:
+        twists: (6, m).
+        tolerance: share of the largest stiffness of |J_v(p)|^2 against p below which a direction is free.
+        longest: |J_v| / |J_omega| above which no joint turns: the point is the origin, and free.
+    """
     w, v = twists[:3], twists[3:]
+    if np.vdot(v, v) > longest * longest * np.vdot(w, w):
+        return Resting(np.zeros(3), np.eye(3))
     moment = w.dot(v.T)
     b = np.array(
         [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
     )  # sum of w x v
     spread, axes = np.linalg.eigh(w.dot(w.T))
     stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
-    fixed = stiffness > PARALLEL_TOLERANCE * stiffness[0]
+    fixed = stiffness > tolerance * stiffness[0]
     along = axes[:, fixed]
-    return along.dot(along.T.dot(b) / stiffness[fixed]), axes[:, ~fixed]
+    return Resting(along.dot(along.T.dot(b) / stiffness[fixed]), axes[:, ~fixed])
 
 
 def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
@@ -53,12 +69,13 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
         BadInput: J is not finite (6, m).
     """
     twists = arrays.columns(J)
-    p, free = _stationary_point(twists)
+    p, free = resting_point(twists)
     if free.shape[1] and twist is not None:
         s = arrays.twist(twist)
         # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
         across = np.cross(s[:3], free, axis=0)
         p = p - free.dot(np.linalg.pinv(across).dot(velocity_at(s, p)))
-    turning = np.vdot(twists[:3], twists[:3])
+    if free.shape[1] == 3:  # no joint turns
+        return Centre(p, inf)
     moving = velocity_at(twists, p)
-    return Centre(p, sqrt(np.vdot(moving, moving) / turning) if turning > 0.0 else inf)
+    return Centre(p, sqrt(np.vdot(moving, moving) / np.vdot(twists[:3], twists[:3])))

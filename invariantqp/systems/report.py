@@ -17,7 +17,7 @@ from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
-from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, resting_point
+from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
 from invariantqp.systems.span import LENGTH_LIMIT, span
 from invariantqp.systems.subspaces import annihilator
@@ -137,7 +137,7 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
 
 def _isotropy(twists: Array) -> float:
     """Smallest over largest singular value, about the twists' own point and in their own length."""
-    moved = velocity_at(twists, resting_point(twists))
+    moved = velocity_at(twists, own_point(twists))
     w, v = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(moved))
     own = 1.0 / LENGTH_LIMIT < v / w < LENGTH_LIMIT if w > 0.0 else False
     sigma = np.linalg.svd(np.vstack((twists[:3], moved * (w / v if own else 1.0))), compute_uv=False)
