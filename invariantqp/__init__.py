@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from invariantqp.compare.frames import FrameCheck, frame_check
-    from invariantqp.control.controller import Controller
+    from invariantqp.control.controller import Controller, tool_metric
     from invariantqp.control.picture import picture
     from invariantqp.control.simulate import Trace, run_task
     from invariantqp.control.taskfile import Task, load_task, shipped_tasks
@@ -69,7 +69,7 @@ __version__ = "0.1.0"
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
     "compare.frames": ("FrameCheck", "frame_check"),
-    "control.controller": ("Controller",),
+    "control.controller": ("Controller", "tool_metric"),
     "control.picture": ("picture",),
     "control.simulate": ("Trace", "run_task"),
     "control.taskfile": ("Task", "load_task", "shipped_tasks"),

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from invariantqp.geometry.arrays import Array
 
 
-# Numbers below this are written as 0 in sentences: in unit vectors, and in lengths in any unit a machine is measured in,
+# Numbers below this are written as 0 in sentences: in unit vectors, and in lengths in any unit of a machine,
 # they are rounding.
 WRITTEN_ZERO = 1e-9
 
