@@ -22,6 +22,9 @@ from invariantqp.systems.span import LENGTH_LIMIT
 # Directions along which moving p changes |J_v(p)| by less than this fraction are free: all axes are parallel to them.
 PARALLEL_TOLERANCE = 1e-12
 
+# A twist whose axis is this many times the arm's size away turns across the free directions by rounding alone.
+FARTHEST = 1e6
+
 
 class Centre(NamedTuple):
     """Point p (3,) [length] and length L [length/rad]; L is inf where no joint turns, 0 where all axes meet in p."""
@@ -70,12 +73,19 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     """
     twists = arrays.columns(J)
     p, free = resting_point(twists)
-    if free.shape[1] and twist is not None:
-        s = arrays.twist(twist)
-        # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
-        across = np.cross(s[:3], free, axis=0)
-        p = p - free.dot(np.linalg.pinv(across).dot(velocity_at(s, p)))
-    if free.shape[1] == 3:  # no joint turns
-        return Centre(p, inf)
     moving = velocity_at(twists, p)
-    return Centre(p, sqrt(np.vdot(moving, moving) / np.vdot(twists[:3], twists[:3])))
+    # The same wherever along the free directions p is: every axis is parallel to them.
+    length = inf if free.shape[1] == 3 else sqrt(np.vdot(moving, moving) / np.vdot(twists[:3], twists[:3]))
+    if free.shape[1] and twist is not None:
+        p = _settled(p, free, arrays.twist(twist), length)
+    return Centre(p, length)
+
+
+def _settled(p: Array, free: Array, s: Array, length: float) -> Array:
+    """The point p + free t that the twist s moves least; p itself where s turns about the free directions alone."""
+    # Only the component of omega across the free directions moves the point: w x (free t) = across t.
+    across, moved = np.cross(s[:3], free, axis=0), velocity_at(s, p)
+    reach = length + sqrt(p.dot(p))
+    if reach > 0.0 and np.linalg.norm(across) < np.linalg.norm(moved) / (FARTHEST * reach):
+        return p
+    return np.asarray(p - free.dot(np.linalg.pinv(across).dot(moved)))
