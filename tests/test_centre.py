@@ -40,3 +40,12 @@ def test_slides_have_no_length_and_neither_have_those_that_turn_by_rounding():
     assert iq.centre(slides).length == np.inf
     np.testing.assert_array_equal(iq.centre(slides).point, 0.0)
     np.testing.assert_array_equal(iq.centre(slides, [0, 0, 0, 1, 2, 3]).point, 0.0)
+
+
+@pytest.mark.parametrize("reach", [0.0, 1.0, 1e3])
+def test_axes_that_meet_have_no_length_either(reach):
+    rng = np.random.default_rng(2)
+    p = reach * rng.normal(size=3)
+    wrist = np.array([iq.revolute(rng.normal(size=3), p) for _ in range(3)]).T
+    assert iq.centre(wrist).length == 0.0
+    np.testing.assert_allclose(iq.centre(wrist).point, p, atol=1e-12 * reach)

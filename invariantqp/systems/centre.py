@@ -75,10 +75,17 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     p, free = resting_point(twists)
     moving = velocity_at(twists, p)
     # The same wherever along the free directions p is: every axis is parallel to them.
-    length = inf if free.shape[1] == 3 else sqrt(np.vdot(moving, moving) / np.vdot(twists[:3], twists[:3]))
+    length = inf if free.shape[1] == 3 else _length(twists, moving)
     if free.shape[1] and twist is not None:
         p = _settled(p, free, arrays.twist(twist), length)
     return Centre(p, length)
+
+
+def _length(twists: Array, moving: Array) -> float:
+    """|J_v(p)| / |J_omega|; 0 where all axes meet but for rounding, which is relative to how far off they do."""
+    turning, moved = (sqrt(np.vdot(a, a)) for a in (twists[:3], moving))
+    met = moved * LENGTH_LIMIT <= max(sqrt(np.vdot(twists[3:], twists[3:])), turning)
+    return 0.0 if met else moved / turning
 
 
 def _settled(p: Array, free: Array, s: Array, length: float) -> Array:
