@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +19,7 @@ from invariantqp.printing import print_frame_check, print_inspection, print_run,
 
 BAD_INPUT = 2
 NOT_ACCEPTED = 1
+PICTURES = (".png", ".svg", ".pdf")
 
 app = typer.Typer(
     help="Task-space velocity control of robot arms whose answers do not depend on frames or length units.",
@@ -85,8 +87,8 @@ def run(
     from invariantqp.control.taskfile import load_task
 
     problem = load_task(task)
-    for file in (json_file, plot):
-        _writable(file)
+    _writable(json_file)
+    _drawable(plot)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
         trace = run_task(problem, progress=report, **overrides)
@@ -161,8 +163,8 @@ def inspect(
 
     if q is not None and samples is not None:
         raise BadInput("--q", "--samples beside it", "one of them: a state, or the range")
-    for file in (json_file, plot):
-        _writable(file)
+    _writable(json_file)
+    _drawable(plot)
     loaded = arm(robot, tool)
     state = None if q is None else _numbers(q)
     with progress("looking", samples is None) as report:
@@ -184,6 +186,15 @@ def _writable(file: Path | None) -> None:
         raise BadInput(str(file), "a folder that does not exist", "a file in an existing folder")
     if file.is_dir():
         raise BadInput(str(file), "a folder", "the name of a file")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise BadInput(str(file), "a place that may not be written to", "a file in a folder of yours")
+
+
+def _drawable(file: Path | None) -> None:
+    """Refuse an ending that no picture has, likewise."""
+    _writable(file)
+    if file is not None and file.suffix.lower() not in PICTURES:
+        raise BadInput(str(file), f"the ending {file.suffix!r}", f"one of {', '.join(PICTURES)}")
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from invariantqp.robots.kinematics import Robot
 SWEEP = 121
 # Pitches go to infinity towards states in which no pitch works; drawn is what is within this many recommended pitches.
 VIEW = 4.0
+RANGE, ALONE = "states of the range", "this joint alone"
 LINE, DOT, ADVICE, STATE = COLOURS[0], COLOURS[4], COLOURS[5], "#777777"
 
 
@@ -63,9 +64,10 @@ def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Pat
         axes[1, 0].set_ylim(bottom=0.0)
         _absent(axes[0], inspection)
         figure.suptitle(_title(inspection), fontsize=10)
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        if handles:
-            figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), frameon=False)
+        marks = {
+            label: handle for a in axes.ravel() for handle, label in zip(*a.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=len(marks), frameon=False)
         figure.savefig(path, dpi=120)
         plt.close(figure)
     return Path(path)
@@ -77,11 +79,10 @@ def _pitches(axes: Axes, joint: int, swept: Survey, inspection: Inspection) -> N
         dots = _regular(seen, seen.attainable_rank)
         if np.isfinite(dots).any():
             x = np.repeat(seen.q[:, joint], dots.shape[1])
-            axes.plot(x, dots.ravel(), ".", color=DOT, markersize=3, alpha=0.5, label="states of the range")
+            axes.plot(x, dots.ravel(), ".", color=DOT, markersize=3, alpha=0.5, label=RANGE)
         lines = _regular(swept, seen.attainable_rank)
         for k in np.flatnonzero(np.isfinite(lines).any(axis=0)).tolist():
-            label = "this joint alone" if k == 0 else "_"
-            axes.plot(swept.q[:, joint], lines[:, k], color=LINE, linewidth=1.4, label=label)
+            axes.plot(swept.q[:, joint], lines[:, k], color=LINE, linewidth=1.4, label=ALONE)
     if h is not None:
         axes.axhline(h, color=ADVICE, linestyle="--", linewidth=1.2, label=f"recommended h = {written(h, 3)}")
         axes.set_ylim(-VIEW * abs(h), VIEW * abs(h))
@@ -93,14 +94,15 @@ def _regular(states: Survey, rank: int) -> Array:
 
 
 def _distance(axes: Axes, joint: int, swept: Survey, seen: Survey) -> None:
-    axes.plot(seen.q[:, joint], seen.distance, ".", color=DOT, markersize=3, alpha=0.5)
-    axes.plot(swept.q[:, joint], swept.distance, color=LINE, linewidth=1.4)
+    axes.plot(seen.q[:, joint], seen.distance, ".", color=DOT, markersize=3, alpha=0.5, label=RANGE)
+    axes.plot(swept.q[:, joint], swept.distance, color=LINE, linewidth=1.4, label=ALONE)
 
 
 def _absent(row: Array, inspection: Inspection) -> None:
     """Say why there is nothing to see where there is nothing to see."""
     if inspection.recommended.form == "carried":
         said = "no pitch works"
+        row[0].set_yticks([])
     elif inspection.survey.attainable_rank == 6:
         said = "every pitch works"
     else:
@@ -113,4 +115,4 @@ def _title(inspection: Inspection) -> str:
     advice = inspection.recommended
     use = f"pitch form, h = {written(advice.h, 3)}" if advice.h is not None else "metric carried by the tool"
     seen = inspection.survey
-    return f"{inspection.robot} to {inspection.tool}: rank {seen.attainable_rank}; recommended: {use}"
+    return f"{Path(inspection.robot).name} to {inspection.tool}: rank {seen.attainable_rank}; recommended: {use}"
