@@ -210,3 +210,9 @@ def test_the_picture_of_pitches(tmp_path):
     for said in ("five to tool_point: rank 5", f"recommended h = {found.recommended.h:.3g}", "states of the range"):
         assert said in text
     assert iq.pitch_picture(found, robot, tmp_path / "p.png").stat().st_size > 20_000
+
+
+def test_frames_that_share_their_names_with_joints_are_found():
+    # A link of the Z1 is called like the fixed joint before it; a tool may be a joint's own frame.
+    assert len(arm("z1").names) == 6
+    assert len(arm("panda", "panda_joint7").names) == 7
