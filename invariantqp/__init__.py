@@ -60,7 +60,7 @@ if TYPE_CHECKING:
         system_sum,
     )
     from invariantqp.velocity.backends import Osqp
-    from invariantqp.velocity.damping import Adaptive, Fixed
+    from invariantqp.velocity.damping import Adaptive, Fixed, None_, PaperLambda, Selective
     from invariantqp.velocity.exact import ExactRows
     from invariantqp.velocity.guard import Guard
     from invariantqp.velocity.limits import Bounds
@@ -110,7 +110,7 @@ _HOME = {
     "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
     "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
     "velocity.backends": ("Osqp",),
-    "velocity.damping": ("Adaptive", "Fixed"),
+    "velocity.damping": ("Adaptive", "Fixed", "None_", "PaperLambda", "Selective"),
     "velocity.exact": ("ExactRows",),
     "velocity.guard": ("Guard",),
     "velocity.limits": ("Bounds",),

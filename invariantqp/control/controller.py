@@ -83,6 +83,7 @@ class Controller:
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
         exact: Literal["position"] | None = None,
+        point: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """Make the loop's fixed part.
 
@@ -97,7 +98,8 @@ class Controller:
                 joints; True is 1/s, False switches it off.
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
-            exact: "position" to meet the tool point exactly.
+            exact: "position" to meet the position of a point of the tool exactly and let the form judge the rest.
+            point: (3,) that point in the tool frame; the frame's origin by default.
 
         Raises:
             BadInput: a dt or gain that is not positive, gain above 1/dt, or an argument `solve_velocity` would refuse.
@@ -112,12 +114,15 @@ class Controller:
         if exact not in (None, "position"):
             raise BadInput("exact", repr(exact), '"position" or None')
         self.exact = exact
+        self._point = arrays.vector(point, 3, "point")
         mid = middle(robot)
         J = robot.jacobian(mid)
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
         if metric is None and units_mix(J):
             warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
-        self.law = VelocityLaw(form_of(form, J), damping_of(damping), guard_of(guard), metric, backend_of(backend))
+        self.law = VelocityLaw(
+            form_of(form, J), damping_of(damping), guard_of(guard), metric, backend_of(backend), self.dt
+        )
         self.posture_gain = _posture_gain(posture) if m > 6 else 0.0
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
         self._follows_tool = isinstance(self.law.form, CarriedMetric) and self.law.form.follows_tool
@@ -155,7 +160,7 @@ class Controller:
 
     def _point_rows(self, sighting: Sighting, target: Any, feedforward: ArrayLike | None) -> tuple[ExactRows, Array]:
         """Velocity of the tool point, demanded exactly; and the point."""
-        point, wanted = self.robot.points(sighting, target)
+        point, wanted = self.robot.points(sighting, target, self._point)
         b: Array = self.gain * (wanted - point)
         if feedforward is not None:
             b += velocity_at(np.asarray(feedforward, dtype=np.float64), wanted)

@@ -153,6 +153,7 @@ def our_controller(robot: Robot, law: LawSpec) -> Controller:
         joint_metric=law.joint_metric,
         backend=law.backend,
         exact=law.exact,
+        point=law.point,
     )
 
 
@@ -187,7 +188,8 @@ def run_task(
     pose = task.path.along(robot, start)
     offset = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
     moved = robot if tool_offset is None else robot.with_tool(offset)
-    loop = controller(moved, law)
+    same_point = se3.inverse(offset).dot([*law.point, 1.0])[:3]
+    loop = controller(moved, law.model_copy(update={"point": tuple(same_point.tolist())}))
     n = max(1, round(task.path.duration / law.dt))
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     wanted = [pose(t) for t in time.tolist()]

@@ -102,6 +102,7 @@ class LawSpec(_Strict):
     pitch: Number | None = Field(None, description="h [m/rad]; left out: the arm's own length", examples=[0.3])
     damping: Number | None = Field(None, ge=0.0, description="lambda [m]; left out: adaptive", examples=[0.0])
     exact: Literal["position"] | None = Field(None, examples=["position"])
+    point: Vector3 = Field((0.0, 0.0, 0.0), description="of the tool, met exactly [m]", examples=[[0.0, 0.0, 0.1]])
     guard: StrictBool = True
     posture: StrictBool = True
     joint_metric: list[Positive] | None = Field(

@@ -2,7 +2,8 @@
 
     s'Q_h s = 2 (omega.v - h omega.omega)          Q_h = [[-2h I, I], [I, 0]]      Q_h^-1 = [[0, I], [I, 2h I]]
 
-Q_h is indefinite, signature (3, 3), for every finite h; Q_inf = -2 diag(I, 0) is the Killing form, degenerate.
+Q_h is indefinite, signature (3, 3), for every finite h; Q_inf = -2 diag(I, 0), half the Killing form,
+is degenerate.
 We leave out the factor 1/2 of [DS] (2.6), as its own Examples 1 and 4 and Sect. 6.3 do.
 
 Reference: [DS] Theorem 2.1, (2.6), Sect. 6.3.
@@ -23,7 +24,7 @@ def invariant_form(alpha: float, beta: float) -> Array:
     """The general member of the pencil, [[-2 alpha I, beta I], [beta I, 0]]; Q_h is alpha = h, beta = 1.
 
     Args:
-        alpha: weight of the Killing form [length].
+        alpha: weight of the (half) Killing form [length].
         beta: weight of the Klein form (dimensionless).
 
     Returns:
@@ -45,7 +46,7 @@ def pitch_form(h: float) -> Array:
     """Q_h, the invariant form of pitch h; its null twists are those of pitch h.
 
     Args:
-        h: pitch [length/rad], a float or +-inf for the Killing form.
+        h: pitch [length/rad], a float, or +-inf for half the Killing form.
 
     Returns:
         (6, 6) symmetric matrix.

@@ -76,9 +76,10 @@ class Chain:
         J, T = self._moved(q)
         return Sighting(J, se3.displacement(self.target(target).pose.dot(se3.inverted(T))), T)
 
-    def points(self, sighting: Sighting, target: ArrayLike | Target) -> tuple[Array, Array]:
-        """(3,) tool point and (3,) target point."""
-        return sighting.pose[:3, 3], self.target(target).pose[:3, 3]
+    def points(self, sighting: Sighting, target: ArrayLike | Target, point: Array) -> tuple[Array, Array]:
+        """Where a point (3,) of the tool frame is, and where it should be."""
+        T, wanted = sighting.pose, self.target(target).pose
+        return T[:3, :3].dot(point) + T[:3, 3], wanted[:3, :3].dot(point) + wanted[:3, 3]
 
     def with_tool(self, offset: ArrayLike) -> Chain:
         """The same chain with its tool frame moved by a (4, 4) offset in the old tool frame."""

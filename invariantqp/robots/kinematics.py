@@ -68,8 +68,8 @@ class Robot(Protocol):
         """Joint twists and tool error at a checked q, for what `target` returned."""
         ...
 
-    def points(self, sighting: Sighting, target: Any) -> tuple[Array, Array]:
-        """(3,) tool point and (3,) target point [length]."""
+    def points(self, sighting: Sighting, target: Any, point: Array) -> tuple[Array, Array]:
+        """Where a point (3,) of the tool frame is, and where it should be [length]."""
         ...
 
     def with_tool(self, offset: ArrayLike) -> Robot:

@@ -77,10 +77,10 @@ class PinocchioRobot:
         wanted = target if isinstance(target, pin.SE3) else self.target(target)
         return Sighting(J, pin.log6(wanted.act(M.inverse())).vector.take(ANGULAR_FIRST), M)
 
-    def points(self, sighting: Sighting, target: ArrayLike | pin.SE3) -> tuple[Array, Array]:
-        """(3,) tool point and (3,) target point."""
+    def points(self, sighting: Sighting, target: ArrayLike | pin.SE3, point: Array) -> tuple[Array, Array]:
+        """Where a point (3,) of the tool frame is, and where it should be."""
         wanted = target if isinstance(target, pin.SE3) else self.target(target)
-        return sighting.pose.translation, wanted.translation
+        return sighting.pose.act(point), wanted.act(point)
 
     def with_tool(self, offset: ArrayLike) -> PinocchioRobot:
         """The same arm with its tool frame moved by a (4, 4) offset in the old tool frame."""

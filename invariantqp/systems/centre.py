@@ -21,6 +21,9 @@ from invariantqp.systems.span import LENGTH_LIMIT
 
 # Directions along which moving p changes |J_v(p)| by less than this fraction are free: all axes are parallel to them.
 PARALLEL_TOLERANCE = 1e-12
+# det A over its trace cubed (at most 1/27): above this the adjugate loses less than four digits.
+WELL_POSED = 1e-4
+NOTHING_FREE = np.empty((3, 0))
 
 # A twist whose axis is this many times the arm's size away turns across the free directions by rounding alone.
 FARTHEST = 1e6
@@ -49,13 +52,25 @@ def resting_point(twists: Array, tolerance: float = PARALLEL_TOLERANCE, longest:
         longest: |J_v| / |J_omega| above which no joint turns: the point is the origin, and free.
     """
     w, v = twists[:3], twists[3:]
-    if np.vdot(v, v) > longest * longest * np.vdot(w, w):
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = w.dot(v.T).tolist()
+    b = (yz - zy, zx - xz, xy - yx)  # the sum of w x v
+    spread = w.dot(w.T)
+    (xx, s, t), (_, yy, r), (_, _, zz) = spread.tolist()
+    # A p = b with A = |w|^2 I - w w', by its adjugate: a tick has no time for more where A is well away from singular.
+    k, m, n = yy + zz, xx + zz, xx + yy
+    if np.vdot(v, v) > 0.5 * (k + m + n) * longest * longest:  # k + m + n = 2 |w|^2
         return Resting(np.zeros(3), np.eye(3))
-    moment = w.dot(v.T)
-    b = np.array(
-        [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
-    )  # sum of w x v
-    spread, axes = np.linalg.eigh(w.dot(w.T))
+    cofactors = np.array(
+        (
+            (m * n - r * r, s * n + t * r, t * m + s * r),
+            (s * n + t * r, k * n - t * t, r * k + s * t),
+            (t * m + s * r, r * k + s * t, k * m - s * s),
+        )
+    )
+    determinant = k * (m * n - r * r) - s * (s * n + t * r) - t * (t * m + s * r)
+    if determinant > WELL_POSED * (k + m + n) ** 3:
+        return Resting(cofactors.dot(b) / determinant, NOTHING_FREE)
+    spread, axes = np.linalg.eigh(spread)
     stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
     fixed = stiffness > tolerance * stiffness[0]
     along = axes[:, fixed]
@@ -83,9 +98,10 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
 
 def _length(twists: Array, moving: Array) -> float:
     """|J_v(p)| / |J_omega|; 0 where all axes meet but for rounding, which is relative to how far off they do."""
-    turning, moved = (sqrt(np.vdot(a, a)) for a in (twists[:3], moving))
-    met = moved * LENGTH_LIMIT <= max(sqrt(np.vdot(twists[3:], twists[3:])), turning)
-    return 0.0 if met else moved / turning
+    turning, moved = float(np.vdot(twists[:3], twists[:3])), float(np.vdot(moving, moving))
+    if moved * LENGTH_LIMIT**2 <= max(float(np.vdot(twists[3:], twists[3:])), turning):
+        return 0.0
+    return sqrt(moved / turning)
 
 
 def _settled(p: Array, free: Array, s: Array, length: float) -> Array:

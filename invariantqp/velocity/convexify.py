@@ -13,14 +13,14 @@ Reference: [DS] Sect. 6.2 with Lambda = lambda^2 G^-1; H is the fundamental-symm
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import SINGULAR_RATIO, Damping
+from invariantqp.velocity.damping import SINGULAR_RATIO, Damping, Selective
 
 # What a null direction costs in the QP, relative to max|mu|: small beside any direction the task needs (those are
 # damped below 1e-4), so that a limit is paid for in the null space first; large enough to keep H well inside float64.
@@ -35,7 +35,7 @@ class Convexified(NamedTuple):
         V: (n, n) eigenvectors.
         null: indices of the directions that the twist cannot determine, left to the posture.
         optimum: (n,) V'z*, the unconstrained optimum in eigenvector coordinates.
-        damping: lambda [unit of G].
+        squared: lambda^2 [unit of G squared]; (n,) where each direction has its own.
         smallest: the smallest |mu| outside `null`, 0 where there is none.
         largest: max|mu|, 0 where G is rounding.
     """
@@ -44,9 +44,14 @@ class Convexified(NamedTuple):
     V: Array
     null: list[int]
     optimum: Array
-    damping: float
+    squared: float | Array
     smallest: float
     largest: float
+
+    @property
+    def damping(self) -> float:
+        """The largest lambda in use [unit of G]; 0 where nothing is damped."""
+        return sqrt(self.squared) if isinstance(self.squared, float) else sqrt(float(self.squared.max()))
 
     def solution(self) -> Array:
         """The unconstrained optimum z*."""
@@ -55,16 +60,18 @@ class Convexified(NamedTuple):
 
     def given_up(self) -> Array:
         """(n,) p, the fraction of each direction left to the posture; without damping 1 on `null` and 0 elsewhere."""
-        return _left_over(self.mu, self.damping, self.null)
+        return _left_over(self.mu, self.squared, self.null)
 
     def qp(self) -> tuple[Array, Array]:
         """H (n, n) positive definite and c (n,), of minimise 1/2 z'Hz - c'z."""
-        weight = np.sqrt(self.mu * self.mu + self.damping**2) + NULL_WEIGHT * (self.largest or 1.0) * self.given_up()
+        weight = np.sqrt(self.mu * self.mu + self.squared) + NULL_WEIGHT * (self.largest or 1.0) * self.given_up()
         return (self.V * weight).dot(self.V.T), self.V.dot(weight * self.optimum)
 
 
-def _left_over(mu: Array, damping: float, null: list[int]) -> Array:
-    p = damping**2 / (mu * mu + damping**2) if damping > 0.0 else np.zeros(len(mu))
+def _left_over(mu: Array, squared: float | Array, null: list[int]) -> Array:
+    divisor = mu * mu + squared
+    divisor[divisor == 0.0] = 1.0  # undamped null directions, which are set below
+    p: Array = squared / divisor
     p[null] = 1.0
     return p
 
@@ -94,21 +101,27 @@ def convexify(
         largest, rank = 0.0, 0
     null = order[: len(order) - rank]
     smallest = magnitude[order[-rank]] if rank else 0.0
-    lam = damping(smallest, largest) if rank else 0.0
-    if lam == 0.0:
-        optimum = g.dot(V)
+    optimum = g.dot(V)
+    squared: float | Array = 0.0
+    if isinstance(damping, Selective):
+        squared = damping.squares(mu, optimum, largest) if rank else 0.0
+    elif rank:
+        squared = damping(smallest, largest) ** 2
+    if isinstance(squared, float) and squared == 0.0:
         for i in null:
             mu[i] = inf  # nothing to divide by: the posture takes these over
         optimum /= mu
         for i in null:
             mu[i] = 0.0
             optimum[i] = 0.0 if posture is None else posture.dot(V[:, i])
-        return Convexified(mu, V, null, optimum, lam, smallest, largest)
-    optimum = mu / (mu * mu + lam * lam) * g.dot(V)
+        return Convexified(mu, V, null, optimum, squared, smallest, largest)
+    divisor = mu * mu + squared
+    divisor[null] = 1.0
+    optimum *= mu / divisor
     optimum[null] = 0.0
     if posture is not None:
-        optimum += _left_over(mu, lam, null) * posture.dot(V)
-    return Convexified(mu, V, null, optimum, lam, smallest, largest)
+        optimum += _left_over(mu, squared, null) * posture.dot(V)
+    return Convexified(mu, V, null, optimum, squared, smallest, largest)
 
 
 def is_singular(problem: Convexified) -> bool:

@@ -73,16 +73,23 @@ class Scene:
         J: (6, m).
         s: (6,).
         fraction: eta.
+        damping: mu, what a joint velocity costs [unit of J'WJ].
     """
 
     J: Array
     s: Array
     fraction: float
+    damping: float = 0.0
+
+    def missed(self, x: Array) -> float:
+        """|s - Jx|_W."""
+        r = self.s - self.J.dot(x)
+        return sqrt(float(r.dot(r)))
 
     def decrease(self, x: Array) -> float:
-        """f(x), the decrease of the squared error to first order in time."""
+        """f(x), the decrease of the squared error to first order in time, less 1/2 mu |x|^2."""
         r = self.s - self.J.dot(x)
-        return 0.5 * float(self.s.dot(self.s) - r.dot(r))
+        return 0.5 * float(self.s.dot(self.s) - r.dot(r) - self.damping * x.dot(x))
 
     def surely_enough(self, decrease: float) -> bool:
         """Whether no velocity whatever could ask for more: f <= 1/2 |s|_W^2 everywhere."""
@@ -96,9 +103,10 @@ class Scene:
         missing = wanted - have
         if missing <= 0.0:
             return 0.0
-        step = self.J.dot(x_W - x_h)
-        slope = float(step.dot(self.s - self.J.dot(x_h)))
-        curvature = float(step.dot(step))
+        d = x_W - x_h
+        step = self.J.dot(d)
+        slope = float(step.dot(self.s - self.J.dot(x_h)) - self.damping * x_h.dot(d))
+        curvature = float(step.dot(step) + self.damping * d.dot(d))
         discriminant = slope * slope - 2.0 * curvature * missing
         root = slope + sqrt(discriminant) if discriminant > 0.0 else slope
         t = 2.0 * missing / root if root > 0.0 else inf

@@ -75,6 +75,8 @@ class VelocityLaw:
         guard: the descent guard, or None to switch it off.
         metric: (m, m) joint metric, or None for the identity.
         backend: who solves the QPs.
+        dt: how long the velocity is held [s], for the residual damping that keeps a loop still where its target is out
+            of reach; 0 is none.
     """
 
     form: Form
@@ -82,6 +84,7 @@ class VelocityLaw:
     guard: Guard | None = field(default_factory=Guard)
     metric: Array | None = None
     backend: Backend = field(default_factory=Daqp)
+    dt: float = 0.0
 
     def build(self, demand: Demand) -> Problem:
         """The convex problem whose optimum is the stationary point of the form, filtered."""

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.damping import Selective
 from invariantqp.velocity.law import Demand, VelocityLaw
 
 # The bound on |mu|_min / |mu|_max above which the normal equations keep twelve digits.
@@ -29,13 +30,17 @@ def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
     norms = law.form.norms
     if norms is None or demand.exact is not None or law.metric is not None or demand.J.shape[1] < 6:
         return None
+    if isinstance(law.damping, Selective):  # it looks at each direction of the spectrum
+        return None
     J, s, posture = demand.J, demand.s, demand.posture
     S = J.dot(J.T)
     factor, info = lapack.dpotrf(S)
     if info != 0:
         return None
-    inverse, _ = lapack.dpotri(factor)  # upper triangle: its norm is that of the whole to within a factor of sqrt(2)
-    smallest = 1.0 / (sqrt(2.0 * np.vdot(inverse, inverse)) * norms.inverse)
+    # trace (JJ')^-1 = |U^-1|_F^2 bounds its norm. Not dpotri: OpenBLAS gives that to all its threads whatever the size,
+    # and six rows then wait milliseconds for a busy core.
+    inverse, _ = lapack.dtrtri(factor)
+    smallest = 1.0 / (np.vdot(inverse, inverse) * norms.inverse)
     largest = sqrt(np.vdot(S, S)) * norms.form
     if smallest < ACCURATE_RATIO * largest or law.damping(smallest, largest) > 0.0:
         return None

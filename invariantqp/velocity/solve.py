@@ -9,6 +9,8 @@ Trouble is a status with a reason, never an exception.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,20 +19,25 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
 from invariantqp.velocity.backends import SolverFailure, largest_scale, minimise
 from invariantqp.velocity.convexify import Convexified, is_singular
-from invariantqp.velocity.damping import Adaptive
-from invariantqp.velocity.guard import Scene
+from invariantqp.velocity.damping import Adaptive, Fixed, PaperLambda
+from invariantqp.velocity.guard import Guard, Scene
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
 from invariantqp.velocity.objective import PitchForm, gram_data
+from invariantqp.velocity.paper import paper_velocity
 from invariantqp.velocity.regular import regular_velocity
 
 # A twist missed by less than this fraction of itself is met: no guard can find anything to gain there.
 MET_TOLERANCE = 1e-9
-# A joint this close to its bound, relative to the bound's size (or 1), is at it.
-ACTIVE_TOLERANCE = 1e-9
+# A joint this close to its bound, relative to its speed (or 1), is at it: interior-point solvers stop that far inside.
+ACTIVE_TOLERANCE = 1e-6
 # Below this |mu| ratio an undamped solution is computed from the factored J, which keeps the digits that G lost.
 FACTORED_RATIO = 1e-4
 # Of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find.
 SCALE_MARGIN = 1.0 - 1e-9
+# Residual damping mu = this dt |s - Jx|_W |J|_W: enough to stop every arm tried from rattling at a target out of reach.
+RESIDUAL_DAMPING = 0.5
+# Residual damping below this share of |J|_W^2 changes no digit that matters (its square, over what is damped anyway).
+QUIET_SHARE = 1e-6
 # Rows that cannot be met by more than this, relative, are reported as unmet.
 UNMET_TOLERANCE = 1e-9
 
@@ -66,6 +73,8 @@ class VelocitySolution(NamedTuple):
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     """The joint velocity for a checked demand."""
+    if isinstance(law.damping, PaperLambda):
+        return _as_printed(law, law.damping, demand)
     x = regular_velocity(law, demand)
     if x is not None and is_inside(x, demand):
         residual = _missed(demand, x)
@@ -83,6 +92,23 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
             method, reason = ("damped", damping_reason(convex)) if damped else ("closed-form", "")
             return VelocitySolution(x, method, "ok", reason, (), residual, 1.0, convex.damping, 0.0, "")
     return _Tick(law, demand).solution(problem, x)
+
+
+def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
+    """[DS]'s own formula, clipped to the bounds; exact rows are beyond it."""
+    tick = _Tick(law, demand)
+    if demand.exact is not None:
+        return tick.held("PaperLambda knows no exact rows; use another damping")
+    try:
+        x, trouble = paper_velocity(law, damping, demand)
+    except np.linalg.LinAlgError:
+        return tick.held("G + Lambda is singular: this is the pole of [DS]'s formula")
+    clipped, active = tick.clipped(x)
+    reasons = [r for r in (trouble, "" if is_inside(x, demand) else "clipped to the bounds") if r]
+    status = "degraded" if reasons else "ok"
+    size = float(np.abs(np.asarray(damping.matrix)).max())
+    residual = demand.s - demand.J.dot(clipped)
+    return VelocitySolution(clipped, "damped", status, "; ".join(reasons), active, residual, 1.0, size, 0.0, "")
 
 
 def _missed(demand: Demand, x: Array) -> Array | None:
@@ -134,16 +160,20 @@ class _Tick:
     def solution(self, problem: Problem, x: Array) -> VelocitySolution:
         """From the unconstrained optimum x to a velocity that may be commanded."""
         if not np.isfinite(x).all():
-            return self._held("the unconstrained solution overflowed: the input is out of any scale")
+            return self.held("the unconstrained solution overflowed: the input is out of any scale")
         method = "damped" if problem.convex.damping > 0.0 else "closed-form"
         if not is_inside(x, self.demand):
             method = "qp"
             try:
                 x, problem = self._bounded(problem)
             except SolverFailure as failure:
-                return self._held(f"no velocity found: {failure}")
-        x, blend = self._guarded(problem, x)
-        x, active = self._clipped(x)
+                return self.held(f"no velocity found: {failure}")
+        try:
+            x, blend = self._guarded(problem, x)
+        except SolverFailure as failure:
+            self.troubles.append(f"neither guarded nor quiet: {failure}")
+            blend = 0.0
+        x, active = self.clipped(x)
         if problem.reduction.unmet > UNMET_TOLERANCE:
             self.troubles.append(f"{problem.reduction.unmet:.1e} of the exact rows is beyond these joints")
         return VelocitySolution(
@@ -204,28 +234,49 @@ class _Tick:
         return problem.reduction.joint(solved.z)
 
     def _guarded(self, problem: Problem, x: Array) -> tuple[Array, float]:
-        """The guarded velocity, and how much of least squares the guard blended into it."""
-        guard = self.law.guard
-        if guard is None:
+        """The velocity that neither climbs nor rattles where the twist is missed, and the guard's share of it."""
+        guard, dt = self.law.guard, self.law.dt
+        if guard is None and dt == 0.0:
             return x, 0.0
-        scene = guard.scene(self.demand.J, self.demand.s, self.demand.anchor)
-        if scene.surely_enough(scene.decrease(x)):
+        demand = self.demand
+        scene = (guard or Guard()).scene(demand.J, demand.s, demand.anchor)
+        size = float(np.vdot(scene.J, scene.J))
+        # A velocity held for dt turns J by about dt |J x|: what is missed comes back as a step that long.
+        missed = scene.missed(x)
+        quiet = RESIDUAL_DAMPING * dt * missed * sqrt(size)
+        if quiet > QUIET_SHARE * size:
+            scene = replace(scene, damping=quiet)
+            if demand.posture is not None:  # a posture is for joints the task leaves free, not for a task that is stuck
+                share = max(0.0, 1.0 - missed / sqrt(float(scene.s.dot(scene.s))))
+                self.demand = demand._replace(posture=share * demand.posture)
+            x = self._slowed(problem, quiet / size)
+        if guard is None or scene.surely_enough(scene.decrease(x)):
             return x, 0.0
-        try:
-            best = self._least_squares(scene, problem)
-        except SolverFailure as failure:
-            self.troubles.append(f"the descent guard could not be computed: {failure}")
-            return x, 0.0
+        best = self._least_squares(scene, problem)
         t = scene.blend(x, best)
         return (x, 0.0) if t == 0.0 else ((1.0 - t) * x + t * best, t)
 
+    def _slowed(self, problem: Problem, share: float) -> Array:
+        """The form's own optimum with a share of max|mu| added to its damping."""
+        extra = share * problem.convex.largest
+        data = self.law.form.gram_data(self.demand.J, self.demand.s)
+        slowed = assemble(data, problem.reduction, self.demand, Fixed(hypot(problem.convex.damping, extra)))
+        return self._inside(slowed)
+
     def _least_squares(self, scene: Scene, problem: Problem) -> Array:
         """What least squares in W does inside the same bounds, with the same exact rows."""
-        definite = assemble(gram_data(scene.J, scene.J, scene.s, 1.0), problem.reduction, self.demand, Adaptive())
-        x = definite.unconstrained()
-        return x if is_inside(x, self.demand) else self._minimised(definite)
+        data = gram_data(scene.J, scene.J, scene.s, 1.0)
+        if scene.damping > 0.0:
+            metric = np.eye(len(data.g)) if self.law.metric is None else self.law.metric
+            data = data._replace(G=data.G + scene.damping * metric)
+        return self._inside(assemble(data, problem.reduction, self.demand, Adaptive()))
 
-    def _clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
+    def _inside(self, problem: Problem) -> Array:
+        """The problem's optimum inside the bounds."""
+        x = problem.unconstrained()
+        return x if is_inside(x, self.demand) else self._minimised(problem)
+
+    def clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
         """The velocity without rounding past its bounds, and the joints at them."""
         lower, upper = self.asked.lower, self.asked.upper
         x = np.minimum(np.maximum(x, lower), upper)
@@ -233,7 +284,7 @@ class _Tick:
         at = (x <= lower + margin) | (x >= upper - margin)
         return x, tuple(np.flatnonzero(at).tolist())
 
-    def _held(self, reason: str) -> VelocitySolution:
-        x, active = self._clipped(np.zeros(len(self.asked.lower)))
+    def held(self, reason: str) -> VelocitySolution:
+        x, active = self.clipped(np.zeros(len(self.asked.lower)))
         residual = self.asked.s - self.asked.J.dot(x)
         return VelocitySolution(x, "hold", "held", reason, active, residual, 0.0, 0.0, 0.0, "")
