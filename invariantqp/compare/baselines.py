@@ -20,7 +20,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits import JointBox
-from invariantqp.velocity.solve import VelocitySolution
+from invariantqp.velocity.solution import VelocitySolution
 
 # The textbook damping of a script, in its own mixed units.
 DLS_DAMPING = 0.05

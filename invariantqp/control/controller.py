@@ -29,7 +29,8 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import JointBox
 from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
-from invariantqp.velocity.solve import VelocitySolution, solve
+from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solve import solve
 
 # How fast an arm with joints to spare drifts to the middle of their ranges [1/s]: a second's worth of patience, slow
 # beside any tracking gain, and what keeps it out of its limits on long paths.

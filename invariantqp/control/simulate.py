@@ -23,7 +23,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.objective import Form, PitchForm, form_of
-from invariantqp.velocity.solve import VelocitySolution
+from invariantqp.velocity.solution import VelocitySolution
 
 Progress = Callable[[int, int], None]
 MakeController = Callable[[Robot, LawSpec], Controls]

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
+# How far a_ij and a_ji may differ, relative to sqrt(a_ii a_jj): where entries cancel, rounding is all that is left.
+SYMMETRY_TOLERANCE = 1e-9
 
 
 def array(value: ArrayLike, argument: str, expected: str) -> Array:
@@ -80,7 +82,8 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     a = array(value, argument, expected)
     a = np.diag(a) if a.ndim == 1 else a
     a = matrix(a, (size, size), argument)
-    if not np.allclose(a, a.T, rtol=1e-9, atol=0.0):
+    root = np.sqrt(np.abs(np.diag(a)))
+    if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.outer(root, root)).any():
         raise BadInput(argument, "a matrix that is not symmetric", expected, "Pass (A + A.T) / 2 if that is meant.")
     try:
         np.linalg.cholesky(a)

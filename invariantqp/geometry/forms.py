@@ -58,7 +58,7 @@ def pitch_form(h: float) -> Array:
     """
     if isinstance(h, (int, float)) and isinf(h):
         return invariant_form(1.0, 0.0)
-    return invariant_form(h, 1.0)
+    return invariant_form(arrays.number(h, "h", "a pitch, finite or inf"), 1.0)
 
 
 def pitch_form_inverse(h: float) -> Array:

@@ -8,7 +8,7 @@ Reference: [DS] Sect. 2.2.
 
 from __future__ import annotations
 
-from math import inf, isinf, isnan
+from math import hypot, inf, isinf
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from invariantqp.geometry.arrays import Array
 
 def _direction(value: ArrayLike, argument: str) -> Array:
     u = arrays.vector(value, 3, argument)
-    length = float(np.linalg.norm(u))
+    length = hypot(*u.tolist())  # squares nothing that could overflow or vanish
     if length == 0.0:
         raise BadInput(argument, "the zero vector", "a direction", "Give a non-zero axis direction.")
     return u / length
@@ -35,14 +35,13 @@ def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 
         pitch: translation per radian [length/rad]; inf gives the prismatic twist along the axis.
 
     Raises:
-        BadInput: zero axis, NaN.
+        BadInput: zero axis, NaN, a pitch that is not a number.
     """
     u = _direction(axis, "axis")
-    if isnan(pitch):
-        raise BadInput("pitch", "NaN", "a pitch, finite or inf")
-    if isinf(pitch):
+    if isinstance(pitch, (int, float)) and isinf(pitch):
         return np.concatenate((np.zeros(3), u))
-    return np.concatenate((u, np.cross(arrays.vector(point, 3, "point"), u) + pitch * u))
+    h = arrays.number(pitch, "pitch", "a pitch, finite or inf")
+    return np.concatenate((u, np.cross(arrays.vector(point, 3, "point"), u) + h * u))
 
 
 def revolute(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -65,8 +64,8 @@ def pitch(twist: ArrayLike) -> float:
     if not s.any():
         raise BadInput("twist", "the zero twist", "a non-zero twist", "Only a non-zero twist has a pitch.")
     s = s / np.abs(s).max()
-    w = s[:3]
-    return float(w.dot(s[3:]) / w.dot(w)) if w.any() else inf
+    length = hypot(*s[:3].tolist())
+    return float((s[:3] / length).dot(s[3:]) / length) if length > 0.0 else inf
 
 
 def axis(twist: ArrayLike) -> tuple[Array, Array]:
@@ -76,7 +75,8 @@ def axis(twist: ArrayLike) -> tuple[Array, Array]:
         BadInput: the twist has no finite axis (zero or a pure translation).
     """
     s = arrays.twist(twist)
-    w = s[:3]
-    if not w.any():
+    length = hypot(*s[:3].tolist())
+    if length == 0.0:
         raise BadInput("twist", "a twist with omega = 0", "a twist with a finite axis", "Its direction is twist[3:].")
-    return w / np.linalg.norm(w), np.cross(w, s[3:]) / w.dot(w)
+    u = s[:3] / length
+    return u, np.cross(u, s[3:] / length)

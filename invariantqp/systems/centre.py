@@ -24,9 +24,9 @@ PARALLEL_TOLERANCE = 1e-12
 # det A over its trace cubed (at most 1/27): above this the adjugate loses less than four digits.
 WELL_POSED = 1e-4
 NOTHING_FREE = np.empty((3, 0))
-
-# A twist whose axis is this many times the arm's size away turns across the free directions by rounding alone.
-FARTHEST = 1e6
+# A point this many of the arm's lengths away (of the caller's units where it has none) is what rounding makes of a
+# twist that does not turn across the axes; measured from there, every velocity nearby would count as nothing.
+FAR = 1e6
 
 
 class Centre(NamedTuple):
@@ -81,7 +81,8 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     """The arm's own point and length for (6, m) joint twists.
 
     Where all axes are parallel (a planar arm) the point is free along them; `twist` (6,), if given, settles it as the
-    point of that line which the twist moves least.
+    point of that line which the twist moves least, unless it is out of sight: a twist that does not turn across the
+    axes moves all their points alike.
 
     Raises:
         BadInput: J is not finite (6, m).
@@ -92,7 +93,12 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     # The same wherever along the free directions p is: every axis is parallel to them.
     length = inf if free.shape[1] == 3 else _length(twists, moving)
     if free.shape[1] and twist is not None:
-        p = _settled(p, free, arrays.twist(twist), length)
+        s = arrays.twist(twist)
+        # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
+        across = np.cross(s[:3], free, axis=0)
+        along = np.linalg.pinv(across).dot(velocity_at(s, p))
+        if sqrt(along.dot(along)) <= FAR * (length if 0.0 < length < inf else 1.0):
+            p = p - free.dot(along)
     return Centre(p, length)
 
 
@@ -102,13 +108,3 @@ def _length(twists: Array, moving: Array) -> float:
     if moved * LENGTH_LIMIT**2 <= max(float(np.vdot(twists[3:], twists[3:])), turning):
         return 0.0
     return sqrt(moved / turning)
-
-
-def _settled(p: Array, free: Array, s: Array, length: float) -> Array:
-    """The point p + free t that the twist s moves least; p itself where s turns about the free directions alone."""
-    # Only the component of omega across the free directions moves the point: w x (free t) = across t.
-    across, moved = np.cross(s[:3], free, axis=0), velocity_at(s, p)
-    reach = length + sqrt(p.dot(p))
-    if reach > 0.0 and np.linalg.norm(across) < np.linalg.norm(moved) / (FARTHEST * reach):
-        return p
-    return np.asarray(p - free.dot(np.linalg.pinv(across).dot(moved)))

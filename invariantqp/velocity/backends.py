@@ -164,11 +164,14 @@ class QpSolvers:
         if self.name in qpsolvers.sparse_solvers:
             H = sparse.csc_matrix(H)
             C = None if C is None else sparse.csc_matrix(C)
+        below, above = qp.lower > -UNBOUNDED, qp.upper < UNBOUNDED  # not every solver takes 1e30 for infinity
         if C is None:
-            problem = qpsolvers.Problem(H, -qp.c, lb=qp.lower, ub=qp.upper)
+            lb, ub = np.where(below, qp.lower, -np.inf), np.where(above, qp.upper, np.inf)
+            problem = qpsolvers.Problem(H, -qp.c, lb=lb, ub=ub)
         else:
             stack = sparse.vstack if sparse.issparse(C) else np.vstack
-            problem = qpsolvers.Problem(H, -qp.c, stack([C, -C]), np.concatenate((qp.upper, -qp.lower)))
+            sides = np.concatenate((qp.upper[above], -qp.lower[below]))
+            problem = qpsolvers.Problem(H, -qp.c, stack([C[above], -C[below]]), sides)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what a foreign solver thinks of a problem is in its status
             solution = qpsolvers.solve_problem(problem, solver=self.name, **TIGHT.get(self.name, {}))
@@ -222,14 +225,18 @@ def _scaled(H: Array, c: Array, lower: Array, upper: Array, rows: Array | None) 
 
 def _checked(backend: Backend, qp: BoxQP) -> Array:
     try:
-        z = backend.solve(qp)
+        z = np.asarray(backend.solve(qp), dtype=np.float64)
     except SolverFailure:
         raise
     except Exception as error:  # whatever a solver throws becomes a status
         raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
+    if z.shape != qp.c.shape:
+        raise SolverFailure(backend.name, f"answer of shape {z.shape}, not {qp.c.shape}")
+    if not np.isfinite(z).all():
+        raise SolverFailure(backend.name, "answer that is not finite")
     value = z if qp.C is None else qp.C.dot(z)
     excess = max(float((qp.lower - value).max()), float((value - qp.upper).max()))
-    if not excess <= FEASIBILITY_TOLERANCE:  # also catches NaN
+    if excess > FEASIBILITY_TOLERANCE:
         raise SolverFailure(backend.name, f"answer {excess:.2g} outside its scaled bounds")
     return z
 
@@ -258,6 +265,10 @@ def minimise(backend: Backend, H: Array, c: Array, reduction: Reduction, lower: 
     """
     if reduction.basis is not None:
         lower, upper = lower - reduction.origin, upper - reduction.origin
+    if not len(c):  # the rows leave nothing free: x0 or nothing
+        if (lower > 0.0).any() or (upper < 0.0).any():
+            raise SolverFailure("the exact rows", "their only velocity is outside the bounds", infeasible=True)
+        return Solved(c, "", "")
     qp, unit = _scaled(H, c, lower, upper, reduction.basis)
     troubles: list[str] = []
     infeasible = False
@@ -284,10 +295,11 @@ def largest_scale(reduction: Reduction, lower: Array, upper: Array) -> float | N
         return 1.0
     C = np.column_stack((reduction.origin, reduction.basis))
     n = C.shape[1] - 1
+    above, below = np.isfinite(upper), np.isfinite(lower)
     result = linprog(
         np.concatenate(([-1.0], np.zeros(n))),
-        A_ub=np.vstack((C, -C)),
-        b_ub=np.concatenate((upper, -lower)),
+        A_ub=np.vstack((C[above], -C[below])),
+        b_ub=np.concatenate((upper[above], -lower[below])),
         bounds=[(0.0, 1.0), *[(None, None)] * n],
         method="highs",
     )

@@ -3,8 +3,9 @@
     f(x) = 1/2 |s|_W^2 - 1/2 |s - Jx|_W^2,   W = diag(L^2 I, I) carried to the arm's own point
     keep x_h where f(x_h) >= eta f(x_W);   else x = (1 - t) x_h + t x_W, the smallest t that reaches eta f(x_W)
 
-x_W is the least-squares velocity inside the same limits. The blend stays inside them (they are convex), is continuous
-in the data, moves with every change of frame as x_h does, and is x_h wherever x_h meets the twist.
+x_W is the least-squares velocity inside the same limits, damped near a singularity as the law is. The blend stays
+inside them (they are convex), is continuous in the data, moves with every change of frame as x_h does, and is x_h
+wherever x_h meets the twist.
 """
 
 from __future__ import annotations
@@ -85,6 +86,11 @@ class Scene:
         """|s - Jx|_W."""
         r = self.s - self.J.dot(x)
         return sqrt(float(r.dot(r)))
+
+    def met_share(self, missed: float) -> float:
+        """How much of the twist is met, from 0 (none, or worse) to 1, where |s - Jx|_W = missed."""
+        wanted = sqrt(float(self.s.dot(self.s)))
+        return max(0.0, 1.0 - missed / wanted) if wanted > 0.0 else 0.0
 
     def decrease(self, x: Array) -> float:
         """f(x), the decrease of the squared error to first order in time, less 1/2 mu |x|^2."""

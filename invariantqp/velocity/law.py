@@ -46,6 +46,10 @@ class Demand(NamedTuple):
     posture: Array | None = None
     anchor: Array | None = None
 
+    def allows(self, x: Array) -> bool:
+        """Whether no bound is met: clipping changes no bit."""
+        return bool(np.minimum(np.maximum(x, self.lower), self.upper).tobytes() == x.tobytes())
+
     def slowed(self, alpha: float) -> Demand:
         """The same direction at a share of the speed."""
         if self.exact is None:

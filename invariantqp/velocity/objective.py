@@ -104,9 +104,10 @@ class CarriedMetric:
             if self.pose != "tool":
                 raise BadInput("pose", repr(self.pose), 'a (4, 4) pose or "tool"')
             return
-        A = se3.coadjoint(self.pose)
+        A, B = se3.coadjoint(self.pose), se3.adjoint(self.pose)
         carried = A.dot(W).dot(A.T)
-        norms = Norms(float(np.linalg.norm(carried)), float(np.linalg.norm(np.linalg.inv(carried))))
+        inverse = B.dot(np.linalg.inv(W)).dot(B.T)
+        norms = Norms(float(np.linalg.norm(carried)), float(np.linalg.norm(inverse)))
         _set(self, pose=arrays.pose(self.pose), _W=carried, norms=norms)
 
     @property
@@ -157,7 +158,14 @@ class Complement:
         """G projects on the joint motions that K'J sees, g = G x for the x with K'Jx = K's.
 
         Neither the basis of K nor its lengths enter: (G, g) has the row space of K'J and the solution alone.
+
+        Raises:
+            BadInput: Z and J together cannot fill six dimensions, so that a frame would have to decide.
         """
+        c, m = np.shape(self.Z)[1], J.shape[1]
+        if c + m < 6:
+            found = f"{c} column{'s' if c != 1 else ''}"
+            raise BadInput("Z", found, f"at least {6 - m} for {m} joints", "Say all that may be given up.")
         U, sigma, Vt = np.linalg.svd(self._K.T.dot(J), full_matrices=False)
         r = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
         rows = Vt[:r]

@@ -21,7 +21,8 @@ from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import Bounds
 from invariantqp.velocity.objective import Form, form_of
-from invariantqp.velocity.solve import VelocitySolution, conditioning, damping_reason, is_inside, solve
+from invariantqp.velocity.solution import VelocitySolution, conditioning, damping_reason
+from invariantqp.velocity.solve import solve
 
 
 class MethodChoice(NamedTuple):
@@ -173,7 +174,7 @@ def method_for(
     problem = law.build(demand)
     x = problem.unconstrained()
     lam = problem.convex.damping
-    if not is_inside(x, demand):
+    if not demand.allows(x):
         outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
         reason = (
             f"the closed form would take joints {', '.join(map(str, outside))} past their bounds; {law.backend.name}"

@@ -1,0 +1,48 @@
+"""What a tick answers: a joint velocity, how it came about, and why."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.convexify import Convexified, is_singular
+
+
+class VelocitySolution(NamedTuple):
+    """A joint velocity and how it came about. A tuple, because one is made in every tick.
+
+    Attributes:
+        velocity: (m,) joint velocity [rad/s, length/s], inside the bounds.
+        method: "closed-form" (the undamped stationary point), "damped" (the filter acted), "qp" (a bound did), "hold".
+        status: "ok", "scaled" (exact rows slowed down), "guarded" (the descent guard blended in least squares),
+            "degraded" (something was not as asked: see the reason), "held" (no usable answer; standing still).
+        reason: in words, "" where there is nothing to say.
+        active: joints at a bound.
+        residual: (6,) s - J x in the frame of J.
+        scale: share of the exact rows' speed that was possible, 1 unless scaled.
+        damping: lambda used [unit of G].
+        guard: t, share of least squares blended in by the guard; 0 when it did not act.
+        backend: the solver that answered, "" without one.
+    """
+
+    velocity: Array
+    method: str
+    status: str
+    reason: str
+    active: tuple[int, ...]
+    residual: Array
+    scale: float
+    damping: float
+    guard: float
+    backend: str
+
+
+def damping_reason(convex: Convexified) -> str:
+    """Why lambda is not zero."""
+    what = "the form is singular on these joints" if is_singular(convex) else "near a singularity or principal pitch"
+    return f"{what}: |mu| ratio {conditioning(convex):.1e}, damped with lambda = {convex.damping:.3g}"
+
+
+def conditioning(convex: Convexified) -> float:
+    """Smallest |mu| over largest: the distance from a singularity or a principal pitch, in [0, 1]."""
+    return convex.smallest / convex.largest if convex.largest > 0.0 else 0.0

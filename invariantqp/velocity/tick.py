@@ -1,0 +1,192 @@
+"""The slow path of a tick: a limit is met, or the twist is not.
+
+    a bound met            -> min (z - z*)'H(z - z*) inside the bounds; exact rows slowed down where they do not fit
+    the twist not met      -> residual damping, so that a loop is still where its target is out of reach; descent guard
+
+Trouble is a status with a reason, never an exception.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import hypot, sqrt
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.backends import SolverFailure, largest_scale, minimise
+from invariantqp.velocity.convexify import Convexified
+from invariantqp.velocity.damping import Adaptive, Fixed
+from invariantqp.velocity.guard import Guard, Scene
+from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
+from invariantqp.velocity.objective import gram_data
+from invariantqp.velocity.solution import VelocitySolution, damping_reason
+
+# A joint this close to its bound, relative to its speed (or 1), is at it: interior-point solvers stop that far inside.
+ACTIVE_TOLERANCE = 1e-6
+# Given away of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find; the
+# next one where it finds none.
+SCALE_MARGINS = (1e-9, 1e-7, 1e-5)
+# Residual damping mu = this dt |s - Jx|_W |J|_W: enough to stop every arm tried from rattling at a target out of reach.
+RESIDUAL_DAMPING = 0.5
+# Residual damping below this share of |J|_W^2 changes no digit that matters (its square, over what is damped anyway).
+QUIET_SHARE = 1e-6
+# Rows that cannot be met by more than this, relative, are reported as unmet.
+UNMET_TOLERANCE = 1e-9
+
+
+class Tick:
+    """The slow path of one tick: bounds, scaling, guard, failures. Lives for one call."""
+
+    def __init__(self, law: VelocityLaw, demand: Demand) -> None:
+        self.law = law
+        self.asked = demand
+        self.demand = demand  # becomes slower, or loses its rows, where limits ask for it
+        self.scale = 1.0
+        self.backend = ""
+        self.troubles: list[str] = []
+
+    def solution(self, problem: Problem, x: Array) -> VelocitySolution:
+        """From the unconstrained optimum x to a velocity that may be commanded."""
+        if not np.isfinite(x).all():
+            return self.held("the unconstrained solution overflowed: the input is out of any scale")
+        method = "damped" if problem.convex.damping > 0.0 else "closed-form"
+        if not self.demand.allows(x):
+            method = "qp"
+            try:
+                x, problem = self._bounded(problem)
+            except SolverFailure as failure:
+                return self.held(f"no velocity found: {failure}")
+        try:
+            x, blend = self._guarded(problem, x)
+        except SolverFailure as failure:
+            blend = 0.0
+            if not (failure.infeasible and self.scale < 1.0):  # slowed to the edge: there is no room to do better in
+                self.troubles.append(f"neither guarded nor quiet: {failure}")
+        x, active = self.clipped(x)
+        if problem.reduction.unmet > UNMET_TOLERANCE:
+            self.troubles.append(f"{problem.reduction.unmet:.1e} of the exact rows is beyond these joints")
+        return VelocitySolution(
+            velocity=x,
+            method=method,
+            status=self._status(blend),
+            reason=self._reason(problem.convex, blend, active),
+            active=active,
+            residual=self.asked.s - self.asked.J.dot(x),
+            scale=self.scale,
+            damping=problem.convex.damping,
+            guard=blend,
+            backend=self.backend,
+        )
+
+    def _status(self, blend: float) -> str:
+        if self.troubles:
+            return "degraded"
+        if self.scale < 1.0:
+            return "scaled"
+        return "guarded" if blend > 0.0 else "ok"
+
+    def _reason(self, convex: Convexified, blend: float, active: tuple[int, ...]) -> str:
+        said = list(self.troubles)
+        if self.scale < 1.0:
+            said.append(f"limits allow {self.scale:.3g} of the exact rows' speed")
+        if blend > 0.0:
+            said.append(f"descent guard: {blend:.3g} of least squares blended in")
+        if convex.damping > 0.0:
+            said.append(damping_reason(convex))
+        if active:
+            said.append(f"at the limits of joint{'s' if len(active) > 1 else ''} {', '.join(map(str, active))}")
+        return "; ".join(said)
+
+    def _bounded(self, problem: Problem) -> tuple[Array, Problem]:
+        """The optimum inside the bounds; exact rows that do not fit are slowed down, largest share first."""
+        try:
+            return self._minimised(problem), problem
+        except SolverFailure as failure:
+            if self.demand.exact is None or not failure.infeasible:
+                raise
+        alpha = largest_scale(problem.reduction, self.demand.lower, self.demand.upper)
+        if alpha is None:
+            self.troubles.append("the limits leave no velocity along the exact rows, not even zero; rows dropped")
+            self.scale = 0.0
+            self.demand = self.demand._replace(exact=None, anchor=None)
+            problem = self.law.build(self.demand)
+            return self._minimised(problem), problem
+        return self._slowed(self.demand, alpha, SCALE_MARGINS)
+
+    def _slowed(self, demand: Demand, alpha: float, margins: tuple[float, ...]) -> tuple[Array, Problem]:
+        """The optimum at the share alpha of the demanded speed, but for the first margin that a solver can do with."""
+        self.scale = alpha * (1.0 - margins[0])
+        self.demand = demand.slowed(self.scale)
+        problem = self.law.build(self.demand)
+        try:
+            return self._minimised(problem), problem
+        except SolverFailure as failure:
+            if not failure.infeasible or len(margins) == 1:
+                raise
+        return self._slowed(demand, alpha, margins[1:])
+
+    def _minimised(self, problem: Problem) -> Array:
+        H, c = problem.convex.qp()
+        solved = minimise(self.law.backend, H, c, problem.reduction, self.demand.lower, self.demand.upper)
+        self.backend = solved.backend
+        said = f"{solved.trouble}; solved by {solved.backend}"
+        if solved.trouble and said not in self.troubles:  # the guard's QP may fail as the law's did
+            self.troubles.append(said)
+        return problem.reduction.joint(solved.z)
+
+    def _guarded(self, problem: Problem, x: Array) -> tuple[Array, float]:
+        """The velocity that neither climbs nor rattles where the twist is missed, and the guard's share of it."""
+        guard, dt = self.law.guard, self.law.dt
+        if guard is None and dt == 0.0:
+            return x, 0.0
+        demand = self.demand
+        scene = (guard or Guard()).scene(demand.J, demand.s, demand.anchor)
+        size = float(np.vdot(scene.J, scene.J))
+        # A velocity held for dt turns J by about dt |J x|: what is missed comes back as a step that long.
+        missed = scene.missed(x)
+        quiet = RESIDUAL_DAMPING * dt * missed * sqrt(size)
+        if quiet > QUIET_SHARE * size:
+            scene = replace(scene, damping=quiet)
+            if demand.posture is not None:  # a posture is for joints the task leaves free, not for a task that is stuck
+                self.demand = demand._replace(posture=scene.met_share(missed) * demand.posture)
+            x = self._calmed(problem, quiet / size)
+        if guard is None or scene.surely_enough(scene.decrease(x)):
+            return x, 0.0
+        best = self._least_squares(scene, problem)
+        t = scene.blend(x, best)
+        return (x, 0.0) if t == 0.0 else ((1.0 - t) * x + t * best, t)
+
+    def _calmed(self, problem: Problem, share: float) -> Array:
+        """The form's own optimum with a share of max|mu| added to its damping."""
+        extra = share * problem.convex.largest
+        data = self.law.form.gram_data(self.demand.J, self.demand.s)
+        calmed = assemble(data, problem.reduction, self.demand, Fixed(hypot(problem.convex.damping, extra)))
+        return self._inside(calmed)
+
+    def _least_squares(self, scene: Scene, problem: Problem) -> Array:
+        """What least squares in W does inside the same bounds, with the same exact rows."""
+        data = gram_data(scene.J, scene.J, scene.s, 1.0)
+        if scene.damping > 0.0:
+            metric = np.eye(len(data.g)) if self.law.metric is None else self.law.metric
+            data = data._replace(G=data.G + scene.damping * metric)
+        return self._inside(assemble(data, problem.reduction, self.demand, Adaptive()))
+
+    def _inside(self, problem: Problem) -> Array:
+        """The problem's optimum inside the bounds."""
+        x = problem.unconstrained()
+        return x if self.demand.allows(x) else self._minimised(problem)
+
+    def clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
+        """The velocity without rounding past its bounds, and the joints at them."""
+        lower, upper = self.asked.lower, self.asked.upper
+        x = np.minimum(np.maximum(x, lower), upper)
+        margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
+        at = (x <= lower + margin) | (x >= upper - margin)
+        return x, tuple(np.flatnonzero(at).tolist())
+
+    def held(self, reason: str) -> VelocitySolution:
+        """Standing still, or on the way back inside the bounds where they leave no rest."""
+        x, active = self.clipped(np.zeros(len(self.asked.lower)))
+        residual = self.asked.s - self.asked.J.dot(x)
+        return VelocitySolution(x, "hold", "held", reason, active, residual, 0.0, 0.0, 0.0, "")

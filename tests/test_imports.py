@@ -1,0 +1,112 @@
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+
+PACKAGE = Path(iq.__file__).parent
+FOREIGN = ["pinocchio", "daqp", "osqp", "qpsolvers", "cvxpy", "scipy", "matplotlib", "pydantic", "typer", "rich"]
+
+
+def loaded_by(code):
+    """Which foreign packages are loaded after the code has run in a fresh interpreter."""
+    script = f"import sys, json\n{code}\nprint(json.dumps([m for m in {FOREIGN} if m in sys.modules]))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_importing_the_package_loads_nothing_foreign():
+    assert loaded_by("import invariantqp") == []
+
+
+def test_the_algebra_needs_numpy_alone():
+    code = (
+        "import numpy as np, invariantqp as iq\n"
+        "J = np.random.default_rng(0).normal(size=(6, 3))\n"
+        "iq.pseudoinverse(J, 0.3), iq.principal_pitches(J), iq.adjoint(iq.exp(J[:, 0])), iq.gibson_hunt(J)"
+    )
+    assert set(loaded_by(code)) <= {"scipy"}
+
+
+def test_a_chain_loads_no_pinocchio():
+    code = "import numpy as np, invariantqp as iq\niq.load_robot(np.eye(6), np.eye(4)).jacobian(np.zeros(6))"
+    assert not {"pinocchio", "matplotlib", "osqp"} & set(loaded_by(code))
+
+
+def test_every_public_name_resolves():
+    assert len(iq.__all__) == len(set(iq.__all__))
+    for name in iq.__all__:
+        assert getattr(iq, name) is not None
+    assert set(dir(iq)) == set(iq.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'pseudo_inverse'"):
+        iq.pseudo_inverse  # noqa: B018
+
+
+def test_names_for_type_checkers_are_the_names_at_run_time():
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    typed = {
+        (alias.name, node.module.removeprefix("invariantqp."))
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert typed == set(iq._MODULE_OF.items())
+
+
+@pytest.mark.parametrize("file", sorted(PACKAGE.rglob("*.py")), ids=lambda f: str(f.relative_to(PACKAGE)))
+def test_no_assert_and_a_first_line_in_every_file(file):
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    assert not [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+    assert ast.get_docstring(tree)
+
+
+def test_errors_have_one_base():
+    for name in ("BadInput", "BlindSystem", "MissingExtra", "NoPseudoinverse", "RobotModelError", "TaskFileError"):
+        assert issubclass(getattr(iq, name), iq.InvariantQPError)
+    assert issubclass(iq.UnknownName, iq.RobotModelError)
+    error = iq.MissingExtra("cvxpy", "cvxpy")
+    assert str(error) == "cvxpy is not installed. Run: pip install 'invariantqp[cvxpy]'"
+    assert isinstance(error, ImportError)
+
+
+@pytest.mark.parametrize("m", [1, 3, 6, 7])
+def test_stated_shapes_are_returned(m):
+    rng = np.random.default_rng(m)
+    J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+    T = iq.exp(s)
+    solution = iq.solve_velocity(J.tolist(), s.tolist(), form=0.4)
+    point, length = iq.centre(J)
+    direction, foot = iq.axis(s)
+    shapes = {
+        "pitch_form": (iq.pitch_form(0.4), (6, 6)),
+        "pitch_form_inverse": (iq.pitch_form_inverse(0.4), (6, 6)),
+        "adjoint": (iq.adjoint(T.tolist()), (6, 6)),
+        "coadjoint": (iq.coadjoint(T.tolist()), (6, 6)),
+        "exp": (T, (4, 4)),
+        "log": (iq.log(T), (6,)),
+        "bracket": (iq.bracket(s, s), (6,)),
+        "inverse": (iq.inverse(T), (4, 4)),
+        "revolute": (iq.revolute((0, 0, 1)), (6,)),
+        "axis": (np.stack((direction, foot)), (2, 3)),
+        "centre": (point, (3,)),
+        "gram_matrix": (iq.gram_matrix(J, 0.4), (m, m)),
+        "pseudoinverse": (iq.pseudoinverse(J.tolist(), 0.4), (m, 6)),
+        "principal_pitches": (iq.principal_pitches(J), ({1: 1, 3: 3, 6: 0, 7: 0}[m],)),
+        "reciprocal": (iq.reciprocal(J), (6, max(0, 6 - m))),
+        "velocity": (solution.velocity, (m,)),
+        "residual": (solution.residual, (6,)),
+    }
+    for name, (value, shape) in shapes.items():
+        assert value.shape == shape, name
+        assert value.dtype == np.float64, name
+    assert isinstance(length, float)
+    assert isinstance(iq.has_pseudoinverse(J, 0.4), bool)
+    assert isinstance(iq.pitch(s), float)
+    assert isinstance(solution.scale, float)
+    assert isinstance(solution.active, tuple)
