@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from invariantqp.compare.frames import FrameCheck, frame_check
-    from invariantqp.control.controller import Controller
+    from invariantqp.control.controller import Controller, tool_metric
+    from invariantqp.control.inspection import Inspection, inspect
     from invariantqp.control.picture import picture
+    from invariantqp.control.pitch_picture import pitch_picture
+    from invariantqp.control.recommendation import Recommendation
     from invariantqp.control.simulate import Trace, run_task
+    from invariantqp.control.survey import Survey
     from invariantqp.control.taskfile import Task, load_task, shipped_tasks
     from invariantqp.errors import (
         BadInput,
@@ -70,9 +74,13 @@ __version__ = "0.1.0"
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
     "compare.frames": ("FrameCheck", "frame_check"),
-    "control.controller": ("Controller",),
+    "control.controller": ("Controller", "tool_metric"),
+    "control.inspection": ("Inspection", "inspect"),
     "control.picture": ("picture",),
+    "control.pitch_picture": ("pitch_picture",),
+    "control.recommendation": ("Recommendation",),
     "control.simulate": ("Trace", "run_task"),
+    "control.survey": ("Survey",),
     "control.taskfile": ("Task", "load_task", "shipped_tasks"),
     "errors": (
         "BadInput",

@@ -1,27 +1,25 @@
-"""The command line: parsing and printing, nothing else. Exit status 0 done, 1 not accepted, 2 bad input."""
+"""The command line: parsing only (`printing` prints). Exit status 0 done, 1 not accepted, 2 bad input."""
 
 from __future__ import annotations
 
 import json
+import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
+from typer.core import TyperCommand
 
 from invariantqp import __version__
 from invariantqp.errors import BadInput, InvariantQPError
-
-if TYPE_CHECKING:
-    from invariantqp.control.simulate import Trace
-    from invariantqp.control.taskfile import Task
+from invariantqp.printing import print_frame_check, print_inspection, print_run, progress
 
 BAD_INPUT = 2
 NOT_ACCEPTED = 1
+PICTURES = (".png", ".svg", ".pdf")
 
 app = typer.Typer(
     help="Task-space velocity control of robot arms whose answers do not depend on frames or length units.",
@@ -89,13 +87,13 @@ def run(
     from invariantqp.control.taskfile import load_task
 
     problem = load_task(task)
-    for file in (json_file, plot):
-        _writable(file)
+    _writable(json_file)
+    _drawable(plot)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
-    with _progress("running", quiet) as report:
+    with progress("running", quiet) as report:
         trace = run_task(problem, progress=report, **overrides)
     if not quiet:
-        _print_summary(trace)
+        print_run(trace)
     if json_file is not None:
         json_file.write_text(json.dumps(trace.as_json(), indent=1) + "\n", encoding="utf-8")
     if plot is not None:
@@ -103,11 +101,81 @@ def run(
 
         picture(trace, plot)
     if check_frame:
-        _print_frame_check(trace.task, seed, quiet)
+        print_frame_check(trace.task, seed, quiet)
     if not trace.passed:
         complaint = "\n".join(f"not accepted: {s}" for s in trace.shortfalls)
         Console(stderr=True, highlight=False).print(complaint, style="red", markup=False)
         raise typer.Exit(NOT_ACCEPTED)
+
+
+class _ManyNumbers(TyperCommand):
+    """A command in which every number after --q belongs to it: --q 0 0.5 -1 means --q 0,0.5,-1."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Join them before anything else looks at them: -1 is no option."""
+        joined: list[str] = []
+        for word in args:
+            before = joined[-2:]
+            if len(before) == 2 and before[0] == "--q" and _is_numbers(before[1]) and _is_numbers(word):
+                joined[-1] += f",{word}"
+            else:
+                joined.append(word)
+        return super().parse_args(ctx, joined)
+
+
+def _is_numbers(text: str) -> bool:
+    try:
+        _numbers(text)
+    except BadInput:
+        return False
+    return True
+
+
+def _numbers(text: str) -> list[float]:
+    """Numbers apart by commas or spaces."""
+    try:
+        return [float(word) for word in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise BadInput("--q", repr(text), "numbers, one a joint, such as --q 0 0.5 -1") from error
+
+
+@app.command(cls=_ManyNumbers)
+def inspect(
+    robot: Annotated[str, typer.Argument(help="A robot's name, a URDF file, a task's name or a task file.")],
+    tool: Annotated[
+        str | None, typer.Option(metavar="FRAME", help="The tool frame; the robot's own if left out.")
+    ] = None,
+    q: Annotated[
+        str | None, typer.Option("--q", metavar="NUMBERS", help="Joint positions; the middle of the range if left out.")
+    ] = None,
+    samples: Annotated[
+        int | None, typer.Option(metavar="N", help="States of the joint range to look at.", min=1)
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE", help="Draw the principal pitches over the range (.png, .svg, .pdf)."),
+    ] = None,
+) -> None:
+    """Tell what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
+    from invariantqp.control.inspection import DEFAULT_SAMPLES, arm
+    from invariantqp.control.inspection import inspect as look
+
+    if q is not None and samples is not None:
+        raise BadInput("--q", "--samples beside it", "one of them: a state, or the range")
+    _writable(json_file)
+    _drawable(plot)
+    loaded = arm(robot, tool)
+    state = None if q is None else _numbers(q)
+    with progress("looking", samples is None) as report:
+        found = look(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
+    print_inspection(found, state is None)
+    if json_file is not None:
+        json_file.write_text(json.dumps(found.as_json(), indent=1) + "\n", encoding="utf-8")
+    if plot is not None:
+        from invariantqp.control.pitch_picture import pitch_picture
+
+        pitch_picture(found, loaded, plot)
 
 
 def _writable(file: Path | None) -> None:
@@ -118,76 +186,15 @@ def _writable(file: Path | None) -> None:
         raise BadInput(str(file), "a folder that does not exist", "a file in an existing folder")
     if file.is_dir():
         raise BadInput(str(file), "a folder", "the name of a file")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise BadInput(str(file), "a place that may not be written to", "a file in a folder of yours")
 
 
-@contextmanager
-def _progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), console=console
-    ) as bar:
-        job = bar.add_task(what, total=None)
-
-        def report(done: int, total: int) -> None:
-            if done % 50 == 0 or done == total:
-                bar.update(job, completed=done, total=total)
-
-        yield report
-
-
-def _print_summary(trace: Trace) -> None:
-    figures = trace.summary()
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(f"[bold]{figures['task']}[/bold]  {trace.task.about}")
-    table = Table("", "median", "p99", "max", box=None)
-    for label, key, form in (
-        ("position error, mm", "position_error_mm", "{:.2g}"),
-        ("orientation error, deg", "orientation_error_deg", "{:.2g}"),
-        ("time of a tick, us", "tick_us", "{:.1f}"),
-    ):
-        spread = figures[key]
-        table.add_row(label, *(form.format(spread[k]) for k in ("median", "p99", "max")))
-    console.print(table)
-    lines = [
-        f"ticks {figures['ticks']}, limits active in {_percent(figures['limits_active'])}",
-        f"largest excess over a limit {figures['limit_violation']:.1e}, peak joint speed {figures['peak_speed']:.3g}",
-        f"method: {_shares(figures['methods'])};  status: {_shares(figures['statuses'])}",
-        *(f"[yellow]note:[/yellow] {_plain(w)}" for w in figures["warnings"]),
-        "[green]accepted[/green]" if figures["passed"] else "[red]not accepted[/red]",
-    ]
-    for line in lines:
-        console.print(line)
-
-
-def _print_frame_check(task: Task, seed: int, quiet: bool) -> None:
-    from invariantqp.compare.frames import frame_check
-
-    with _progress("tool frame displaced", quiet) as report:
-        checks = frame_check(task, seed, report)
-    table = Table("law", "change of joint positions, rad", "largest error, mm", box=None)
-    for check in checks:
-        table.add_row(check.law, f"{check.change:.1e}", f"{check.worst_error_mm:.2g}")
-    console = Console(highlight=False)
-    console.print("\nthe same motion, with the tool frame displaced at random:")
-    console.print(table)
-
-
-def _shares(counts: dict[str, Any]) -> str:
-    return ", ".join(f"{name} {_percent(share)}" for name, share in sorted(counts.items(), key=lambda i: -i[1]))
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.3g} %"
-
-
-def _plain(text: str) -> str:
-    return text.replace("[", r"\[")
+def _drawable(file: Path | None) -> None:
+    """Refuse an ending that no picture has, likewise."""
+    _writable(file)
+    if file is not None and file.suffix.lower() not in PICTURES:
+        raise BadInput(str(file), f"the ending {file.suffix!r}", f"one of {', '.join(PICTURES)}")
 
 
 if __name__ == "__main__":

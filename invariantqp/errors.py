@@ -14,6 +14,16 @@ if TYPE_CHECKING:
     from invariantqp.geometry.arrays import Array
 
 
+# Numbers below this are written as 0 in sentences: in unit vectors, and in lengths in any unit of a machine,
+# they are rounding.
+WRITTEN_ZERO = 1e-9
+
+
+def written(x: float, digits: int = 4) -> str:
+    """A number for a sentence, without the noise of rounding."""
+    return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
+
+
 class InvariantQPError(Exception):
     """Base of every error raised by invariantqp."""
 
@@ -38,13 +48,14 @@ class BadInput(InvariantQPError, ValueError):
 
 
 class NoPseudoinverse(InvariantQPError):
-    """J has no h-pseudoinverse: rank(J'Q_h J) < rank(J) ([DS] Theorems 2.2 and 3.1).
+    """No h-pseudoinverse: the Gram matrix, J'Q_h J or W'Q_h^-1 W, has lost rank ([DS] Theorems 2.2 and 3.1).
 
     Attributes:
         h: the pitch asked for [length].
-        rank: rank of J.
-        gram_rank: rank of J'Q_h J.
-        self_reciprocal: (6,) unit twist z in the span of J that is h-reciprocal to all of it, the proof.
+        rank: rank of J, or of the wrenches W.
+        gram_rank: rank of the Gram matrix.
+        self_reciprocal: (6,) unit screw z of the system that the form pairs to zero with all of it, the proof; a twist
+            in the span of J, or Q_0 w for a wrench w in the span of W.
         principal_pitches: (k',) every pitch at which the pseudoinverse fails, nearest to h first; empty when it
             fails at all of them.
     """
@@ -56,17 +67,17 @@ class NoPseudoinverse(InvariantQPError):
         self.self_reciprocal = self_reciprocal
         self.principal_pitches = principal_pitches
         if len(principal_pitches):
-            listed = ", ".join(f"{p:.6g}" for p in principal_pitches)
+            listed = ", ".join(written(p, 6) for p in principal_pitches)
             remedy = f"Choose h away from the principal pitches ({listed})."
         else:
             remedy = (
                 "No h works for this system: use Complement(Z) to say what may be given up, "
                 "or CarriedMetric(matrix, pose)."
             )
-        z = ", ".join(f"{x:.4g}" for x in self_reciprocal)
+        z = ", ".join(written(x) for x in self_reciprocal)
         super().__init__(
-            f"no {h:g}-pseudoinverse: rank(J'Q_h J) = {gram_rank} < rank(J) = {rank}; "
-            f"the twist z = ({z}) is h-reciprocal to the whole system. {remedy}"
+            f"no {h:g}-pseudoinverse: the Gram matrix has rank {gram_rank}, the system rank {rank}; "
+            f"its screw z = ({z}) is paired to zero with all of it. {remedy}"
         )
 
 
@@ -79,7 +90,7 @@ class BlindSystem(InvariantQPError):
 
     def __init__(self, directions: Array) -> None:
         self.directions = directions
-        listed = "; ".join("(" + ", ".join(f"{x:.4g}" for x in v[3:]) + ")" for v in directions.T)
+        listed = "; ".join("(" + ", ".join(written(x) for x in v[3:]) + ")" for v in directions.T)
         super().__init__(
             f"every pitch form is blind to the translation(s) along {listed}: this system has no h-pseudoinverse "
             "for any h. Use Complement(Z) to say what may be given up, or CarriedMetric(matrix, pose)."

@@ -4,6 +4,7 @@ from random_systems import motion
 from scipy.optimize import minimize
 
 import invariantqp as iq
+from invariantqp.systems.centre import resting_point
 
 
 def moved(J, p):
@@ -77,3 +78,26 @@ def test_rounding_of_no_rotation_moves_no_point(noise):
 def test_a_metric_carried_out_of_sight_is_still_one():
     form = iq.CarriedMetric(np.eye(6), iq.transform(translation=(0, 0, 1e17)))
     assert np.isfinite(form.norms).all()
+
+
+def test_slides_that_turn_by_rounding_have_no_length():
+    slides = np.vstack((np.full((3, 3), 1e-17), np.eye(3)))
+    assert iq.centre(slides).length == np.inf
+    np.testing.assert_array_equal(iq.centre(slides).point, 0.0)
+    np.testing.assert_array_equal(iq.centre(slides, [0, 0, 0, 1, 2, 3]).point, 0.0)
+
+
+@pytest.mark.parametrize("reach", [0.0, 1.0, 1e3])
+def test_axes_that_meet_but_for_rounding_have_none_either(reach):
+    rng = np.random.default_rng(2)
+    p = reach * rng.normal(size=3)
+    wrist = np.array([iq.revolute(rng.normal(size=3), p) for _ in range(3)]).T
+    assert iq.centre(wrist).length == 0.0
+    np.testing.assert_allclose(iq.centre(wrist).point, p, atol=1e-12 * reach)
+
+
+def test_the_tolerance_decides_which_axes_are_parallel():
+    J = np.column_stack([iq.revolute((1e-5 * i, 0, 1), (0.3 * i, 0.1 * i * i, 0)) for i in range(3)])
+    assert resting_point(J).free.shape == (3, 0)
+    assert resting_point(J, tolerance=1e-7).free.shape == (3, 1)
+    assert resting_point(J, longest=1e-3).free.shape == (3, 3)

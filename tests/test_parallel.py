@@ -124,3 +124,24 @@ def test_the_example_runs(capsys):
     printed = capsys.readouterr().out
     assert "hyperbolic" in printed
     assert "2-system of type IA" in printed
+
+
+def test_what_is_said_of_wrenches_is_true_of_wrenches():
+    # A force at the origin, along z: W'Q_0^-1 W = 0, and the screw of the wrench is z = Q_0 w.
+    w = iq.leg_wrenches([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
+    with pytest.raises(iq.NoPseudoinverse, match=r"Gram matrix has rank 0, the system rank 1") as caught:
+        iq.wrench_pseudoinverse(w, 0.0)
+    np.testing.assert_allclose(caught.value.self_reciprocal, iq.pitch_form(0.0) @ w[:, 0])
+    assert "twist" not in str(caught.value)
+    assert "J" not in str(caught.value)
+
+
+def test_noise_is_not_written():
+    planar = np.array([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.5, 0.1, 0), (0.8, 0.3, 0))]).T
+    turned = iq.adjoint(iq.exp([0.0, 0.0, 0.7, 0.0, 0.0, 0.0])) @ planar
+    with pytest.raises(iq.NoPseudoinverse) as caught:
+        iq.pseudoinverse(turned, 1.0)
+    assert "e-" not in str(caught.value)
+    with pytest.raises(iq.BlindSystem) as blind:
+        iq.principal_pitches(turned)
+    assert "e-" not in str(blind.value)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from math import isinf
+from math import inf, isinf
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -20,6 +20,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting, middle
+from invariantqp.systems.centre import centre
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
@@ -45,6 +46,17 @@ class Controls(Protocol):
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick."""
         ...
+
+
+def tool_metric(robot: Robot) -> CarriedMetric:
+    """diag(L^2 I, I) carried by the tool, L the arm's own length in the middle of its range.
+
+    The form for arms on which no pitch form works: planar arms, SCARA, gantries. Where no joint turns, or all turn
+    about one point, L is one unit of length.
+    """
+    length = centre(robot.jacobian(middle(robot))).length
+    weight = length * length if 0.0 < length < inf else 1.0
+    return CarriedMetric(np.repeat((weight, 1.0), 3))
 
 
 class Controller:
@@ -104,8 +116,8 @@ class Controller:
             raise BadInput("exact", repr(exact), '"position" or None')
         self.exact = exact
         self._point = arrays.vector(point, 3, "point")
-        centre = middle(robot)
-        J = robot.jacobian(centre)
+        mid = middle(robot)
+        J = robot.jacobian(mid)
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
         if metric is None and units_mix(J):
             warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
@@ -115,7 +127,7 @@ class Controller:
         self.posture_gain = _posture_gain(posture) if m > 6 else 0.0
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
         self._follows_tool = isinstance(self.law.form, CarriedMetric) and self.law.form.follows_tool
-        self._centre = centre
+        self._middle = mid
         self._pull = np.where(bounded, self.posture_gain, 0.0)
         self._gains = np.full(6, self.gain)
         self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt)
@@ -134,13 +146,13 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        positions = arrays.vector(q, len(self._centre), "q")
+        positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
         s = sighting.error * self._gains
         if feedforward is not None:
             s += arrays.vector(feedforward, 6, "feedforward")
         lower, upper = self._box.at(positions)
-        posture = (self._centre - positions) * self._pull if self.posture_gain else None
+        posture = (self._middle - positions) * self._pull if self.posture_gain else None
         exact, point = (None, None) if self.exact is None else self._point_rows(sighting, target, feedforward)
         law = self.law
         if self._follows_tool:

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.controller import Controller, Controls, tool_metric
 from invariantqp.control.taskfile import LawSpec, Task
 from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.gram import principal_pitches
-from invariantqp.velocity.objective import PitchForm, form_of
+from invariantqp.velocity.objective import Form, PitchForm, form_of
 from invariantqp.velocity.solution import VelocitySolution
 
 Progress = Callable[[int, int], None]
@@ -135,16 +135,22 @@ def _spread(values: Array) -> dict[str, float]:
     }
 
 
+def law_form(robot: Robot, law: LawSpec) -> Form | float | None:
+    """The form that a task's [law] asks for."""
+    return tool_metric(robot) if law.form == "carried" else law.pitch
+
+
 def our_controller(robot: Robot, law: LawSpec) -> Controller:
     """The controller that a task's [law] describes."""
     return Controller(
         robot,
         dt=law.dt,
         gain=law.gain,
-        form=law.pitch,
+        form=law_form(robot, law),
         damping=law.damping,
         guard=law.guard,
         posture=law.posture,
+        joint_metric=law.joint_metric,
         backend=law.backend,
         exact=law.exact,
         point=law.point,
@@ -166,7 +172,7 @@ def run_task(
         tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
         controller: makes the controller from robot and law; ours by default.
         progress: called with (ticks done, ticks in all).
-        overrides: keys of the task's [law] to change: dt, gain, pitch, damping, exact, guard, posture, backend.
+        overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, ...
 
     Returns:
         Trace: trajectory, errors, methods, statuses, times.
@@ -245,7 +251,7 @@ def _warnings(robot: Robot, law: LawSpec, q: Array, solutions: list[VelocitySolu
         hits = [s for s in solutions if s.status == status]
         if hits:
             said.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
-    form = form_of(law.pitch, robot.jacobian(q[0]))
+    form = form_of(law_form(robot, law), robot.jacobian(q[0]))
     if isinstance(form, PitchForm) and len(robot.names) < 6:
         said.extend(_pitch_warnings(robot, form.h, q))
     return said

@@ -13,7 +13,17 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, Strict, StrictBool, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    Strict,
+    StrictBool,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from invariantqp.control.path import Number, Path, Positive, Vector3
 from invariantqp.errors import BadInput, TaskFileError, UnknownName
@@ -65,6 +75,8 @@ class RobotSpec(_Strict):
         if (self.source is None) == (self.screws is None):
             raise BadInput("robot", "both or neither of source and screws", "one of them")
         if self.screws is not None:
+            if self.tool is not None:
+                raise BadInput("tool", repr(self.tool), "none with joint screws", "Their tool is at tool_point.")
             return Chain(
                 np.column_stack([screws.helical(s.axis, s.point, s.pitch) for s in self.screws]),
                 se3.transform(translation=self.tool_point),
@@ -82,13 +94,28 @@ class LawSpec(_Strict):
 
     dt: Positive = Field(0.001, description="tick [s]", examples=[0.001])
     gain: Positive | None = Field(None, description="[1/s]", examples=[20.0])
+    form: Literal["pitch", "carried"] = Field(
+        "pitch",
+        description='what twists are measured by: a pitch form, or, where none works, a metric "carried" by the tool',
+        examples=["carried"],
+    )
     pitch: Number | None = Field(None, description="h [m/rad]; left out: the arm's own length", examples=[0.3])
     damping: Number | None = Field(None, ge=0.0, description="lambda [m]; left out: adaptive", examples=[0.0])
     exact: Literal["position"] | None = Field(None, examples=["position"])
     point: Vector3 = Field((0.0, 0.0, 0.0), description="of the tool, met exactly [m]", examples=[[0.0, 0.0, 0.1]])
     guard: StrictBool = True
     posture: StrictBool = True
+    joint_metric: list[Positive] | None = Field(
+        None, description="what counts as a short joint velocity, one weight a joint", examples=[[1.0, 1.0, 25.0]]
+    )
     backend: str = Field("daqp", examples=["daqp"])
+
+    @field_validator("pitch")
+    @classmethod
+    def _pitch_of_a_pitch_form(cls, pitch: float | None, info: ValidationInfo) -> float | None:
+        if pitch is not None and info.data.get("form") == "carried":
+            raise ValueError('a carried metric has no pitch; leave out pitch, or form = "carried"')
+        return pitch
 
 
 class Acceptance(_Strict):
@@ -112,15 +139,17 @@ class Task(_Strict):
     accept: Acceptance = Acceptance()
     _folder: FilePath | None = PrivateAttr(None)  # where relative URDF paths are looked up
 
-    def load_robot(self) -> Robot:
-        """The task's robot.
+    def load_robot(self, tool: str | None = None) -> Robot:
+        """The task's robot, to another tool frame where one is named.
 
         Raises:
+            BadInput: a tool named for joint screws, which have their own.
             TaskFileError: the start is not one number a joint.
             RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
         """
-        robot = self.robot.load(self._folder)
-        if len(self.robot.start) != len(robot.names):
+        spec = self.robot if tool is None else self.robot.model_copy(update={"tool": tool})
+        robot = spec.load(self._folder)
+        if tool is None and len(self.robot.start) != len(robot.names):
             found = (
                 f"$.robot.start: {len(self.robot.start)} numbers (give {len(robot.names)}: {', '.join(robot.names)})"
             )

@@ -141,11 +141,13 @@ def load_urdf(path: Path, tool: str | None, joints: Sequence[str] | None) -> Pin
 
 def _told_apart(model: pin.Model, tool: str) -> str:
     """The tool's name after links that share a joint's name have been renamed: Pinocchio finds frames by name alone."""
-    joints = set(model.names)
+    joints = {frame.name for frame in model.frames if frame.type != pin.FrameType.BODY}
+    renamed = set()
     for frame in model.frames:
         if frame.type == pin.FrameType.BODY and frame.name in joints:
+            renamed.add(frame.name)
             frame.name += " link"
-    return f"{tool} link" if tool in joints else tool
+    return f"{tool} link" if tool in renamed else tool
 
 
 def _support(model: pin.Model, joint: int) -> list[str]:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.span import LENGTH_LIMIT
 
 # Directions along which moving p changes |J_v(p)| by less than this fraction are free: all axes are parallel to them.
 PARALLEL_TOLERANCE = 1e-12
@@ -35,8 +36,21 @@ class Centre(NamedTuple):
     length: float
 
 
-def _stationary_point(twists: Array) -> tuple[Array, Array]:
-    """Least-norm minimiser of |v + omega x p|_F over p, and an orthonormal basis of the directions left free."""
+class Resting(NamedTuple):
+    """Point (3,) that the twists move least, the nearest to the origin of those; free (3, f) directions it may move."""
+
+    point: Array
+    free: Array
+
+
+def resting_point(twists: Array, tolerance: float = PARALLEL_TOLERANCE, longest: float = LENGTH_LIMIT) -> Resting:
+    """The least-norm minimiser of |v + omega x p|_F over p, for checked (6, m) twists.
+
+    Args:
+        twists: (6, m).
+        tolerance: share of the largest stiffness of |J_v(p)|^2 against p below which a direction is free.
+        longest: |J_v| / |J_omega| above which no joint turns: the point is the origin, and free.
+    """
     w, v = twists[:3], twists[3:]
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = w.dot(v.T).tolist()
     b = (yz - zy, zx - xz, xy - yx)  # the sum of w x v
@@ -44,6 +58,8 @@ def _stationary_point(twists: Array) -> tuple[Array, Array]:
     (xx, s, t), (_, yy, r), (_, _, zz) = spread.tolist()
     # A p = b with A = |w|^2 I - w w', by its adjugate: a tick has no time for more where A is well away from singular.
     k, m, n = yy + zz, xx + zz, xx + yy
+    if np.vdot(v, v) > 0.5 * (k + m + n) * longest * longest:  # k + m + n = 2 |w|^2
+        return Resting(np.zeros(3), np.eye(3))
     cofactors = np.array(
         (
             (m * n - r * r, s * n + t * r, t * m + s * r),
@@ -53,12 +69,12 @@ def _stationary_point(twists: Array) -> tuple[Array, Array]:
     )
     determinant = k * (m * n - r * r) - s * (s * n + t * r) - t * (t * m + s * r)
     if determinant > WELL_POSED * (k + m + n) ** 3:
-        return cofactors.dot(b) / determinant, NOTHING_FREE
+        return Resting(cofactors.dot(b) / determinant, NOTHING_FREE)
     spread, axes = np.linalg.eigh(spread)
     stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
-    fixed = stiffness > PARALLEL_TOLERANCE * stiffness[0]
+    fixed = stiffness > tolerance * stiffness[0]
     along = axes[:, fixed]
-    return along.dot(along.T.dot(b) / stiffness[fixed]), axes[:, ~fixed]
+    return Resting(along.dot(along.T.dot(b) / stiffness[fixed]), axes[:, ~fixed])
 
 
 def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
@@ -72,10 +88,10 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
         BadInput: J is not finite (6, m).
     """
     twists = arrays.columns(J)
-    p, free = _stationary_point(twists)
-    turning = np.vdot(twists[:3], twists[:3])
+    p, free = resting_point(twists)
     moving = velocity_at(twists, p)
-    length = sqrt(np.vdot(moving, moving) / turning) if turning > 0.0 else inf
+    # The same wherever along the free directions p is: every axis is parallel to them.
+    length = inf if free.shape[1] == 3 else _length(twists, moving)
     if free.shape[1] and twist is not None:
         s = arrays.twist(twist)
         # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
@@ -84,3 +100,11 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
         if sqrt(along.dot(along)) <= FAR * (length if 0.0 < length < inf else 1.0):
             p = p - free.dot(along)
     return Centre(p, length)
+
+
+def _length(twists: Array, moving: Array) -> float:
+    """|J_v(p)| / |J_omega|; 0 where all axes meet but for rounding, which is relative to how far off they do."""
+    turning, moved = float(np.vdot(twists[:3], twists[:3])), float(np.vdot(moving, moving))
+    if moved * LENGTH_LIMIT**2 <= max(float(np.vdot(twists[3:], twists[3:])), turning):
+        return 0.0
+    return sqrt(moved / turning)

@@ -26,6 +26,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.centre import resting_point
 from invariantqp.systems.normal_form import FRAMES, MODULUS_NAMES, Parts, normal_form
 from invariantqp.systems.span import span
 
@@ -140,7 +141,7 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
     limit = arrays.number(tolerance, "tolerance", positive=True)
     if not twists.any():
         raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
-    point = resting_point(twists)
+    point = own_point(twists)
     moved = velocity_at(twists, point)
     system = span(np.vstack((twists[:3], moved)), unit=_unit(twists, moved, point))
     chosen = _decide(system.basis, system.singular, limit)
@@ -185,18 +186,9 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
     )
 
 
-def resting_point(twists: Array) -> Array:
-    """A point p that minimises |v + omega x p| over the twists, the nearest to the origin where many do."""
-    w, v = twists[:3], twists[3:]
-    A = np.vdot(w, w) * np.eye(3) - w.dot(w.T)
-    if np.vdot(v, v) > LONGEST * LONGEST * np.vdot(w, w):
-        return np.zeros(3)
-    b = w.dot(v.T)
-    stiffness, axes = np.linalg.eigh(A)
-    fixed = stiffness > CLASS_TOLERANCE * stiffness[-1]  # all axes are parallel to the other directions
-    E = axes[:, fixed]
-    moment = np.array((b[1, 2] - b[2, 1], b[2, 0] - b[0, 2], b[0, 1] - b[1, 0]))
-    return np.asarray(E.dot(E.T.dot(moment) / stiffness[fixed]))
+def own_point(twists: Array) -> Array:
+    """The point the twists move least, as far as data of the type's accuracy can tell."""
+    return resting_point(twists, CLASS_TOLERANCE, LONGEST).point
 
 
 def _unit(twists: Array, moved: Array, point: Array) -> float:

@@ -13,21 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BlindSystem
+from invariantqp.errors import BlindSystem, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
-from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, resting_point
+from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
 from invariantqp.systems.span import LENGTH_LIMIT, span
 from invariantqp.systems.subspaces import annihilator
-
-# Numbers below this are written as 0 in sentences: rounding, in any unit a machine is measured in.
-WRITTEN_ZERO = 1e-12
-
-
-def _written(x: float, digits: int) -> str:
-    return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
 
 
 @dataclass(frozen=True)
@@ -41,7 +34,8 @@ class SystemReport:
         principal_pitches: (k',) ascending pitches that have no pseudoinverse [length/rad]; empty if none fails, and
             if all do.
         principal_screws: (6, k') the twist that shows why, for each.
-        blind_directions: (6, b) unit translations that no pitch form sees; b > 0 exactly where no h works.
+        blind_directions: (6, b) unit translations that no pitch form sees, along the axes of the frame as far as they
+            can be; b > 0 exactly where no h works.
         constraint_wrenches: (6, 6 - rank) basis of the wrenches that no joint feels.
         singularity_distance: smallest over largest singular value of the twists about their own point, in their own
             length: the same in every frame and unit; 0 in a singularity.
@@ -75,20 +69,20 @@ class SystemReport:
         t = self.type
         if t.dimension == 6:
             return "The joints move the tool in every direction: there is no type to tell apart."
-        moduli = ", ".join(f"{n} = {_written(x, 6)}" for n, x in zip(t.modulus_names, t.moduli, strict=True))
+        moduli = ", ".join(f"{n} = {written(x, 6)}" for n, x in zip(t.modulus_names, t.moduli, strict=True))
         whose = f"the reciprocal of a {6 - t.dimension}-system of" if t.reciprocal else "of"
         return f"A {t.dimension}-system, {whose} type {t.name}{f' ({moduli})' if moduli else ''}."
 
     def _pitch_words(self) -> str:
         if self.blind_directions.shape[1]:
-            listed = "; ".join("(" + ", ".join(_written(x, 4) for x in v) + ")" for v in self.blind_directions[3:].T)
+            listed = "; ".join("(" + ", ".join(written(x) for x in v) + ")" for v in self.blind_directions[3:].T)
             return (
                 f"No pitch h works: every pitch form is blind to translation along {listed}. "
                 "Say what may be given up, Complement(Z), or use a metric carried by a body, CarriedMetric."
             )
         if not len(self.principal_pitches):
             return "Every pitch h works."
-        listed = ", ".join(_written(h, 6) for h in self.principal_pitches)
+        listed = ", ".join(written(h, 6) for h in self.principal_pitches)
         return f"Stay away from the principal pitches h = {listed} (length/rad): there no pseudoinverse exists."
 
     def _border_words(self) -> tuple[str, ...]:
@@ -129,15 +123,26 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
         type=kind,
         principal_pitches=pitches,
         principal_screws=screws,
-        blind_directions=blind,
+        blind_directions=_along_axes(blind),
         constraint_wrenches=annihilator(S),
         singularity_distance=0.0 if kind.dimension < min(6, twists.shape[1]) else _isotropy(twists),
     )
 
 
+def _along_axes(blind: Array) -> Array:
+    """An orthonormal basis of the same translations that takes up the axes of the frame, the nearest first."""
+    left = blind[3:].dot(blind[3:].T)
+    basis = np.zeros_like(blind)
+    for i in range(blind.shape[1]):
+        nearest = left[:, int(np.diag(left).argmax())]
+        basis[3:, i] = nearest / np.linalg.norm(nearest)
+        left = left - np.outer(basis[3:, i], basis[3:, i])
+    return basis
+
+
 def _isotropy(twists: Array) -> float:
     """Smallest over largest singular value, about the twists' own point and in their own length."""
-    moved = velocity_at(twists, resting_point(twists))
+    moved = velocity_at(twists, own_point(twists))
     w, v = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(moved))
     own = 1.0 / LENGTH_LIMIT < v / w < LENGTH_LIMIT if w > 0.0 else False
     sigma = np.linalg.svd(np.vstack((twists[:3], moved * (w / v if own else 1.0))), compute_uv=False)

@@ -1,0 +1,158 @@
+"""Many states of an arm, spread over its joint range: what is true of the arm, not of one state.
+
+    x_k = frac(1/2 + k a),   a_i = 1 / phi^i,   phi^(m+1) = phi + 1     (evenly spread, the same in every run)
+
+Reference: the sequence is Roberts', a generalisation of the golden ratio's to m dimensions.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.systems.report import describe
+
+Progress = Callable[[int, int], None]
+
+# From here on worker processes, which take a second to start, are worth it; each gets so many states at a time.
+PARALLEL_FROM = 2000
+CHUNK = 100
+# A joint without limits is looked at over one turn [rad], a slide over one unit of length, in all.
+UNLIMITED_TURN, UNLIMITED_SLIDE = 2.0 * np.pi, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Many states of an arm.
+
+    Attributes:
+        q: (n, m) joint positions.
+        rank: (n,).
+        types: (n,) Gibson-Hunt names.
+        pitches: (n, 6) principal pitches, ascending, NaN where there are fewer [length/rad].
+        blind: (n,) number of blind directions; above zero no pitch works in that state.
+        distance: (n,) from a singularity, as `SystemReport.singularity_distance`.
+    """
+
+    q: Array
+    rank: Array
+    types: tuple[str, ...]
+    pitches: Array
+    blind: Array
+    distance: Array
+
+    @property
+    def attainable_rank(self) -> int:
+        """The largest rank of any state."""
+        return int(self.rank.max())
+
+    @property
+    def regular(self) -> Array:
+        """(n,) bool: the states of that rank."""
+        return np.asarray(self.rank == self.attainable_rank)
+
+    @property
+    def blind_share(self) -> float:
+        """Share of the regular states in which no pitch works."""
+        return float(np.mean(self.blind[self.regular] > 0))
+
+    @property
+    def all_pitches(self) -> Array:
+        """Every principal pitch of every regular state, in no order."""
+        pitches = self.pitches[self.regular]
+        return np.asarray(pitches[np.isfinite(pitches)])
+
+    def as_json(self) -> dict[str, Any]:
+        """Statistics; SI units."""
+        n = len(self.rank)
+        finite = self.all_pitches
+        return {
+            "count": n,
+            "ranks": {str(k): c / n for k, c in sorted(Counter(self.rank.tolist()).items(), reverse=True)},
+            "types": {name: c / n for name, c in Counter(self.types).most_common()},
+            "blind_share": self.blind_share,
+            "principal_pitches": _quantiles(finite) if len(finite) else None,
+            "singularity_distance": _quantiles(self.distance),
+        }
+
+
+def _quantiles(values: Array) -> dict[str, float]:
+    names = {"min": 0.0, "p05": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
+    return {name: float(np.quantile(values, share)) for name, share in names.items()}
+
+
+def spread(robot: Robot, samples: int) -> Array:
+    """(n, m) joint positions spread evenly over the joint range."""
+    low, high = joint_ranges(robot)
+    m = len(low)
+    phi = float(max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real))
+    share = (0.5 + np.outer(np.arange(1, samples + 1), phi ** -np.arange(1.0, m + 1.0))) % 1.0
+    return np.asarray(low + share * (high - low))
+
+
+def joint_ranges(robot: Robot) -> tuple[Array, Array]:
+    """(m,) the limits, or a turn about the middle, or a unit of length, of joints that have none."""
+    mid = middle(robot)
+    turns = np.abs(robot.jacobian(mid)[:3]).max(axis=0) > 0.0
+    half = 0.5 * np.where(turns, UNLIMITED_TURN, UNLIMITED_SLIDE)
+    low, high = robot.position_lower, robot.position_upper
+    return np.where(np.isfinite(low), low, mid - half), np.where(np.isfinite(high), high, mid + half)
+
+
+def survey(robot: Robot, q: Array, *, jobs: int = 1, progress: Progress | None = None) -> Survey:
+    """Describe the arm in each of (n, m) states.
+
+    Args:
+        robot: the arm.
+        q: (n, m) joint positions.
+        jobs: processes, from a few thousand states on; -1 is one a core.
+        progress: called with (states done, states in all).
+    """
+    n = len(q)
+    twists = [np.array([robot.jacobian(state) for state in q[i : i + CHUNK]]) for i in range(0, n, CHUNK)]
+    parts: list[_Described] = []
+    for part in _mapped(twists, jobs if n >= PARALLEL_FROM else 1):
+        parts.append(part)
+        if progress is not None:
+            progress(sum(len(p[1]) for p in parts), n)
+    numbers = np.concatenate([p[0] for p in parts])
+    return Survey(
+        q=q,
+        rank=numbers[:, 0].astype(int),
+        types=tuple(name for p in parts for name in p[1]),
+        pitches=numbers[:, 3:],
+        blind=numbers[:, 1].astype(int),
+        distance=numbers[:, 2],
+    )
+
+
+_Described = tuple[Array, list[str]]
+
+
+def _mapped(chunks: list[Array], jobs: int) -> Iterable[_Described]:
+    """`_described` of each chunk, in order, as they come."""
+    if jobs == 1:
+        return map(_described, chunks)
+    from joblib import Parallel, delayed  # only where it is worth its start
+
+    work = Parallel(n_jobs=jobs, return_as="generator")
+    results: Iterable[_Described] = work(delayed(_described)(chunk) for chunk in chunks)
+    return results
+
+
+def _described(twists: Array) -> _Described:
+    """(n, 9) rank, blind directions, distance, principal pitches; and the types, of (n, 6, m) twists."""
+    numbers = np.full((len(twists), 9), np.nan)
+    types = []
+    for row, J in zip(numbers, twists, strict=True):
+        report = describe(J)
+        row[:3] = report.rank, report.blind_directions.shape[1], report.singularity_distance
+        row[3 : 3 + len(report.principal_pitches)] = report.principal_pitches
+        types.append(str(report.type))
+    return numbers, types

@@ -1,0 +1,112 @@
+"""What the commands print: summaries as tables and sentences on standard output, progress on standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from invariantqp.control.inspection import Inspection
+    from invariantqp.control.simulate import Trace
+    from invariantqp.control.taskfile import Task
+
+# Of paragraphs where no terminal says how wide it is.
+PLAIN_WIDTH = 100
+
+
+@contextmanager
+def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    with Progress(
+        TextColumn(what), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), console=console
+    ) as bar:
+        job = bar.add_task(what, total=None)
+
+        def report(done: int, total: int) -> None:
+            if done % 50 == 0 or done == total:
+                bar.update(job, completed=done, total=total)
+
+        yield report
+
+
+def print_run(trace: Trace) -> None:
+    """A run's figures."""
+    figures = trace.summary()
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"[bold]{figures['task']}[/bold]  {trace.task.about}")
+    table = Table("", "median", "p99", "max", box=None)
+    for label, key, form in (
+        ("position error, mm", "position_error_mm", "{:.2g}"),
+        ("orientation error, deg", "orientation_error_deg", "{:.2g}"),
+        ("time of a tick, us", "tick_us", "{:.1f}"),
+    ):
+        spread = figures[key]
+        table.add_row(label, *(form.format(spread[k]) for k in ("median", "p99", "max")))
+    console.print(table)
+    lines = [
+        f"ticks {figures['ticks']}, limits active in {_percent(figures['limits_active'])}",
+        f"largest excess over a limit {figures['limit_violation']:.1e}, peak joint speed {figures['peak_speed']:.3g}",
+        f"method: {_shares(figures['methods'])};  status: {_shares(figures['statuses'])}",
+        *(f"[yellow]note:[/yellow] {_plain(w)}" for w in figures["warnings"]),
+        "[green]accepted[/green]" if figures["passed"] else "[red]not accepted[/red]",
+    ]
+    for line in lines:
+        console.print(line)
+
+
+def print_inspection(found: Inspection, at_middle: bool) -> None:
+    """An arm in words."""
+    console = Console(highlight=False, soft_wrap=True)
+    width = console.width if console.is_terminal else PLAIN_WIDTH
+    advice = found.recommended
+    where = "in the middle of the joint range" if at_middle else "at the joint positions given"
+    use = f"the pitch form, h = {advice.h:g}" if advice.h is not None else "the metric carried by the tool"
+    key = f"pitch = {advice.h}" if advice.h is not None else 'form = "carried"'
+    call = f"form={advice.h:g}" if advice.h is not None else "form=invariantqp.tool_metric(robot)"
+    console.print(f"[bold]{_plain(found.robot)}[/bold], {len(found.joints)} joints to {_plain(found.tool)}")
+    for title, words in (
+        (f"{where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
+        (f"over the joint range, {len(found.survey.q)} states", found.range_words()),
+        (f"recommended: {use}", (advice.reason, f"In a task file: {key}; in Python: Controller(robot, {call}, ...).")),
+    ):
+        console.print(f"\n[bold]{title}[/bold]")
+        for sentence in words:
+            paragraph = fill(sentence, width, initial_indent="  ", subsequent_indent="  ")
+            console.print(paragraph, markup=False)
+
+
+def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
+    """What a displaced tool frame changes, law by law."""
+    from invariantqp.compare.frames import frame_check
+
+    with progress("tool frame displaced", quiet) as report:
+        checks = frame_check(task, seed, report)
+    table = Table("law", "change of joint positions, rad", "largest error, mm", box=None)
+    for check in checks:
+        table.add_row(check.law, f"{check.change:.1e}", f"{check.worst_error_mm:.2g}")
+    console = Console(highlight=False)
+    console.print("\nthe same motion, with the tool frame displaced at random:")
+    console.print(table)
+
+
+def _shares(counts: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {_percent(share)}" for name, share in sorted(counts.items(), key=lambda i: -i[1]))
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"
+
+
+def _plain(text: str) -> str:
+    return text.replace("[", r"\[")

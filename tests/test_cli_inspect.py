@@ -1,0 +1,78 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from invariantqp import cli
+
+FAR = "in the middle of the joint range"
+
+
+def call(monkeypatch, capsys, *words):
+    """(exit status, standard output, standard error) of a command line."""
+    monkeypatch.setattr(sys, "argv", ["invariantqp", *words])
+    with pytest.raises(SystemExit) as leaving:
+        cli.main()
+    printed = capsys.readouterr()
+    return leaving.value.code, printed.out, printed.err
+
+
+def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
+    numbers, picture = tmp_path / "a.json", tmp_path / "a.png"
+    status, out, err = call(monkeypatch, capsys, "inspect", "so101", "--json", str(numbers), "--plot", str(picture))
+    assert (status, err) == (0, "")
+    for said in ("so101, 5 joints to gripper_frame_link", FAR, "64 states", "recommended: the pitch form, h = 0.08"):
+        assert said in out
+    assert "pitch = 0.08" in out
+    found = json.loads(numbers.read_text(encoding="utf-8"))
+    assert (found["rank"], found["gibson_hunt"], found["recommended"]["h"]) == (5, "h", 0.08)
+    assert found["principal_pitches"] == [pytest.approx(0.0, abs=1e-12)]
+    assert picture.stat().st_size > 20_000
+
+
+def test_an_arm_without_a_pitch(monkeypatch, capsys):
+    status, out, _ = call(monkeypatch, capsys, "inspect", "scara", "--samples", "30")
+    assert status == 0
+    for said in ("No h works", "(1, 0, 0)", "Complement(Z)", "30 states", 'form = "carried"', "tool_metric(robot)"):
+        assert said in out
+
+
+@pytest.mark.parametrize("q", [["--q", "-0.1", "1.2", "-3e-1"], ["--q=-0.1,1.2,-0.3"], ["--q", "-0.1 1.2 -0.3"]])
+def test_a_state_in_every_spelling(monkeypatch, capsys, q):
+    status, out, _ = call(monkeypatch, capsys, "inspect", *q, "planar_3r")
+    assert status == 0
+    assert "at the joint positions given, q = (-0.1, 1.2, -0.3)" in out
+    assert FAR not in out
+
+
+REFUSED = [
+    (["nobody"], "unknown robot 'nobody'"),
+    (["so10"], "error: unknown robot 'so10'; did you mean so101"),
+    (["so101", "--tool", "gripper_frame"], "unknown frame 'gripper_frame'; did you mean gripper_frame_link"),
+    (["scara", "--tool", "tool0"], "tool: found 'tool0'; expected none with joint screws"),
+    (["planar_3r", "--q", "0.1", "0.2"], "q: found shape (2,)"),
+    (["planar_3r", "--q", "0.1", "nan", "0.2"], "q: found NaN"),
+    (["planar_3r", "--q", "a"], "--q: found 'a'; expected numbers"),
+    (["planar_3r", "--q", "0,1,0", "--samples", "9"], "--q: found --samples beside it"),
+    (["planar_3r", "--samples", "0"], "--samples"),
+    (["planar_3r", "--json", "/nowhere/at/all.json"], "a folder that does not exist"),
+    (["planar_3r", "--plot", "/nowhere/at/all.png"], "a folder that does not exist"),
+    (["planar_3r", "--plot", "picture.xyz"], "the ending '.xyz'; expected one of .png, .svg, .pdf"),
+    ([], "Missing argument"),
+]
+
+
+@pytest.mark.parametrize(("words", "said"), REFUSED, ids=[" ".join(w) or "nothing" for w, _ in REFUSED])
+def test_bad_input_is_one_message_and_status_2(monkeypatch, capsys, words, said):
+    status, out, err = call(monkeypatch, capsys, "inspect", *words)
+    assert (status, out) == (2, "")
+    assert said in " ".join(err.split())
+    assert "Traceback" not in err
+
+
+def test_in_a_process_of_its_own(tmp_path):
+    command = [sys.executable, "-m", "invariantqp.cli", "inspect", "panda"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "every h gives the same joint velocities" in " ".join(done.stdout.split())
