@@ -3,8 +3,8 @@
     level 1:  x_1 = argmin sum_i w_i 1/2 (x - x_i*)'H_i(x - x_i*)      inside the bounds, with the exact rows
     level 2:  likewise among the x with J_1 x = J_1 x_1, and so on
 
-Each twist task brings the (H_i, c_i) that `convexify` makes of its form, so the sum is as invariant as its terms. A joint
-task asks for a joint velocity: the way to a posture, or zero for little motion.
+Each twist task brings the (H_i, c_i) that `convexify` makes of its form, so the sum is as invariant as its terms. A
+joint task asks for a joint velocity: the way to a posture, or zero for little motion.
 """
 
 from __future__ import annotations
@@ -112,9 +112,7 @@ def solve_tasks(
             raise BadInput(f"tasks[{i}]", f"{_joints(task)} joints", f"{m}, as in tasks[0]")
     policy = damping_of(damping)
     if isinstance(policy, PaperLambda):
-        raise BadInput(
-            "damping", "PaperLambda", "a policy with a convex objective", "Use Fixed, Adaptive or Selective."
-        )
+        raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
     lower = np.full(m, -np.inf) if bounds is None else np.asarray(bounds.lower)
     upper = np.full(m, np.inf) if bounds is None else np.asarray(bounds.upper)
     if len(lower) != m:
@@ -166,7 +164,7 @@ def _level(
         else:
             H += task.weight * np.eye(n)
             c += task.weight * reduction.reduced(np.asarray(task.velocity))
-    x = reduction.joint(np.linalg.solve(H, c))
+    x = reduction.joint(np.asarray(np.linalg.solve(H, c), dtype=np.float64))
     if demand.allows(x):
         return x, False
     return reduction.joint(minimise(backend, H, c, reduction, demand.lower, demand.upper).z), True
