@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from math import isinf
+from math import isfinite, isinf
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -130,6 +130,8 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._centre), "q")
         sighting = self.robot.sight(positions, target)
+        if not isfinite(sighting.error.dot(sighting.error)):  # a foreign pose object comes unchecked
+            raise BadInput("target", "a pose with NaN or infinity", "a finite pose", "Check where it was computed.")
         s = sighting.error * self._gains
         if feedforward is not None:
             s += arrays.vector(feedforward, 6, "feedforward")

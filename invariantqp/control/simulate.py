@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.taskfile import LawSpec, Task
 from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.objective import PitchForm, form_of
 from invariantqp.velocity.solve import VelocitySolution
@@ -222,7 +223,13 @@ def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
     unknown = sorted(set(overrides) - set(LawSpec.model_fields))
     if unknown:
         raise BadInput("overrides", ", ".join(unknown), f"some of {', '.join(LawSpec.model_fields)}")
-    return LawSpec.model_validate({**law.model_dump(), **overrides})
+    try:
+        return LawSpec.model_validate({**law.model_dump(), **overrides})
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        key = str(wrong["loc"][0])
+        expected = wrong["msg"][0].lower() + wrong["msg"][1:]
+        raise BadInput(key, repr(overrides[key]), expected) from error
 
 
 def _error(T: Array, wanted: Array) -> tuple[float, float]:
@@ -243,7 +250,7 @@ def _warnings(robot: Robot, law: LawSpec, q: Array, solutions: list[VelocitySolu
         hits = [s for s in solutions if s.status == status]
         if hits:
             said.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
-    form = form_of(law.pitch, robot.jacobian(q[0]))
+    form = form_of(law.pitch, robot.jacobian(middle(robot)))  # as the controller takes it
     if isinstance(form, PitchForm) and len(robot.names) < 6:
         said.extend(_pitch_warnings(robot, form.h, q))
     return said
