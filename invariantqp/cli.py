@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 BAD_INPUT = 2
 NOT_ACCEPTED = 1
+PICTURES = (".png", ".svg", ".pdf")
 
 app = typer.Typer(
     help="Task-space velocity control of robot arms whose answers do not depend on frames or length units.",
@@ -89,8 +90,8 @@ def run(
     from invariantqp.control.taskfile import load_task
 
     problem = load_task(task)
-    for file in (json_file, plot):
-        _writable(file)
+    _writable(json_file)
+    _writable(plot, PICTURES)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with _progress("running", quiet) as report:
         trace = run_task(problem, progress=report, **overrides)
@@ -110,7 +111,7 @@ def run(
         raise typer.Exit(NOT_ACCEPTED)
 
 
-def _writable(file: Path | None) -> None:
+def _writable(file: Path | None, suffixes: tuple[str, ...] = ()) -> None:
     """Refuse a place that cannot be written to before the work is done, not after."""
     if file is None:
         return
@@ -118,6 +119,8 @@ def _writable(file: Path | None) -> None:
         raise BadInput(str(file), "a folder that does not exist", "a file in an existing folder")
     if file.is_dir():
         raise BadInput(str(file), "a folder", "the name of a file")
+    if suffixes and file.suffix.lower() not in suffixes:
+        raise BadInput(str(file), f"suffix {file.suffix!r}", f"one of {', '.join(suffixes)}")
 
 
 @contextmanager
