@@ -178,7 +178,7 @@ FLOATING = SLIDER.replace('"prismatic"', '"floating"')
 FAILING = {
     "typo": (lambda _: iq.load_robot("pandda"), r"unknown robot 'pandda'; did you mean panda"),
     "no file": (lambda d: iq.load_robot(d / "missing.urdf"), "no URDF file at .*missing.urdf"),
-    "folder": (lambda d: iq.load_robot(d), "no URDF file at"),
+    "folder": (iq.load_robot, "no URDF file at"),
     "not xml": (lambda d: iq.load_robot(urdf(d, "<robot")), r"arm.urdf: not XML \(.*\); expected a URDF <robot>"),
     "not urdf": (lambda d: iq.load_robot(urdf(d, "<mujoco/>")), "found <mujoco> without joints; expected a URDF"),
     "no joints": (lambda d: iq.load_robot(urdf(d, "<robot/>")), "found <robot> without joints; expected a URDF"),
