@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from invariantqp.compare.frames import FrameCheck, frame_check
-    from invariantqp.control.controller import Controller, tool_metric
+    from invariantqp.control.controller import Controller
     from invariantqp.control.inspection import Inspection, inspect
+    from invariantqp.control.own_form import own_form, tool_metric
     from invariantqp.control.picture import picture
     from invariantqp.control.pitch_picture import pitch_picture
     from invariantqp.control.recommendation import Recommendation
@@ -74,7 +75,8 @@ __version__ = "0.1.0"
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
     "compare.frames": ("FrameCheck", "frame_check"),
-    "control.controller": ("Controller", "tool_metric"),
+    "control.controller": ("Controller",),
+    "control.own_form": ("own_form", "tool_metric"),
     "control.inspection": ("Inspection", "inspect"),
     "control.picture": ("picture",),
     "control.pitch_picture": ("pitch_picture",),

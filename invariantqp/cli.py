@@ -88,7 +88,7 @@ def run(
 
     problem = load_task(task)
     _writable(json_file)
-    _drawable(plot)
+    _writable(plot, PICTURES)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
         trace = run_task(problem, progress=report, **overrides)
@@ -164,12 +164,12 @@ def inspect(
     if q is not None and samples is not None:
         raise BadInput("--q", "--samples beside it", "one of them: a state, or the range")
     _writable(json_file)
-    _drawable(plot)
+    _writable(plot, PICTURES)
     loaded = arm(robot, tool)
     state = None if q is None else _numbers(q)
     with progress("looking", samples is None) as report:
         found = look(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
-    print_inspection(found, state is None)
+    print_inspection(found)
     if json_file is not None:
         json_file.write_text(json.dumps(found.as_json(), indent=1) + "\n", encoding="utf-8")
     if plot is not None:
@@ -178,7 +178,7 @@ def inspect(
         pitch_picture(found, loaded, plot)
 
 
-def _writable(file: Path | None) -> None:
+def _writable(file: Path | None, suffixes: tuple[str, ...] = ()) -> None:
     """Refuse a place that cannot be written to before the work is done, not after."""
     if file is None:
         return
@@ -188,13 +188,8 @@ def _writable(file: Path | None) -> None:
         raise BadInput(str(file), "a folder", "the name of a file")
     if not os.access(file if file.exists() else file.parent, os.W_OK):
         raise BadInput(str(file), "a place that may not be written to", "a file in a folder of yours")
-
-
-def _drawable(file: Path | None) -> None:
-    """Refuse an ending that no picture has, likewise."""
-    _writable(file)
-    if file is not None and file.suffix.lower() not in PICTURES:
-        raise BadInput(str(file), f"the ending {file.suffix!r}", f"one of {', '.join(PICTURES)}")
+    if suffixes and file.suffix.lower() not in suffixes:
+        raise BadInput(str(file), f"the ending {file.suffix!r}", f"one of {', '.join(suffixes)}")
 
 
 if __name__ == "__main__":

@@ -65,18 +65,17 @@ def print_run(trace: Trace) -> None:
         console.print(line)
 
 
-def print_inspection(found: Inspection, at_middle: bool) -> None:
+def print_inspection(found: Inspection) -> None:
     """An arm in words."""
     console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else PLAIN_WIDTH
     advice = found.recommended
-    where = "in the middle of the joint range" if at_middle else "at the joint positions given"
     use = f"the pitch form, h = {advice.h:g}" if advice.h is not None else "the metric carried by the tool"
     key = f"pitch = {advice.h}" if advice.h is not None else 'form = "carried"'
     call = f"form={advice.h:g}" if advice.h is not None else "form=invariantqp.tool_metric(robot)"
     console.print(f"[bold]{_plain(found.robot)}[/bold], {len(found.joints)} joints to {_plain(found.tool)}")
     for title, words in (
-        (f"{where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
+        (f"{found.where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
         (f"over the joint range, {len(found.survey.q)} states", found.range_words()),
         (f"recommended: {use}", (advice.reason, f"In a task file: {key}; in Python: Controller(robot, {call}, ...).")),
     ):

@@ -15,7 +15,7 @@ from invariantqp.robots.kinematics import middle
 # name, joints, rank in the middle, rank of the arm, type in the middle, recommended form
 ARMS = [
     ("so101", 5, 5, 5, "h", "pitch"),
-    ("ur5", 6, 5, 6, "h=inf", "pitch"),
+    ("ur5", 6, 6, 6, "SE3", "pitch"),
     ("panda", 7, 6, 6, "SE3", "pitch"),
     ("scara", 4, 4, 4, "IIC", "carried"),
     ("planar_3r", 3, 3, 3, "IIC", "carried"),
@@ -65,7 +65,10 @@ def test_what_is_said_of_known_arms(name, joints, rank, attainable, kind, form):
 
 def test_a_singular_middle_is_not_taken_for_the_arm():
     found = iq.inspect(arm("ur5"))
-    assert "That is this state, not the arm: its rank is 6 in 100 % of the range." in found.state_words()
+    assert found.report.rank == 6
+    assert found.where == "in a regular state, since the middle of the joint range is singular"
+    singular = iq.inspect(arm("ur5"), q=np.zeros(6))
+    assert "That is this state, not the arm: its rank is 6 in 100 % of the range." in singular.state_words()
     regular = iq.inspect(arm("ur5"), q=[0.1, -1.2, 1.6, -0.6, -0.4, 0.3])
     assert (regular.report.rank, regular.recommended) == (6, found.recommended)
     assert "not the arm" not in words(regular)

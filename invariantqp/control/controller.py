@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from math import inf, isinf
+from math import isfinite, isinf
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting, middle
-from invariantqp.systems.centre import centre
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
@@ -48,17 +48,6 @@ class Controls(Protocol):
         ...
 
 
-def tool_metric(robot: Robot) -> CarriedMetric:
-    """diag(L^2 I, I) carried by the tool, L the arm's own length in the middle of its range.
-
-    The form for arms on which no pitch form works: planar arms, SCARA, gantries. Where no joint turns, or all turn
-    about one point, L is one unit of length.
-    """
-    length = centre(robot.jacobian(middle(robot))).length
-    weight = length * length if 0.0 < length < inf else 1.0
-    return CarriedMetric(np.repeat((weight, 1.0), 3))
-
-
 class Controller:
     """Task-space velocity control of one arm; `step` is one tick.
 
@@ -69,6 +58,7 @@ class Controller:
         gain: [1/s].
         posture_gain: [1/s], 0 where the null space has no posture.
         exact: "position" where the tool point is met exactly and the form judges the rest, or None.
+        form_reason: why twists are measured as they are, in words.
     """
 
     def __init__(
@@ -92,7 +82,8 @@ class Controller:
             robot: from `load_robot`, or anything that meets `Robot`.
             dt: tick [s].
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick.
-            form: as in `solve_velocity`; None is the pitch form of the arm's own length in the middle of its range.
+            form: as in `solve_velocity`; None is what `invariantqp inspect` recommends: a pitch of the order of the
+                arm's own length, away from principal pitches, or the metric carried by the tool where no pitch works.
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
             posture: gain [1/s] of the null-space motion to the middle of the joint ranges, for arms with more than six
@@ -121,8 +112,16 @@ class Controller:
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
         if metric is None and units_mix(J):
             warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
+        chosen, self.form_reason = own_form(robot) if form is None else (form_of(form, J), "as asked")
+        blind = form is None and isinstance(chosen, CarriedMetric)
         self.law = VelocityLaw(
-            form_of(form, J), damping_of(damping), guard_of(guard), metric, backend_of(backend), self.dt
+            form=chosen,
+            damping=damping_of(damping),
+            guard=guard_of(guard),
+            metric=metric,
+            backend=backend_of(backend),
+            dt=self.dt,
+            note="no pitch form sees all of this arm: twists are measured at the tool" if blind else "",
         )
         self.posture_gain = _posture_gain(posture) if m > 6 else 0.0
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
@@ -148,6 +147,8 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
+        if not isfinite(sighting.error.dot(sighting.error)):  # a foreign pose object comes unchecked
+            raise BadInput("target", "a pose with NaN or infinity", "a finite pose", "Check where it was computed.")
         s = sighting.error * self._gains
         if feedforward is not None:
             s += arrays.vector(feedforward, 6, "feedforward")
@@ -156,7 +157,9 @@ class Controller:
         exact, point = (None, None) if self.exact is None else self._point_rows(sighting, target, feedforward)
         law = self.law
         if self._follows_tool:
-            law = replace(law, form=law.form.at(self.robot.pose(positions)))  # type: ignore[union-attr]
+            pose = self.robot.pose(positions)
+            law = replace(law, form=law.form.at(pose))  # type: ignore[union-attr]
+            point = pose[:3, 3] if point is None else point  # the guard measures where the form does
         return solve(law, Demand(sighting.J, s, lower, upper, exact, posture, point))
 
     def _point_rows(self, sighting: Sighting, target: Any, feedforward: ArrayLike | None) -> tuple[ExactRows, Array]:

@@ -42,6 +42,7 @@ class Inspection:
         tool: name of the tool frame.
         joints: names, base first.
         q: (m,) the state [rad, length].
+        where: which state that is, in words.
         report: the state.
         survey: the range.
         own_length: the arm's own length in the middle of its range [length/rad]: inf where no joint turns, 0 where all
@@ -53,6 +54,7 @@ class Inspection:
     tool: str
     joints: tuple[str, ...]
     q: Array
+    where: str
     report: SystemReport
     survey: Survey
     own_length: float
@@ -155,7 +157,8 @@ def inspect(
     Args:
         robot: from `load_robot`, or anything that meets `Robot`.
         name: what to call it.
-        q: (m,) joint positions [rad, length]; None is the middle of each range.
+        q: (m,) joint positions [rad, length]; None is the middle of each range or, where that is singular, the state of
+            the range farthest from singularities.
         samples: states of the joint range to look at.
         jobs: processes where samples are many; -1 is one a core.
         progress: called with (states done, states in all).
@@ -164,17 +167,24 @@ def inspect(
         BadInput: wrong number of joint positions, NaN, no samples.
     """
     mid = middle(robot)
-    state = mid if q is None else arrays.vector(q, len(robot.names), "q")
+    state, where = mid, "in the middle of the joint range"
+    if q is not None:
+        state, where = arrays.vector(q, len(robot.names), "q"), "at the joint positions given"
     if samples < 1:
         raise BadInput("samples", str(samples), "one or more")
     report = describe(robot.jacobian(state))
     seen = survey(robot, spread(robot, samples), jobs=jobs, progress=progress)
+    if q is None and report.rank < seen.attainable_rank:
+        state = seen.q[int(np.where(seen.regular, seen.distance, -1.0).argmax())]
+        report = describe(robot.jacobian(state))
+        where = "in a regular state, since the middle of the joint range is singular"
     length = centre(robot.jacobian(mid)).length
     return Inspection(
         robot=name,
         tool=str(getattr(robot, "tool", "tool_point")),
         joints=tuple(robot.names),
         q=state,
+        where=where,
         report=report,
         survey=seen,
         own_length=length,

@@ -14,13 +14,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
-from invariantqp.control.controller import Controller, Controls, tool_metric
+from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.own_form import own_form, tool_metric
 from invariantqp.control.taskfile import LawSpec, Task
 from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.systems.centre import centre
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.objective import Form, PitchForm, form_of
 from invariantqp.velocity.solution import VelocitySolution
@@ -137,7 +140,11 @@ def _spread(values: Array) -> dict[str, float]:
 
 def law_form(robot: Robot, law: LawSpec) -> Form | float | None:
     """The form that a task's [law] asks for."""
-    return tool_metric(robot) if law.form == "carried" else law.pitch
+    if law.form == "carried":
+        return tool_metric(robot)
+    if law.form == "pitch" and law.pitch is None:
+        return centre(robot.jacobian(middle(robot))).length
+    return law.pitch
 
 
 def our_controller(robot: Robot, law: LawSpec) -> Controller:
@@ -230,7 +237,13 @@ def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
     unknown = sorted(set(overrides) - set(LawSpec.model_fields))
     if unknown:
         raise BadInput("overrides", ", ".join(unknown), f"some of {', '.join(LawSpec.model_fields)}")
-    return LawSpec.model_validate({**law.model_dump(), **overrides})
+    try:
+        return LawSpec.model_validate({**law.model_dump(), **overrides})
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        key = str(wrong["loc"][0])
+        expected = wrong["msg"][0].lower() + wrong["msg"][1:]
+        raise BadInput(key, repr(overrides[key]), expected) from error
 
 
 def _error(T: Array, wanted: Array) -> tuple[float, float]:
@@ -251,7 +264,8 @@ def _warnings(robot: Robot, law: LawSpec, q: Array, solutions: list[VelocitySolu
         hits = [s for s in solutions if s.status == status]
         if hits:
             said.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
-    form = form_of(law_form(robot, law), robot.jacobian(q[0]))
+    asked = law_form(robot, law)
+    form = own_form(robot)[0] if asked is None else form_of(asked, robot.jacobian(q[0]))
     if isinstance(form, PitchForm) and len(robot.names) < 6:
         said.extend(_pitch_warnings(robot, form.h, q))
     return said

@@ -94,9 +94,9 @@ class LawSpec(_Strict):
 
     dt: Positive = Field(0.001, description="tick [s]", examples=[0.001])
     gain: Positive | None = Field(None, description="[1/s]", examples=[20.0])
-    form: Literal["pitch", "carried"] = Field(
-        "pitch",
-        description='what twists are measured by: a pitch form, or, where none works, a metric "carried" by the tool',
+    form: Literal["pitch", "carried"] | None = Field(
+        None,
+        description="a pitch form, or a metric carried by the tool; left out: what inspect recommends",
         examples=["carried"],
     )
     pitch: Number | None = Field(None, description="h [m/rad]; left out: the arm's own length", examples=[0.3])

@@ -6,6 +6,7 @@ Only the joints between base and tool are modelled, without meshes: a humanoid's
 from __future__ import annotations
 
 import difflib
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -140,14 +141,13 @@ def load_urdf(path: Path, tool: str | None, joints: Sequence[str] | None) -> Pin
 
 
 def _told_apart(model: pin.Model, tool: str) -> str:
-    """The tool's name after links that share a joint's name have been renamed: Pinocchio finds frames by name alone."""
-    joints = {frame.name for frame in model.frames if frame.type != pin.FrameType.BODY}
-    renamed = set()
+    """The tool's name after links that share theirs with a joint are renamed: Pinocchio finds frames by name alone."""
+    count = Counter(frame.name for frame in model.frames)
+    shared = {f.name for f in model.frames if f.type == pin.FrameType.BODY and count[f.name] > 1}
     for frame in model.frames:
-        if frame.type == pin.FrameType.BODY and frame.name in joints:
-            renamed.add(frame.name)
+        if frame.type == pin.FrameType.BODY and frame.name in shared:
             frame.name += " link"
-    return f"{tool} link" if tool in renamed else tool
+    return f"{tool} link" if tool in shared else tool
 
 
 def _support(model: pin.Model, joint: int) -> list[str]:

@@ -81,6 +81,7 @@ class VelocityLaw:
         backend: who solves the QPs.
         dt: how long the velocity is held [s], for the residual damping that keeps a loop still where its target is out
             of reach; 0 is none.
+        note: what every solution's reason says of the form, "" for nothing.
     """
 
     form: Form
@@ -89,6 +90,7 @@ class VelocityLaw:
     metric: Array | None = None
     backend: Backend = field(default_factory=Daqp)
     dt: float = 0.0
+    note: str = ""
 
     def build(self, demand: Demand) -> Problem:
         """The convex problem whose optimum is the stationary point of the form, filtered."""

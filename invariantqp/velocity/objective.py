@@ -12,7 +12,7 @@ Reference: [DS] Sect. 6.2 (stationary points of Q_h, the projector along Z).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isinf
+from math import inf, isinf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.centre import centre
+from invariantqp.systems.gram import blind_directions
 
 # A singular value of K'J below this fraction of the largest is zero: S then meets Z, and that motion is lost.
 COMPLEMENT_TOLERANCE = 1e-10
@@ -182,8 +183,8 @@ Form = PitchForm | CarriedMetric | Complement
 def form_of(form: Form | float | None, J: Array, s: Array | None = None) -> Form:
     """The form meant: a pitch is a PitchForm; None is the arm's own, the pitch form of its own length.
 
-    Where no joint turns the arm has no such length and every pitch form is blind: then the metric of velocity of its
-    own point.
+    Where that is blind (planar arms, SCARA, gantries) or no joint turns: the metric of diag(L^2 I, I) at the arm's own
+    point.
 
     Raises:
         BadInput: neither a number nor one of the three forms.
@@ -196,7 +197,8 @@ def form_of(form: Form | float | None, J: Array, s: Array | None = None) -> Form
             raise BadInput("form", f"{form!r}", expected)
         return PitchForm(float(form))
     point, length = centre(J, s)
-    if isinf(length):
-        return CarriedMetric(np.eye(6), se3.transform(translation=point))
+    if isinf(length) or (J.shape[1] < 6 and blind_directions(J).shape[1]):
+        weight = length * length if 0.0 < length < inf else 1.0
+        return CarriedMetric(np.repeat((weight, 1.0), 3), se3.transform(translation=point))
     # All axes through one point: rotations about it, which every h other than 0 measures alike.
     return PitchForm(length if length > 0.0 else 1.0)

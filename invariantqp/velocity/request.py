@@ -20,9 +20,11 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import Bounds
-from invariantqp.velocity.objective import Form, form_of
+from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.solution import VelocitySolution, conditioning, damping_reason
 from invariantqp.velocity.solve import solve
+
+BLIND = "no pitch form sees all of these joints: twists are measured by diag(L^2 I, I) at their own point"
 
 
 class MethodChoice(NamedTuple):
@@ -87,12 +89,14 @@ def _asked(
     metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     if metric is None and units_mix(twists):
         warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=3)
+    chosen = form_of(form, twists, s)
     law = VelocityLaw(
-        form=form_of(form, twists, s),
+        form=chosen,
         damping=damping_of(damping),
         guard=guard_of(guard),
         metric=metric,
         backend=backend_of(backend),
+        note=BLIND if form is None and isinstance(chosen, CarriedMetric) else "",
     )
     wanted = None if posture is None else arrays.vector(posture, m, "posture")
     return law, Demand(twists, s, lower, upper, exact, wanted)

@@ -32,7 +32,7 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     if x is not None and demand.allows(x):
         residual = _missed(demand, x)
         if residual is not None:
-            return VelocitySolution(x, "closed-form", "ok", "", (), residual, 1.0, 0.0, 0.0, "")
+            return VelocitySolution(x, "closed-form", "ok", law.note, (), residual, 1.0, 0.0, 0.0, "")
     problem = law.build(demand)
     convex = problem.convex
     x = problem.unconstrained()
@@ -42,7 +42,7 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
         residual = _missed(demand, x)
         if residual is not None:
             damped = convex.damping > 0.0
-            method, reason = ("damped", damping_reason(convex)) if damped else ("closed-form", "")
+            method, reason = ("damped", damping_reason(convex)) if damped else ("closed-form", law.note)
             return VelocitySolution(x, method, "ok", reason, (), residual, 1.0, convex.damping, 0.0, "")
     return Tick(law, demand).solution(problem, x)
 

@@ -87,7 +87,7 @@ class Tick:
         return "guarded" if blend > 0.0 else "ok"
 
     def _reason(self, convex: Convexified, blend: float, active: tuple[int, ...]) -> str:
-        said = list(self.troubles)
+        said = [self.law.note, *self.troubles] if self.law.note else list(self.troubles)
         if self.scale < 1.0:
             said.append(f"limits allow {self.scale:.3g} of the exact rows' speed")
         if blend > 0.0:

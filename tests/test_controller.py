@@ -1,0 +1,239 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import invariantqp as iq
+from invariantqp.velocity.request import UnitsMixed
+
+PANDA = iq.load_robot("panda")
+READY = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+DT = 0.002
+
+
+def controller(robot=PANDA, **options):
+    return iq.Controller(robot, dt=DT, **options)
+
+
+def target(error=(0.02, -0.01, 0.03, 0.02, 0.01, -0.03)):
+    return iq.exp(error) @ PANDA.pose(READY)
+
+
+def test_it_reaches_a_target_at_rest():
+    loop, q, goal = controller(gain=50.0), READY.copy(), target()
+    for _ in range(400):
+        q = q + DT * loop.step(q, goal).velocity
+    assert np.linalg.norm(PANDA.sight(q, PANDA.target(goal)).error) < 1e-6
+
+
+def test_one_tick_removes_its_share_of_the_error():
+    for share in (0.1, 1.0):
+        small = iq.exp(1e-4 * np.ones(6)) @ PANDA.pose(READY)
+        loop = controller(gain=share / DT, posture=False)
+        q = READY + DT * loop.step(READY, small).velocity
+        assert np.linalg.norm(PANDA.sight(q, PANDA.target(small)).error) == pytest.approx(
+            (1.0 - share) * np.linalg.norm(1e-4 * np.ones(6)), abs=2e-7
+        )
+
+
+def test_feedforward_is_the_targets_twist():
+    loop = controller(posture=False)
+    s = np.array([0.1, 0.2, -0.1, 0.05, 0.02, 0.1])
+    solution = loop.step(READY, PANDA.pose(READY), s)
+    np.testing.assert_allclose(PANDA.jacobian(READY) @ solution.velocity, s, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["array", "list", "SE3", "checked"])
+def test_targets_of_every_kind(kind):
+    wanted = {
+        "array": target(),
+        "list": target().tolist(),
+        "SE3": pin.SE3(target()),
+        "checked": PANDA.target(target()),
+    }[kind]
+    expected = controller().step(READY, target()).velocity
+    np.testing.assert_allclose(controller().step(READY.tolist(), wanted).velocity, expected, atol=1e-12)
+
+
+NAN_POSE = np.full((4, 4), np.nan)
+HURT = pin.SE3.Identity()
+HURT.translation = np.array([0.0, np.nan, 0.0])
+TWISTED = pin.SE3.Identity()
+TWISTED.rotation = np.full((3, 3), np.nan)
+REFUSED = {
+    "q nan": (lambda c: c.step(READY * np.nan, target()), "q"),
+    "q inf": (lambda c: c.step(READY + np.inf, target()), "q"),
+    "q short": (lambda c: c.step(READY[:6], target()), "q"),
+    "q matrix": (lambda c: c.step(READY[:, None], target()), "q"),
+    "target nan": (lambda c: c.step(READY, NAN_POSE), "target"),
+    "target shape": (lambda c: c.step(READY, np.eye(3)), "target"),
+    "target sheared": (lambda c: c.step(READY, target() * 1.01), "target"),
+    "SE3 nan": (lambda c: c.step(READY, HURT), "target"),
+    "SE3 nan rotation": (lambda c: c.step(READY, TWISTED), "target"),
+    "feedforward nan": (lambda c: c.step(READY, target(), [np.nan] * 6), "feedforward"),
+    "feedforward short": (lambda c: c.step(READY, target(), [0.0] * 3), "feedforward"),
+}
+
+
+@pytest.mark.parametrize("backend", ["daqp", "osqp"])
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_refused_tick_leaves_the_controller_as_it_was(case, backend):
+    call, argument = REFUSED[case]
+    fast = iq.exp([2.0, 0, 0, 1.0, 1.0, 0]) @ PANDA.pose(READY)  # far off: limits bind
+    loop, fresh = controller(backend=iq.Osqp() if backend == "osqp" else backend), controller(backend=backend)
+    before = loop.step(READY, fast)
+    with pytest.raises(iq.BadInput, match=f"^{argument}: found ") as caught:
+        call(loop)
+    assert caught.value.argument == argument
+    after = loop.step(READY, fast)
+    np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-7)
+    np.testing.assert_allclose(after.velocity, fresh.step(READY, fast).velocity, atol=1e-7)
+    assert after.status == before.status != "degraded"
+
+
+BAD = {
+    "negative dt": (lambda: iq.Controller(PANDA, dt=-0.001), "dt"),
+    "zero dt": (lambda: iq.Controller(PANDA, dt=0.0), "dt"),
+    "nan dt": (lambda: iq.Controller(PANDA, dt=np.nan), "dt"),
+    "word for dt": (lambda: iq.Controller(PANDA, dt="fast"), "dt"),
+    "gain": (lambda: controller(gain=1.01 / DT), "gain"),
+    "negative gain": (lambda: controller(gain=-1.0), "gain"),
+    "nan gain": (lambda: controller(gain=np.nan), "gain"),
+    "exact": (lambda: controller(exact="orientation"), "exact"),
+    "posture": (lambda: controller(posture=-1.0), "posture"),
+    "posture nan": (lambda: controller(posture=np.nan), "posture"),
+    "metric": (lambda: controller(joint_metric=np.ones(6)), "joint_metric"),
+    "damping": (lambda: controller(damping=-1.0), "damping"),
+    "form": (lambda: controller(form=np.nan), "h"),
+    "guard": (lambda: controller(guard="yes"), "guard"),
+    "backend": (lambda: controller(backend=7), "backend"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_controller_that_cannot_be(case):
+    call, argument = BAD[case]
+    with pytest.raises(iq.BadInput, match=r": found .*; expected ") as caught:
+        call()
+    assert caught.value.argument == argument
+
+
+def test_a_gain_of_one_over_dt_is_the_most():
+    assert controller(gain=1.0 / DT).gain == pytest.approx(500.0)
+    with pytest.raises(iq.BadInput, match=r"at most 1/dt\. More overshoots\."):
+        controller(gain=501.0)
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_outside_its_limits_it_comes_back_at_the_velocity_limit(joint, side):
+    q = READY.copy()
+    limit = PANDA.position_upper[joint] if side > 0.0 else PANDA.position_lower[joint]
+    q[joint] = limit + side * 0.1
+    loop = controller()
+    previous, ticks = None, 0
+    while side * (q[joint] - limit) > 1e-12:
+        solution = loop.step(q, PANDA.pose(READY))
+        assert solution.status != "held"
+        assert (np.abs(solution.velocity) <= PANDA.velocity_limit).all()
+        left = side * (q[joint] - limit)
+        expected = -side * min(PANDA.velocity_limit[joint], left / DT)
+        # one way back: at the limit while far, and to the limit or deeper at the end
+        assert side * solution.velocity[joint] <= side * expected + 1e-9
+        if left > DT * PANDA.velocity_limit[joint]:
+            assert solution.velocity[joint] == pytest.approx(expected)
+        if previous is not None:
+            assert side * (q[joint] - previous) <= 0.0
+        previous = q[joint]
+        q = q + DT * solution.velocity
+        ticks += 1
+    assert ticks == pytest.approx(0.1 / (DT * PANDA.velocity_limit[joint]), abs=2)
+
+
+def own_error(robot, q, goal):
+    """The error in the arm's own measure, the one the guard watches: a tool point may well move away meanwhile."""
+    J, error, _ = robot.sight(q, robot.target(goal))
+    point, length = iq.centre(J, error)
+    return np.hypot(length * np.linalg.norm(error[:3]), np.linalg.norm(error[3:] + np.cross(error[:3], point)))
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
+def test_limits_hold_on_the_way_to_a_target_out_of_reach(name):
+    robot = iq.load_robot(name)
+    loop = iq.Controller(robot, dt=0.01)
+    q = np.clip(np.full(len(robot.names), 0.3), robot.position_lower, robot.position_upper)
+    q[3 % len(q)] = np.clip(-1.0, robot.position_lower[3], robot.position_upper[3])
+    goal = iq.transform(translation=(3.0, 0.0, 0.5))
+    start = own_error(robot, q, goal)
+    for _ in range(300):
+        solution = loop.step(q, goal)
+        q = q + 0.01 * solution.velocity
+        assert (np.abs(solution.velocity) <= robot.velocity_limit).all()
+        assert (q >= robot.position_lower - 1e-9).all()
+        assert (q <= robot.position_upper + 1e-9).all()
+    assert own_error(robot, q, goal) < 0.95 * start
+
+
+def test_posture_keeps_seven_joints_in_the_middle_and_can_be_switched_off():
+    goal = PANDA.pose(READY)
+    with_posture, without = controller(posture=2.0), controller(posture=False)
+    still = without.step(READY, goal).velocity
+    np.testing.assert_allclose(still, 0.0, atol=1e-12)
+    x = with_posture.step(READY, goal).velocity
+    assert np.linalg.norm(x) > 1e-3
+    np.testing.assert_allclose(PANDA.jacobian(READY) @ x, 0.0, atol=1e-10)
+    middle = 0.5 * (PANDA.position_lower + PANDA.position_upper)
+    assert x @ (middle - READY) > 0.0
+    assert iq.Controller(iq.load_robot("ur5"), dt=DT).posture_gain == 0.0
+
+
+def test_an_exact_point_is_met_whatever_the_rest_does():
+    so101 = iq.load_robot("so101")
+    q = np.array([0.1, -0.4, 0.5, 0.6, 0.2])
+    loop = iq.Controller(so101, dt=DT, gain=20.0, exact="position")
+    goal = iq.exp([0.05, 0.1, -0.1, 0.001, 0.002, -0.001]) @ so101.pose(q)
+    feedforward = np.array([0.1, 0.0, 0.2, 0.01, -0.02, 0.01])
+    solution = loop.step(q, goal, feedforward)
+    assert solution.scale == 1.0
+    p, wanted = so101.pose(q)[:3, 3], goal[:3, 3]
+    moving = so101.jacobian(q) @ solution.velocity
+    expected = 20.0 * (wanted - p) + feedforward[3:] + np.cross(feedforward[:3], wanted)
+    np.testing.assert_allclose(moving[3:] + np.cross(moving[:3], p), expected, atol=1e-12)
+
+
+def test_a_metric_that_follows_the_tool():
+    W = np.diag([0.1, 0.1, 0.1, 1.0, 1.0, 1.0])
+    so101 = iq.load_robot("so101")
+    q = np.array([0.1, -0.4, 0.5, 0.6, 0.2])
+    goal = iq.exp([0.05, 0.1, -0.1, 0.01, 0.02, -0.01]) @ so101.pose(q)
+    guard = iq.Guard(point=so101.pose(q)[:3, 3])  # else it follows the tool too
+    follows = iq.Controller(so101, dt=DT, form=iq.CarriedMetric(W), guard=guard).step(q, goal).velocity
+    placed = iq.Controller(so101, dt=DT, form=iq.CarriedMetric(W, so101.pose(q)), guard=guard).step(q, goal).velocity
+    np.testing.assert_allclose(follows, placed, atol=1e-12)
+
+
+def test_mixed_joints_are_told_once_when_the_controller_is_made():
+    chain = iq.Chain(np.column_stack([iq.revolute((0, 0, 1)), iq.prismatic((1, 0, 0))]), np.eye(4))
+    with pytest.warns(UnitsMixed):
+        loop = iq.Controller(chain, dt=DT, form=0.5)
+    loop.step([0.0, 0.1], np.eye(4))
+    iq.Controller(chain, dt=DT, form=0.5, joint_metric=[1.0, 4.0])
+
+
+def test_an_arm_that_no_pitch_form_sees_is_measured_at_its_tool_and_says_so():
+    planar = iq.load_task("planar_3r").load_robot()
+    loop = iq.Controller(planar, dt=DT)
+    assert isinstance(loop.law.form, iq.CarriedMetric)
+    assert "No h works" in loop.form_reason
+    q = np.array([0.3, 0.8, 0.4])
+    solution = loop.step(q, iq.exp([0.0, 0.0, 0.02, 0.01, -0.01, 0.0]) @ planar.pose(q))
+    assert (solution.method, solution.status) == ("closed-form", "ok")
+    assert "no pitch form sees all of this arm" in solution.reason
+    assert np.linalg.norm(solution.residual) < 1e-9
+
+
+def test_the_own_form_keeps_clear_of_principal_pitches():
+    so101 = iq.load_robot("so101")
+    loop = iq.Controller(so101, dt=DT)
+    h = loop.law.form.h
+    for q in np.random.default_rng(0).uniform(-1.0, 1.0, (50, 5)):
+        assert np.abs(iq.principal_pitches(so101.jacobian(q)) - h).min() >= 0.5 * abs(h)

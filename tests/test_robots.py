@@ -1,0 +1,259 @@
+import warnings
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.geometry.se3 import inverted
+from invariantqp.robots.kinematics import middle
+from invariantqp.robots.load import KNOWN
+
+OFF = np.array([0.1, -0.2, 0.3])  # a point off the tool frame's origin
+JOINTS = {
+    "panda": 7,
+    "ur3": 6,
+    "ur5": 6,
+    "ur10": 6,
+    "xarm7": 7,
+    "so100": 5,
+    "so101": 5,
+    "kinova": 6,
+    "z1": 6,
+    "tiago": 8,
+    "talos": 7,
+}
+SLIDER = """<robot name="slider">
+  <link name="base"/><link name="cart"/><link name="hook"/><link name="side"/>
+  <joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
+    <limit lower="-0.5" upper="0.5" effort="1" velocity="0.3"/></joint>
+  <joint name="swing" type="revolute"><parent link="cart"/><child link="hook"/>
+    <origin xyz="0 0 0.2"/><axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="1" velocity="1.5"/></joint>
+  <joint name="other" type="continuous"><parent link="cart"/><child link="side"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+def urdf(tmp_path, text, name="arm.urdf"):
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def inside(robot, rng):
+    low = np.where(np.isfinite(robot.position_lower), robot.position_lower, -3.0)
+    high = np.where(np.isfinite(robot.position_upper), robot.position_upper, 3.0)
+    return rng.uniform(low, high)
+
+
+def numerical_twists(robot, q, step=1e-6):
+    """Columns from the poses alone: log(T(q + d) T(q - d)^-1) / 2d."""
+    columns = []
+    for i in range(len(q)):
+        d = np.zeros(len(q))
+        d[i] = step
+        columns.append(iq.log(robot.pose(q + d) @ iq.inverse(robot.pose(q - d))) / (2.0 * step))
+    return np.column_stack(columns)
+
+
+def test_every_known_robot_is_listed_here():
+    assert set(JOINTS) == set(KNOWN)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_known_robots(name):
+    robot = iq.load_robot(name)
+    m = JOINTS[name]
+    assert len(robot.names) == len(set(robot.names)) == m
+    for limits in (robot.position_lower, robot.position_upper, robot.velocity_limit):
+        assert limits.shape == (m,)
+    assert (robot.position_lower < robot.position_upper).all()
+    assert (robot.velocity_limit > 0.0).all()
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        q = inside(robot, rng)
+        J, T = robot.jacobian(q), robot.pose(q)
+        assert J.shape == (6, m)
+        np.testing.assert_allclose(T, iq.transform(T[:3, :3], T[:3, 3]), atol=1e-12)
+        np.testing.assert_allclose(J, numerical_twists(robot, q), atol=1e-8)
+        assert np.linalg.norm(J, axis=0).min() > 0.0  # every joint modelled moves the tool
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_chain_from_the_same_screws_is_the_same_arm(name):
+    robot = iq.load_robot(name)
+    zero = np.zeros(len(robot.names))
+    limits = (robot.position_lower, robot.position_upper, robot.velocity_limit)
+    chain = iq.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        q = inside(robot, rng)
+        np.testing.assert_allclose(chain.pose(q), robot.pose(q), atol=1e-12)
+        np.testing.assert_allclose(chain.jacobian(q), robot.jacobian(q), atol=1e-12)
+        wanted = robot.pose(inside(robot, rng))
+        ours, theirs = chain.sight(q, chain.target(wanted)), robot.sight(q, robot.target(wanted))
+        np.testing.assert_allclose(ours.J, theirs.J, atol=1e-12)
+        np.testing.assert_allclose(ours.error, theirs.error, atol=1e-7)
+        np.testing.assert_allclose(iq.exp(theirs.error) @ robot.pose(q), wanted, atol=1e-7)
+        for a, b in zip(chain.points(ours, wanted, OFF), robot.points(theirs, wanted, OFF), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-7, 1e-3, 1.0, 3.0, np.pi - 1e-4, np.pi - 1e-7])
+def test_the_error_twist_leads_to_the_target(angle):
+    rng = np.random.default_rng(2)
+    for robot in (iq.load_robot("panda"), iq.load_robot(np.eye(6), iq.exp([0.1, 0.2, 0.3, 1, 2, 3]))):
+        for _ in range(5):
+            q = rng.uniform(-1.0, 1.0, size=len(robot.names))
+            u = rng.normal(size=3)
+            error = np.concatenate((angle * u / np.linalg.norm(u), rng.normal(size=3)))
+            wanted = iq.exp(error) @ robot.pose(q)
+            found = robot.sight(q, robot.target(wanted)).error
+            np.testing.assert_allclose(iq.exp(found) @ robot.pose(q), wanted, atol=1e-9)
+
+
+def test_limits_are_the_files():
+    panda = iq.load_robot("panda")
+    assert panda.names[0] == "panda_joint1"
+    np.testing.assert_allclose(panda.position_upper[:3], [2.8973, 1.7628, 2.8973])
+    np.testing.assert_allclose(panda.velocity_limit[[0, 6]], [2.175, 2.61])
+    kinova = iq.load_robot("kinova")
+    assert (kinova.position_lower[[0, 3, 5]] == -np.inf).all()
+    assert (kinova.position_upper[[0, 3, 5]] == np.inf).all()
+    assert np.isfinite(kinova.position_upper[[1, 2, 4]]).all()
+    assert np.isfinite(middle(kinova)).all()
+
+
+def test_a_humanoids_arm_is_an_arm():
+    talos = iq.load_robot("talos")
+    assert talos.names == tuple(f"arm_left_{i}_joint" for i in range(1, 8))
+    assert talos.model.nq == 7
+    whole = iq.load_robot("talos", tool="gripper_left_base_link")
+    assert whole.names[:2] == ("torso_1_joint", "torso_2_joint")
+    assert len(whole.names) == 9
+
+
+def test_some_joints_of_an_arm():
+    part = iq.load_robot("panda", joints=["panda_joint4", "panda_joint2"])
+    assert part.names == ("panda_joint2", "panda_joint4")  # base first, whatever the order asked
+    np.testing.assert_allclose(part.jacobian([0.3, -1.0]), numerical_twists(part, np.array([0.3, -1.0])), atol=1e-8)
+
+
+@pytest.mark.parametrize("source", ["panda", "so101", "chain"])
+def test_a_displaced_tool_is_the_same_arm(source):
+    rng = np.random.default_rng(3)
+    robot = iq.load_robot(np.eye(6), np.eye(4)) if source == "chain" else iq.load_robot(source)
+    X = iq.exp(rng.normal(size=6))
+    q = rng.uniform(-0.5, 0.5, size=len(robot.names))
+    before = robot.pose(q)
+    moved = robot.with_tool(X)
+    np.testing.assert_allclose(moved.pose(q), before @ X, atol=1e-12)
+    np.testing.assert_allclose(moved.jacobian(q), robot.jacobian(q), atol=1e-12)
+    np.testing.assert_allclose(moved.with_tool(inverted(X)).pose(q), before, atol=1e-12)
+    np.testing.assert_allclose(robot.pose(q), before)  # the first one is as it was
+    assert moved.names == robot.names
+    np.testing.assert_array_equal(moved.velocity_limit, robot.velocity_limit)
+    wanted = iq.exp(0.3 * rng.normal(size=6)) @ before
+    np.testing.assert_allclose(
+        moved.sight(q, moved.target(wanted @ X)).error, robot.sight(q, robot.target(wanted)).error, atol=1e-10
+    )
+
+
+def test_a_urdf_of_ones_own(tmp_path):
+    robot = iq.load_robot(urdf(tmp_path, SLIDER), tool="hook")
+    assert robot.names == ("rail", "swing")
+    np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 0], iq.prismatic((1, 0, 0)), atol=1e-15)
+    np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 1], iq.revolute((0, 1, 0), (0.1, 0, 0.2)), atol=1e-15)
+    assert robot.position_upper.tolist() == [0.5, 2.0]
+    side = iq.load_robot(str(urdf(tmp_path, SLIDER)), tool="side")
+    assert side.position_upper.tolist() == [0.5, np.inf]
+    assert side.velocity_limit.tolist() == [0.3, np.inf]
+    assert repr(robot) == "<PinocchioRobot slider: 2 joints to hook>"
+
+
+def test_without_a_tool_the_longest_chain_is_meant(tmp_path):
+    assert iq.load_robot(urdf(tmp_path, SLIDER)).names[0] == "rail"
+    assert len(iq.load_robot(urdf(tmp_path, SLIDER)).names) == 2
+
+
+ORPHAN = SLIDER.replace('<parent link="base"/>', "")
+FLOATING = SLIDER.replace('"prismatic"', '"floating"')
+FAILING = {
+    "typo": (lambda _: iq.load_robot("pandda"), r"unknown robot 'pandda'; did you mean panda"),
+    "no file": (lambda d: iq.load_robot(d / "missing.urdf"), "no URDF file at .*missing.urdf"),
+    "folder": (iq.load_robot, "no URDF file at"),
+    "not xml": (lambda d: iq.load_robot(urdf(d, "<robot")), r"arm.urdf: not XML \(.*\); expected a URDF <robot>"),
+    "not urdf": (lambda d: iq.load_robot(urdf(d, "<mujoco/>")), "found <mujoco> without joints; expected a URDF"),
+    "no joints": (lambda d: iq.load_robot(urdf(d, "<robot/>")), "found <robot> without joints; expected a URDF"),
+    "no parent": (lambda d: iq.load_robot(urdf(d, ORPHAN)), "Pinocchio cannot build a model from it"),
+    "floating": (lambda d: iq.load_robot(urdf(d, FLOATING)), "only revolute and prismatic joints"),
+    "not text": (lambda d: iq.load_robot(urdf(d, "\0\1bad")), "not XML"),
+    "frame typo": (lambda _: iq.load_robot("panda", "panda_hand_tpc"), "unknown frame .*; did you mean panda_hand_tcp"),
+    "joint typo": (lambda _: iq.load_robot("panda", None, ["panda_joint0"]), "unknown joint .*; did you mean panda_jo"),
+    "unmoved": (
+        lambda d: iq.load_robot(urdf(d, SLIDER), "base"),
+        "no joint moves the tool frame 'base'; choose a frame",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FAILING)
+def test_robots_that_cannot_be_had(tmp_path, case):
+    call, message = FAILING[case]
+    with pytest.raises(iq.RobotModelError, match=message) as caught:
+        call(tmp_path)
+    assert isinstance(caught.value, iq.UnknownName) == ("unknown" in message)
+
+
+def test_a_name_far_from_all_lists_them():
+    with pytest.raises(iq.UnknownName, match=r"known: panda, ur3, .*or the path of a \.urdf file"):
+        iq.load_robot("qqqq")
+
+
+BAD = {
+    "joint beside": (lambda f: iq.load_robot(f, tool="hook", joints=["other"]), "joints", "does not move 'hook'"),
+    "no joints": (lambda f: iq.load_robot(f, tool="hook", joints=[]), "joints", "none"),
+    "tool pose": (lambda f: iq.load_robot(f, tool=np.eye(4)), "tool", "ndarray"),
+    "screws, no tool": (lambda _: iq.load_robot(np.eye(6)), "tool", "None"),
+    "screws, tool name": (lambda _: iq.load_robot(np.eye(6), "hand"), "tool", "'hand'"),
+    "screws": (lambda _: iq.load_robot(np.full((6, 2), np.nan), np.eye(4)), "screws", "NaN"),
+    "zero screw": (lambda _: iq.Chain([[1, 0]] + [[0, 0]] * 5, np.eye(4)), "screws", "zero twist in column 1"),
+    "home": (lambda _: iq.Chain(np.eye(6), np.zeros((4, 4))), "home", "not a rotation"),
+    "names": (lambda _: iq.Chain(np.eye(6), np.eye(4), ["a"]), "names", "('a',)"),
+    "names twice": (lambda _: iq.Chain(np.eye(6), np.eye(4), ["a"] * 6), "names", "'a'"),
+    "crossed": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), 1.0, -1.0), "position_lower", "1 above -1 at joint 0"),
+    "nan limit": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), np.nan), "position_lower", "NaN"),
+    "empty limits": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), []), "position_lower", "shape (0,)"),
+    "no speed": (lambda _: iq.Chain(np.eye(6), np.eye(4), velocity_limit=[1, 1, 0, 1, 1, 1]), "velocity_limit", "0 at"),
+    "q": (lambda f: iq.load_robot(f, tool="hook").pose([np.nan, 0.0]), "q", "NaN"),
+    "q short": (lambda f: iq.load_robot(f, tool="hook").jacobian([0.0]), "q", "shape (1,)"),
+    "chain q": (lambda _: iq.Chain(np.eye(6), np.eye(4)).pose(np.zeros(5)), "q", "shape (5,)"),
+    "offset": (lambda f: iq.load_robot(f, tool="hook").with_tool(np.zeros((4, 4))), "offset", "not a rotation"),
+    "chain offset": (lambda _: iq.Chain(np.eye(6), np.eye(4)).with_tool(np.eye(3)), "offset", "shape (3, 3)"),
+    "target": (lambda f: iq.load_robot(f, tool="hook").target(np.full((4, 4), np.nan)), "target", "NaN"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(tmp_path, case):
+    call, argument, found = BAD[case]
+    with pytest.raises(iq.BadInput) as caught:
+        call(urdf(tmp_path, SLIDER))
+    assert caught.value.argument == argument
+    assert found in caught.value.found
+    assert caught.value.expected
+
+
+def test_without_the_extra_the_message_says_which(monkeypatch):
+    from importlib import metadata
+
+    def missing(name):
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "distribution", missing)
+    with pytest.raises(iq.MissingExtra, match=r"pip install 'invariantqp\[robots\]'"):
+        iq.load_robot("panda")
+
+
+def test_loading_warns_of_nothing():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        iq.load_robot("tiago")
