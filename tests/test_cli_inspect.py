@@ -22,9 +22,9 @@ def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
     numbers, picture = tmp_path / "a.json", tmp_path / "a.png"
     status, out, err = call(monkeypatch, capsys, "inspect", "so101", "--json", str(numbers), "--plot", str(picture))
     assert (status, err) == (0, "")
-    for said in ("so101, 5 joints to gripper_frame_link", FAR, "64 states", "recommended: the pitch form, h = 0.08"):
+    for said in ("so101, 5 joints to gripper_frame_link", FAR, "64 states", "recommended: the pitch form, h = 0.32"):
         assert said in out
-    assert "pitch = 0.08" in out
+    assert "pitch = 0.32" in out
     found = json.loads(numbers.read_text(encoding="utf-8"))
     assert (found["rank"], found["gibson_hunt"], found["recommended"]["h"]) == (5, "h", 0.08)
     assert found["principal_pitches"] == [pytest.approx(0.0, abs=1e-12)]

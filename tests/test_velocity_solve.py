@@ -3,6 +3,7 @@ import pytest
 from velocity_reference import regular_problem, tight_box
 
 import invariantqp as iq
+from invariantqp.velocity.objective import FEW_JOINTS_PITCH
 from invariantqp.velocity.request import UnitsMixed
 
 
@@ -170,9 +171,11 @@ def test_mixed_joints_are_warned_about_unless_a_metric_is_given():
 
 def test_the_default_form_has_the_arms_own_length():
     rng = np.random.default_rng(4)
-    J, s = rng.normal(size=(6, 4)), rng.normal(size=6)
-    own = iq.solve_velocity(J, s, form=iq.centre(J).length)
-    np.testing.assert_array_equal(iq.solve_velocity(J, s).velocity, own.velocity)
+    for m, times in ((4, FEW_JOINTS_PITCH), (6, 1.0), (7, 1.0)):
+        J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+        bounds = iq.Bounds(np.full(m, -0.3), np.full(m, 0.3))
+        own = iq.solve_velocity(J, s, form=times * iq.centre(J).length, bounds=bounds)
+        np.testing.assert_array_equal(iq.solve_velocity(J, s, bounds=bounds).velocity, own.velocity)
     gantry = np.column_stack([iq.prismatic(u) for u in np.eye(3)])
     np.testing.assert_allclose(iq.solve_velocity(gantry, [0, 0, 0, 1, 2, 3]).velocity, [1, 2, 3])
     wrist = np.column_stack([iq.revolute(u) for u in np.eye(3)])

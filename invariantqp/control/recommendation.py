@@ -1,8 +1,8 @@
 """Which form an arm should be given, and why: one pitch for the whole of its joint range, or a carried metric.
 
-    h = the smallest of +-L, +-1.5 L, +-2 L, ... with |h - h_i| >= |h| / 2 in (nearly) every state
+    h = the smallest of +-4 L, +-6 L, +-8 L, ... with |h - h_i| >= |h| / 2 in (nearly) every state; L for rank 6
 
-L is the arm's own length: with |h| much below it projectors are oblique and large, with |h| much above it orientation
+L is the arm's own length: with |h| near or below it projectors are oblique and large, with |h| far above it orientation
 comes first. Where no h works in most states, none is offered.
 """
 
@@ -19,10 +19,11 @@ from invariantqp.errors import written
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.report import SystemReport, describe
+from invariantqp.velocity.objective import FEW_JOINTS_PITCH
 
 # |h - h_i| >= 0.5 |h|: the direction of principal pitch h_i then counts at least half of what it would alone.
 CLEARANCE = 0.5
-# Pitches tried, in own lengths: of its order, or a few times it.
+# Pitches tried, of the one that an arm with fewer than six joints is given.
 MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
 # A larger pitch must be clear in this many more of the states to be worth it.
 WORTHWHILE = 0.02
@@ -72,7 +73,7 @@ def recommend(robot: Robot, report: SystemReport, survey: Survey, own_length: fl
         own = np.full((1, pitches.shape[1]), np.nan)
         own[0, : len(report.principal_pitches)] = report.principal_pitches
         pitches = np.vstack((own, pitches))
-    h = _clear_pitch(pitches, unit)
+    h = _clear_pitch(pitches, FEW_JOINTS_PITCH * own_length if 0.0 < own_length < inf else 1.0)
     return Recommendation("pitch", h, None, _pitch_reason(h, pitches, survey, own_length))
 
 
@@ -101,10 +102,8 @@ def _pitch_reason(h: float, pitches: Array, survey: Survey, own_length: float) -
     size = "the arm's axes all meet, so that it has no length of its own and any h but 0 does the same"
     if own_length > 0.0:
         times = abs(h) / own_length
-        size = f"about the arm's own length, {written(own_length, 3)}, so that rotation and translation count alike"
-        if times > MULTIPLES[1] - 0.1:
-            why = "large enough to be clear, small enough not to put orientation first"
-            size = f"about {times:.2g} times the arm's own length, {written(own_length, 3)}: {why}"
+        why = "a smaller pitch would project obliquely, a larger one put orientation first"
+        size = f"about {times:.2g} times the arm's own length, {written(own_length, 3)}: {why}"
     clear = "in every state looked at" if share == 1.0 else f"in {100.0 * share:.3g} % of the states looked at"
     said = f"{size[0].upper()}{size[1:]}; {clear} it is {written(CLEARANCE * abs(h), 2)} or more from a principal pitch"
     if len(finite):
