@@ -26,7 +26,7 @@ def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
         assert said in out
     assert "pitch = 0.32" in out
     found = json.loads(numbers.read_text(encoding="utf-8"))
-    assert (found["rank"], found["gibson_hunt"], found["recommended"]["h"]) == (5, "h", 0.08)
+    assert (found["rank"], found["gibson_hunt"], found["recommended"]["h"]) == (5, "h", 0.32)
     assert found["principal_pitches"] == [pytest.approx(0.0, abs=1e-12)]
     assert picture.stat().st_size > 20_000
 

@@ -1,0 +1,50 @@
+"""Every example runs headless to its end, and the README's lines of use are lines that run."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SAYS = {
+    "01_follow_a_path": "micrometres off the line",
+    "02_pseudoinverse": "no 0-pseudoinverse",
+    "10_speed_and_accuracy": "limits met: 60 certified states",
+    "11_which_pitch": "h = 4 L",
+    "20_stewart_platform": "",
+}
+
+
+def test_every_example_is_listed():
+    assert {e.stem for e in EXAMPLES} >= set(SAYS)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=[e.stem for e in EXAMPLES])
+def test_an_example_runs(example, tmp_path):
+    headless = {**os.environ, "MPLBACKEND": "Agg"}
+    run = subprocess.run(
+        [sys.executable, example], cwd=tmp_path, env=headless, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert SAYS.get(example.stem, "") in run.stdout
+    assert run.stdout
+    assert not run.stderr
+
+
+def test_the_readmes_lines_of_use_run(tmp_path):
+    (block,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    run = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "closed-form ok" in run.stdout
+
+
+def test_every_file_the_readme_names_is_there():
+    named = re.findall(r"\]\((?!http)([^)#]+)\)|`((?:tests|examples|tasks)/[\w./]+)`", README)
+    files = [a or b for a, b in named]
+    assert len(files) >= 3
+    assert [f for f in files if not (ROOT / f).exists()] == []
