@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from invariantqp.compare.frames import FrameCheck, frame_check
     from invariantqp.control.controller import Controller
+    from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
     from invariantqp.control.inspection import Inspection, inspect
     from invariantqp.control.own_form import own_form, tool_metric
     from invariantqp.control.picture import picture
@@ -76,6 +77,7 @@ __version__ = "0.1.0"
 _HOME = {
     "compare.frames": ("FrameCheck", "frame_check"),
     "control.controller": ("Controller",),
+    "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
     "control.own_form": ("own_form", "tool_metric"),
     "control.inspection": ("Inspection", "inspect"),
     "control.picture": ("picture",),

@@ -8,6 +8,7 @@ The error twist is taken in the base frame, where it is the same whatever frame 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite, isinf
 from typing import Any, Literal, Protocol
@@ -15,11 +16,11 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.demands import Exact, View, demands_of, rows_of
 from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting, middle
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, damping_of
@@ -57,7 +58,7 @@ class Controller:
         dt: tick [s].
         gain: [1/s].
         posture_gain: [1/s], 0 where the null space has no posture.
-        exact: "position" where the tool point is met exactly and the form judges the rest, or None.
+        exact: what is met exactly while the form judges the rest.
         form_reason: why twists are measured as they are, in words.
     """
 
@@ -73,8 +74,7 @@ class Controller:
         posture: float | bool = True,
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
-        exact: Literal["position"] | None = None,
-        point: ArrayLike = (0.0, 0.0, 0.0),
+        exact: Exact | Sequence[Exact] | Literal["position"] | None = None,
     ) -> None:
         """Make the loop's fixed part.
 
@@ -90,8 +90,8 @@ class Controller:
                 joints; True is 1/s, False switches it off.
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
-            exact: "position" to meet the position of a point of the tool exactly and let the form judge the rest.
-            point: (3,) that point in the tool frame; the frame's origin by default.
+            exact: what is met exactly while the form judges the rest: "position" for the tool frame's origin, an
+                ExactPoint, ExactAxis, ExactPlane or ExactJoints, or several of them.
 
         Raises:
             BadInput: a dt or gain that is not positive, gain above 1/dt, or an argument `solve_velocity` would refuse.
@@ -103,10 +103,7 @@ class Controller:
         self.gain = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
         if self.gain * self.dt > 1.0 + 1e-9:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
-        if exact not in (None, "position"):
-            raise BadInput("exact", repr(exact), '"position" or None')
-        self.exact = exact
-        self._point = arrays.vector(point, 3, "point")
+        self.exact = demands_of(exact)
         mid = middle(robot)
         J = robot.jacobian(mid)
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
@@ -154,7 +151,7 @@ class Controller:
             s += arrays.vector(feedforward, 6, "feedforward")
         lower, upper = self._box.at(positions)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None
-        exact, point = (None, None) if self.exact is None else self._point_rows(sighting, target, feedforward)
+        exact, point = (None, None) if not self.exact else self._rows(sighting, target, feedforward)
         law = self.law
         if self._follows_tool:
             pose = self.robot.pose(positions)
@@ -162,13 +159,12 @@ class Controller:
             point = pose[:3, 3] if point is None else point  # the guard measures where the form does
         return solve(law, Demand(sighting.J, s, lower, upper, exact, posture, point))
 
-    def _point_rows(self, sighting: Sighting, target: Any, feedforward: ArrayLike | None) -> tuple[ExactRows, Array]:
-        """Velocity of the tool point, demanded exactly; and the point."""
-        point, wanted = self.robot.points(sighting, target, self._point)
-        b: Array = self.gain * (wanted - point)
-        if feedforward is not None:
-            b += velocity_at(np.asarray(feedforward, dtype=np.float64), wanted)
-        return ExactRows(velocity_at(sighting.J, point), b), point
+    def _rows(
+        self, sighting: Sighting, target: Any, feedforward: ArrayLike | None
+    ) -> tuple[ExactRows | None, Array | None]:
+        """The exact demands of this tick, and the point that they fix."""
+        ahead = np.zeros(6) if feedforward is None else np.asarray(feedforward, dtype=np.float64)
+        return rows_of(self.exact, View(self.robot, sighting, target, self.gain, ahead))
 
 
 def _posture_gain(posture: float | bool) -> float:

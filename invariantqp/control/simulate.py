@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
 from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.demands import ExactPoint
 from invariantqp.control.own_form import own_form, tool_metric
 from invariantqp.control.taskfile import LawSpec, Task
 from invariantqp.errors import BadInput, BlindSystem
@@ -159,8 +160,7 @@ def our_controller(robot: Robot, law: LawSpec) -> Controller:
         posture=law.posture,
         joint_metric=law.joint_metric,
         backend=law.backend,
-        exact=law.exact,
-        point=law.point,
+        exact=None if law.exact is None else ExactPoint(law.point),
     )
 
 

@@ -1,0 +1,121 @@
+"""Exact demands of a controller: each holds to rounding while the form judges the rest, in any tool frame."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.control.demands import View, demands_of
+
+DT = 0.01
+Q = np.array([0.1, -0.4, 0.5, 0.6, 0.2])
+AHEAD = np.array([0.1, -0.2, 0.3, 0.02, -0.01, 0.03])
+
+
+@pytest.fixture(scope="module")
+def so101():
+    return iq.load_robot("so101")
+
+
+def goal(robot):
+    return iq.exp([0.05, 0.1, -0.1, 0.01, 0.02, -0.01]) @ robot.pose(Q)
+
+
+def stepped(robot, exact, target=None, **more):
+    loop = iq.Controller(robot, dt=DT, gain=5.0, exact=exact, **more)
+    return loop.step(Q, goal(robot) if target is None else target, AHEAD)
+
+
+def at(pose, point):
+    return pose[:3, :3] @ point + pose[:3, 3]
+
+
+def moves(twist, p):
+    return twist[3:] + np.cross(twist[:3], p)
+
+
+def test_a_point_off_the_tool_follows(so101):
+    point = np.array([0.02, -0.01, 0.05])
+    solution = stepped(so101, iq.ExactPoint(point))
+    here, there = at(so101.pose(Q), point), at(goal(so101), point)
+    wanted = 5.0 * (there - here) + moves(AHEAD, there)
+    np.testing.assert_allclose(moves(so101.jacobian(Q) @ solution.velocity, here), wanted, atol=1e-12)
+    assert solution.scale == 1.0
+
+
+def test_position_is_the_point_at_the_tools_origin(so101):
+    named, valued = stepped(so101, "position"), stepped(so101, iq.ExactPoint())
+    np.testing.assert_array_equal(named.velocity, valued.velocity)
+
+
+def test_an_axis_follows_and_turns_freely_about_itself(so101):
+    axis = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
+    solution = stepped(so101, iq.ExactAxis(2.0 * axis))
+    a, b = so101.pose(Q)[:3, :3] @ axis, goal(so101)[:3, :3] @ axis
+    turn = np.cross(a, b) / np.linalg.norm(np.cross(a, b)) * np.arccos(a @ b)
+    missed = 5.0 * turn + AHEAD[:3] - (so101.jacobian(Q) @ solution.velocity)[:3]
+    np.testing.assert_allclose(missed - a * (a @ missed), 0.0, atol=1e-9)
+
+
+def test_an_axis_turned_round_is_half_a_turn_away(so101):
+    target = so101.pose(Q) @ iq.exp([np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
+    view = View(so101, so101.sight(Q, target), target, 2.0, np.zeros(6))
+    rows, _ = iq.ExactAxis([0.0, 0.0, 1.0]).rows(view)
+    assert np.linalg.norm(rows.b) == pytest.approx(2.0 * np.pi, rel=1e-6)
+
+
+def test_a_height_over_a_plane_is_kept(so101):
+    normal, point = np.array([0.0, 0.3, 1.0]), np.array([0.0, 0.0, 0.03])
+    solution = stepped(so101, iq.ExactPlane(normal, point))
+    here, there = at(so101.pose(Q), point), at(goal(so101), point)
+    n = normal / np.linalg.norm(normal)
+    speed = n @ moves(so101.jacobian(Q) @ solution.velocity, here)
+    assert speed == pytest.approx(n @ (5.0 * (there - here) + moves(AHEAD, there)), abs=1e-12)
+
+
+def test_a_combination_of_joints_is_held(so101):
+    together = [iq.ExactPoint(), iq.ExactJoints([1.0, 0.0, 0.0, 0.0, 2.0])]
+    solution = stepped(so101, together)
+    assert solution.velocity[0] + 2.0 * solution.velocity[4] == pytest.approx(0.0, abs=1e-12)
+    here, there = so101.pose(Q)[:3, 3], goal(so101)[:3, 3]
+    wanted = 5.0 * (there - here) + moves(AHEAD, there)
+    np.testing.assert_allclose(moves(so101.jacobian(Q) @ solution.velocity, here), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "exact",
+    [
+        iq.ExactPoint([0.01, 0.02, 0.03]),
+        iq.ExactAxis([0, 1, 1]),
+        iq.ExactPlane([0, 0, 1], [0, 0.1, 0]),
+        iq.ExactJoints([1, 1, 0, 0, 0]),
+    ],
+)
+def test_a_displaced_tool_frame_changes_nothing(so101, exact):
+    offset = iq.exp([0.4, -0.8, 0.3, 0.1, 0.2, -0.1])
+    plain = stepped(so101, exact)
+    moved = stepped(so101.with_tool(offset), exact.moved(offset), goal(so101) @ offset)
+    np.testing.assert_allclose(moved.velocity, plain.velocity, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("exact", "said"),
+    [
+        ("orientation", 'expected "position"'),
+        ([3.0], "found 3.0"),
+        (iq.ExactJoints(np.ones(4)), "rows on 4 joints"),
+    ],
+)
+def test_demands_that_are_none(so101, exact, said):
+    with pytest.raises(iq.BadInput, match=said):
+        stepped(so101, exact)
+
+
+def test_values_are_checked_when_they_are_made():
+    for make in (
+        lambda: iq.ExactAxis([0, 0, 0]),
+        lambda: iq.ExactPlane([0, 0, 0]),
+        lambda: iq.ExactPoint([0, np.nan, 0]),
+    ):
+        with pytest.raises(iq.BadInput):
+            make()
+    assert demands_of(None) == ()
