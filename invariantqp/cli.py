@@ -15,7 +15,7 @@ from typer.core import TyperCommand
 
 from invariantqp import __version__
 from invariantqp.errors import BadInput, InvariantQPError
-from invariantqp.printing import print_frame_check, print_inspection, print_run, progress
+from invariantqp.printing import print_frame_check, print_inspection, print_run, print_stability, progress
 
 BAD_INPUT = 2
 NOT_ACCEPTED = 1
@@ -176,6 +176,32 @@ def inspect(
         from invariantqp.control.pitch_picture import pitch_picture
 
         pitch_picture(found, loaded, plot)
+
+
+@app.command()
+def compare(
+    stability: Annotated[
+        bool, typer.Option("--stability", help="What breaks velocity control, under our law and the usual ones.")
+    ] = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
+) -> None:
+    """Run our law and the usual ones on the same problems: 0 when ours stays finite and inside limits, 1 when not."""
+    from invariantqp.compare.stability import OURS, compare_stability
+
+    if not stability:
+        raise BadInput("compare", "nothing to compare", "--stability")
+    _writable(json_file)
+    with progress("comparing", quiet) as report:
+        outcomes = compare_stability(report)
+    if not quiet:
+        print_stability(outcomes)
+    if json_file is not None:
+        json_file.write_text(json.dumps([run.as_json() for run in outcomes], indent=1) + "\n", encoding="utf-8")
+    if not all(run.finite and run.inside for run in outcomes if run.law == OURS):
+        raise typer.Exit(NOT_ACCEPTED)
 
 
 def _writable(file: Path | None, suffixes: tuple[str, ...] = ()) -> None:

@@ -11,12 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from invariantqp.compare.stability import Outcome
     from invariantqp.control.inspection import Inspection
     from invariantqp.control.simulate import Trace
     from invariantqp.control.taskfile import Task
 
 # Of paragraphs where no terminal says how wide it is.
 PLAIN_WIDTH = 100
+# Of tables there.
+WIDE = 140
 
 
 @contextmanager
@@ -97,6 +100,45 @@ def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
     console = Console(highlight=False)
     console.print("\nthe same motion, with the tool frame displaced at random:")
     console.print(table)
+
+
+def print_stability(outcomes: list[Outcome]) -> None:
+    """The stability cases, law by law, failures in red."""
+    columns = (
+        "case",
+        "law",
+        "finite",
+        "inside limits",
+        "peak/limit",
+        "error mm",
+        "deg",
+        "tail rad/s",
+        "chatter",
+        "raised",
+    )
+    table = Table(*columns, box=None)
+    before = ""
+    for run in outcomes:
+        table.add_row(
+            "" if run.case == before else _plain(run.case),
+            _plain(run.law),
+            "yes" if run.finite else f"[red]no: {run.not_finite}[/red]",
+            "yes" if run.inside else f"[red]{run.excess:.1e}[/red]",
+            f"{run.peak:.3f}",
+            f"{run.error_mm:.3g}",
+            f"{run.error_deg:.3g}",
+            f"{run.tail:.1e}",
+            f"{run.chatter:.2f}",
+            f"{run.exceptions}" if run.exceptions else "",
+        )
+        before = run.case
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
+    console.print(table)
+    console.print(
+        "finite: ticks whose answer was not; inside limits: largest excess; error at the end; tail: largest joint "
+        "speed in the last tenth; chatter: total variation of the velocity over the least-squares QP's; raised: ticks "
+        "in which the law raised."
+    )
 
 
 def _shares(counts: dict[str, Any]) -> str:

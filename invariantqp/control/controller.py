@@ -149,6 +149,8 @@ class Controller:
         s = sighting.error * self._gains
         if feedforward is not None:
             s += arrays.vector(feedforward, 6, "feedforward")
+        if not s.dot(s) < inf:  # a target made elsewhere has not been looked at
+            raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
         lower, upper = self._box.at(positions)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None
         exact, point = (None, None) if not self.exact else self._rows(sighting, target, feedforward)

@@ -8,7 +8,7 @@ A path starts where the robot's tool is, so a task file says how to move, not wh
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, StrictBool
@@ -36,6 +36,7 @@ class _Path(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     duration: Positive = Field(description="[s]", examples=[4.0])
+    jumps: ClassVar[bool] = False  # whether the target gets where it is without a velocity to feed forward
 
 
 class LinePath(_Path):
@@ -112,7 +113,25 @@ class JointsPath(_Path):
         return lambda t: robot.pose(spline(eased(t / self.duration)))
 
 
-Path = Annotated[LinePath | CirclePath | JointsPath, Field(discriminator="kind")]
+class HoldPath(_Path):
+    """A pose displaced from the start, there at once and gone at once where it goes back: a target that jumps."""
+
+    kind: Literal["hold"]
+    move: Vector3 = Field((0.0, 0.0, 0.0), description="displacement in base axes [m]", examples=[[3.0, 0.0, 0.0]])
+    turn: Vector3 = Field((0.0, 0.0, 0.0), description="rotation vector [rad]", examples=[[0.0, 0.0, 3.1]])
+    begin: Annotated[Number, Field(ge=0.0)] = Field(0.0, description="when it jumps there [s]", examples=[0.5])
+    end: Positive | None = Field(None, description="when it jumps back [s]; left out: never", examples=[1.5])
+    jumps: ClassVar[bool] = True
+
+    def along(self, robot: Robot, start: Array) -> PoseAt:
+        """The pose at a time, for a robot that starts at joint positions `start`."""
+        T0 = robot.pose(start)
+        there = _displaced(T0, np.array(self.move), np.array(self.turn))
+        end = np.inf if self.end is None else self.end
+        return lambda t: there if self.begin <= t < end else T0
+
+
+Path = Annotated[LinePath | CirclePath | JointsPath | HoldPath, Field(discriminator="kind")]
 
 
 def _displaced(T0: Array, move: Array, turn: Array) -> Array:

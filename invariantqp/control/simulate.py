@@ -201,14 +201,15 @@ def run_task(
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     wanted = [pose(t) for t in time.tolist()]
     targets = [moved.target(T.dot(offset)) for T in wanted]
-    feedforward = [se3.log(b.dot(se3.inverse(a))) / law.dt for a, b in pairwise(wanted)]
+    ahead = [np.zeros(6) if task.path.jumps else se3.log(b.dot(se3.inverse(a))) / law.dt for a, b in pairwise(wanted)]
+    noise = np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start)))
     q = np.empty((n + 1, len(start)))
     q[0] = start
     ticks = np.empty(n)
     solutions: list[VelocitySolution] = []
     for k in range(n):
         before = perf_counter_ns()
-        solution = loop.step(q[k], targets[k], feedforward[k])
+        solution = loop.step(q[k] + noise[k], targets[k], ahead[k])
         ticks[k] = perf_counter_ns() - before
         solutions.append(solution)
         q[k + 1] = q[k] + law.dt * solution.velocity

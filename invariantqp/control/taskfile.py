@@ -137,6 +137,9 @@ class Task(_Strict):
     path: Path
     law: LawSpec = LawSpec()
     accept: Acceptance = Acceptance()
+    encoder_noise: Positive | None = Field(
+        None, description="standard deviation of the joint positions a controller is told [rad, m]", examples=[1e-4]
+    )
     _folder: FilePath | None = PrivateAttr(None)  # where relative URDF paths are looked up
 
     def load_robot(self, tool: str | None = None) -> Robot:
@@ -161,11 +164,15 @@ class Task(_Strict):
         return np.array(self.robot.start)
 
 
-def shipped_tasks() -> dict[str, FilePath]:
-    """The problem library: names and files."""
+def shipped_tasks(group: str = "") -> dict[str, FilePath]:
+    """The problem library: names and files, of one group: "" is the tasks to start from.
+
+    The group "stability" holds what breaks velocity control, under names like "stability/jump".
+    """
     packaged = FilePath(str(resources.files("invariantqp"))) / "tasks"
     folder = packaged if packaged.is_dir() else packaged.parent.parent / "tasks"
-    return {f.stem: f for f in sorted(folder.glob("*.toml"))}
+    files = sorted((folder / group).glob("*.toml"))
+    return {f.relative_to(folder).with_suffix("").as_posix(): f for f in files}
 
 
 def load_task(path_or_name: str | FilePath) -> Task:
@@ -175,13 +182,13 @@ def load_task(path_or_name: str | FilePath) -> Task:
         UnknownName: neither a file nor a known name; near ones are listed.
         TaskFileError: not TOML, or keys and values that do not fit: every problem with its path.
     """
-    known = shipped_tasks()
+    known = shipped_tasks() | shipped_tasks("stability")
     path = FilePath(path_or_name)
     if str(path_or_name) in known:
         path = known[str(path_or_name)]
     elif not path.is_file():
         names = list(known)
-        raise UnknownName("task", str(path_or_name), difflib.get_close_matches(path.stem, names), names)
+        raise UnknownName("task", str(path_or_name), difflib.get_close_matches(str(path.with_suffix("")), names), names)
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -206,7 +213,7 @@ def task_from(content: dict[str, Any], source: str, folder: FilePath | None = No
 def _problems(error: ValidationError) -> Iterator[str]:
     for e in error.errors():
         # The names of a union's members are pydantic's business, not the file's.
-        place = [p for p in e["loc"] if p not in ("line", "circle", "joints") or e["loc"][0] != "path"]
+        place = [p for p in e["loc"] if p not in ("line", "circle", "joints", "hold") or e["loc"][0] != "path"]
         where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in place)
         said = e["msg"][0].lower() + e["msg"][1:]
         yield f"{where}: {said}{_advice(e['type'], list(place))}"

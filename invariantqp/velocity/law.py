@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.span import RANK_TOLERANCE
+from invariantqp.systems.span import span
 from invariantqp.velocity.backends import Backend, Daqp
 from invariantqp.velocity.convexify import Convexified, convexify
 from invariantqp.velocity.damping import SINGULAR_RATIO, Adaptive, Damping
@@ -120,8 +120,5 @@ def assemble(data: GramData, reduction: Reduction, demand: Demand, damping: Damp
 
 
 def numerical_rank(twists: Array) -> int:
-    """Rank of (6, n) twists by the library's one tolerance; 0 for no columns."""
-    if twists.shape[1] == 0:
-        return 0
-    sigma = np.linalg.svd(twists, compute_uv=False)
-    return int(np.count_nonzero(sigma > RANK_TOLERANCE * sigma[0]))
+    """Rank of (6, n) twists by the library's one tolerance and in their own unit of length; 0 for no columns."""
+    return span(twists).rank if twists.shape[1] else 0

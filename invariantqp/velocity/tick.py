@@ -170,7 +170,12 @@ class Tick:
         if scene.damping > 0.0:
             metric = np.eye(len(data.g)) if self.law.metric is None else self.law.metric
             data = data._replace(G=data.G + scene.damping * metric)
-        return self._inside(assemble(data, problem.reduction, self.demand, Adaptive()))
+        problem = assemble(data, problem.reduction, self.demand, Adaptive())
+        if scene.damping > 0.0:  # a null direction, too, costs what a joint velocity does: limits may make it matter
+            mu = problem.convex.mu.copy()
+            mu[problem.convex.null] = scene.damping
+            problem = problem._replace(convex=problem.convex._replace(mu=mu))
+        return self._inside(problem)
 
     def _inside(self, problem: Problem) -> Array:
         """The problem's optimum inside the bounds."""

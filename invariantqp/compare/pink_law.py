@@ -1,0 +1,67 @@
+"""Pink with DAQP on the same problems, where it is installed: the one file that imports it.
+
+Its velocity and position limits are on, its break at a limit is off, so that it may go on where it can; its frame task
+has unit costs, and damping 1e-6, since with its default 1e-12 DAQP fails on seven joints.
+
+Reference: Caron et al., Pink (pin-pink).
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.compare.baselines import QP_DAMPING
+from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.taskfile import LawSpec
+from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.geometry import arrays, se3
+from invariantqp.robots.kinematics import Robot
+from invariantqp.velocity.solution import VelocitySolution
+
+
+def has_pink() -> bool:
+    """Whether Pink is installed."""
+    return find_spec("pink") is not None
+
+
+class PinkLaw:
+    """One Pink frame task on the robot's own Pinocchio model."""
+
+    def __init__(self, robot: Robot, law: LawSpec) -> None:
+        """`law` gives dt and gain; nothing else of it is used.
+
+        Raises:
+            MissingExtra: Pink is not installed.
+            RobotModelError: a robot without a Pinocchio model.
+        """
+        model: Any = getattr(robot, "model", None)
+        if model is None:
+            raise RobotModelError("Pink needs a robot from a URDF, not a chain of screws")
+        try:
+            import pink
+        except ImportError as error:
+            raise MissingExtra("pin-pink", "peers") from error
+        self._pink = pink
+        self._robot = robot
+        self._dt = law.dt
+        self._share = TRACKING_SHARE if law.gain is None else law.gain * law.dt
+        self._configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
+        self._task = pink.FrameTask(getattr(robot, "tool", ""), 1.0, 1.0, gain=self._share)
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; Pink's exceptions get out as they are."""
+        positions = np.asarray(q, dtype=np.float64)
+        ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
+        if ahead.any():  # Pink has no feedforward: a target so far ahead that its gain asks for it
+            ahead_pose = se3.exp(self._dt / self._share * ahead).dot(target.homogeneous)
+            target = self._robot.target(ahead_pose)
+        self._configuration.update(positions)
+        self._task.set_target(target)
+        x = self._pink.solve_ik(
+            self._configuration, [self._task], self._dt, solver="daqp", damping=QP_DAMPING, safety_break=False
+        )
+        return VelocitySolution(np.asarray(x), "pink", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
