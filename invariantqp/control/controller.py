@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from math import isinf
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -21,11 +20,12 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting, middle
 from invariantqp.velocity.backends import Backend, backend_of
+from invariantqp.velocity.braking import BrakingBox
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import JointBox
+from invariantqp.velocity.limits import JointBox, accelerations, not_below_zero
 from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
 from invariantqp.velocity.solution import VelocitySolution
@@ -73,6 +73,8 @@ class Controller:
         backend: Backend | str = "daqp",
         exact: Literal["position"] | None = None,
         point: ArrayLike = (0.0, 0.0, 0.0),
+        acceleration_limit: ArrayLike | None = None,
+        position_margin: float = 0.0,
     ) -> None:
         """Make the loop's fixed part.
 
@@ -89,9 +91,13 @@ class Controller:
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
             exact: "position" to meet the position of a point of the tool exactly and let the form judge the rest.
             point: (3,) that point in the tool frame; the frame's origin by default.
+            acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
+                also keeps room to brake before its position limits. None is none.
+            position_margin: distance kept from position limits [rad, length].
 
         Raises:
-            BadInput: a dt or gain that is not positive, gain above 1/dt, or an argument `solve_velocity` would refuse.
+            BadInput: a dt or gain that is not positive, gain above 1/dt, limits that are none, or an argument
+                `solve_velocity` would refuse.
             UnknownName: no such back end.
         """
         m = len(robot.names)
@@ -118,15 +124,24 @@ class Controller:
         self._centre = centre
         self._pull = np.where(bounded, self.posture_gain, 0.0)
         self._gains = np.full(6, self.gain)
-        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt)
+        margin = not_below_zero(position_margin, "position_margin", "a distance kept from position limits")
+        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
+        self._braking = None
+        if acceleration_limit is not None:
+            self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
+        self._before = np.zeros(m)
 
-    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+    def step(
+        self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
+    ) -> VelocitySolution:
         """One tick: the joint velocity to command until the next.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             target: tool pose to be at, (4, 4) in the base frame, a `pinocchio.SE3`, or what `robot.target` returned.
             feedforward: (6,) twist of the target in the base frame [rad/s; length/s]; None is a target at rest.
+            velocity: (m,) joint velocity now [rad/s, length/s], for the acceleration limits; None is the one commanded
+                last, zero before the first tick.
 
         Returns:
             VelocitySolution: q + dt velocity is inside the position limits, or on its way back there.
@@ -139,13 +154,26 @@ class Controller:
         s = sighting.error * self._gains
         if feedforward is not None:
             s += arrays.vector(feedforward, 6, "feedforward")
-        lower, upper = self._box.at(positions)
+        before = self._before if velocity is None else arrays.vector(velocity, len(positions), "velocity")
+        strained: tuple[tuple[int, str], ...] = ()
+        if self._braking is None:
+            lower, upper = self._box.at(positions)
+        else:
+            lower, upper, strained = self._braking.at(positions, before)
         posture = (self._centre - positions) * self._pull if self.posture_gain else None
         exact, point = (None, None) if self.exact is None else self._point_rows(sighting, target, feedforward)
         law = self.law
         if self._follows_tool:
             law = replace(law, form=law.form.at(self.robot.pose(positions)))  # type: ignore[union-attr]
-        return solve(law, Demand(sighting.J, s, lower, upper, exact, posture, point))
+        solution = solve(law, Demand(sighting.J, s, lower, upper, exact, posture, point))
+        self._before = solution.velocity
+        return self._told(solution, strained) if strained else solution
+
+    def _told(self, solution: VelocitySolution, strained: tuple[tuple[int, str], ...]) -> VelocitySolution:
+        """The solution with the joints named whose limits contradict each other."""
+        said = [f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained]
+        reason = "; ".join([*said, solution.reason] if solution.reason else said)
+        return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
 
     def _point_rows(self, sighting: Sighting, target: Any, feedforward: ArrayLike | None) -> tuple[ExactRows, Array]:
         """Velocity of the tool point, demanded exactly; and the point."""
@@ -159,7 +187,4 @@ class Controller:
 def _posture_gain(posture: float | bool) -> float:
     if isinstance(posture, bool):
         return POSTURE_GAIN if posture else 0.0
-    gain = arrays.number(posture, "posture", "a gain in 1/s, True or False")
-    if gain < 0.0 or isinf(gain):
-        raise BadInput("posture", f"{gain:g}", "a gain in 1/s not below zero, True or False")
-    return gain
+    return not_below_zero(posture, "posture", "a gain in 1/s, True or False")

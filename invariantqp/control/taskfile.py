@@ -89,6 +89,10 @@ class LawSpec(_Strict):
     guard: StrictBool = True
     posture: StrictBool = True
     backend: str = Field("daqp", examples=["daqp"])
+    acceleration: Positive | list[Positive] | None = Field(
+        None, description="limit, one for all joints or one each [rad/s^2, m/s^2]", examples=[10.0]
+    )
+    margin: Number = Field(0.0, ge=0.0, description="kept from position limits [rad, m]", examples=[0.01])
 
 
 class Acceptance(_Strict):
