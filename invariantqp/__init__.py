@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from invariantqp.velocity.limits import Bounds
     from invariantqp.velocity.objective import CarriedMetric, Complement, PitchForm
     from invariantqp.velocity.request import MethodChoice, UnitsMixed, method_for, solve_velocity
+    from invariantqp.velocity.rows import LimitRows
     from invariantqp.velocity.solution import VelocitySolution
 
 __version__ = "0.1.0"
@@ -108,6 +109,7 @@ _HOME = {
     "velocity.limits": ("Bounds",),
     "velocity.objective": ("CarriedMetric", "Complement", "PitchForm"),
     "velocity.request": ("MethodChoice", "UnitsMixed", "method_for", "solve_velocity"),
+    "velocity.rows": ("LimitRows",),
     "velocity.solution": ("VelocitySolution",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

@@ -21,6 +21,7 @@ from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import Bounds
 from invariantqp.velocity.objective import Form, form_of
+from invariantqp.velocity.rows import LimitRows, named
 from invariantqp.velocity.solution import VelocitySolution, conditioning, damping_reason
 from invariantqp.velocity.solve import solve
 
@@ -68,6 +69,7 @@ def _asked(
     backend: Backend | str,
     guard: Guard | bool,
     posture: ArrayLike | None,
+    rows: LimitRows | None,
 ) -> tuple[VelocityLaw, Demand]:
     twists, s = arrays.columns(J), arrays.twist(twist)
     m = twists.shape[1]
@@ -84,6 +86,7 @@ def _asked(
             raise BadInput("exact", type(exact).__name__, "ExactRows(A, b)")
         if np.shape(exact.A)[1] != m:
             raise BadInput("exact", f"rows on {np.shape(exact.A)[1]} joints", f"rows on {m}, one for each column of J")
+    _check_rows(rows, m)
     metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     if metric is None and units_mix(twists):
         warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=3)
@@ -95,7 +98,16 @@ def _asked(
         backend=backend_of(backend),
     )
     wanted = None if posture is None else arrays.vector(posture, m, "posture")
-    return law, Demand(twists, s, lower, upper, exact, wanted)
+    return law, Demand(twists, s, lower, upper, exact, wanted, rows=rows)
+
+
+def _check_rows(rows: LimitRows | None, m: int) -> None:
+    if rows is None:
+        return
+    if not isinstance(rows, LimitRows):
+        raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper)")
+    if np.shape(rows.C)[1] != m:
+        raise BadInput("rows", f"rows on {np.shape(rows.C)[1]} joints", f"rows on {m}, one for each column of J")
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:
@@ -119,6 +131,7 @@ def solve_velocity(
     backend: Backend | str = "daqp",
     guard: Guard | bool = True,
     posture: ArrayLike | None = None,
+    rows: LimitRows | None = None,
 ) -> VelocitySolution:
     """Joint velocities for a twist, the same in every frame: the stationary point of the form, inside the bounds.
 
@@ -137,6 +150,7 @@ def solve_velocity(
         backend: "daqp", "osqp", any solver qpsolvers has, or a `Backend` of yours (a kept `Osqp()`, for instance).
         guard: the descent guard; False switches it off.
         posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
+        rows: limits on combinations of joint velocities; they give way where they contradict the bounds.
 
     Returns:
         VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
@@ -147,7 +161,7 @@ def solve_velocity(
 
     Reference: [DS] Sect. 6.2. A stationary point of an indefinite form is not a minimum; the guard sees to descent.
     """
-    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture)
+    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows)
     return solve(law, demand)
 
 
@@ -163,6 +177,7 @@ def method_for(
     backend: Backend | str = "daqp",
     guard: Guard | bool = True,
     posture: ArrayLike | None = None,
+    rows: LimitRows | None = None,
 ) -> MethodChoice:
     """Which way `solve_velocity` would take for the same arguments, and why; no QP is solved.
 
@@ -170,15 +185,16 @@ def method_for(
         BadInput: as `solve_velocity`.
         UnknownName: no such back end.
     """
-    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture)
+    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows)
     problem = law.build(demand)
     x = problem.unconstrained()
     lam = problem.convex.damping
     if not demand.allows(x):
         outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
-        reason = (
-            f"the closed form would take joints {', '.join(map(str, outside))} past their bounds; {law.backend.name}"
-        )
+        m = len(x)
+        if rows is not None:
+            outside += [m + i for i in np.flatnonzero(rows.excess(x)).tolist()]
+        reason = f"the closed form would take {named(outside, m)} past their limits; {law.backend.name}"
         return MethodChoice("qp", reason, lam, conditioning(problem.convex))
     if lam > 0.0:
         return MethodChoice("damped", damping_reason(problem.convex), lam, conditioning(problem.convex))

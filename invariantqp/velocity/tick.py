@@ -14,16 +14,17 @@ from math import hypot, sqrt
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import SolverFailure, largest_scale, minimise
+from invariantqp.velocity.backends import SolverFailure, minimise
 from invariantqp.velocity.convexify import Convexified
 from invariantqp.velocity.damping import Adaptive, Fixed
+from invariantqp.velocity.feasible import largest_share, relaxed
 from invariantqp.velocity.guard import Guard, Scene
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
 from invariantqp.velocity.objective import gram_data
+from invariantqp.velocity.prices import ACTIVE_TOLERANCE, prices
+from invariantqp.velocity.rows import named, polytope
 from invariantqp.velocity.solution import VelocitySolution, damping_reason
 
-# A joint this close to its bound, relative to its speed (or 1), is at it: interior-point solvers stop that far inside.
-ACTIVE_TOLERANCE = 1e-6
 # Given away of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find; the
 # next one where it finds none.
 SCALE_MARGINS = (1e-9, 1e-7, 1e-5)
@@ -45,6 +46,8 @@ class Tick:
         self.scale = 1.0
         self.backend = ""
         self.troubles: list[str] = []
+        self.held_by = ""  # the limits that slow the exact rows down
+        self.prices: Array | None = None
 
     def solution(self, problem: Problem, x: Array) -> VelocitySolution:
         """From the unconstrained optimum x to a velocity that may be commanded."""
@@ -63,7 +66,8 @@ class Tick:
             blend = 0.0
             if not (failure.infeasible and self.scale < 1.0):  # slowed to the edge: there is no room to do better in
                 self.troubles.append(f"neither guarded nor quiet: {failure}")
-        x, active = self.clipped(x)
+        x, active = self.clipped(self._settled(x))
+        m = len(x)
         if problem.reduction.unmet > UNMET_TOLERANCE:
             self.troubles.append(f"{problem.reduction.unmet:.1e} of the exact rows is beyond these joints")
         return VelocitySolution(
@@ -77,6 +81,8 @@ class Tick:
             damping=problem.convex.damping,
             guard=blend,
             backend=self.backend,
+            multipliers=None if self.prices is None else self.prices[:m],
+            row_multipliers=None if self.prices is None or self.asked.rows is None else self.prices[m:],
         )
 
     def _status(self, blend: float) -> str:
@@ -89,30 +95,61 @@ class Tick:
     def _reason(self, convex: Convexified, blend: float, active: tuple[int, ...]) -> str:
         said = list(self.troubles)
         if self.scale < 1.0:
-            said.append(f"limits allow {self.scale:.3g} of the exact rows' speed")
+            by = f" (held by {self.held_by})" if self.held_by else ""
+            said.append(f"limits allow {self.scale:.3g} of the exact rows' speed{by}")
         if blend > 0.0:
             said.append(f"descent guard: {blend:.3g} of least squares blended in")
         if convex.damping > 0.0:
             said.append(damping_reason(convex))
         if active:
-            said.append(f"at the limits of joint{'s' if len(active) > 1 else ''} {', '.join(map(str, active))}")
+            said.append(f"at the limits of {named(list(active), len(self.asked.lower))}")
         return "; ".join(said)
 
     def _bounded(self, problem: Problem) -> tuple[Array, Problem]:
-        """The optimum inside the bounds; exact rows that do not fit are slowed down, largest share first."""
+        """The optimum inside the limits; rows give way to the box, exact rows that do not fit are slowed down."""
         try:
             return self._minimised(problem), problem
         except SolverFailure as failure:
-            if self.demand.exact is None or not failure.infeasible:
+            if not failure.infeasible or (self.demand.exact is None and self.demand.rows is None):
                 raise
-        alpha = largest_scale(problem.reduction, self.demand.lower, self.demand.upper)
-        if alpha is None:
-            self.troubles.append("the limits leave no velocity along the exact rows, not even zero; rows dropped")
-            self.scale = 0.0
-            self.demand = self.demand._replace(exact=None, anchor=None)
+        x = self._given_way(problem)
+        if x is not None:
+            return x, problem
+        demand, m = self.demand, len(self.demand.lower)
+        share = largest_share(problem.reduction, polytope(demand.lower, demand.upper, demand.rows))
+        self.held_by = named(share.held_by, m)
+        if share.alpha is None:
+            by = f" ({self.held_by})" if self.held_by else ""
+            self.troubles.append(f"the limits{by} leave no velocity along the exact rows, not even zero; rows dropped")
+            self.scale, self.held_by = 0.0, ""
+            self.demand = demand._replace(exact=None, anchor=None)
             problem = self.law.build(self.demand)
             return self._minimised(problem), problem
-        return self._slowed(self.demand, alpha, SCALE_MARGINS)
+        return self._slowed(demand, share.alpha, SCALE_MARGINS)
+
+    def _given_way(self, problem: Problem) -> Array | None:
+        """The optimum with the rows moved by the least that the box asks for; None where exact rows are in the way."""
+        demand = self.demand
+        if demand.rows is None:
+            return None
+        way = relaxed(demand.rows, demand.lower, demand.upper)
+        if way.violation.any():
+            m = len(demand.lower)
+            by = ", ".join(f"row {i} by {abs(way.violation[i]):.3g}" for i in np.flatnonzero(way.violation))
+            joints = named([i for i in way.held_by if i < m], m)
+            self.troubles.append(f"rows contradict {f'the bounds of {joints}' if joints else 'each other'}: {by} over")
+        failure: SolverFailure | None = None
+        for margin in SCALE_MARGINS:
+            self.demand = demand._replace(rows=way.widened(margin))
+            try:
+                return self._minimised(problem)
+            except SolverFailure as trouble:
+                failure = trouble
+            if not way.violation.any():
+                break
+        if demand.exact is None and failure is not None:
+            raise failure
+        return None
 
     def _slowed(self, demand: Demand, alpha: float, margins: tuple[float, ...]) -> tuple[Array, Problem]:
         """The optimum at the share alpha of the demanded speed, but for the first margin that a solver can do with."""
@@ -126,9 +163,13 @@ class Tick:
                 raise
         return self._slowed(demand, alpha, margins[1:])
 
-    def _minimised(self, problem: Problem) -> Array:
+    def _minimised(self, problem: Problem, *, priced: bool = True) -> Array:
         H, c = problem.convex.qp()
-        solved = minimise(self.law.backend, H, c, problem.reduction, self.demand.lower, self.demand.upper)
+        demand = self.demand
+        limits = polytope(demand.lower, demand.upper, demand.rows, problem.reduction)
+        solved = minimise(self.law.backend, H, c, limits)
+        if priced:
+            self.prices = prices(H, c, solved.z, limits)
         self.backend = solved.backend
         said = f"{solved.trouble}; solved by {solved.backend}"
         if solved.trouble and said not in self.troubles:  # the guard's QP may fail as the law's did
@@ -170,12 +211,24 @@ class Tick:
         if scene.damping > 0.0:
             metric = np.eye(len(data.g)) if self.law.metric is None else self.law.metric
             data = data._replace(G=data.G + scene.damping * metric)
-        return self._inside(assemble(data, problem.reduction, self.demand, Adaptive()))
+        return self._inside(assemble(data, problem.reduction, self.demand, Adaptive()), priced=False)
 
-    def _inside(self, problem: Problem) -> Array:
-        """The problem's optimum inside the bounds."""
+    def _inside(self, problem: Problem, *, priced: bool = True) -> Array:
+        """The problem's optimum inside the limits."""
         x = problem.unconstrained()
-        return x if self.demand.allows(x) else self._minimised(problem)
+        if not self.demand.allows(x):
+            return self._minimised(problem, priced=priced)
+        if priced:
+            self.prices = None
+        return x
+
+    def _settled(self, x: Array) -> Array:
+        """The velocity shortened by what a solver's rounding is over the rows, where standing still is inside them."""
+        rows = self.demand.rows
+        if rows is None:
+            return x
+        share = rows.share(x)
+        return share * x if share > 1.0 - ACTIVE_TOLERANCE else x
 
     def clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
         """The velocity without rounding past its bounds, and the joints at them."""
