@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from invariantqp.velocity.request import MethodChoice, UnitsMixed, method_for, solve_velocity
     from invariantqp.velocity.rows import LimitRows
     from invariantqp.velocity.solution import VelocitySolution
+    from invariantqp.velocity.toolspeed import ToolSpeed
 
 __version__ = "0.1.0"
 
@@ -111,6 +112,7 @@ _HOME = {
     "velocity.request": ("MethodChoice", "UnitsMixed", "method_for", "solve_velocity"),
     "velocity.rows": ("LimitRows",),
     "velocity.solution": ("VelocitySolution",),
+    "velocity.toolspeed": ("ToolSpeed",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -115,3 +115,28 @@ def test_a_task_file_can_limit_acceleration_and_keep_a_margin():
     assert trace.summary()["acceleration_violation"] < 1e-9
     jumps = np.abs(np.diff(trace.velocity, axis=0)).max() / 0.01
     assert jumps <= 2.0 + 1e-9
+
+
+@pytest.mark.parametrize("limit", [0.25, iq.ToolSpeed(0.25, (0.1, 0.0, 0.2))], ids=["number", "another point"])
+def test_the_tool_never_moves_faster_than_its_speed_limit_and_arrives(limit):
+    robot = arm(seed=2, reach=np.inf)
+    point = np.zeros(3) if isinstance(limit, float) else np.asarray(limit.point)
+    controller = iq.Controller(robot, dt=DT, gain=20.0, tool_speed=limit)
+    goal = 0.25 * np.array([0.4, -0.3, 0.5, 0.2, -0.4, 0.3])
+    fastest = []
+
+    def each(before, q, solution):
+        p = robot.pose(q) @ np.append(point, 1.0)
+        twist = robot.jacobian(q) @ solution.velocity
+        fastest.append(np.linalg.norm(twist[3:] + np.cross(twist[:3], p[:3])))
+
+    q, _ = drive(controller, np.zeros(6), robot.pose(goal), 400, each)
+    assert max(fastest) <= 0.25 + 1e-9
+    assert sum(v > 0.2499 for v in fastest) > 20
+    np.testing.assert_allclose(robot.pose(q), robot.pose(goal), atol=1e-6)
+
+
+def test_a_speed_limit_that_is_none_is_refused():
+    for bad in (0.0, "slow", np.nan):
+        with pytest.raises(iq.BadInput, match="tool_speed"):
+            iq.Controller(arm(), dt=DT, tool_speed=bad)

@@ -30,6 +30,7 @@ from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve
+from invariantqp.velocity.toolspeed import ToolSpeed
 
 # How fast an arm with joints to spare drifts to the middle of their ranges [1/s]: a second's worth of patience, slow
 # beside any tracking gain, and what keeps it out of its limits on long paths.
@@ -75,6 +76,7 @@ class Controller:
         point: ArrayLike = (0.0, 0.0, 0.0),
         acceleration_limit: ArrayLike | None = None,
         position_margin: float = 0.0,
+        tool_speed: ToolSpeed | float | None = None,
     ) -> None:
         """Make the loop's fixed part.
 
@@ -94,6 +96,8 @@ class Controller:
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
                 also keeps room to brake before its position limits. None is none.
             position_margin: distance kept from position limits [rad, length].
+            tool_speed: the most that a point of the tool may move at [length/s], 0.25 m/s beside a person; a number is
+                for `point`.
 
         Raises:
             BadInput: a dt or gain that is not positive, gain above 1/dt, limits that are none, or an argument
@@ -130,6 +134,11 @@ class Controller:
         if acceleration_limit is not None:
             self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
         self._before = np.zeros(m)
+        if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
+            tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
+        self._tool_speed = tool_speed
+        given = None if tool_speed is None else tool_speed.point
+        self._limited_point = self._point if given is None else np.asarray(given)
 
     def step(
         self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
@@ -165,7 +174,11 @@ class Controller:
         law = self.law
         if self._follows_tool:
             law = replace(law, form=law.form.at(self.robot.pose(positions)))  # type: ignore[union-attr]
-        solution = solve(law, Demand(sighting.J, s, lower, upper, exact, posture, point))
+        demand = Demand(sighting.J, s, lower, upper, exact, posture, point)
+        if self._tool_speed is not None:
+            fast, _ = self.robot.points(sighting, target, self._limited_point)
+            demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))
+        solution = solve(law, demand)
         self._before = solution.velocity
         return self._told(solution, strained) if strained else solution
 

@@ -14,6 +14,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.backends import Daqp, minimise
 from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.rows import LimitRows, Polytope, polytope
+from invariantqp.velocity.toolspeed import Cone
 
 # A dual this small beside the largest is rounding: that limit holds nothing.
 DUAL_TOLERANCE = 1e-7
@@ -34,10 +35,12 @@ class Share(NamedTuple):
     Attributes:
         alpha: in [0, 1]; None where not even standing still along the rows is.
         held_by: limits (indices of the polytope on x) that hold it there.
+        velocity: (m,) one that has it; empty where there is none.
     """
 
     alpha: float | None
     held_by: list[int]
+    velocity: Array
 
 
 def largest_share(reduction: Reduction, limits: Polytope) -> Share:
@@ -46,17 +49,18 @@ def largest_share(reduction: Reduction, limits: Polytope) -> Share:
     A linear program, solved by HiGHS through SciPy.
     """
     if reduction.basis is None:
-        return Share(1.0, [])
-    A = np.column_stack((reduction.origin, reduction.basis))
-    A = A if limits.A is None else limits.A.dot(A)
-    alpha, held_by = _program(A, limits, np.zeros(len(A)))
-    if alpha is None:
-        # Nothing at all: the limits that cannot be moved apart any less are the ones in each other's way.
-        _, held_by = _program(np.column_stack((np.zeros(len(A)), A)), limits, np.ones(len(A)))
-    return Share(alpha, held_by)
+        return Share(1.0, [], np.empty(0))
+    on_x = np.column_stack((reduction.origin, reduction.basis))
+    A = on_x if limits.A is None else limits.A.dot(on_x)
+    best, held_by = _program(A, limits, np.zeros(len(A)))
+    if best is not None:
+        return Share(float(best[0]), held_by, on_x.dot(best))
+    # Nothing at all: the limits that cannot be moved apart any less are the ones in each other's way.
+    _, held_by = _program(np.column_stack((np.zeros(len(A)), A)), limits, np.ones(len(A)))
+    return Share(None, held_by, np.empty(0))
 
 
-def _program(A: Array, limits: Polytope, slack: Array) -> tuple[float | None, list[int]]:
+def _program(A: Array, limits: Polytope, slack: Array) -> tuple[Array | None, list[int]]:
     """Without slack the largest first variable in [0, 1]; with it, the least one that all limits yield by."""
     from scipy.optimize import linprog
 
@@ -79,7 +83,7 @@ def _program(A: Array, limits: Polytope, slack: Array) -> tuple[float | None, li
         return None, []
     duals = np.abs(np.asarray(result.ineqlin.marginals))
     holding = duals > DUAL_TOLERANCE * max(duals.max(initial=0.0), np.finfo(float).tiny)
-    return float(result.x[0]), sorted({int(i) for i in np.concatenate((above, below))[holding]})
+    return np.asarray(result.x), sorted({int(i) for i in np.concatenate((above, below))[holding]})
 
 
 class Relaxed(NamedTuple):
@@ -127,3 +131,15 @@ def relaxed(rows: LimitRows, lower: Array, upper: Array) -> Relaxed:
     moved = LimitRows(C, low + np.minimum(violation, 0.0), high + np.maximum(violation, 0.0))
     held_by = [int(i) for i in holding] + [m + int(i) for i in np.flatnonzero(violation)]
     return Relaxed(moved, violation, held_by)
+
+
+def slowest(cone: Cone, limits: Polytope) -> float:
+    """The least speed of the cone's point inside the limits on x [length/s], to rounding from above.
+
+    Raises:
+        SolverFailure: nobody found it.
+    """
+    m = cone.J.shape[1]
+    H = cone.J.T.dot(cone.J)
+    H = H + REGULARISATION * (float(H.max()) or 1.0) * np.eye(m)
+    return cone.speed(minimise(Daqp(), H, np.zeros(m), limits).z)

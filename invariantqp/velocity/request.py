@@ -24,6 +24,7 @@ from invariantqp.velocity.objective import Form, form_of
 from invariantqp.velocity.rows import LimitRows, named
 from invariantqp.velocity.solution import VelocitySolution, conditioning, damping_reason
 from invariantqp.velocity.solve import solve
+from invariantqp.velocity.toolspeed import Cone, ToolSpeed
 
 
 class MethodChoice(NamedTuple):
@@ -70,6 +71,7 @@ def _asked(
     guard: Guard | bool,
     posture: ArrayLike | None,
     rows: LimitRows | None,
+    tool_speed: ToolSpeed | None,
 ) -> tuple[VelocityLaw, Demand]:
     twists, s = arrays.columns(J), arrays.twist(twist)
     m = twists.shape[1]
@@ -98,7 +100,7 @@ def _asked(
         backend=backend_of(backend),
     )
     wanted = None if posture is None else arrays.vector(posture, m, "posture")
-    return law, Demand(twists, s, lower, upper, exact, wanted, rows=rows)
+    return law, Demand(twists, s, lower, upper, exact, wanted, rows=rows, cone=_cone(tool_speed, twists))
 
 
 def _check_rows(rows: LimitRows | None, m: int) -> None:
@@ -108,6 +110,16 @@ def _check_rows(rows: LimitRows | None, m: int) -> None:
         raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper)")
     if np.shape(rows.C)[1] != m:
         raise BadInput("rows", f"rows on {np.shape(rows.C)[1]} joints", f"rows on {m}, one for each column of J")
+
+
+def _cone(tool_speed: ToolSpeed | None, J: Array) -> Cone | None:
+    if tool_speed is None:
+        return None
+    if not isinstance(tool_speed, ToolSpeed):
+        raise BadInput("tool_speed", type(tool_speed).__name__, "ToolSpeed(limit, point)")
+    if tool_speed.point is None:
+        raise BadInput("tool_speed", "no point", "ToolSpeed(limit, point)", "Say which point, in the frame of J.")
+    return tool_speed.cone(J, np.asarray(tool_speed.point))
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:
@@ -132,6 +144,7 @@ def solve_velocity(
     guard: Guard | bool = True,
     posture: ArrayLike | None = None,
     rows: LimitRows | None = None,
+    tool_speed: ToolSpeed | None = None,
 ) -> VelocitySolution:
     """Joint velocities for a twist, the same in every frame: the stationary point of the form, inside the bounds.
 
@@ -151,6 +164,7 @@ def solve_velocity(
         guard: the descent guard; False switches it off.
         posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
         rows: limits on combinations of joint velocities; they give way where they contradict the bounds.
+        tool_speed: speed limit of a point; it gives way where it contradicts bounds or rows.
 
     Returns:
         VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
@@ -161,7 +175,9 @@ def solve_velocity(
 
     Reference: [DS] Sect. 6.2. A stationary point of an indefinite form is not a minimum; the guard sees to descent.
     """
-    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows)
+    law, demand = _asked(
+        J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed
+    )
     return solve(law, demand)
 
 
@@ -178,6 +194,7 @@ def method_for(
     guard: Guard | bool = True,
     posture: ArrayLike | None = None,
     rows: LimitRows | None = None,
+    tool_speed: ToolSpeed | None = None,
 ) -> MethodChoice:
     """Which way `solve_velocity` would take for the same arguments, and why; no QP is solved.
 
@@ -185,7 +202,9 @@ def method_for(
         BadInput: as `solve_velocity`.
         UnknownName: no such back end.
     """
-    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows)
+    law, demand = _asked(
+        J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed
+    )
     problem = law.build(demand)
     x = problem.unconstrained()
     lam = problem.convex.damping
@@ -194,7 +213,10 @@ def method_for(
         m = len(x)
         if rows is not None:
             outside += [m + i for i in np.flatnonzero(rows.excess(x)).tolist()]
-        reason = f"the closed form would take {named(outside, m)} past their limits; {law.backend.name}"
+        who = [named(outside, m)] if outside else []
+        if demand.cone is not None and not demand.cone.allows(x):
+            who.append("the tool")
+        reason = f"the closed form would take {' and '.join(who)} past their limits; {law.backend.name}"
         return MethodChoice("qp", reason, lam, conditioning(problem.convex))
     if lam > 0.0:
         return MethodChoice("damped", damping_reason(problem.convex), lam, conditioning(problem.convex))
