@@ -68,8 +68,10 @@ if TYPE_CHECKING:
     from invariantqp.velocity.limits import Bounds
     from invariantqp.velocity.objective import CarriedMetric, Complement, PitchForm
     from invariantqp.velocity.request import MethodChoice, UnitsMixed, method_for, solve_velocity
+    from invariantqp.velocity.rows import LimitRows
     from invariantqp.velocity.several import JointTask, TwistTask, solve_tasks
     from invariantqp.velocity.solution import VelocitySolution
+    from invariantqp.velocity.toolspeed import ToolSpeed
 
 __version__ = "0.1.0"
 
@@ -121,8 +123,10 @@ _HOME = {
     "velocity.limits": ("Bounds",),
     "velocity.objective": ("CarriedMetric", "Complement", "PitchForm"),
     "velocity.request": ("MethodChoice", "UnitsMixed", "method_for", "solve_velocity"),
+    "velocity.rows": ("LimitRows",),
     "velocity.several": ("JointTask", "TwistTask", "solve_tasks"),
     "velocity.solution": ("VelocitySolution",),
+    "velocity.toolspeed": ("ToolSpeed",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -23,8 +23,8 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.backends import Daqp, minimise
-from invariantqp.velocity.exact import FREE
 from invariantqp.velocity.limits import JointBox
+from invariantqp.velocity.rows import Polytope
 from invariantqp.velocity.solution import VelocitySolution
 
 # The textbook damping of a script, in its own mixed units.
@@ -71,7 +71,7 @@ def _dls(J: Array, s: Array, _lower: Array, _upper: Array) -> Array:
 
 def _box(J: Array, s: Array, lower: Array, upper: Array) -> Array:
     H = J.T.dot(J) + QP_DAMPING * np.eye(J.shape[1])
-    return minimise(Daqp(), H, J.T.dot(s), FREE, lower, upper).z
+    return minimise(Daqp(), H, J.T.dot(s), Polytope(None, lower, upper)).z
 
 
 def moore_penrose(robot: Robot, law: LawSpec) -> ToolFrameLaw:

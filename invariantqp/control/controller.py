@@ -10,7 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from math import isfinite, isinf
+from math import inf
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -23,15 +23,17 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, middle
 from invariantqp.velocity.backends import Backend, backend_of
+from invariantqp.velocity.braking import BrakingBox
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import JointBox
+from invariantqp.velocity.limits import JointBox, accelerations, not_below_zero
 from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve
+from invariantqp.velocity.toolspeed import ToolSpeed
 
 # How fast an arm with joints to spare drifts to the middle of their ranges [1/s]: a second's worth of patience, slow
 # beside any tracking gain, and what keeps it out of its limits on long paths.
@@ -75,6 +77,9 @@ class Controller:
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
         exact: Exact | Sequence[Exact] | Literal["position"] | None = None,
+        acceleration_limit: ArrayLike | None = None,
+        position_margin: float = 0.0,
+        tool_speed: ToolSpeed | float | None = None,
     ) -> None:
         """Make the loop's fixed part.
 
@@ -92,9 +97,15 @@ class Controller:
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
             exact: what is met exactly while the form judges the rest: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane or ExactJoints, or several of them.
+            acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
+                also keeps room to brake before its position limits. None is none.
+            position_margin: distance kept from position limits [rad, length].
+            tool_speed: the most that a point of the tool may move at [length/s], 0.25 m/s beside a person; a number is
+                for the tool frame's origin.
 
         Raises:
-            BadInput: a dt or gain that is not positive, gain above 1/dt, or an argument `solve_velocity` would refuse.
+            BadInput: a dt or gain that is not positive, gain above 1/dt, limits that are none, or an argument
+                `solve_velocity` would refuse.
             UnknownName: no such back end.
         """
         m = len(robot.names)
@@ -126,15 +137,29 @@ class Controller:
         self._middle = mid
         self._pull = np.where(bounded, self.posture_gain, 0.0)
         self._gains = np.full(6, self.gain)
-        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt)
+        margin = not_below_zero(position_margin, "position_margin", "a distance kept from position limits")
+        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
+        self._braking = None
+        if acceleration_limit is not None:
+            self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
+        self._before = np.zeros(m)
+        if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
+            tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
+        self._tool_speed = tool_speed
+        given = None if tool_speed is None else tool_speed.point
+        self._limited_point = np.zeros(3) if given is None else np.asarray(given)
 
-    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+    def step(
+        self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
+    ) -> VelocitySolution:
         """One tick: the joint velocity to command until the next.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             target: tool pose to be at, (4, 4) in the base frame, a `pinocchio.SE3`, or what `robot.target` returned.
             feedforward: (6,) twist of the target in the base frame [rad/s; length/s]; None is a target at rest.
+            velocity: (m,) joint velocity now [rad/s, length/s], for the acceleration limits; None is the one commanded
+                last, zero before the first tick.
 
         Returns:
             VelocitySolution: q + dt velocity is inside the position limits, or on its way back there.
@@ -144,14 +169,17 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
-        if not isfinite(sighting.error.dot(sighting.error)):  # a foreign pose object comes unchecked
-            raise BadInput("target", "a pose with NaN or infinity", "a finite pose", "Check where it was computed.")
         s = sighting.error * self._gains
         if feedforward is not None:
             s += arrays.vector(feedforward, 6, "feedforward")
         if not s.dot(s) < inf:  # a target made elsewhere has not been looked at
             raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
-        lower, upper = self._box.at(positions)
+        before = self._before if velocity is None else arrays.vector(velocity, len(positions), "velocity")
+        strained: tuple[tuple[int, str], ...] = ()
+        if self._braking is None:
+            lower, upper = self._box.at(positions)
+        else:
+            lower, upper, strained = self._braking.at(positions, before)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None
         exact, point = (None, None) if not self.exact else self._rows(sighting, target, feedforward)
         law = self.law
@@ -159,7 +187,19 @@ class Controller:
             pose = self.robot.pose(positions)
             law = replace(law, form=law.form.at(pose))  # type: ignore[union-attr]
             point = pose[:3, 3] if point is None else point  # the guard measures where the form does
-        return solve(law, Demand(sighting.J, s, lower, upper, exact, posture, point))
+        demand = Demand(sighting.J, s, lower, upper, exact, posture, point)
+        if self._tool_speed is not None:
+            fast, _ = self.robot.points(sighting, target, self._limited_point)
+            demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))
+        solution = solve(law, demand)
+        self._before = solution.velocity
+        return self._told(solution, strained) if strained else solution
+
+    def _told(self, solution: VelocitySolution, strained: tuple[tuple[int, str], ...]) -> VelocitySolution:
+        """The solution with the joints named whose limits contradict each other."""
+        said = [f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained]
+        reason = "; ".join([*said, solution.reason] if solution.reason else said)
+        return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
 
     def _rows(
         self, sighting: Sighting, target: Any, feedforward: ArrayLike | None
@@ -172,7 +212,4 @@ class Controller:
 def _posture_gain(posture: float | bool) -> float:
     if isinstance(posture, bool):
         return POSTURE_GAIN if posture else 0.0
-    gain = arrays.number(posture, "posture", "a gain in 1/s, True or False")
-    if gain < 0.0 or isinf(gain):
-        raise BadInput("posture", f"{gain:g}", "a gain in 1/s not below zero, True or False")
-    return gain
+    return not_below_zero(posture, "posture", "a gain in 1/s, True or False")

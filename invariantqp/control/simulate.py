@@ -82,6 +82,15 @@ class Trace:
         return max(0.0, *(float(e.max()) for e in excess))
 
     @property
+    def acceleration_violation(self) -> float | None:
+        """Largest excess over the task's acceleration limit [rad/s^2, m/s^2], from rest; None where it has none."""
+        limit = self.task.law.acceleration
+        if limit is None:
+            return None
+        jumps = np.diff(self.velocity, axis=0, prepend=np.zeros((1, len(self.names))))
+        return max(0.0, float((np.abs(jumps) / self.task.law.dt - np.asarray(limit)).max()))
+
+    @property
     def shortfalls(self) -> list[str]:
         """The acceptance numbers that were missed, in words; empty when the task is passed."""
         accept = self.task.accept
@@ -116,6 +125,7 @@ class Trace:
             "final_position_error_mm": 1e3 * float(self.position_error[-1]),
             "final_orientation_error_deg": float(np.degrees(self.orientation_error[-1])),
             "limit_violation": self.limit_violation,
+            "acceleration_violation": self.acceleration_violation,
             "peak_speed": float(np.abs(self.velocity).max()),
             "limits_active": sum(self.bound) / n,
             "methods": {name: count / n for name, count in Counter(self.methods).items()},
@@ -161,6 +171,8 @@ def our_controller(robot: Robot, law: LawSpec) -> Controller:
         joint_metric=law.joint_metric,
         backend=law.backend,
         exact=None if law.exact is None else ExactPoint(law.point),
+        acceleration_limit=law.acceleration,
+        position_margin=law.margin,
     )
 
 
@@ -179,7 +191,7 @@ def run_task(
         tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
         controller: makes the controller from robot and law; ours by default.
         progress: called with (ticks done, ticks in all).
-        overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, ...
+        overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, acceleration, ...
 
     Returns:
         Trace: trajectory, errors, methods, statuses, times.

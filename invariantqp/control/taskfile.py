@@ -109,6 +109,10 @@ class LawSpec(_Strict):
         None, description="what counts as a short joint velocity, one weight a joint", examples=[[1.0, 1.0, 25.0]]
     )
     backend: str = Field("daqp", examples=["daqp"])
+    acceleration: Positive | list[Positive] | None = Field(
+        None, description="limit, one for all joints or one each [rad/s^2, m/s^2]", examples=[10.0]
+    )
+    margin: Number = Field(0.0, ge=0.0, description="kept from position limits [rad, m]", examples=[0.01])
 
     @field_validator("pitch")
     @classmethod

@@ -17,7 +17,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.exact import Reduction
+from invariantqp.velocity.rows import Polytope
 
 # After scaling, bounds and H are O(1). An answer may leave its bounds by this much and is clipped; more is a failure.
 FEASIBILITY_TOLERANCE = 1e-7
@@ -249,27 +249,23 @@ class Solved(NamedTuple):
     trouble: str
 
 
-def minimise(backend: Backend, H: Array, c: Array, reduction: Reduction, lower: Array, upper: Array) -> Solved:
-    """Minimise 1/2 z'Hz - c'z over lower <= x0 + B z <= upper with `backend`; if it fails, with DAQP and then OSQP.
+def minimise(backend: Backend, H: Array, c: Array, limits: Polytope) -> Solved:
+    """Minimise 1/2 z'Hz - c'z over lower <= A z <= upper with `backend`; if it fails, with DAQP and then OSQP.
 
     Args:
         backend: the first to ask.
         H: (n, n) positive definite.
         c: (n,).
-        reduction: x = x0 + B z.
-        lower: (m,) bounds on x; -inf where there is none.
-        upper: (m,) likewise.
+        limits: on z; infinite where there is none.
 
     Raises:
         SolverFailure: nobody found an answer; `.infeasible` when a solver says that there is none.
     """
-    if reduction.basis is not None:
-        lower, upper = lower - reduction.origin, upper - reduction.origin
-    if not len(c):  # the rows leave nothing free: x0 or nothing
-        if (lower > 0.0).any() or (upper < 0.0).any():
-            raise SolverFailure("the exact rows", "their only velocity is outside the bounds", infeasible=True)
+    if not len(c):  # the exact rows leave nothing free: x0 or nothing
+        if (limits.lower > 0.0).any() or (limits.upper < 0.0).any():
+            raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
         return Solved(c, "", "")
-    qp, unit = _scaled(H, c, lower, upper, reduction.basis)
+    qp, unit = _scaled(H, c, limits.lower, limits.upper, limits.A)
     troubles: list[str] = []
     infeasible = False
     fallback: list[Backend] = [Daqp(), Osqp()]
@@ -282,25 +278,3 @@ def minimise(backend: Backend, H: Array, c: Array, reduction: Reduction, lower: 
             if infeasible and candidate.name == "daqp":
                 break  # an exact method's verdict stands
     raise SolverFailure("every solver", "; ".join(troubles), infeasible=infeasible)
-
-
-def largest_scale(reduction: Reduction, lower: Array, upper: Array) -> float | None:
-    """The largest alpha in [0, 1] with lower <= alpha x0 + B z <= upper for some z, None if there is none.
-
-    A linear program, solved by HiGHS through SciPy.
-    """
-    from scipy.optimize import linprog
-
-    if reduction.basis is None:
-        return 1.0
-    C = np.column_stack((reduction.origin, reduction.basis))
-    n = C.shape[1] - 1
-    above, below = np.isfinite(upper), np.isfinite(lower)
-    result = linprog(
-        np.concatenate(([-1.0], np.zeros(n))),
-        A_ub=np.vstack((C[above], -C[below])),
-        b_ub=np.concatenate((upper[above], -lower[below])),
-        bounds=[(0.0, 1.0), *[(None, None)] * n],
-        method="highs",
-    )
-    return float(result.x[0]) if result.status == 0 else None

@@ -20,6 +20,8 @@ from invariantqp.velocity.damping import SINGULAR_RATIO, Adaptive, Damping
 from invariantqp.velocity.exact import ExactRows, Reduction, reduce
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.objective import Form, GramData
+from invariantqp.velocity.rows import LimitRows
+from invariantqp.velocity.toolspeed import Cone
 
 # The rounding error of J'QJ relative to |J|^2 |Q|: a G smaller than that says nothing.
 ROUNDING = 1e-15
@@ -36,6 +38,8 @@ class Demand(NamedTuple):
         exact: rows to be met exactly, or None.
         posture: (m,) joint velocity wanted in the null space, or None for none.
         anchor: (3,) point whose motion the exact rows fix, where the guard then measures; None is the arm's own point.
+        rows: limits on combinations of joint velocities, or None.
+        cone: speed limit of a point, or None.
     """
 
     J: Array
@@ -45,10 +49,15 @@ class Demand(NamedTuple):
     exact: ExactRows | None = None
     posture: Array | None = None
     anchor: Array | None = None
+    rows: LimitRows | None = None
+    cone: Cone | None = None
 
     def allows(self, x: Array) -> bool:
-        """Whether no bound is met: clipping changes no bit."""
-        return bool(np.minimum(np.maximum(x, self.lower), self.upper).tobytes() == x.tobytes())
+        """Whether no limit is met: clipping to the box changes no bit, rows and cone hold."""
+        boxed = bool(np.minimum(np.maximum(x, self.lower), self.upper).tobytes() == x.tobytes())
+        if self.rows is None and self.cone is None:
+            return boxed
+        return boxed and (self.rows is None or self.rows.allow(x)) and (self.cone is None or self.cone.allows(x))
 
     def slowed(self, alpha: float) -> Demand:
         """The same direction at a share of the speed."""

@@ -27,6 +27,24 @@ def _limit(value: ArrayLike, argument: str) -> Array:
     return a
 
 
+def not_below_zero(value: float, argument: str, expected: str) -> float:
+    """A finite number, zero or more."""
+    x = arrays.number(value, argument, expected)
+    if x < 0.0:
+        raise BadInput(argument, f"{x:g}", f"{expected}, not below zero")
+    return x
+
+
+def accelerations(value: ArrayLike, m: int) -> Array:
+    """(m,) positive acceleration limits, inf where there is none; one number is every joint's."""
+    a = arrays.array(value, "acceleration_limit", "numbers above zero")
+    a = np.full(m, float(a)) if a.ndim == 0 else a.copy()
+    if a.shape != (m,) or not (a > 0.0).all():  # NaN is not above zero either
+        found = f"shape {a.shape}" if a.shape != (m,) else f"{a[~(a > 0.0)][0]:g} at joint {int((~(a > 0.0)).argmax())}"
+        raise BadInput("acceleration_limit", found, f"{m} limits above zero, inf where there is none, or one for all")
+    return a
+
+
 @dataclass(frozen=True, eq=False)
 class Bounds:
     """Joint velocity limits, lower <= x <= upper.
@@ -66,14 +84,20 @@ class JointBox:
         position_upper: (m,).
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
         dt: [s].
+        margin: distance kept from position limits [rad, length]; a range too short for it shrinks to its middle.
     """
 
     position_lower: Array
     position_upper: Array
     velocity_limit: Array
     dt: float
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.margin:
+            kept = np.minimum(self.margin, 0.5 * (self.position_upper - self.position_lower))
+            object.__setattr__(self, "position_lower", self.position_lower + kept)
+            object.__setattr__(self, "position_upper", self.position_upper - kept)
         # What the limits allow in one tick from q = 0, so that a tick subtracts and clips and nothing else.
         object.__setattr__(self, "_rate", np.full(len(self.velocity_limit), 1.0 / self.dt))
         object.__setattr__(self, "_low", self.position_lower / self.dt)
@@ -87,3 +111,7 @@ class JointBox:
         lower = np.minimum(np.maximum(self._low - place, back), ahead)  # type: ignore[attr-defined]
         upper = np.maximum(np.minimum(self._high - place, ahead), back)  # type: ignore[attr-defined]
         return lower, upper
+
+    def room(self, q: Array) -> tuple[Array, Array]:
+        """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
+        return self.position_upper - q, q - self.position_lower

@@ -21,8 +21,10 @@ from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import Bounds
 from invariantqp.velocity.objective import CarriedMetric, Form, form_of
+from invariantqp.velocity.rows import LimitRows, named
 from invariantqp.velocity.solution import VelocitySolution, conditioning, damping_reason
 from invariantqp.velocity.solve import solve
+from invariantqp.velocity.toolspeed import Cone, ToolSpeed
 
 BLIND = "no pitch form sees all of these joints: twists are measured by diag(L^2 I, I) at their own point"
 
@@ -70,6 +72,8 @@ def _asked(
     backend: Backend | str,
     guard: Guard | bool,
     posture: ArrayLike | None,
+    rows: LimitRows | None,
+    tool_speed: ToolSpeed | None,
 ) -> tuple[VelocityLaw, Demand]:
     twists, s = arrays.columns(J), arrays.twist(twist)
     m = twists.shape[1]
@@ -86,6 +90,7 @@ def _asked(
             raise BadInput("exact", type(exact).__name__, "ExactRows(A, b)")
         if np.shape(exact.A)[1] != m:
             raise BadInput("exact", f"rows on {np.shape(exact.A)[1]} joints", f"rows on {m}, one for each column of J")
+    _check_rows(rows, m)
     metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     if metric is None and units_mix(twists):
         warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=3)
@@ -99,7 +104,26 @@ def _asked(
         note=BLIND if form is None and isinstance(chosen, CarriedMetric) else "",
     )
     wanted = None if posture is None else arrays.vector(posture, m, "posture")
-    return law, Demand(twists, s, lower, upper, exact, wanted)
+    return law, Demand(twists, s, lower, upper, exact, wanted, rows=rows, cone=_cone(tool_speed, twists))
+
+
+def _check_rows(rows: LimitRows | None, m: int) -> None:
+    if rows is None:
+        return
+    if not isinstance(rows, LimitRows):
+        raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper)")
+    if np.shape(rows.C)[1] != m:
+        raise BadInput("rows", f"rows on {np.shape(rows.C)[1]} joints", f"rows on {m}, one for each column of J")
+
+
+def _cone(tool_speed: ToolSpeed | None, J: Array) -> Cone | None:
+    if tool_speed is None:
+        return None
+    if not isinstance(tool_speed, ToolSpeed):
+        raise BadInput("tool_speed", type(tool_speed).__name__, "ToolSpeed(limit, point)")
+    if tool_speed.point is None:
+        raise BadInput("tool_speed", "no point", "ToolSpeed(limit, point)", "Say which point, in the frame of J.")
+    return tool_speed.cone(J, np.asarray(tool_speed.point))
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:
@@ -123,6 +147,8 @@ def solve_velocity(
     backend: Backend | str = "daqp",
     guard: Guard | bool = True,
     posture: ArrayLike | None = None,
+    rows: LimitRows | None = None,
+    tool_speed: ToolSpeed | None = None,
 ) -> VelocitySolution:
     """Joint velocities for a twist, the same in every frame: the stationary point of the form, inside the bounds.
 
@@ -141,6 +167,8 @@ def solve_velocity(
         backend: "daqp", "osqp", any solver qpsolvers has, or a `Backend` of yours (a kept `Osqp()`, for instance).
         guard: the descent guard; False switches it off.
         posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
+        rows: limits on combinations of joint velocities; they give way where they contradict the bounds.
+        tool_speed: speed limit of a point; it gives way where it contradicts bounds or rows.
 
     Returns:
         VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
@@ -151,7 +179,9 @@ def solve_velocity(
 
     Reference: [DS] Sect. 6.2. A stationary point of an indefinite form is not a minimum; the guard sees to descent.
     """
-    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture)
+    law, demand = _asked(
+        J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed
+    )
     return solve(law, demand)
 
 
@@ -167,6 +197,8 @@ def method_for(
     backend: Backend | str = "daqp",
     guard: Guard | bool = True,
     posture: ArrayLike | None = None,
+    rows: LimitRows | None = None,
+    tool_speed: ToolSpeed | None = None,
 ) -> MethodChoice:
     """Which way `solve_velocity` would take for the same arguments, and why; no QP is solved.
 
@@ -174,15 +206,21 @@ def method_for(
         BadInput: as `solve_velocity`.
         UnknownName: no such back end.
     """
-    law, demand = _asked(J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture)
+    law, demand = _asked(
+        J, twist, form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed
+    )
     problem = law.build(demand)
     x = problem.unconstrained()
     lam = problem.convex.damping
     if not demand.allows(x):
         outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
-        reason = (
-            f"the closed form would take joints {', '.join(map(str, outside))} past their bounds; {law.backend.name}"
-        )
+        m = len(x)
+        if rows is not None:
+            outside += [m + i for i in np.flatnonzero(rows.excess(x)).tolist()]
+        who = [named(outside, m)] if outside else []
+        if demand.cone is not None and not demand.cone.allows(x):
+            who.append("the tool")
+        reason = f"the closed form would take {' and '.join(who)} past their limits; {law.backend.name}"
         return MethodChoice("qp", reason, lam, conditioning(problem.convex))
     if lam > 0.0:
         return MethodChoice("damped", damping_reason(problem.convex), lam, conditioning(problem.convex))

@@ -25,6 +25,7 @@ from invariantqp.velocity.exact import ExactRows, Reduction, reduce
 from invariantqp.velocity.law import Demand, VelocityLaw, assemble
 from invariantqp.velocity.limits import Bounds
 from invariantqp.velocity.objective import Form, form_of
+from invariantqp.velocity.rows import polytope
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.tick import Tick
 
@@ -167,7 +168,8 @@ def _level(
     x = reduction.joint(np.asarray(np.linalg.solve(H, c), dtype=np.float64))
     if demand.allows(x):
         return x, False
-    return reduction.joint(minimise(backend, H, c, reduction, demand.lower, demand.upper).z), True
+    limits = polytope(demand.lower, demand.upper, None, reduction)
+    return reduction.joint(minimise(backend, H, c, limits).z), True
 
 
 def _with_rows(fixed: ExactRows | None, level: list[TwistTask | JointTask], x: Array) -> ExactRows:

@@ -23,6 +23,9 @@ class VelocitySolution(NamedTuple):
         damping: lambda used [unit of G].
         guard: t, share of least squares blended in by the guard; 0 when it did not act.
         backend: the solver that answered, "" without one.
+        multipliers: (m,) what each joint's bound costs in the law's own convex objective: positive at the upper bound,
+            negative at the lower, 0 away from them; before the guard. None where the law met no limit.
+        row_multipliers: (k,) the same for the rows of `LimitRows`.
     """
 
     velocity: Array
@@ -35,6 +38,8 @@ class VelocitySolution(NamedTuple):
     damping: float
     guard: float
     backend: str
+    multipliers: Array | None = None
+    row_multipliers: Array | None = None
 
 
 def damping_reason(convex: Convexified) -> str:

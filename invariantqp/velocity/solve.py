@@ -52,6 +52,8 @@ def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> Veloc
     tick = Tick(law, demand)
     if demand.exact is not None:
         return tick.held("PaperLambda knows no exact rows; use another damping")
+    if demand.rows is not None or demand.cone is not None:
+        return tick.held("PaperLambda knows no limits but the bounds; use another damping")
     try:
         x, trouble = paper_velocity(law, damping, demand)
     except np.linalg.LinAlgError:

@@ -14,19 +14,27 @@ from math import hypot, sqrt
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import SolverFailure, largest_scale, minimise
+from invariantqp.velocity.backends import SolverFailure, minimise
 from invariantqp.velocity.convexify import Convexified
 from invariantqp.velocity.damping import Adaptive, Fixed
+from invariantqp.velocity.exact import Reduction
+from invariantqp.velocity.feasible import Share, largest_share, relaxed, slowest
 from invariantqp.velocity.guard import Guard, Scene
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
 from invariantqp.velocity.objective import gram_data
+from invariantqp.velocity.prices import ACTIVE_TOLERANCE, prices
+from invariantqp.velocity.rows import Polytope, named, polytope
 from invariantqp.velocity.solution import VelocitySolution, damping_reason
+from invariantqp.velocity.tangents import Cut, minimise_in_cone, with_plane
+from invariantqp.velocity.toolspeed import CONE_TOLERANCE
 
-# A joint this close to its bound, relative to its speed (or 1), is at it: interior-point solvers stop that far inside.
-ACTIVE_TOLERANCE = 1e-6
 # Given away of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find; the
 # next one where it finds none.
 SCALE_MARGINS = (1e-9, 1e-7, 1e-5)
+# Tangent planes for the exact rows' share, each a linear program; what is left is shortened away.
+SHARE_PLANES = 8
+# A speed limit that has to give way is moved by this share more than it must, to leave a solver an inside.
+WIDER_CONE = 1e-6
 # Residual damping mu = this dt |s - Jx|_W |J|_W: enough to stop every arm tried from rattling at a target out of reach.
 RESIDUAL_DAMPING = 0.5
 # Residual damping below this share of |J|_W^2 changes no digit that matters (its square, over what is damped anyway).
@@ -45,6 +53,8 @@ class Tick:
         self.scale = 1.0
         self.backend = ""
         self.troubles: list[str] = []
+        self.held_by = ""  # the limits that slow the exact rows down
+        self.priced: tuple[Array, Array, Array, Polytope] | None = None  # the law's own QP, solved last
 
     def solution(self, problem: Problem, x: Array) -> VelocitySolution:
         """From the unconstrained optimum x to a velocity that may be commanded."""
@@ -63,7 +73,9 @@ class Tick:
             blend = 0.0
             if not (failure.infeasible and self.scale < 1.0):  # slowed to the edge: there is no room to do better in
                 self.troubles.append(f"neither guarded nor quiet: {failure}")
-        x, active = self.clipped(x)
+        x, active = self.clipped(self._settled(x))
+        costs = None if self.priced is None else prices(*self.priced)
+        m, k = len(x), 0 if self.asked.rows is None else len(np.asarray(self.asked.rows.C))
         if problem.reduction.unmet > UNMET_TOLERANCE:
             self.troubles.append(f"{problem.reduction.unmet:.1e} of the exact rows is beyond these joints")
         return VelocitySolution(
@@ -77,6 +89,8 @@ class Tick:
             damping=problem.convex.damping,
             guard=blend,
             backend=self.backend,
+            multipliers=None if costs is None else costs[:m],
+            row_multipliers=None if costs is None or not k else costs[m : m + k],
         )
 
     def _status(self, blend: float) -> str:
@@ -89,30 +103,86 @@ class Tick:
     def _reason(self, convex: Convexified, blend: float, active: tuple[int, ...]) -> str:
         said = [self.law.note, *self.troubles] if self.law.note else list(self.troubles)
         if self.scale < 1.0:
-            said.append(f"limits allow {self.scale:.3g} of the exact rows' speed")
+            by = f" (held by {self.held_by})" if self.held_by else ""
+            said.append(f"limits allow {self.scale:.3g} of the exact rows' speed{by}")
         if blend > 0.0:
             said.append(f"descent guard: {blend:.3g} of least squares blended in")
         if convex.damping > 0.0:
             said.append(damping_reason(convex))
         if active:
-            said.append(f"at the limits of joint{'s' if len(active) > 1 else ''} {', '.join(map(str, active))}")
+            said.append(f"at the limits of {named(list(active), len(self.asked.lower))}")
         return "; ".join(said)
 
     def _bounded(self, problem: Problem) -> tuple[Array, Problem]:
-        """The optimum inside the bounds; exact rows that do not fit are slowed down, largest share first."""
+        """The optimum inside the limits; rows give way to the box, exact rows that do not fit are slowed down."""
         try:
             return self._minimised(problem), problem
         except SolverFailure as failure:
-            if self.demand.exact is None or not failure.infeasible:
+            demand = self.demand
+            if not failure.infeasible or (demand.exact is None and demand.rows is None and demand.cone is None):
                 raise
-        alpha = largest_scale(problem.reduction, self.demand.lower, self.demand.upper)
-        if alpha is None:
-            self.troubles.append("the limits leave no velocity along the exact rows, not even zero; rows dropped")
-            self.scale = 0.0
-            self.demand = self.demand._replace(exact=None, anchor=None)
+        x = self._given_way(problem)
+        if x is not None:
+            return x, problem
+        demand = self.demand
+        share = self._share(problem)
+        if share.alpha is None:
+            by = f" ({self.held_by})" if self.held_by else ""
+            self.troubles.append(f"the limits{by} leave no velocity along the exact rows, not even zero; rows dropped")
+            self.scale, self.held_by = 0.0, ""
+            self.demand = demand._replace(exact=None, anchor=None)
             problem = self.law.build(self.demand)
             return self._minimised(problem), problem
-        return self._slowed(self.demand, alpha, SCALE_MARGINS)
+        return self._slowed(demand, share.alpha, SCALE_MARGINS)
+
+    def _share(self, problem: Problem) -> Share:
+        """How much of the exact rows' speed box, rows and cone allow, and what holds it there."""
+        demand, cone = self.demand, self.demand.cone
+        limits = polytope(demand.lower, demand.upper, demand.rows)
+        count = len(limits.lower)
+        share = largest_share(problem.reduction, limits)
+        for _ in range(SHARE_PLANES):
+            if cone is None or share.alpha is None or cone.speed(share.velocity) <= cone.limit * (1.0 + CONE_TOLERANCE):
+                break
+            limits = with_plane(limits, cone, share.velocity)
+            share = largest_share(problem.reduction, limits)
+        if cone is not None and share.alpha is not None:
+            over = cone.speed(share.velocity) / cone.limit
+            share = share._replace(alpha=share.alpha / max(1.0, over))
+        said = named([i for i in share.held_by if i < count], len(demand.lower))
+        self.held_by = " and ".join(
+            filter(None, (said, "the tool's speed" if max(share.held_by, default=-1) >= count else ""))
+        )
+        return share
+
+    def _given_way(self, problem: Problem) -> Array | None:
+        """The optimum with rows, then the cone, moved by the least it takes; None where exact rows are in the way."""
+        demand = self.demand
+        widths = [demand]
+        if demand.rows is not None:
+            way = relaxed(demand.rows, demand.lower, demand.upper)
+            if way.violation.any():
+                m = len(demand.lower)
+                by = ", ".join(f"row {i} by {abs(way.violation[i]):.3g}" for i in np.flatnonzero(way.violation))
+                joints = named([i for i in way.held_by if i < m], m)
+                whom = f"the bounds of {joints}" if joints else "each other"
+                self.troubles.append(f"rows contradict {whom}: {by} over")
+                widths = [demand._replace(rows=way.widened(margin)) for margin in SCALE_MARGINS]
+        cone = demand.cone
+        if cone is not None:
+            least = slowest(cone, polytope(demand.lower, demand.upper, widths[-1].rows))
+            if least > cone.limit:
+                self.troubles.append(f"the tool's speed is {least:.3g}, not {cone.limit:.3g}: other limits ask for it")
+                widths = [w._replace(cone=cone._replace(limit=least * (1.0 + WIDER_CONE))) for w in widths]
+        failure: SolverFailure | None = None
+        for self.demand in widths:
+            try:
+                return self._minimised(problem)
+            except SolverFailure as trouble:
+                failure = trouble
+        if demand.exact is None and failure is not None:
+            raise failure
+        return None
 
     def _slowed(self, demand: Demand, alpha: float, margins: tuple[float, ...]) -> tuple[Array, Problem]:
         """The optimum at the share alpha of the demanded speed, but for the first margin that a solver can do with."""
@@ -126,14 +196,36 @@ class Tick:
                 raise
         return self._slowed(demand, alpha, margins[1:])
 
-    def _minimised(self, problem: Problem) -> Array:
+    def _minimised(self, problem: Problem, *, priced: bool = True) -> Array:
         H, c = problem.convex.qp()
-        solved = minimise(self.law.backend, H, c, problem.reduction, self.demand.lower, self.demand.upper)
+        solved, limits = self._solved(H, c, problem.reduction)
+        if priced:
+            self.priced = (H, c, solved.z, limits)
         self.backend = solved.backend
         said = f"{solved.trouble}; solved by {solved.backend}"
         if solved.trouble and said not in self.troubles:  # the guard's QP may fail as the law's did
             self.troubles.append(said)
         return problem.reduction.joint(solved.z)
+
+    def _solved(self, H: Array, c: Array, reduction: Reduction) -> Cut:
+        """The optimum on z inside box, rows and cone, and the polytope it was found in."""
+        demand, backend = self.demand, self.law.backend
+        limits, cone = polytope(demand.lower, demand.upper, demand.rows, reduction), demand.cone
+        if cone is None:
+            return Cut(minimise(backend, H, c, limits), limits)
+        if reduction.basis is not None:
+            cone = cone.on(reduction.origin, reduction.basis)
+        trouble = ""
+        if cone.program is not None and len(c):
+            try:
+                solved = cone.program.minimise(H, c, limits, cone.J, cone.start, cone.limit)
+                return Cut(solved, with_plane(limits, cone, solved.z) if solved.z.any() else limits)
+            except SolverFailure as failure:
+                if failure.infeasible:
+                    raise
+                trouble = str(failure)
+        cut = minimise_in_cone(backend, H, c, limits, cone)
+        return cut._replace(solved=cut.solved._replace(trouble="; ".join(filter(None, (trouble, cut.solved.trouble)))))
 
     def _guarded(self, problem: Problem, x: Array) -> tuple[Array, float]:
         """The velocity that neither climbs nor rattles where the twist is missed, and the guard's share of it."""
@@ -175,12 +267,24 @@ class Tick:
             mu = problem.convex.mu.copy()
             mu[problem.convex.null] = scene.damping
             problem = problem._replace(convex=problem.convex._replace(mu=mu))
-        return self._inside(problem)
+        return self._inside(problem, priced=False)
 
-    def _inside(self, problem: Problem) -> Array:
-        """The problem's optimum inside the bounds."""
+    def _inside(self, problem: Problem, *, priced: bool = True) -> Array:
+        """The problem's optimum inside the limits."""
         x = problem.unconstrained()
-        return x if self.demand.allows(x) else self._minimised(problem)
+        if not self.demand.allows(x):
+            return self._minimised(problem, priced=priced)
+        if priced:
+            self.priced = None
+        return x
+
+    def _settled(self, x: Array) -> Array:
+        """The velocity shortened by what rounding is over rows and cone, where standing still is inside them."""
+        rows, cone = self.demand.rows, self.demand.cone
+        share = 1.0 if rows is None else rows.share(x)
+        if cone is not None:
+            share = min(share, cone.limit / max(cone.limit, cone.speed(x)))
+        return share * x if 1.0 > share > 1.0 - ACTIVE_TOLERANCE else x
 
     def clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
         """The velocity without rounding past its bounds, and the joints at them."""

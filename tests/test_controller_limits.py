@@ -1,0 +1,142 @@
+"""Limits in the loop: what the controller keeps, what it says, and that a refused call leaves it as it was."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+
+DT = 0.005
+
+
+def arm(m=6, seed=0, reach=2.0, speed=1.5):
+    """Revolute joints about random lines, tool somewhere near."""
+    rng = np.random.default_rng(seed)
+    screws = np.column_stack([iq.revolute(rng.normal(size=3), 0.5 * rng.normal(size=3)) for _ in range(m)])
+    tool = iq.transform(translation=0.5 * rng.normal(size=3))
+    return iq.Chain(screws, tool, position_lower=-reach, position_upper=reach, velocity_limit=speed)
+
+
+def drive(controller, q, target, ticks, each=lambda before, q, solution: None):
+    """The loop; `each` looks at every tick."""
+    before = np.zeros(len(q))
+    for _ in range(ticks):
+        solution = controller.step(q, target)
+        each(before, q, solution)
+        before = solution.velocity
+        q = q + DT * before
+    return q, solution
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_acceleration_velocity_and_position_limits_hold_on_the_way_to_a_target_out_of_reach(seed):
+    robot = arm(seed=seed, reach=1.0)
+    controller = iq.Controller(robot, dt=DT, acceleration_limit=4.0, position_margin=0.05)
+    seen = []
+
+    def each(before, q, solution):
+        x = solution.velocity
+        assert np.abs(x - before).max() <= 4.0 * DT * (1.0 + 1e-9)
+        assert np.abs(x).max() <= 1.5
+        assert np.abs(q + DT * x).max() <= 0.95 + 1e-9
+        seen.append(solution)
+
+    target = iq.transform(translation=(3.0, 0.0, 1.0))
+    q, _ = drive(controller, np.zeros(6), target, 400, each)
+    assert np.abs(q).max() > 0.9  # it got to a limit
+    assert all("joint" not in s.reason.split("at the limits")[0] for s in seen)  # nothing contradicted itself
+
+
+def test_limits_that_contradict_each_other_are_named_by_joint():
+    robot = arm()
+    controller = iq.Controller(robot, dt=DT, acceleration_limit=4.0)
+    q = np.zeros(6)
+    q[2] = 1.99
+    x = np.zeros(6)
+    x[2] = 1.5
+    solution = controller.step(q, robot.pose(q), velocity=x)
+    assert solution.status == "degraded"
+    assert solution.reason.startswith(f"joint 2 ({robot.names[2]}): ")
+    assert "instead of 4 acceleration" in solution.reason
+    q[2] = 2.1
+    solution = controller.step(q, robot.pose(q), velocity=np.zeros(6))
+    assert "0.1 outside its position range" in solution.reason
+    assert solution.velocity[2] == pytest.approx(-4.0 * DT)  # on its way back, no jump
+
+
+def test_a_refused_call_leaves_the_controller_as_it_was():
+    robot = arm(seed=1)
+    target = iq.transform(translation=(1.0, 0.0, 0.3))
+    once, twice = (iq.Controller(robot, dt=DT, acceleration_limit=4.0) for _ in range(2))
+    q = np.full(6, 0.3)
+    for k in range(20):
+        expected = once.step(q, target)
+        if k % 3 == 1:
+            for bad in ({"velocity": [np.nan] * 6}, {"velocity": [0.0]}, {"feedforward": [np.inf] * 6}):
+                with pytest.raises(iq.BadInput):
+                    twice.step(q, target, **bad)
+            with pytest.raises(iq.BadInput):
+                twice.step(np.full(6, np.nan), target)
+        np.testing.assert_array_equal(twice.step(q, target).velocity, expected.velocity)
+        q = q + DT * expected.velocity
+
+
+def test_a_measured_velocity_replaces_the_remembered_one():
+    robot = arm()
+    controller = iq.Controller(robot, dt=DT, acceleration_limit=1.0)
+    x = np.full(6, 0.7)
+    solution = controller.step(np.zeros(6), robot.pose(np.zeros(6)), velocity=x)
+    np.testing.assert_allclose(np.abs(solution.velocity - x), DT, atol=1e-12)  # as hard as it may, from there
+
+
+BAD = {
+    "zero": ({"acceleration_limit": 0.0}, "acceleration_limit"),
+    "nan": ({"acceleration_limit": [1.0, np.nan, 1.0, 1.0, 1.0, 1.0]}, "acceleration_limit"),
+    "short": ({"acceleration_limit": [1.0]}, "acceleration_limit"),
+    "words": ({"acceleration_limit": "fast"}, "acceleration_limit"),
+    "margin": ({"position_margin": -0.1}, "position_margin"),
+    "infinite margin": ({"position_margin": np.inf}, "position_margin"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_limits_that_are_none_are_refused(case):
+    options, argument = BAD[case]
+    with pytest.raises(iq.BadInput) as caught:
+        iq.Controller(arm(), dt=DT, **options)
+    assert caught.value.argument == argument
+
+
+def test_a_task_file_can_limit_acceleration_and_keep_a_margin():
+    task = iq.load_task("arm_3r")
+    free = iq.run_task(task, dt=0.02)
+    assert free.acceleration_violation is None
+    trace = iq.run_task(task, acceleration=[2.0, 2.0, 2.0], margin=0.01, dt=0.01)
+    assert trace.acceleration_violation < 1e-9
+    assert trace.summary()["acceleration_violation"] < 1e-9
+    jumps = np.abs(np.diff(trace.velocity, axis=0)).max() / 0.01
+    assert jumps <= 2.0 + 1e-9
+
+
+@pytest.mark.parametrize("limit", [0.25, iq.ToolSpeed(0.25, (0.1, 0.0, 0.2))], ids=["number", "another point"])
+def test_the_tool_never_moves_faster_than_its_speed_limit_and_arrives(limit):
+    robot = arm(seed=2, reach=np.inf)
+    point = np.zeros(3) if isinstance(limit, float) else np.asarray(limit.point)
+    controller = iq.Controller(robot, dt=DT, gain=20.0, tool_speed=limit)
+    goal = 0.25 * np.array([0.4, -0.3, 0.5, 0.2, -0.4, 0.3])
+    fastest = []
+
+    def each(before, q, solution):
+        p = robot.pose(q) @ np.append(point, 1.0)
+        twist = robot.jacobian(q) @ solution.velocity
+        fastest.append(np.linalg.norm(twist[3:] + np.cross(twist[:3], p[:3])))
+
+    q, _ = drive(controller, np.zeros(6), robot.pose(goal), 400, each)
+    assert max(fastest) <= 0.25 + 1e-9
+    assert sum(v > 0.2499 for v in fastest) > 20
+    np.testing.assert_allclose(robot.pose(q), robot.pose(goal), atol=1e-6)
+
+
+def test_a_speed_limit_that_is_none_is_refused():
+    for bad in (0.0, "slow", np.nan):
+        with pytest.raises(iq.BadInput, match="tool_speed"):
+            iq.Controller(arm(), dt=DT, tool_speed=bad)
