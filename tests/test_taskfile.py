@@ -31,7 +31,12 @@ SCREW = {"axis": [0.0, 0.0, 1.0]}
 PROBLEMS = {
     "typo in a section": ({"law__gian": 3.0}, "$.law.gian", "not permitted", "(did you mean 'gain'?)"),
     "typo at the top": ({"robots": {}}, "$.robots", "not permitted", "(did you mean 'robot'?)"),
-    "unlike anything": ({"law__zzz": 1}, "$.law.zzz", "not permitted", "(known keys: acceleration, backend, damping, dt,"),
+    "unlike anything": (
+        {"law__zzz": 1},
+        "$.law.zzz",
+        "not permitted",
+        "(known keys: acceleration, backend, damping, dt,",
+    ),
     "typo in a path": ({"path__mvoe": [0, 0, 0]}, "$.path.mvoe", "not permitted", "(did you mean 'move'?)"),
     "missing": ({"path__duration": None}, "$.path.duration", "required", "(for example: duration = 4.0)"),
     "no robot": ({"robot": None}, "$.robot", "required", ""),

@@ -161,6 +161,19 @@ def test_rows_cone_box_and_guard_together_move_with_the_frame():
     assert worst < 1e-7  # the direction settles to 1e-8, no further
 
 
+def test_exact_rows_that_leave_nothing_free_are_slowed_too():
+    rng = np.random.default_rng(8)
+    J, s, h = regular_problem(rng, 3)
+    p, x = rng.normal(size=3), np.array([0.5, -0.2, 0.1])
+    speed = np.linalg.norm(point_jacobian(J, p) @ x)
+    solution = iq.solve_velocity(
+        J, s, form=h, exact=iq.ExactRows(np.eye(3), x), tool_speed=iq.ToolSpeed(0.4 * speed, p)
+    )
+    assert solution.status == "scaled"
+    np.testing.assert_allclose(solution.velocity, 0.4 * x, atol=1e-7)
+    assert np.linalg.norm(point_jacobian(J, p) @ solution.velocity) <= 0.4 * speed + 1e-9
+
+
 BAD = {
     "zero": ((0.0,), {}, "limit"),
     "nan": ((np.nan,), {}, "limit"),

@@ -70,7 +70,7 @@ class Controller:
         *,
         dt: float,
         gain: float | None = None,
-        form: Form | float | None = None,
+        form: Form | float | Literal["auto"] | None = None,
         damping: Damping | float | None = None,
         guard: Guard | bool = True,
         posture: float | bool = True,
@@ -87,7 +87,7 @@ class Controller:
             robot: from `load_robot`, or anything that meets `Robot`.
             dt: tick [s].
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick.
-            form: as in `solve_velocity`; None is what `invariantqp inspect` recommends: a pitch of the order of the
+            form: as in `solve_velocity`; None or "auto" is what `invariantqp inspect` recommends: a pitch of the order of the
                 arm's own length, away from principal pitches, or the metric carried by the tool where no pitch works.
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
@@ -120,8 +120,11 @@ class Controller:
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
         if metric is None and units_mix(J):
             warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
-        chosen, self.form_reason = own_form(robot) if form is None else (form_of(form, J), "as asked")
-        blind = form is None and isinstance(chosen, CarriedMetric)
+        if form is None or form == "auto":
+            chosen, self.form_reason = own_form(robot)
+            blind = isinstance(chosen, CarriedMetric)
+        else:
+            chosen, self.form_reason, blind = form_of(form, J), "as asked", False
         self.law = VelocityLaw(
             form=chosen,
             damping=damping_of(damping),

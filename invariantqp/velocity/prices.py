@@ -23,7 +23,7 @@ def prices(H: Array, c: Array, z: Array, limits: Polytope) -> Array:
     margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(value))
     above, below = value >= limits.upper - margin, value <= limits.lower + margin
     if limits.A is None:
-        return np.where(above, np.maximum(pull, 0.0), 0.0) + np.where(below, np.minimum(pull, 0.0), 0.0)
+        return np.where(above | below, pull, 0.0)
     from scipy.optimize import nnls
 
     at = np.concatenate((np.flatnonzero(above), np.flatnonzero(below)))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import Backend, Solved, minimise
+from invariantqp.velocity.backends import Backend, Solved, SolverFailure, minimise
 from invariantqp.velocity.prices import prices
 from invariantqp.velocity.rows import Polytope
 from invariantqp.velocity.toolspeed import CONE_TOLERANCE, Cone
@@ -48,8 +48,10 @@ def minimise_in_cone(backend: Backend, H: Array, c: Array, limits: Polytope, con
         SolverFailure: as `minimise`.
     """
     solved = minimise(backend, H, c, limits)
-    if cone.allows(solved.z) or not len(c):
+    if cone.speed(solved.z) <= cone.limit * (1.0 + CONE_TOLERANCE):
         return Cut(solved, limits)
+    if not len(c):
+        raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
     return _settled(backend, H, c, limits, cone, solved.z) or _heaped(backend, H, c, limits, cone, solved)
 
 

@@ -33,8 +33,9 @@ from invariantqp.velocity.toolspeed import CONE_TOLERANCE
 SCALE_MARGINS = (1e-9, 1e-7, 1e-5)
 # Tangent planes for the exact rows' share, each a linear program; what is left is shortened away.
 SHARE_PLANES = 8
-# A speed limit that has to give way is moved by this share more than it must, to leave a solver an inside.
-WIDER_CONE = 1e-6
+# A speed limit that has to give way is moved by this share more than it must, to leave a solver an inside; the next one
+# where it finds none.
+WIDER_CONES = (1e-6, 1e-4, 1e-2)
 # Residual damping mu = this dt |s - Jx|_W |J|_W: enough to stop every arm tried from rattling at a target out of reach.
 RESIDUAL_DAMPING = 0.5
 # Residual damping below this share of |J|_W^2 changes no digit that matters (its square, over what is damped anyway).
@@ -173,7 +174,10 @@ class Tick:
             least = slowest(cone, polytope(demand.lower, demand.upper, widths[-1].rows))
             if least > cone.limit:
                 self.troubles.append(f"the tool's speed is {least:.3g}, not {cone.limit:.3g}: other limits ask for it")
-                widths = [w._replace(cone=cone._replace(limit=least * (1.0 + WIDER_CONE))) for w in widths]
+                widths = [
+                    w._replace(cone=cone._replace(limit=least * (1.0 + wider)))
+                    for w, wider in zip((*widths, *[widths[-1]] * 2), WIDER_CONES, strict=False)
+                ]
         failure: SolverFailure | None = None
         for self.demand in widths:
             try:

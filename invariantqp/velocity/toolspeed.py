@@ -79,7 +79,7 @@ class ToolSpeed:
     Attributes:
         limit: [length/s].
         point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
-        exact: True to give the second-order cone itself to CVXPY (a hundred times slower, the same answer).
+        exact: True to give the second-order cone itself to CVXPY (slower, the same answer).
 
     Raises:
         BadInput: a limit that is not positive, a point that is none.
