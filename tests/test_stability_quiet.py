@@ -1,0 +1,54 @@
+"""At a target three metres away the arm comes to rest where least squares would leave it, whatever the gain."""
+
+import daqp
+import numpy as np
+import pytest
+
+import invariantqp as iq
+
+DT = 0.01
+QUIET = 1e-4  # rad/s
+# Simulated time after which the last of the creep to the optimum is below that [s]: seven joints have a slow direction.
+ARMS = {
+    "panda": ([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8], 40.0),
+    "ur5": ([0.0, -1.2, 1.6, -0.6, -1.2, 0.3], 15.0),
+    "xarm7": ([0.0, 0.2, 0.0, 1.2, 0.0, 1.0, 0.0], 40.0),
+    "so101": ([0.0, -0.4, 0.5, 0.6, 0.0], 15.0),
+}
+
+
+def definite(robot, q, target, gain):
+    """One tick of least squares in W = diag(L^2 I, I) at the arm's own point, inside the limits, by DAQP alone."""
+    sighting = robot.sight(q, target)
+    J, s = sighting.J, gain * sighting.error
+    p, L = iq.centre(J, s)
+
+    def rooted(t):
+        return np.concatenate((L * t[:3], t[3:] + np.cross(t[:3].T, p).T))
+
+    A, b = rooted(J), rooted(s)
+    mu = 0.5 * DT * np.linalg.norm(b) * np.linalg.norm(A)
+    low = np.clip((robot.position_lower - q) / DT, -robot.velocity_limit, robot.velocity_limit)
+    high = np.clip((robot.position_upper - q) / DT, -robot.velocity_limit, robot.velocity_limit)
+    return daqp.solve(A.T @ A + mu * np.eye(len(q)), -A.T @ b, np.empty((0, len(q))), high, low)[0]
+
+
+@pytest.mark.parametrize("gain", [5.0, 1.0 / DT], ids=["5 per second", "1 over dt"])
+@pytest.mark.parametrize("name", ARMS)
+def test_quiet_at_the_definite_laws_error(name, gain):
+    start, seconds = ARMS[name]
+    robot = iq.load_robot(name)
+    pose = robot.pose(start)
+    pose[0, 3] += 3.0
+    target = robot.target(pose)
+    loop = iq.Controller(robot, dt=DT, gain=gain)
+    errors = []
+    for step in (lambda q: loop.step(q, target).velocity, lambda q: definite(robot, q, target, gain)):
+        q = np.array(start)
+        for _ in range(round(seconds / DT)):
+            x = step(q)
+            q = q + DT * x
+        assert np.abs(x).max() < QUIET
+        error = robot.sight(q, target).error
+        errors.append((np.linalg.norm(robot.pose(q)[:3, 3] - pose[:3, 3]), np.linalg.norm(error[:3])))
+    np.testing.assert_allclose(errors[0], errors[1], rtol=0.01)
