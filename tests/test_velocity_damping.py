@@ -3,6 +3,7 @@ import pytest
 from velocity_reference import regular_problem
 
 import invariantqp as iq
+from invariantqp.velocity.convexify import convexify
 
 
 def test_adaptive_damping_is_nothing_until_the_threshold_and_continuous_there():
@@ -78,3 +79,71 @@ def test_through_a_principal_pitch_the_velocity_stays_bounded():
     assert largest > 10.0  # it is a hard case
     assert iq.solve_velocity(J, s, form=float(p), guard=False).method == "damped"
     assert "principal pitch" in iq.solve_velocity(J, s, form=float(p) + 1e-9, guard=False).reason
+
+
+@pytest.mark.parametrize("policy", [iq.None_, iq.Fixed(0.2), iq.Adaptive(0.05, 0.05), iq.Selective(0.4, 0.05, 0.05)])
+def test_the_closed_loop_never_gains_or_turns_back_in_ten_thousand_states(policy):
+    """The eigenvalues of the map from a twist to the twist it gets, J x(s), computed without our spectrum."""
+    rng = np.random.default_rng(11)
+    low, high = np.inf, -np.inf
+    for k in range(10_000):
+        m = 1 + k % 6
+        J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+        if k % 3 == 0:
+            J[:, -1] = 1e-4 * J[:, -1] + J[:, 0] * (m > 1)  # near a singularity
+        Q = iq.pitch_form(rng.normal())
+        G = J.T @ Q @ J
+        problem = convexify(G, J.T @ Q @ s, m, policy, None)
+        # The filter as a matrix, from one solve a column where it is linear, and as it stands for Selective.
+        squared = np.broadcast_to(problem.squared, m)
+        X = problem.V @ np.diag(problem.mu / (problem.mu**2 + squared)) @ problem.V.T
+        gains = np.linalg.eigvals(X @ G).real
+        rounding = 1e-9 + 1e-13 * np.abs(X).max() * np.abs(G).max()  # of the products here, undamped near a singularity
+        low, high = min(low, gains.min() + rounding), max(high, gains.max() - rounding)
+        missed = np.abs(X @ J.T @ Q @ s - problem.solution()).max()
+        assert missed <= 1e-6 * (1.0 + np.abs(problem.solution()).max())
+    assert low >= 0.0
+    assert high <= 1.0
+
+
+def test_selective_damping_holds_every_direction_to_its_speed():
+    rng = np.random.default_rng(12)
+    for _ in range(300):
+        J, s = rng.normal(size=(6, 5)), 10.0 * rng.normal(size=6)
+        J[:, 4] = J[:, 0] + 1e-5 * J[:, 4]
+        G, g = J.T @ iq.pitch_form(0.3) @ J, J.T @ iq.pitch_form(0.3) @ s
+        problem = convexify(G, g, 5, iq.Selective(0.4), None)
+        assert np.abs(problem.optimum).max() <= 0.4 * (1.0 + 1e-9)
+        slow = convexify(G, 1e-3 * g, 5, iq.Selective(0.4), None).optimum
+        free = np.abs(problem.mu) > 0.1 * np.abs(problem.mu).max()
+        np.testing.assert_allclose(slow[free], (1e-3 * g @ problem.V / problem.mu)[free], rtol=1e-9)  # untouched
+
+
+def test_the_papers_damping_says_what_it_does():
+    J = np.column_stack(
+        [iq.revolute((0, 0, 1)), iq.revolute((1, 0, 0), (0, 0, 0.4)), iq.revolute((0, 1, 0), (0.3, 0, 0))]
+    )
+    G = J.T @ iq.pitch_form(0.2) @ J
+    pole = -float(np.linalg.eigvalsh(G)[0])
+    assert pole > 0.0
+    s = np.ones(6)
+    near = iq.solve_velocity(J, s, form=0.2, damping=iq.PaperLambda(1.001 * pole))
+    assert near.status == "degraded"
+    assert "outside [0, 1]" in near.reason
+    np.testing.assert_allclose(
+        near.velocity, np.linalg.solve(G + 1.001 * pole * np.eye(3), J.T @ iq.pitch_form(0.2) @ s)
+    )
+    assert np.abs(near.velocity).max() > 100.0  # the filter stays sane where it blows up
+    assert np.abs(iq.solve_velocity(J, s, form=0.2, damping=pole).velocity).max() < 20.0
+    exactly = iq.solve_velocity(J, s, form=0.0, damping=iq.PaperLambda(-(J.T @ iq.pitch_form(0.0) @ J)))
+    assert (exactly.status, exactly.method) == ("held", "hold")
+    assert "pole" in exactly.reason
+    tame = iq.solve_velocity(J, s, form=-5.0, damping=iq.PaperLambda([0.1, 0.1, 0.1]))  # G > 0 far below the pitches
+    assert (tame.status, tame.reason) == ("ok", "")
+    bounded = iq.solve_velocity(
+        J, s, form=0.2, damping=iq.PaperLambda(1.001 * pole), bounds=iq.Bounds([-1, -1, -1], [1, 1, 1])
+    )
+    assert np.abs(bounded.velocity).max() <= 1.0
+    assert "clipped" in bounded.reason
+    with pytest.raises(iq.BadInput, match=r"shape \(2, 2\)"):
+        iq.solve_velocity(J, s, form=0.2, damping=iq.PaperLambda(np.eye(2)))

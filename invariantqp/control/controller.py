@@ -87,8 +87,8 @@ class Controller:
             robot: from `load_robot`, or anything that meets `Robot`.
             dt: tick [s].
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick.
-            form: as in `solve_velocity`; None or "auto" is what `invariantqp inspect` recommends: a pitch of the order of the
-                arm's own length, away from principal pitches, or the metric carried by the tool where no pitch works.
+            form: as in `solve_velocity`; None or "auto" is what `invariantqp inspect` recommends: a pitch of the order
+                of the arm's own length, away from principal pitches, or the metric carried by the tool where none works.
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
             posture: gain [1/s] of the null-space motion to the middle of the joint ranges, for arms with more than six
