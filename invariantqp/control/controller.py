@@ -88,7 +88,7 @@ class Controller:
             dt: tick [s].
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick.
             form: as in `solve_velocity`; None or "auto" is what `invariantqp inspect` recommends: a pitch of the order
-                of the arm's own length, away from principal pitches, or the metric carried by the tool where none works.
+                of the arm's own length, away from principal pitches, or the metric carried by the tool if none works.
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
             posture: gain [1/s] of the null-space motion to the middle of the joint ranges, for arms with more than six
