@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from invariantqp.control.picture import picture
     from invariantqp.control.pitch_picture import pitch_picture
     from invariantqp.control.recommendation import Recommendation
-    from invariantqp.control.simulate import Trace, run_task
+    from invariantqp.control.simulate import run_task
     from invariantqp.control.survey import Survey
     from invariantqp.control.taskfile import Task, load_task, shipped_tasks
+    from invariantqp.control.trace import Trace
     from invariantqp.errors import (
         BadInput,
         BlindSystem,
@@ -85,9 +86,10 @@ _HOME = {
     "control.picture": ("picture",),
     "control.pitch_picture": ("pitch_picture",),
     "control.recommendation": ("Recommendation",),
-    "control.simulate": ("Trace", "run_task"),
+    "control.simulate": ("run_task",),
     "control.survey": ("Survey",),
     "control.taskfile": ("Task", "load_task", "shipped_tasks"),
+    "control.trace": ("Trace",),
     "errors": (
         "BadInput",
         "BlindSystem",

@@ -13,8 +13,8 @@ from rich.table import Table
 if TYPE_CHECKING:
     from invariantqp.compare.stability import Outcome
     from invariantqp.control.inspection import Inspection
-    from invariantqp.control.simulate import Trace
     from invariantqp.control.taskfile import Task
+    from invariantqp.control.trace import Trace
 
 # Of paragraphs where no terminal says how wide it is.
 PLAIN_WIDTH = 100
@@ -60,6 +60,7 @@ def print_run(trace: Trace) -> None:
     lines = [
         f"ticks {figures['ticks']}, limits active in {_percent(figures['limits_active'])}",
         f"largest excess over a limit {figures['limit_violation']:.1e}, peak joint speed {figures['peak_speed']:.3g}",
+        *([f"twists by the {figures['form']}"] if figures["form"] else []),
         f"method: {_shares(figures['methods'])};  status: {_shares(figures['statuses'])}",
         *(f"[yellow]note:[/yellow] {_plain(w)}" for w in figures["warnings"]),
         "[green]accepted[/green]" if figures["passed"] else "[red]not accepted[/red]",

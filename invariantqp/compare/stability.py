@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.baselines import damped_least_squares, least_squares_qp, moore_penrose, selectively_damped
 from invariantqp.compare.pink_law import PinkLaw, has_pink
 from invariantqp.control.controller import Controller, Controls
-from invariantqp.control.simulate import MakeController, Progress, Trace, our_controller, run_task
+from invariantqp.control.simulate import MakeController, Progress, our_controller, run_task
 from invariantqp.control.taskfile import LawSpec, load_task, shipped_tasks
+from invariantqp.control.trace import Trace
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot

@@ -94,10 +94,7 @@ class ExactAxis:
     axis: ArrayLike
 
     def __post_init__(self) -> None:
-        a = arrays.vector(self.axis, 3, "axis")
-        if not a.any():
-            raise BadInput("axis", "the zero vector", "a direction")
-        object.__setattr__(self, "axis", a / np.linalg.norm(a))
+        object.__setattr__(self, "axis", arrays.direction(self.axis, "axis"))
 
     def rows(self, view: View) -> tuple[ExactRows, Array | None]:
         """The angular velocity across the axis, two rows."""
@@ -131,10 +128,7 @@ class ExactPlane:
     point: ArrayLike = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        n = arrays.vector(self.normal, 3, "normal")
-        if not n.any():
-            raise BadInput("normal", "the zero vector", "a direction")
-        object.__setattr__(self, "normal", n / np.linalg.norm(n))
+        object.__setattr__(self, "normal", arrays.direction(self.normal, "normal"))
         object.__setattr__(self, "point", arrays.vector(self.point, 3, "point"))
 
     def rows(self, view: View) -> tuple[ExactRows, Array | None]:

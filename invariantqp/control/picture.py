@@ -16,7 +16,7 @@ mpl.use("Agg")  # files only; no display is needed or opened
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from invariantqp.control.simulate import Trace
+from invariantqp.control.trace import Trace
 from invariantqp.geometry.arrays import Array
 
 # Okabe and Ito's palette: told apart by colour-blind readers too.

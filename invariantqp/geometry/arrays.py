@@ -5,7 +5,7 @@ Everything that enters the library passes one of these once; inside it nothing i
 
 from __future__ import annotations
 
-from math import isfinite
+from math import hypot, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,6 +47,15 @@ def vector(value: ArrayLike, size: int | None, argument: str) -> Array:
     if a.ndim != 1 or (size is not None and len(a) != size):
         raise BadInput(argument, f"shape {a.shape}", f"shape ({'n' if size is None else size},)")
     return _finite(a, argument, "finite numbers")
+
+
+def direction(value: ArrayLike, argument: str) -> Array:
+    """The unit (3,) vector along a finite one that is not zero."""
+    u = vector(value, 3, argument)
+    length = hypot(*u.tolist())  # squares nothing that could overflow or vanish
+    if length == 0.0:
+        raise BadInput(argument, "the zero vector", "a direction", "Give one of any length but zero.")
+    return u / length
 
 
 def twist(value: ArrayLike, argument: str = "twist") -> Array:

@@ -18,14 +18,6 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
 
-def _direction(value: ArrayLike, argument: str) -> Array:
-    u = arrays.vector(value, 3, argument)
-    length = hypot(*u.tolist())  # squares nothing that could overflow or vanish
-    if length == 0.0:
-        raise BadInput(argument, "the zero vector", "a direction", "Give a non-zero axis direction.")
-    return u / length
-
-
 def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 0.0) -> Array:
     """The (6,) unit twist of a screw joint about a line.
 
@@ -37,7 +29,7 @@ def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 
     Raises:
         BadInput: zero axis, NaN, a pitch that is not a number.
     """
-    u = _direction(axis, "axis")
+    u = arrays.direction(axis, "axis")
     if isinstance(pitch, (int, float)) and isinf(pitch):
         return np.concatenate((np.zeros(3), u))
     h = arrays.number(pitch, "pitch", "a pitch, finite or inf")

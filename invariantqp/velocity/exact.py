@@ -68,11 +68,7 @@ class ExactRows:
         Raises:
             BadInput: a zero axis.
         """
-        a = arrays.vector(axis, 3, "axis")
-        length = float(np.linalg.norm(a))
-        if length == 0.0:
-            raise BadInput("axis", "the zero vector", "a direction")
-        across = np.linalg.svd(a.reshape(1, 3) / length)[2][1:]
+        across = np.linalg.svd(arrays.direction(axis, "axis").reshape(1, 3))[2][1:]
         return cls(across.dot(arrays.columns(J)[:3]), across.dot(arrays.vector(omega, 3, "omega")))
 
     @classmethod
@@ -82,12 +78,9 @@ class ExactRows:
         Raises:
             BadInput: a zero normal.
         """
-        n = arrays.vector(normal, 3, "normal")
-        length = float(np.linalg.norm(n))
-        if length == 0.0:
-            raise BadInput("normal", "the zero vector", "a direction")
+        n = arrays.direction(normal, "normal")
         moves = velocity_at(arrays.columns(J), arrays.vector(point, 3, "point"))
-        return cls((n / length).dot(moves).reshape(1, -1), [arrays.number(speed, "speed")])
+        return cls(n.dot(moves).reshape(1, -1), [arrays.number(speed, "speed")])
 
 
 class Reduction(NamedTuple):

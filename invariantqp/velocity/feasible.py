@@ -14,7 +14,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.backends import Daqp, minimise
 from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.rows import LimitRows, Polytope, polytope
-from invariantqp.velocity.toolspeed import Cone
+from invariantqp.velocity.tangents import with_plane
+from invariantqp.velocity.toolspeed import CONE_TOLERANCE, Cone
 
 # A dual this small beside the largest is rounding: that limit holds nothing.
 DUAL_TOLERANCE = 1e-7
@@ -25,6 +26,8 @@ REGULARISATION = 1e-8
 VIOLATION_TOLERANCE = 1e-9
 
 
+# Tangent planes for the exact rows' share, each a linear program; what is left is shortened away.
+SHARE_PLANES = 8
 # A bound holds rows back where they pull at it with more than this share of what they pull with in all.
 HOLDING_TOLERANCE = 1e-6
 
@@ -58,6 +61,24 @@ def largest_share(reduction: Reduction, limits: Polytope) -> Share:
     # Nothing at all: the limits that cannot be moved apart any less are the ones in each other's way.
     _, held_by = _program(np.column_stack((np.zeros(len(A)), A)), limits, np.ones(len(A)))
     return Share(None, held_by, np.empty(0))
+
+
+def share_in_cone(reduction: Reduction, limits: Polytope, cone: Cone | None) -> Share:
+    """`largest_share` inside a speed limit too: tangent planes one after another, then shortened by what is left.
+
+    Limits in `held_by` beyond the polytope's own are the cone's planes.
+    """
+    share = largest_share(reduction, limits)
+    if cone is None:
+        return share
+    for _ in range(SHARE_PLANES):
+        if share.alpha is None or cone.speed(share.velocity) <= cone.limit * (1.0 + CONE_TOLERANCE):
+            break
+        limits = with_plane(limits, cone, share.velocity)
+        share = largest_share(reduction, limits)
+    if share.alpha is None:
+        return share
+    return share._replace(alpha=share.alpha / max(1.0, cone.speed(share.velocity) / cone.limit))
 
 
 def _program(A: Array, limits: Polytope, slack: Array) -> tuple[Array | None, list[int]]:

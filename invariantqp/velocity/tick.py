@@ -18,7 +18,7 @@ from invariantqp.velocity.backends import SolverFailure, minimise
 from invariantqp.velocity.convexify import Convexified
 from invariantqp.velocity.damping import Adaptive, Fixed
 from invariantqp.velocity.exact import Reduction
-from invariantqp.velocity.feasible import Share, largest_share, relaxed, slowest
+from invariantqp.velocity.feasible import relaxed, share_in_cone, slowest
 from invariantqp.velocity.guard import Guard, Scene
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
 from invariantqp.velocity.objective import gram_data
@@ -26,13 +26,10 @@ from invariantqp.velocity.prices import ACTIVE_TOLERANCE, prices
 from invariantqp.velocity.rows import Polytope, named, polytope
 from invariantqp.velocity.solution import VelocitySolution, damping_reason
 from invariantqp.velocity.tangents import Cut, minimise_in_cone, with_plane
-from invariantqp.velocity.toolspeed import CONE_TOLERANCE
 
 # Given away of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find; the
 # next one where it finds none.
 SCALE_MARGINS = (1e-9, 1e-7, 1e-5)
-# Tangent planes for the exact rows' share, each a linear program; what is left is shortened away.
-SHARE_PLANES = 8
 # A speed limit that has to give way is moved by this share more than it must, to leave a solver an inside; the next one
 # where it finds none.
 WIDER_CONES = (1e-6, 1e-4, 1e-2)
@@ -126,7 +123,11 @@ class Tick:
         if x is not None:
             return x, problem
         demand = self.demand
-        share = self._share(problem)
+        share = share_in_cone(problem.reduction, polytope(demand.lower, demand.upper, demand.rows), demand.cone)
+        count = len(demand.lower) + (0 if demand.rows is None else len(np.asarray(demand.rows.C)))
+        planes = "the tool's speed" if max(share.held_by, default=-1) >= count else ""
+        said = named([i for i in share.held_by if i < count], len(demand.lower))
+        self.held_by = " and ".join(filter(None, (said, planes)))
         if share.alpha is None:
             by = f" ({self.held_by})" if self.held_by else ""
             self.troubles.append(f"the limits{by} leave no velocity along the exact rows, not even zero; rows dropped")
@@ -135,26 +136,6 @@ class Tick:
             problem = self.law.build(self.demand)
             return self._minimised(problem), problem
         return self._slowed(demand, share.alpha, SCALE_MARGINS)
-
-    def _share(self, problem: Problem) -> Share:
-        """How much of the exact rows' speed box, rows and cone allow, and what holds it there."""
-        demand, cone = self.demand, self.demand.cone
-        limits = polytope(demand.lower, demand.upper, demand.rows)
-        count = len(limits.lower)
-        share = largest_share(problem.reduction, limits)
-        for _ in range(SHARE_PLANES):
-            if cone is None or share.alpha is None or cone.speed(share.velocity) <= cone.limit * (1.0 + CONE_TOLERANCE):
-                break
-            limits = with_plane(limits, cone, share.velocity)
-            share = largest_share(problem.reduction, limits)
-        if cone is not None and share.alpha is not None:
-            over = cone.speed(share.velocity) / cone.limit
-            share = share._replace(alpha=share.alpha / max(1.0, over))
-        said = named([i for i in share.held_by if i < count], len(demand.lower))
-        self.held_by = " and ".join(
-            filter(None, (said, "the tool's speed" if max(share.held_by, default=-1) >= count else ""))
-        )
-        return share
 
     def _given_way(self, problem: Problem) -> Array | None:
         """The optimum with rows, then the cone, moved by the least it takes; None where exact rows are in the way."""
