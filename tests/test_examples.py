@@ -16,6 +16,7 @@ SAYS = {
     "02_pseudoinverse": "no 0-pseudoinverse",
     "10_speed_and_accuracy": "limits met: 60 certified states",
     "11_which_pitch": "h = 4 L",
+    "12_tool_speed": "fastest tool 2",
     "20_stewart_platform": "",
 }
 
