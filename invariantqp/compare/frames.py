@@ -44,7 +44,7 @@ class FrameCheck:
 def random_displacement(seed: int) -> Array:
     """A (4, 4) rigid motion: any rotation, and a translation of about a hand's width."""
     rng = np.random.default_rng(seed)
-    return se3.transform(Rotation.random(rng=rng).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
+    return se3.transform(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
 
 
 def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:
