@@ -120,7 +120,7 @@ def main(picture):
         for rank, ((us, error), name) in enumerate(results):
             print(f"  {name:26s} {us:8.1f} us   relative error {error:.1e}")
             axes.loglog(us, error, "o", color=COLOURS["ours" if name.startswith("invariantqp") else "other"])
-            place = (8, 22 * (len(results) - rank) * (-1 if error > 1e-6 else 1))  # names stacked, clear of the points
+            place = (8, -18 * (rank + 1) if error > 1e-6 else 22 * (len(results) - rank))  # names clear of points
             style = {"arrowstyle": "-", "linewidth": 0.5}
             axes.annotate(name, (us, error), place, textcoords="offset points", fontsize=8, arrowprops=style)
         axes.set(title=title, xlabel="time of one solve [us], median", xlim=(5, 2000), ylim=(1e-16, 3))
