@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
-from invariantqp.control.own_form import own_form, tool_metric
+from invariantqp.control.own_form import tool_metric
 from invariantqp.control.taskfile import LawSpec, Task
 from invariantqp.control.trace import Trace
 from invariantqp.errors import BadInput, BlindSystem
@@ -25,7 +25,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.centre import centre
 from invariantqp.systems.gram import principal_pitches
-from invariantqp.velocity.objective import Form, PitchForm, form_of
+from invariantqp.velocity.objective import Form, PitchForm
 from invariantqp.velocity.solution import VelocitySolution
 
 Progress = Callable[[int, int], None]
@@ -116,6 +116,7 @@ def run_task(
         if progress is not None:
             progress(k + 1, n)
     errors = np.array([_error(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])
+    form = loop.law.form if isinstance(loop, Controller) else None
     return Trace(
         task=task,
         names=robot.names,
@@ -130,8 +131,8 @@ def run_task(
         statuses=[s.status for s in solutions],
         bound=[bool(s.active) for s in solutions],
         tick_ns=ticks,
-        form=loop.law.form.describe() if isinstance(loop, Controller) else "",
-        warnings=_warnings(robot, law, q, solutions),
+        form="" if form is None else form.describe(),
+        warnings=_warnings(robot, form, q, solutions),
     )
 
 
@@ -156,7 +157,7 @@ def _error(T: Array, wanted: Array) -> tuple[float, float]:
     return float(np.linalg.norm(wanted[:3, 3] - T[:3, 3])), float(angle)
 
 
-def _warnings(robot: Robot, law: LawSpec, q: Array, solutions: list[VelocitySolution]) -> list[str]:
+def _warnings(robot: Robot, form: Form | None, q: Array, solutions: list[VelocitySolution]) -> list[str]:
     said = []
     n = len(solutions)
     damped = [s for s in solutions if s.damping > 0.0]
@@ -166,8 +167,6 @@ def _warnings(robot: Robot, law: LawSpec, q: Array, solutions: list[VelocitySolu
         hits = [s for s in solutions if s.status == status]
         if hits:
             said.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
-    asked = law_form(robot, law)
-    form = own_form(robot)[0] if asked is None else form_of(asked, robot.jacobian(q[0]))
     if isinstance(form, PitchForm) and len(robot.names) < 6:
         said.extend(_pitch_warnings(robot, form.h, q))
     return said
