@@ -22,12 +22,11 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.backends import Backend, SolverFailure, backend_of, minimise
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows, Reduction, reduce
-from invariantqp.velocity.law import Demand, VelocityLaw, assemble
+from invariantqp.velocity.law import Demand, assemble
 from invariantqp.velocity.limits import Bounds
 from invariantqp.velocity.objective import Form, form_of
 from invariantqp.velocity.rows import polytope
-from invariantqp.velocity.solution import VelocitySolution
-from invariantqp.velocity.tick import Tick
+from invariantqp.velocity.solution import VelocitySolution, clipped, held
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +131,8 @@ def solve_tasks(
             bounded = bounded or met
             fixed = _with_rows(fixed, level, x)
     except SolverFailure as failure:
-        form = form_of(1.0, J) if first is None else form_of(first.form, J)
-        return Tick(VelocityLaw(form), demand).held(f"no velocity found: {failure}")
-    x, active = Tick(VelocityLaw(form_of(1.0, J)), demand).clipped(x)
+        return held(demand, f"no velocity found: {failure}")
+    x, active = clipped(demand, x)
     reason = f"at the limits of joints {', '.join(map(str, active))}" if active else ""
     method = "qp" if bounded else "closed-form"
     return VelocitySolution(

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.convexify import Convexified, is_singular
+from invariantqp.velocity.law import Demand
+from invariantqp.velocity.prices import ACTIVE_TOLERANCE
 
 
 class VelocitySolution(NamedTuple):
@@ -51,3 +55,18 @@ def damping_reason(convex: Convexified) -> str:
 def conditioning(convex: Convexified) -> float:
     """Smallest |mu| over largest: the distance from a singularity or a principal pitch, in [0, 1]."""
     return convex.smallest / convex.largest if convex.largest > 0.0 else 0.0
+
+
+def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
+    """The velocity without rounding past its bounds, and the joints at them."""
+    x = np.minimum(np.maximum(x, demand.lower), demand.upper)
+    margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
+    at = (x <= demand.lower + margin) | (x >= demand.upper - margin)
+    return x, tuple(np.flatnonzero(at).tolist())
+
+
+def held(demand: Demand, reason: str) -> VelocitySolution:
+    """Standing still, or on the way back inside the bounds where they leave no rest."""
+    x, active = clipped(demand, np.zeros(len(demand.lower)))
+    residual = demand.s - demand.J.dot(x)
+    return VelocitySolution(x, "hold", "held", reason, active, residual, 0.0, 0.0, 0.0, "")

@@ -15,7 +15,7 @@ from invariantqp.velocity.law import Demand, Problem, VelocityLaw
 from invariantqp.velocity.objective import PitchForm
 from invariantqp.velocity.paper import paper_velocity
 from invariantqp.velocity.regular import regular_velocity
-from invariantqp.velocity.solution import VelocitySolution, damping_reason
+from invariantqp.velocity.solution import VelocitySolution, clipped, damping_reason, held
 from invariantqp.velocity.tick import UNMET_TOLERANCE, Tick
 
 # A twist missed by less than this fraction of itself is met: no guard can find anything to gain there.
@@ -49,21 +49,20 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
 
 def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
     """[DS]'s own formula, clipped to the bounds; exact rows are beyond it."""
-    tick = Tick(law, demand)
     if demand.exact is not None:
-        return tick.held("PaperLambda knows no exact rows; use another damping")
+        return held(demand, "PaperLambda knows no exact rows; use another damping")
     if demand.rows is not None or demand.cone is not None:
-        return tick.held("PaperLambda knows no limits but the bounds; use another damping")
+        return held(demand, "PaperLambda knows no limits but the bounds; use another damping")
     try:
         x, trouble = paper_velocity(law, damping, demand)
     except np.linalg.LinAlgError:
-        return tick.held("G + Lambda is singular: this is the pole of [DS]'s formula")
-    clipped, active = tick.clipped(x)
+        return held(demand, "G + Lambda is singular: this is the pole of [DS]'s formula")
+    bounded, active = clipped(demand, x)
     reasons = [r for r in (trouble, "" if demand.allows(x) else "clipped to the bounds") if r]
     status = "degraded" if reasons else "ok"
     size = float(np.abs(np.asarray(damping.matrix)).max())
-    residual = demand.s - demand.J.dot(clipped)
-    return VelocitySolution(clipped, "damped", status, "; ".join(reasons), active, residual, 1.0, size, 0.0, "")
+    residual = demand.s - demand.J.dot(bounded)
+    return VelocitySolution(bounded, "damped", status, "; ".join(reasons), active, residual, 1.0, size, 0.0, "")
 
 
 def _missed(demand: Demand, x: Array) -> Array | None:

@@ -24,7 +24,7 @@ from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
 from invariantqp.velocity.objective import gram_data
 from invariantqp.velocity.prices import ACTIVE_TOLERANCE, prices
 from invariantqp.velocity.rows import Polytope, named, polytope
-from invariantqp.velocity.solution import VelocitySolution, damping_reason
+from invariantqp.velocity.solution import VelocitySolution, clipped, damping_reason, held
 from invariantqp.velocity.tangents import Cut, minimise_in_cone, with_plane
 
 # Given away of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find; the
@@ -57,21 +57,21 @@ class Tick:
     def solution(self, problem: Problem, x: Array) -> VelocitySolution:
         """From the unconstrained optimum x to a velocity that may be commanded."""
         if not np.isfinite(x).all():
-            return self.held("the unconstrained solution overflowed: the input is out of any scale")
+            return held(self.asked, "the unconstrained solution overflowed: the input is out of any scale")
         method = "damped" if problem.convex.damping > 0.0 else "closed-form"
         if not self.demand.allows(x):
             method = "qp"
             try:
                 x, problem = self._bounded(problem)
             except SolverFailure as failure:
-                return self.held(f"no velocity found: {failure}")
+                return held(self.asked, f"no velocity found: {failure}")
         try:
             x, blend = self._guarded(problem, x)
         except SolverFailure as failure:
             blend = 0.0
             if not (failure.infeasible and self.scale < 1.0):  # slowed to the edge: there is no room to do better in
                 self.troubles.append(f"neither guarded nor quiet: {failure}")
-        x, active = self.clipped(self._settled(x))
+        x, active = clipped(self.asked, self._settled(x))
         costs = None if self.priced is None else prices(*self.priced)
         m, k = len(x), 0 if self.asked.rows is None else len(np.asarray(self.asked.rows.C))
         if problem.reduction.unmet > UNMET_TOLERANCE:
@@ -270,17 +270,3 @@ class Tick:
         if cone is not None:
             share = min(share, cone.limit / max(cone.limit, cone.speed(x)))
         return share * x if 1.0 > share > 1.0 - ACTIVE_TOLERANCE else x
-
-    def clipped(self, x: Array) -> tuple[Array, tuple[int, ...]]:
-        """The velocity without rounding past its bounds, and the joints at them."""
-        lower, upper = self.asked.lower, self.asked.upper
-        x = np.minimum(np.maximum(x, lower), upper)
-        margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
-        at = (x <= lower + margin) | (x >= upper - margin)
-        return x, tuple(np.flatnonzero(at).tolist())
-
-    def held(self, reason: str) -> VelocitySolution:
-        """Standing still, or on the way back inside the bounds where they leave no rest."""
-        x, active = self.clipped(np.zeros(len(self.asked.lower)))
-        residual = self.asked.s - self.asked.J.dot(x)
-        return VelocitySolution(x, "hold", "held", reason, active, residual, 0.0, 0.0, 0.0, "")
