@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from invariantqp.control.own_form import own_form, tool_metric
     from invariantqp.control.picture import picture
     from invariantqp.control.pitch_picture import pitch_picture
+    from invariantqp.control.pose_batch import solve_poses
+    from invariantqp.control.pose_ik import PoseSolution, solve_pose
     from invariantqp.control.recommendation import Recommendation
     from invariantqp.control.simulate import run_task
     from invariantqp.control.survey import Survey
@@ -85,6 +87,8 @@ _HOME = {
     "control.inspection": ("Inspection", "inspect"),
     "control.picture": ("picture",),
     "control.pitch_picture": ("pitch_picture",),
+    "control.pose_batch": ("solve_poses",),
+    "control.pose_ik": ("PoseSolution", "solve_pose"),
     "control.recommendation": ("Recommendation",),
     "control.simulate": ("run_task",),
     "control.survey": ("Survey",),

@@ -1,6 +1,6 @@
 """Many states of an arm, spread over its joint range: what is true of the arm, not of one state.
 
-    x_k = frac(1/2 + k a),   a_i = 1 / phi^i,   phi^(m+1) = phi + 1     (evenly spread, the same in every run)
+    x_k = frac(x_0 + k a),   a_i = 1 / phi^i,   phi^(m+1) = phi + 1     (evenly spread, the same in every run)
 
 Reference: the sequence is Roberts', a generalisation of the golden ratio's to m dimensions.
 """
@@ -87,12 +87,12 @@ def _quantiles(values: Array) -> dict[str, float]:
     return {name: float(np.quantile(values, share)) for name, share in names.items()}
 
 
-def spread(robot: Robot, samples: int) -> Array:
-    """(n, m) joint positions spread evenly over the joint range."""
+def spread(robot: Robot, samples: int, origin: Array | float = 0.5) -> Array:
+    """(n, m) joint positions spread evenly over the joint range; x_0, in [0, 1), is where the sequence begins."""
     low, high = joint_ranges(robot)
     m = len(low)
     phi = float(max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real))
-    share = (0.5 + np.outer(np.arange(1, samples + 1), phi ** -np.arange(1.0, m + 1.0))) % 1.0
+    share = (origin + np.outer(np.arange(1, samples + 1), phi ** -np.arange(1.0, m + 1.0))) % 1.0
     return np.asarray(low + share * (high - low))
 
 
