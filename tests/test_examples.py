@@ -17,6 +17,7 @@ SAYS = {
     "10_speed_and_accuracy": "limits met: 60 certified states",
     "11_which_pitch": "h = 4 L",
     "12_tool_speed": "fastest tool 2",
+    "13_pose_ik": "along a path of 50 poses",
     "20_stewart_platform": "",
 }
 
