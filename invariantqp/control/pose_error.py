@@ -23,6 +23,8 @@ from invariantqp.systems.centre import centre
 from invariantqp.velocity.objective import CarriedMetric, Form, PitchForm, form_of
 
 AT_REST = np.zeros(6)
+# Joint displacement for differences of the gradient: they keep eight digits, and Newton asks for one.
+DIFFERENCE = 1e-7
 
 
 class Look(NamedTuple):
@@ -43,6 +45,12 @@ class Look(NamedTuple):
     error: float
     C: Array | None = None
     b: Array | None = None
+
+    @property
+    def descent(self) -> Array:
+        """-grad f, A'r."""
+        descent: Array = self.r.dot(self.A)
+        return descent
 
     @property
     def unmet(self) -> float:
@@ -94,6 +102,15 @@ class PoseError(NamedTuple):
         rows, _ = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, AT_REST))
         return Look(q, A, r, error) if rows is None else Look(q, A, r, error, np.asarray(rows.A), np.asarray(rows.b))
 
+    def curvature(self, look: Look) -> Array:
+        """|d2f|, the (m, m) second derivative of f with the signs of its spectrum taken off, by differences of grad f."""
+        q, m = look.q, len(look.q)
+        h = np.where(q + DIFFERENCE > self.robot.position_upper, -DIFFERENCE, DIFFERENCE)
+        H = np.array([(look.descent - self.at(q + h[i] * e).descent) / h[i] for i, e in enumerate(np.eye(m))])
+        mu, V = np.linalg.eigh(0.5 * (H + H.T))
+        definite: Array = (V * np.abs(mu)).dot(V.T)
+        return definite
+
     def misses(self, q: Array) -> tuple[float, float]:
         """Distance of the tool frame's origin [length] and angle [rad] from the target."""
         sighting = self.robot.sight(q, self.target)
@@ -113,19 +130,19 @@ def pose_error(robot: Robot, target: Any, form: Form | float | None, exact: tupl
     J = robot.jacobian(mid)
     if any(isinstance(demand, ExactJoints) for demand in exact):
         raise BadInput("exact", "ExactJoints", "demands on the pose", "Joint velocities are the controller's business.")
-    T = se3.motion(robot.sight(mid, wanted).error).dot(robot.pose(mid))  # the target as a matrix
+    here = robot.pose(mid)
     place, L = centre(J)
     L = L if 0.0 < L < inf else 1.0
     if form is not None:
         form = form_of(form, J)
         if isinstance(form, CarriedMetric):
+            T = se3.motion(robot.sight(mid, wanted).error).dot(here)  # the target as a matrix
             return _carried(robot, wanted, form.at(T) if form.follows_tool else form, T, exact)
         if not isinstance(form, PitchForm) or form.h == 0.0:
             found = "h = 0" if isinstance(form, PitchForm) else "a complement"
             raise BadInput("form", f"{found}, which cannot say what is near", "a pitch other than 0, or CarriedMetric")
         L = abs(form.h)
     anchors = [np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)]
-    here = robot.pose(mid)
     point = anchors[0] if anchors else here[:3, :3].T.dot(place - here[:3, 3])
     return PoseError(robot, wanted, np.diag(np.repeat((L, 1.0), 3)), point, even=True, exact=exact)
 

@@ -30,7 +30,7 @@ DAMPING, EASED, STIFFENED, LEAST = 0.1, 0.5, 4.0, 1e-3
 FLOOR = 1e-13
 QP_FLOOR = 1e-8
 # A try is given up where this many steps have not halved the error: two thirds of them end in a local minimum.
-STALLED = 6
+STALLED, FINISHED = 6, 3
 # Steps in one try, and where the last digits count; a valley flatter than that is at rest.
 LONGEST, PATIENCE = 100, 1000
 # A try ends where even steps this small, lambda, do not make the error smaller: rounding is all that is left.
@@ -89,40 +89,42 @@ def descend(
     look = error.at(start)
     damping, penalty = DAMPING, 0.0
     past: list[float] = []
-    longest = PATIENCE if patient else LONGEST
+    longest, window, least = (PATIENCE, FINISHED, 0.0) if patient else (LONGEST, STALLED, LEAST)
     for steps in range(longest):
         merit = look.error + penalty * look.unmet
         past.append(merit)
         if look.distance <= goal or perf_counter() > deadline:
             return Try(look, merit, steps, look.distance <= goal, at_rest=False)
-        before = past[-1 - STALLED] if steps > STALLED else inf
+        before = past[-1 - window] if steps > window else inf
         if not patient and merit > 0.5 * before:
             return Try(look, merit, steps, met=False, at_rest=False)
         if damping > STIFFEST or before - merit <= AT_REST * merit:
             return Try(look, merit, steps, met=False, at_rest=True)
-        x, price = _step(look, 2.0 * damping * look.error, *space.steps(look.q, turning=turning))
+        H = error.curvature(look) if patient and look.C is None else None
+        x, price = _step(look, H, 2.0 * damping * look.error, *space.steps(look.q, turning=turning))
         penalty = max(penalty, PENALTY_MARGIN * price)
         seen = error.at(space.inside(look.q + x))
         if seen.error + penalty * seen.unmet < look.error + penalty * look.unmet:
-            look, damping = seen, max(EASED * damping, LEAST)
+            look, damping = seen, max(EASED * damping, least)
         else:
             damping *= STIFFENED
     return Try(look, look.error + penalty * look.unmet, longest, met=False, at_rest=True)
 
 
-def _step(look: Look, mu: float, lower: Array, upper: Array) -> tuple[Array, float]:
-    """The step x (m,) inside the box, and the multiplier of the exact rows."""
+def _step(look: Look, H: Array | None, mu: float, lower: Array, upper: Array) -> tuple[Array, float]:
+    """The step x (m,) inside the box, by the second derivative H or else A'A, and the multiplier of the exact rows."""
     A, r, C = look.A, look.r, look.C
     m, size = A.shape[1], float(np.vdot(A, A))
     x = None
-    if C is None and m >= 6:
+    if C is None and H is None and m >= 6:
         S = A.dot(A.T)
         S.flat[::7] += mu + FLOOR * size
         _, y, failed = lapack.dposv(S, r)
         x = y.dot(A)
         if not failed and _allowed(x, lower, upper):
             return x, 0.0
-    H, g, unit = A.T.dot(A), r.dot(A), 1.0 / size
+    g, unit = r.dot(A), 1.0 / size
+    H = A.T.dot(A) if H is None else H
     if C is not None and look.b is not None:
         H += EXACT_WEIGHT * size * C.T.dot(C)
         g += EXACT_WEIGHT * size * look.b.dot(C)
