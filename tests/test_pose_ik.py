@@ -100,7 +100,7 @@ def test_where_the_tool_frame_is_changes_nothing(name):
         target = robot.pose(q)
         here = iq.solve_pose(robot, target, q0=start, **NO_LIMIT)
         there = iq.solve_pose(robot.with_tool(offset), target @ offset, q0=start, **NO_LIMIT)
-        np.testing.assert_allclose(there.q, here.q, atol=1e-9)
+        np.testing.assert_allclose(there.q, here.q, rtol=0.0, atol=1e-9)
         assert (there.iterations, there.restarts) == (here.iterations, here.restarts)
         assert there.success
 
@@ -112,8 +112,19 @@ def test_nor_which_pose_is_the_closest(name):
     here = iq.solve_pose(robot, target, restarts=8, **NO_LIMIT)
     there = iq.solve_pose(robot.with_tool(offset), target @ offset, restarts=8, **NO_LIMIT)
     assert there.error == pytest.approx(here.error, rel=1e-9)
-    np.testing.assert_allclose(there.q, here.q, atol=1e-5)  # where a minimum is, is the root of what it is
+    np.testing.assert_allclose(there.q, here.q, rtol=0.0, atol=1e-5)  # where a minimum is, is the root of what it is
     assert abs(there.position_error - here.position_error) > 1e-3  # what the tool frame does change
+
+
+def test_nor_what_is_met_exactly():
+    offset, point = random_displacement(8), iq.ExactPoint([0.0, 0.02, -0.05])
+    target = SO101.pose(states(SO101, 1, 25)[0]) @ iq.exp([0.3, 0.5, 0.2, 0.0, 0.0, 0.0])
+    here = iq.solve_pose(SO101, target, exact=point, restarts=8, **NO_LIMIT)
+    moved = SO101.with_tool(offset)
+    there = iq.solve_pose(moved, target @ offset, exact=point.moved(offset), restarts=8, **NO_LIMIT)
+    assert here.success
+    assert there.success
+    np.testing.assert_allclose(there.q, here.q, rtol=0.0, atol=1e-6)
 
 
 def own_measure(robot):

@@ -2,9 +2,9 @@
 
     r = F (omega; p_d - p),    f(q) = 1/2 |r|^2,    F'F = W,    grad f = -A'r
 
-omega is the rotation vector that is missing, p and p_d where a point c of the tool is and should be. By default
-W = diag(L^2 I, I) and c is the point which the target puts at the arm's own point: neither depends on where the tool
-frame is, so no step and no answer does. Exact demands (A x = b) are counted beside it.
+omega is the rotation vector that is missing, p and p_d where a point c of the last link is and should be. By default
+W = diag(L^2 I, I) with the arm's own length L, and c is at the arm's own point in the middle of its range: neither
+depends on where the tool frame is, so no step and no answer does. Exact demands, C x = b, are counted beside it.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class PoseError(NamedTuple):
         return Look(q, A, r, error) if rows is None else Look(q, A, r, error, np.asarray(rows.A), np.asarray(rows.b))
 
     def curvature(self, look: Look) -> Array:
-        """|d2f|, the (m, m) second derivative of f with the signs of its spectrum taken off, by differences of grad f."""
+        """The (m, m) second derivative of f, the signs of its spectrum taken off, by differences of grad f."""
         q, m = look.q, len(look.q)
         h = np.where(q + DIFFERENCE > self.robot.position_upper, -DIFFERENCE, DIFFERENCE)
         H = np.array([(look.descent - self.at(q + h[i] * e).descent) / h[i] for i, e in enumerate(np.eye(m))])
