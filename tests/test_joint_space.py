@@ -42,6 +42,14 @@ def test_a_hinge_that_can_turn_over_is_shifted_by_whole_turns():
     np.testing.assert_allclose(found.q, past - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, 1]), atol=1e-6)
 
 
+def test_the_nearest_of_equal_states_is_inside_too():
+    space = JointSpace(UR5)
+    q = np.array([5.0, -5.0, 1.0, 0.5, 1.0, -5.0])
+    start = np.array([-1.0, 1.0, -3.0, 40.0, 1.5, -5.5])
+    turns = 2.0 * np.pi * np.array([-1, 1, 0, 0, 0, 0])  # 0.5 + 2 pi is beyond the limit, 1 - 2 pi beyond the elbow's
+    np.testing.assert_allclose(space.near(q, start), q + turns)
+
+
 def test_of_equal_states_the_one_nearest_the_start_is_chosen():
     q = np.array([5.0, -1.0, 1.0, 0.5, 1.0, -5.0])
     for start in (q, q - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, -1])):

@@ -105,6 +105,12 @@ def test_where_the_tool_frame_is_changes_nothing(name):
         assert there.success
 
 
+def test_a_tool_frame_a_hundred_metres_away_meets_its_target_too():
+    far = PANDA.with_tool(iq.transform(translation=[100.0, 0.0, 0.0]))
+    for q in states(PANDA, 8, 14):
+        assert iq.solve_pose(far, far.pose(q), **NO_LIMIT).success
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 def test_nor_which_pose_is_the_closest(name):
     robot, offset = ROBOTS[name], random_displacement(7)
@@ -155,6 +161,12 @@ def closest_by_scipy(robot, r, starts):
     return min(np.sqrt(2.0 * least_squares(r, q, bounds=bounds, **tight).cost) for q in inner)
 
 
+def slope(r, q, h=1e-4):
+    """The gradient of |r|^2 / 2, by differences of the fourth order."""
+    f = [[0.5 * np.sum(r(q + k * h * e) ** 2) for k in (-2, -1, 1, 2)] for e in np.eye(len(q))]
+    return np.array(f) @ np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * h)
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 def test_out_of_reach_the_closest_pose_is_the_one_scipy_finds(name):
     robot = ROBOTS[name]
@@ -166,6 +178,8 @@ def test_out_of_reach_the_closest_pose_is_the_one_scipy_finds(name):
     assert found.reason.startswith("out of reach: ")
     assert found.error == pytest.approx(np.linalg.norm(r(found.q)), rel=1e-9)
     assert found.error <= closest_by_scipy(robot, r, [found.q]) * (1.0 + 1e-9)  # SciPy goes no further from there
+    free = [i for i in range(len(found.q)) if i not in found.limits_active]
+    assert np.abs(slope(r, found.q)[free]).max() < 1e-7
     assert found.error <= closest_by_scipy(robot, r, states(robot, 6, 9)) * (1.0 + 1e-3)  # nor finds a better place
 
 

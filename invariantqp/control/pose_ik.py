@@ -29,12 +29,13 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.velocity.objective import Form
 
-# Newton goes on to this share of the tolerance, so that the tool frame has no say in which step is the last.
+# Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and no tool
+# frame has a say in which step is the last.
 GOAL_SHARE = 1e-3
 # Share of the time that is spent on tries; the rest is for the last digits of the closest few.
 SEARCH_SHARE, CLOSEST = 0.7, 4
-# A pose is closer than another where its f is below this share: rounding does not choose between mirror images.
-BETTER = 1.0 - 1e-9
+# Poses whose f is this near the least are equally close: rounding is not to choose between mirror images.
+ALIKE = 1.0 + 1e-9
 # Tries after the first, unless told otherwise: one in two thousand targets of a Panda needs more than thirty.
 RESTARTS = 64
 
@@ -114,10 +115,10 @@ class PoseSearch:
         best, steps, last = tried[-1], sum(one.steps for one in tried), begun + self._time_limit
         if not best.met:
             nearest = sorted(tried, key=attrgetter("merit"))[:CLOSEST]
-            best = nearest[0]
-            for one in nearest:
-                found = descend(error, space, one.look.q, goal, last, patient=True)
-                best, steps = found if found.merit < BETTER * best.merit else best, steps + found.steps
+            finished = [descend(error, space, one.look.q, goal, last, patient=True) for one in nearest]
+            steps += sum(one.steps for one in finished)
+            least = min(one.merit for one in finished)
+            best = next(one for one in finished if one.merit <= ALIKE * least)
         return self._told(error, best, start, steps, len(tried), late=late)
 
     def _starts(self) -> Iterator[Array]:
