@@ -81,13 +81,18 @@ def contestants() -> dict[str, Contestant]:
 
 
 def race(
-    count: int, robots: tuple[str, ...] = ROBOTS, seed: int = 0, progress: Progress | None = None
+    count: int,
+    robots: tuple[str, ...] = ROBOTS,
+    at_limits: int = 0,
+    seed: int = 0,
+    progress: Progress | None = None,
 ) -> list[Outcome]:
     """Every contestant on `count` targets of every robot.
 
     Args:
         count: targets a robot.
         robots: names or URDF files.
+        at_limits: joints of a target's q that are put at one of their limits.
         seed: of targets and starts.
         progress: called with (targets done, targets in all).
 
@@ -101,9 +106,7 @@ def race(
     done = 0
     for name in robots:
         robot = load_robot(name)
-        low, high = joint_ranges(robot)
-        draws = low + np.random.default_rng(seed).random((count, 2, len(low))) * (high - low)
-        problems = [(robot.pose(q), start) for q, start in draws]
+        problems = _problems(robot, count, at_limits, np.random.default_rng(seed))
         for solver, make in field.items():
             solve = make(robot, TIME_LIMIT)
             for target, start in problems[:WARM_UP]:
@@ -118,6 +121,19 @@ def race(
                     progress(done, count * len(robots) * len(field))
             outcomes.append(_judged(robot, name, solver, problems, answers, np.array(times)))
     return outcomes
+
+
+def _problems(robot: Robot, count: int, at_limits: int, rng: np.random.Generator) -> list[tuple[Array, Array]]:
+    """Targets and starts."""
+    low, high = joint_ranges(robot)
+    limited = np.flatnonzero(np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper))
+    problems = []
+    for _ in range(count):
+        q, start = low + rng.random((2, len(low))) * (high - low)
+        for joint in rng.permutation(limited)[:at_limits]:
+            q[joint] = (low if rng.random() < 0.5 else high)[joint]
+        problems.append((robot.pose(q), start))
+    return problems
 
 
 def _judged(

@@ -33,7 +33,7 @@ from invariantqp.velocity.objective import Form
 # frame has a say in which step is the last.
 GOAL_SHARE = 1e-3
 # Share of the time that is spent on tries; the rest is for the last digits of the closest few.
-SEARCH_SHARE, CLOSEST = 0.7, 4
+SEARCH_SHARE, CLOSEST = 0.8, 4
 # Poses whose f is this near the least are equally close: rounding is not to choose between mirror images.
 ALIKE = 1.0 + 1e-9
 # Tries after the first, unless told otherwise: one in two thousand targets of a Panda needs more than thirty.
