@@ -294,10 +294,11 @@ def test_no_restarts_are_no_restarts():
 
 
 def test_time_that_is_over_is_told_from_reach():
-    found = iq.solve_pose(PANDA, beyond(PANDA, 42), time_limit=1e-6)
-    assert not found.success
-    assert found.reason.startswith("time over: ")
-    assert found.restarts == 0
+    for restarts in (0, 10):
+        found = iq.solve_pose(PANDA, beyond(PANDA, 42), time_limit=1e-6, restarts=restarts)
+        assert not found.success
+        assert found.reason.startswith("time over: ")
+        assert found.restarts == 0
 
 
 HURT = pin.SE3.Identity()

@@ -22,7 +22,7 @@ from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.centre import centre
 from invariantqp.velocity.objective import CarriedMetric, Form, PitchForm, form_of
 
-AT_REST = np.zeros(6)
+STILL = np.zeros(6)
 # Joint displacement for differences of the gradient: they keep eight digits, and Newton asks for one.
 DIFFERENCE = 1e-7
 
@@ -34,7 +34,7 @@ class Look(NamedTuple):
         q: (m,) joint positions.
         A: (6, m) what the joints do to r, to first order: r -> r - A x.
         r: (6,) [length].
-        error: f, half of |r|^2.
+        f: half of |r|^2.
         C: (k, m) rows of the exact demands, or None.
         b: (k,) what is missing there, or None.
     """
@@ -42,7 +42,7 @@ class Look(NamedTuple):
     q: Array
     A: Array
     r: Array
-    error: float
+    f: float
     C: Array | None = None
     b: Array | None = None
 
@@ -60,7 +60,7 @@ class Look(NamedTuple):
     @property
     def distance(self) -> float:
         """|r| and |b| together."""
-        return sqrt(2.0 * self.error) + self.unmet
+        return sqrt(2.0 * self.f) + self.unmet
 
 
 class PoseError(NamedTuple):
@@ -96,11 +96,11 @@ class PoseError(NamedTuple):
         turning = J[:3] if self.even else _logarithmic(omega).dot(J[:3])
         A = self.root.dot(np.concatenate((turning, se3.velocity_at(J, here))))
         r = self.root.dot(np.concatenate((omega, there - here)))
-        error = 0.5 * float(r.dot(r))
+        look = Look(q, A, r, 0.5 * float(r.dot(r)))
         if not self.exact:
-            return Look(q, A, r, error)
-        rows, _ = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, AT_REST))
-        return Look(q, A, r, error) if rows is None else Look(q, A, r, error, np.asarray(rows.A), np.asarray(rows.b))
+            return look
+        rows, _ = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, STILL))
+        return look if rows is None else look._replace(C=np.asarray(rows.A), b=np.asarray(rows.b))
 
     def curvature(self, look: Look) -> Array:
         """The (m, m) second derivative of f, the signs of its spectrum taken off, by differences of grad f."""

@@ -32,8 +32,9 @@ from invariantqp.velocity.objective import Form
 # Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and no tool
 # frame has a say in which step is the last.
 GOAL_SHARE = 1e-3
-# Share of the time that is spent on tries; the rest is for the last digits of the closest few.
-SEARCH_SHARE, CLOSEST = 0.8, 4
+# Share of the time that is spent on tries, without and with exact demands; the rest is for the last digits of the
+# closest few, which take longer where something is kept exactly.
+SEARCH_SHARE, EXACT_SHARE, CLOSEST = 0.8, 0.6, 4
 # Poses whose f is this near the least are equally close: rounding is not to choose between mirror images.
 ALIKE = 1.0 + 1e-9
 # Tries after the first, unless told otherwise: one in two thousand targets of a Panda needs more than thirty.
@@ -100,19 +101,16 @@ class PoseSearch:
         error = pose_error(robot, target, self._form, self._exact)
         start = middle(robot) if q0 is None else space.inside(arrays.vector(q0, len(robot.names), "q0"))
         goal = GOAL_SHARE * self._tolerance * error.least
-        deadline = begun + SEARCH_SHARE * self._time_limit
+        deadline = begun + (EXACT_SHARE if self._exact else SEARCH_SHARE) * self._time_limit
         # Joints to spare can follow a path past a limit without one of them turning over: that is tried first.
         spare = len(start) > 6 or bool(self._exact)
         tried = [descend(error, space, start, goal, deadline, turning=q0 is None or not spare)]
-        late = False
         for state in self._starts() if not tried[0].met else ():
-            late = perf_counter() > deadline
-            if late:
+            if tried[-1].met or perf_counter() > deadline:
                 break
             tried.append(descend(error, space, state, goal, deadline))
-            if tried[-1].met:
-                break
         best, steps, last = tried[-1], sum(one.steps for one in tried), begun + self._time_limit
+        late = perf_counter() > deadline
         if not best.met:
             nearest = sorted(tried, key=attrgetter("merit"))[:CLOSEST]
             finished = [descend(error, space, one.look.q, goal, last, patient=True) for one in nearest]
@@ -149,7 +147,7 @@ class PoseSearch:
             success=not reason or kept,
             position_error=position,
             orientation_error=orientation,
-            error=sqrt(2.0 * best.look.error),
+            error=sqrt(2.0 * best.look.f),
             iterations=steps,
             restarts=tries - 1,
             limits_active=self._space.at_limits(q),

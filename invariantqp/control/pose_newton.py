@@ -91,7 +91,7 @@ def descend(
     past: list[float] = []
     longest, window, least = (PATIENCE, FINISHED, 0.0) if patient else (LONGEST, STALLED, LEAST)
     for steps in range(longest):
-        merit = look.error + penalty * look.unmet
+        merit = look.f + penalty * look.unmet
         past.append(merit)
         if look.distance <= goal or perf_counter() > deadline:
             return Try(look, merit, steps, look.distance <= goal, at_rest=False)
@@ -101,14 +101,14 @@ def descend(
         if damping > STIFFEST or before - merit <= AT_REST * merit:
             return Try(look, merit, steps, met=False, at_rest=True)
         H = error.curvature(look) if patient and look.C is None else None
-        x, price = _step(look, H, 2.0 * damping * look.error, *space.steps(look.q, turning=turning))
+        x, price = _step(look, H, 2.0 * damping * look.f, *space.steps(look.q, turning=turning))
         penalty = max(penalty, PENALTY_MARGIN * price)
         seen = error.at(space.inside(look.q + x))
-        if seen.error + penalty * seen.unmet < look.error + penalty * look.unmet:
+        if seen.f + penalty * seen.unmet < look.f + penalty * look.unmet:
             look, damping = seen, max(EASED * damping, least)
         else:
             damping *= STIFFENED
-    return Try(look, look.error + penalty * look.unmet, longest, met=False, at_rest=True)
+    return Try(look, look.f + penalty * look.unmet, longest, met=False, at_rest=True)
 
 
 def _step(look: Look, H: Array | None, mu: float, lower: Array, upper: Array) -> tuple[Array, float]:
@@ -138,7 +138,7 @@ def _step(look: Look, H: Array | None, mu: float, lower: Array, upper: Array) ->
     if C is None or look.b is None:
         return x, 0.0
     miss = look.b - C.dot(x)
-    most = DEAREST * sqrt(2.0 * size * look.error / float(np.vdot(C, C)))
+    most = DEAREST * sqrt(2.0 * size * look.f / float(np.vdot(C, C)))
     return x, min(EXACT_WEIGHT * size * sqrt(miss.dot(miss)), most)
 
 
