@@ -158,4 +158,5 @@ def soft(vector: Array, width: float) -> Array:
     """The vector shortened by `width`, zero where it is shorter: continuous, and the same whatever way axes point."""
     length = float(np.sqrt(vector.dot(vector)))
     share = 1.0 - width / length if length > width else 0.0
-    return np.asarray(share * vector)
+    shortened: Array = share * vector
+    return shortened
