@@ -244,5 +244,5 @@ def _press(contact: Contact, parts: Array) -> float | None:
 def _load(contact: Contact, wrench: Array) -> tuple[float, float]:
     """|f| and |m| about the place of contact."""
     f = wrench[3:]
-    m = wrench[:3] - np.cross(contact.point, f)
+    m = wrench[:3] - se3.cross(contact.point, f)
     return sqrt(f.dot(f)), sqrt(m.dot(m))
