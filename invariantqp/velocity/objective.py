@@ -148,9 +148,9 @@ class CarriedMetric:
 class Complement:
     """Twists projected along a space Z of twists that may be given up: what is left of s + Z is what the arm can do.
 
-    Where the arm can do all that is left, Jx = P s, P = J(K'J)^-1 K', K'Z = 0, and nothing but Z enters. Where it cannot
-    (limits, or a motion that is nearly in Z), what is left is measured in diag(L^2 I, I) at the arm's own point, L its
-    own length, and damped like every other form: K is orthonormal there.
+    Where the arm can do all that is left, Jx = P s, P = J(K'J)^-1 K', K'Z = 0, and nothing but Z enters. Where it
+    cannot (limits, or a motion that is nearly in Z), what is left is measured in diag(L^2 I, I) at the arm's own point,
+    L its own length, and damped like every other form: K is orthonormal there.
 
     Attributes:
         Z: (6, c) twists in the frame of J, independent; c + rank(J) = 6 makes the projector unique.
