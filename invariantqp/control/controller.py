@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.demands import Exact, View, demands_of, rows_of
+from invariantqp.control.joint_rows import JointRows, Rows
 from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
@@ -31,7 +32,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import JointBox, accelerations, not_below_zero
 from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import VelocitySolution, held
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.toolspeed import ToolSpeed
 
@@ -80,6 +81,8 @@ class Controller:
         acceleration_limit: ArrayLike | None = None,
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
+        rows: Rows | None = None,
+        limits: Sequence[Any] = (),
     ) -> None:
         """Make the loop's fixed part.
 
@@ -102,11 +105,16 @@ class Controller:
             position_margin: distance kept from position limits [rad, length].
             tool_speed: the most that a point of the tool may move at [length/s], 0.25 m/s beside a person; a number is
                 for the tool frame's origin.
+            rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
+            limits: limits and barriers made for Pink from `robot.model`: anything with
+                `compute_qp_inequalities(configuration, dt)`. They add to the robot's own; the box of those goes first,
+                rows give way to it. Numbered in reasons after `rows`, in their order.
 
         Raises:
             BadInput: a dt or gain that is not positive, gain above 1/dt, limits that are none, or an argument
                 `solve_velocity` would refuse.
             UnknownName: no such back end.
+            MissingExtra: `limits` without Pink.
         """
         m = len(robot.names)
         self.robot = robot
@@ -146,6 +154,7 @@ class Controller:
         if acceleration_limit is not None:
             self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
         self._before = np.zeros(m)
+        self._joint_rows = JointRows(robot, rows, limits, self.dt) if rows is not None or len(limits) else None
         if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
             tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
         self._tool_speed = tool_speed
@@ -194,7 +203,11 @@ class Controller:
         if self._tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
             demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))
-        solution = solve(law, demand)
+        if self._joint_rows is None:
+            solution = solve(law, demand)
+        else:
+            rows, trouble = self._joint_rows.at(positions, before)
+            solution = held(demand, trouble) if trouble else solve(law, demand._replace(rows=rows))
         self._before = solution.velocity
         return self._told(solution, strained) if strained else solution
 

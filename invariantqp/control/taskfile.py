@@ -113,6 +113,10 @@ class LawSpec(_Strict):
         None, description="limit, one for all joints or one each [rad/s^2, m/s^2]", examples=[10.0]
     )
     margin: Number = Field(0.0, ge=0.0, description="kept from position limits [rad, m]", examples=[0.01])
+    tool_speed: Positive | None = Field(None, description="limit of a point of the tool [m/s]", examples=[0.25])
+    tool_speed_point: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="that point, in the tool frame [m]", examples=[[0.0, 0.0, 0.1]]
+    )
 
     @field_validator("pitch")
     @classmethod
