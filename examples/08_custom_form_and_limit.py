@@ -69,13 +69,11 @@ beyond = robot.pose(q) @ iq.exp([0, 0, 0, 0.0, 0.0, 0.08])
 along = (beyond - robot.pose(q))[:3, 3] / 0.08
 wall = Wall(along, along @ robot.pose(q)[:3, 3] + 0.02)
 print("\nA target 80 mm ahead, a wall 20 mm ahead:")
-for solver in ("daqp", MyOsqp("my own osqp", 1e-7)):
+for name, solver in {"daqp": "daqp", "my own osqp": MyOsqp("my own osqp", 1e-7)}.items():
     controller = iq.Controller(robot, dt=DT, gain=20.0, exact="position", rows=wall, backend=solver)
-    here = q.copy()
+    here = q
     for _ in range(300):
         solution = controller.step(here, beyond)
         here = here + DT * solution.velocity
     went = 1e3 * along @ (robot.pose(here) - robot.pose(q))[:3, 3]
-    print(
-        f"  {getattr(solver, 'name', solver):12s} went {went:.3f} mm; {solution.status}: {solution.reason.split(';')[0]}"
-    )
+    print(f"  {name:12s} went {went:.3f} mm; {solution.status}: {solution.reason.split(';')[0]}")
