@@ -51,6 +51,12 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         guard: the descent guard, or None.
     """
 
+    form: Form | None
+    form_reason: str
+    cost: float
+    damping: Damping
+    guard: Guard | None
+
     def __init__(
         self,
         frame: str,

@@ -65,6 +65,8 @@ class Controller:
         form_reason: why twists are measured as they are, in words.
     """
 
+    form_reason: str
+
     def __init__(
         self,
         robot: Robot,
@@ -118,11 +120,11 @@ class Controller:
         """
         m = len(robot.names)
         self.robot = robot
-        self.dt = arrays.number(dt, "dt", "a tick in seconds", positive=True)
-        self.gain = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
+        self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
+        self.gain: float = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
         if self.gain * self.dt > 1.0 + 1e-9:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
-        self.exact = demands_of(exact)
+        self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
         J = robot.jacobian(mid)
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
@@ -133,7 +135,7 @@ class Controller:
             blind = isinstance(chosen, CarriedMetric)
         else:
             chosen, self.form_reason, blind = form_of(form, J), "as asked", False
-        self.law = VelocityLaw(
+        self.law: VelocityLaw = VelocityLaw(
             form=chosen,
             damping=damping_of(damping),
             guard=guard_of(guard),
@@ -142,7 +144,7 @@ class Controller:
             dt=self.dt,
             note="no pitch form sees all of this arm: twists are measured at the tool" if blind else "",
         )
-        self.posture_gain = _posture_gain(posture) if m > 6 else 0.0
+        self.posture_gain: float = _posture_gain(posture) if m > 6 else 0.0
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
         self._follows_tool = isinstance(self.law.form, CarriedMetric) and self.law.form.follows_tool
         self._middle = mid

@@ -40,6 +40,11 @@ class PinocchioRobot:
         model: the reduced `pinocchio.Model`, to look at.
     """
 
+    names: tuple[str, ...]
+    position_lower: Array
+    position_upper: Array
+    velocity_limit: Array
+
     def __init__(self, model: pin.Model, tool: str) -> None:
         self.model = model
         self.tool = tool
