@@ -81,7 +81,7 @@ EXTRAS = {
     "cvxpy": ("iq.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "peers": (
-        "from invariantqp.compare import pink_law; pink_law.PinkLaw(iq.load_robot('ur5'), iq.load_task('panda_path').law)",
+        "from invariantqp.compare.pink_law import PinkLaw as P; P(iq.load_robot('ur5'), iq.load_task('scara').law)",
         ["pink"],
     ),
 }
