@@ -74,8 +74,8 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             frame: name of the frame.
             h: pitch [length/rad], or a form in the world frame: PitchForm, CarriedMetric ("tool" is this frame),
                 Complement. None is what `Controller` takes for the joints that move the frame.
-            cost: weight against other tasks, for a metre what Pink's position_cost is [cost]/[m]; a radian costs what |h|
-                metres do with a pitch form, and what they themselves say with the others.
+            cost: weight against other tasks, for a metre what Pink's position_cost is [cost]/[m]; a radian costs what
+                |h| metres do with a pitch form, and what they themselves say with the others.
             damping: as in `invariantqp.solve_velocity`; `Selective` has its speed for a step [rad], and no lm_damping.
             guard: as in `invariantqp.solve_velocity`; it does not see Pink's limits.
             gain: share of the error removed in a step, in [0, 1].
