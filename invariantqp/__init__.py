@@ -81,7 +81,7 @@ if TYPE_CHECKING:
         system_meet,
         system_sum,
     )
-    from invariantqp.velocity.backends import Osqp
+    from invariantqp.velocity.backends import BoxQP, Osqp
     from invariantqp.velocity.damping import Adaptive, Fixed, None_, PaperLambda, Selective
     from invariantqp.velocity.exact import ExactRows
     from invariantqp.velocity.guard import Guard
@@ -156,7 +156,7 @@ _HOME = {
     "systems.report": ("SystemReport", "describe"),
     "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
     "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
-    "velocity.backends": ("Osqp",),
+    "velocity.backends": ("BoxQP", "Osqp"),
     "velocity.damping": ("Adaptive", "Fixed", "None_", "PaperLambda", "Selective"),
     "velocity.exact": ("ExactRows",),
     "velocity.guard": ("Guard",),

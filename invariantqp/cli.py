@@ -21,7 +21,7 @@ BAD_INPUT = 2
 NOT_ACCEPTED = 1
 PICTURES = (".png", ".svg", ".pdf")
 
-app = typer.Typer(
+app: typer.Typer = typer.Typer(
     help="Task-space velocity control of robot arms whose answers do not depend on frames or length units.",
     no_args_is_help=True,
     add_completion=False,

@@ -140,7 +140,7 @@ class UnknownName(RobotModelError, KeyError):
     def __init__(self, kind: str, name: str, near: Sequence[str], known: Sequence[str]) -> None:
         self.kind = kind
         self.name = name
-        self.near = tuple(near)
+        self.near: tuple[str, ...] = tuple(near)
         listed = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}."
         self._message = f"unknown {kind} {name!r}; {listed}"
         super().__init__(self._message)
@@ -159,7 +159,7 @@ class TaskFileError(InvariantQPError):
 
     def __init__(self, source: str, problems: Sequence[str]) -> None:
         self.source = source
-        self.problems = tuple(problems)
+        self.problems: tuple[str, ...] = tuple(problems)
         lines = "\n".join(f"  {p}" for p in problems)
         super().__init__(f"{source}: {len(problems)} problem{'s' if len(problems) != 1 else ''}\n{lines}")
 

@@ -140,3 +140,47 @@ def test_a_speed_limit_that_is_none_is_refused():
     for bad in (0.0, "slow", np.nan):
         with pytest.raises(iq.BadInput, match="tool_speed"):
             iq.Controller(arm(), dt=DT, tool_speed=bad)
+
+
+def test_rows_of_the_users_hold_fixed_or_as_a_function_of_where_the_arm_is():
+    robot = arm(seed=3)
+    together = iq.LimitRows([[1.0, -1.0, 0.0, 0.0, 0.0, 0.0]], [-0.05], [0.05])
+
+    def wall(q):
+        """Joint 2 keeps 0.3 rad from the plane q_2 = 0.5."""
+        return iq.LimitRows([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]], [-np.inf], [5.0 * (0.2 - q[2])])
+
+    goal = robot.pose(np.array([0.5, -0.5, 0.9, 0.3, -0.2, 0.4]))
+    for rows in (together, wall):
+        met = 0
+
+        def each(before, q, solution, rows=rows):
+            nonlocal met
+            now = rows if isinstance(rows, iq.LimitRows) else rows(q)
+            assert now.excess(solution.velocity) == pytest.approx([0.0], abs=1e-9)
+            met += solution.row_multipliers is not None and bool(solution.row_multipliers.any())
+
+        q, _ = drive(iq.Controller(robot, dt=DT, gain=20.0, rows=rows), np.zeros(6), goal, 200, each)
+        assert met > 20
+        if rows is wall:
+            assert q[2] <= 0.2
+    nothing = iq.Controller(robot, dt=DT, rows=lambda q: None).step(np.zeros(6), goal)
+    np.testing.assert_array_equal(nothing.velocity, iq.Controller(robot, dt=DT).step(np.zeros(6), goal).velocity)
+
+
+def test_rows_that_are_none_are_refused_and_rows_of_nan_hold_the_arm():
+    robot = arm()
+    for bad in (iq.LimitRows([[1.0, 2.0]], [0.0], [1.0]), 3.0):
+        with pytest.raises(iq.BadInput, match="rows"):
+            iq.Controller(robot, dt=DT, rows=bad)
+    with pytest.raises(iq.BadInput, match="rows on 2 joints"):
+        iq.Controller(robot, dt=DT, rows=lambda q: iq.LimitRows([[1.0, 2.0]], [0.0], [1.0])).step(
+            np.zeros(6), np.eye(4)
+        )
+    with pytest.raises(iq.BadInput, match="rows: found ndarray"):
+        iq.Controller(robot, dt=DT, rows=lambda q: q).step(np.zeros(6), np.eye(4))
+    lost = iq.Controller(robot, dt=DT, rows=lambda q: iq.LimitRows(np.ones((1, 6)), [-np.inf], [np.nan * q[0]]))
+    solution = lost.step(np.zeros(6), np.eye(4))
+    assert solution.status == "held"
+    assert solution.reason.startswith("rows: upper: found NaN")
+    assert not solution.velocity.any()

@@ -12,10 +12,13 @@ ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SAYS = {
-    "01_follow_a_path": "micrometres off the line",
-    "02_pseudoinverse": "no 0-pseudoinverse",
+    "01_pseudoinverse": "no 0-pseudoinverse",
+    "02_five_joint_arm": "invariantqp ",
+    "03_limits": "slowed down, not bent",
     "04_hybrid_pen": "touched after",
     "05_shared_control": "the operator slid the tool",
+    "06_inside_pink": "the tool is 50.00 mm down",
+    "08_custom_form_and_limit": "my own osqp  went 20.000 mm",
     "09_hybrid_wipe": "a pitch is refused: a 3-system of type IIC",
     "10_speed_and_accuracy": "limits met: 60 certified states",
     "11_which_pitch": "h = 4 L",
@@ -39,6 +42,11 @@ def test_an_example_runs(example, tmp_path):
     assert SAYS.get(example.stem, "") in run.stdout
     assert run.stdout
     assert not run.stderr
+
+
+def test_the_first_examples_are_short_enough_to_read():
+    first = [e for e in EXAMPLES if e.stem < "10"]
+    assert [e.stem for e in first if len(e.read_text(encoding="utf-8").splitlines()) >= 80] == []
 
 
 def test_the_readmes_lines_of_use_run(tmp_path):

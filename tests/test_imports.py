@@ -75,6 +75,46 @@ def test_errors_have_one_base():
     assert isinstance(error, ImportError)
 
 
+# What a user does first with each extra, and the packages that are not there.
+EXTRAS = {
+    "robots": ("iq.load_robot('panda')", ["example-robot-data"]),
+    "cvxpy": ("iq.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
+    "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
+    "peers": (
+        "from invariantqp.compare.pink_law import PinkLaw as P; P(iq.load_robot('ur5'), iq.load_task('scara').law)",
+        ["pink"],
+    ),
+}
+ABSENT = """
+import sys
+from importlib import abc, metadata
+absent = {absent}
+class Nowhere(abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name.split(".")[0] in absent:
+            raise ModuleNotFoundError(name)
+def without(name, found=metadata.distribution):
+    if name in absent:
+        raise metadata.PackageNotFoundError(name)
+    return found(name)
+sys.meta_path.insert(0, Nowhere())
+metadata.distribution = without
+import invariantqp as iq
+try:
+    {use}
+except iq.MissingExtra as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("extra", EXTRAS)
+def test_without_an_extra_its_first_use_says_how_to_install_it(extra):
+    use, absent = EXTRAS[extra]
+    script = ABSENT.format(absent=absent, use=use)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip().endswith(f"Run: pip install 'invariantqp[{extra}]'"), done.stderr
+
+
 @pytest.mark.parametrize("m", [1, 3, 6, 7])
 def test_stated_shapes_are_returned(m):
     rng = np.random.default_rng(m)

@@ -226,3 +226,26 @@ def test_a_cone_solver_that_fails_is_replaced_and_the_status_says_so(monkeypatch
     assert (solution.status, solution.backend) == ("degraded", "daqp")
     assert "cvxpy: SolverError: no licence" in solution.reason
     np.testing.assert_array_equal(solution.velocity, planes.velocity)
+
+
+def test_a_task_files_tool_speed_is_kept_at_its_point_wherever_the_tool_frame_is():
+    task = iq.load_task("arm_3r")
+    point = (0.05, 0.0, 0.1)
+    robot = task.load_robot()
+    free = iq.run_task(task, dt=0.01)
+    offset = iq.exp([0.3, -0.5, 0.2, 0.1, 0.2, -0.1])
+    runs = [
+        iq.run_task(task, dt=0.01, tool_speed=0.05, tool_speed_point=point, tool_offset=moved)
+        for moved in (None, offset)
+    ]
+
+    def fastest(trace):
+        at = [robot.pose(q) @ [*point, 1.0] for q in trace.q[:-1]]
+        return max(
+            np.linalg.norm(point_jacobian(robot.jacobian(q), p[:3]) @ x)
+            for q, p, x in zip(trace.q[:-1], at, trace.velocity, strict=True)
+        )
+
+    assert fastest(free) > 0.06
+    assert fastest(runs[0]) <= 0.05 + 1e-9
+    np.testing.assert_allclose(runs[1].q, runs[0].q, atol=1e-9)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from random_systems import motion
 from scipy.linalg import null_space
+from scipy.optimize import lsq_linear
 from velocity_reference import tight_box
 
 import invariantqp as iq
@@ -23,7 +24,7 @@ def test_a_complement_projects_along_itself(m):
     rng = np.random.default_rng(m)
     for _ in range(20):
         J, Z, s = rng.normal(size=(6, m)), rng.normal(size=(6, 6 - m)), rng.normal(size=6)
-        solution = iq.solve_velocity(J, s, form=iq.Complement(Z), guard=False)
+        solution = iq.solve_velocity(J, s, form=iq.Complement(Z), damping=0.0, guard=False)
         assert solution.method == "closed-form"
         expected = projected(J, Z, s)
         np.testing.assert_allclose(solution.velocity, expected, atol=1e-10 * (1.0 + np.linalg.norm(expected)))
@@ -55,16 +56,61 @@ def test_planar_arm_and_scara_work_with_what_they_give_up():
             iq.principal_pitches(J)
 
 
-def test_a_complement_under_limits_is_the_optimum_of_its_metric_on_joints():
-    """With K'J invertible the law's H is the identity: the box clips joint by joint."""
+def test_a_complement_under_limits_misses_least_at_the_arms_own_point():
+    """For a planar arm that is the middle of its axes, with their RMS distance from it for a radian."""
     rng = np.random.default_rng(2)
     Z = np.hstack((TILTS, np.eye(6)[:, [5]]))
+    axes = np.array([(0, 0), (0.4, 0), (0.5, 0.3)])
+    middle = axes.mean(axis=0)
+    length = np.sqrt(((axes - middle) ** 2).sum() / 3)
+
+    def planar(twists):
+        """(L omega_z; v in the plane, of the point in the middle)."""
+        return np.array((length * twists[2], twists[3] - middle[1] * twists[2], twists[4] + middle[0] * twists[2]))
+
     for _ in range(10):
         s = rng.normal(size=6)
-        x = projected(PLANAR, Z, s)
-        bounds = tight_box(rng, 3, x)
+        bounds = tight_box(rng, 3, projected(PLANAR, Z, s))
         solution = iq.solve_velocity(PLANAR, s, form=iq.Complement(Z), bounds=bounds, guard=False)
-        np.testing.assert_allclose(solution.velocity, np.clip(x, bounds.lower, bounds.upper), atol=1e-11)
+        expected = lsq_linear(planar(PLANAR), planar(s), (bounds.lower, bounds.upper), method="bvls", tol=1e-14).x
+        np.testing.assert_allclose(solution.velocity, expected, atol=1e-9)
+
+
+def test_a_complement_with_joints_to_spare_is_met_undamped_by_the_shortest_velocity():
+    rng = np.random.default_rng(4)
+    for m in (5, 6, 7):
+        J, Z, s = rng.normal(size=(6, m)), rng.normal(size=(6, 2)), rng.normal(size=6)
+        K = null_space(Z.T)
+        solution = iq.solve_velocity(J, s, form=iq.Complement(Z), damping=0.0, guard=False)
+        assert solution.damping == 0.0
+        np.testing.assert_allclose(solution.velocity, np.linalg.pinv(K.T @ J) @ K.T @ s, rtol=1e-8, atol=1e-8)
+
+
+def test_a_complement_that_nearly_holds_a_motion_of_the_arm_is_damped_as_the_other_forms_are():
+    """Undamped, the answer is as long as one over the angle between the two; damped it stays of the demand's size."""
+    rng = np.random.default_rng(5)
+    s = rng.normal(size=6)
+    for J, other in (
+        (PLANAR, np.hstack((TILTS, np.eye(6)[:, [5]]))),
+        (rng.normal(size=(6, 3)), rng.normal(size=(6, 3))),
+    ):
+        lost, longest = J @ rng.normal(size=3), []
+        for angle in (1e-3, 1e-5, 1e-8, 0.0):
+            Z = other.copy()
+            Z[:, 2] = lost + angle * other[:, 2]
+            solution = iq.solve_velocity(J, s, form=iq.Complement(Z), guard=False)
+            assert (solution.method, solution.status) == ("damped", "ok")
+            assert "damped with lambda" in solution.reason
+            longest.append(np.linalg.norm(solution.velocity))
+            if angle == 1e-8:
+                assert np.linalg.norm(projected(J, Z, s)) > 1e4 * longest[-1]
+            A = iq.adjoint(motion(rng))
+            there = iq.solve_velocity(A @ J, A @ s, form=iq.Complement(A @ Z), guard=False)
+            np.testing.assert_allclose(there.velocity, solution.velocity, atol=1e-7 * (1.0 + longest[-1]))
+            in_mm = np.repeat((1.0, 1e3), 3)
+            scaled = iq.solve_velocity((in_mm * J.T).T, in_mm * s, form=iq.Complement((in_mm * Z.T).T), guard=False)
+            np.testing.assert_allclose(scaled.velocity, solution.velocity, atol=1e-7 * (1.0 + longest[-1]))
+        assert max(longest) < 1e4
 
 
 def test_a_complement_moves_with_the_frame_and_does_not_read_its_own_basis():

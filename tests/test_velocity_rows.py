@@ -6,6 +6,7 @@ from scipy.optimize import lsq_linear
 from velocity_reference import convex_form, regular_problem, tight_box
 
 import invariantqp as iq
+from invariantqp.velocity.prices import ACTIVE_TOLERANCE
 
 BAD = {
     "one row": (([1.0, 2.0], [0.0], [1.0]), "C", "shape (2,)"),
@@ -181,6 +182,26 @@ def test_rows_that_contradict_each_other():
     solution = iq.solve_velocity(J, s, form=h, rows=rows)
     assert "rows contradict each other: row 0 by 0.5, row 1 by 0.5 over" in solution.reason
     assert solution.velocity[:2].sum() == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("side", [0.0, 5e-18, 1e-12, -1e-12])
+def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
+    """A bound of no size says nothing of how fast the joints are, and must not scale the problem."""
+    rng = np.random.default_rng(24)
+    for _ in range(20):
+        J, s = rng.normal(size=(6, 7)), rng.normal(size=6)
+        bounds = iq.Bounds(np.full(7, -0.4), np.full(7, 0.4))
+        C = np.vstack((np.eye(7), rng.normal(size=(1, 7))))
+        upper = np.full(8, 0.06)
+        upper[rng.permutation(8)[:4]] = side
+        at_zero, near = (
+            iq.solve_velocity(J, s, form=0.4, bounds=bounds, rows=iq.LimitRows(C, np.full(8, -np.inf), u), guard=False)
+            for u in (np.where(upper == side, 0.0, upper), upper)
+        )
+        assert (near.status, at_zero.status) == ("ok", "ok"), near.reason
+        # All of a velocity is shortened by what rounding is over a row, relative to it: ACTIVE_TOLERANCE at most.
+        np.testing.assert_allclose(near.velocity, at_zero.velocity, rtol=ACTIVE_TOLERANCE, atol=1e-9)
+        assert (C @ near.velocity <= upper + 1e-12).all()
 
 
 def test_what_slows_exact_rows_down_is_named():

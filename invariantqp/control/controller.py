@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.demands import Exact, View, demands_of, rows_of
+from invariantqp.control.joint_rows import JointRows, Rows
 from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
@@ -64,6 +65,8 @@ class Controller:
         form_reason: why twists are measured as they are, in words.
     """
 
+    form_reason: str
+
     def __init__(
         self,
         robot: Robot,
@@ -80,6 +83,8 @@ class Controller:
         acceleration_limit: ArrayLike | None = None,
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
+        rows: Rows | None = None,
+        limits: Sequence[Any] = (),
     ) -> None:
         """Make the loop's fixed part.
 
@@ -102,19 +107,24 @@ class Controller:
             position_margin: distance kept from position limits [rad, length].
             tool_speed: the most that a point of the tool may move at [length/s], 0.25 m/s beside a person; a number is
                 for the tool frame's origin.
+            rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
+            limits: limits and barriers made for Pink from `robot.model`: anything with
+                `compute_qp_inequalities(configuration, dt)`. They add to the robot's own; the box of those goes first,
+                rows give way to it. Numbered in reasons after `rows`, in their order.
 
         Raises:
             BadInput: a dt or gain that is not positive, gain above 1/dt, limits that are none, or an argument
                 `solve_velocity` would refuse.
             UnknownName: no such back end.
+            MissingExtra: `limits` without Pink.
         """
         m = len(robot.names)
         self.robot = robot
-        self.dt = arrays.number(dt, "dt", "a tick in seconds", positive=True)
-        self.gain = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
+        self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
+        self.gain: float = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
         if self.gain * self.dt > 1.0 + 1e-9:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
-        self.exact = demands_of(exact)
+        self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
         J = robot.jacobian(mid)
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
@@ -125,7 +135,7 @@ class Controller:
             blind = isinstance(chosen, CarriedMetric)
         else:
             chosen, self.form_reason, blind = form_of(form, J), "as asked", False
-        self.law = VelocityLaw(
+        self.law: VelocityLaw = VelocityLaw(
             form=chosen,
             damping=damping_of(damping),
             guard=guard_of(guard),
@@ -134,7 +144,7 @@ class Controller:
             dt=self.dt,
             note="no pitch form sees all of this arm: twists are measured at the tool" if blind else "",
         )
-        self.posture_gain = _posture_gain(posture) if m > 6 else 0.0
+        self.posture_gain: float = _posture_gain(posture) if m > 6 else 0.0
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
         self._follows_tool = isinstance(self.law.form, CarriedMetric) and self.law.form.follows_tool
         self._middle = mid
@@ -146,6 +156,7 @@ class Controller:
         if acceleration_limit is not None:
             self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
         self._before = np.zeros(m)
+        self._joint_rows = JointRows(robot, rows, limits, self.dt) if rows is not None or len(limits) else None
         if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
             tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
         self._tool_speed = tool_speed
@@ -250,7 +261,11 @@ class Controller:
         if self._tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
             demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))
-        solution = solve(law, demand)
+        if self._joint_rows is None:
+            solution = solve(law, demand)
+        else:
+            rows, trouble = self._joint_rows.at(positions, before)
+            solution = held(demand, trouble) if trouble else solve(law, demand._replace(rows=rows))
         self._before = solution.velocity
         return self._told(solution, strained) if strained else solution
 

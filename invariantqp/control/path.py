@@ -33,7 +33,7 @@ def eased(u: float) -> float:
 
 
 class _Path(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", frozen=True)
 
     duration: Positive = Field(description="[s]", examples=[4.0])
     jumps: ClassVar[bool] = False  # whether the target gets where it is without a velocity to feed forward

@@ -27,6 +27,7 @@ from invariantqp.systems.centre import centre
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.objective import Form, PitchForm
 from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.toolspeed import ToolSpeed
 
 Progress = Callable[[int, int], None]
 MakeController = Callable[[Robot, LawSpec], Controls]
@@ -61,6 +62,7 @@ def our_controller(robot: Robot, law: LawSpec) -> Controller:
         exact=None if law.exact is None else ExactPoint(law.point),
         acceleration_limit=law.acceleration,
         position_margin=law.margin,
+        tool_speed=None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),
     )
 
 
@@ -95,8 +97,9 @@ def run_task(
     pose = task.path.along(robot, start)
     offset = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
     moved = robot if tool_offset is None else robot.with_tool(offset)
-    same_point = se3.inverse(offset).dot([*law.point, 1.0])[:3]
-    loop = controller(moved, law.model_copy(update={"point": tuple(same_point.tolist())}))
+    back = se3.inverse(offset)
+    points = {key: back.dot([*getattr(law, key), 1.0])[:3] for key in ("point", "tool_speed_point")}
+    loop = controller(moved, law.model_copy(update={key: tuple(p.tolist()) for key, p in points.items()}))
     n = max(1, round(task.path.duration / law.dt))
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     wanted = [pose(t) for t in time.tolist()]

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path as FilePath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import (
@@ -44,7 +44,7 @@ OpenNumber = Annotated[float, Strict()]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", frozen=True)
 
 
 class Screw(_Strict):
@@ -113,6 +113,10 @@ class LawSpec(_Strict):
         None, description="limit, one for all joints or one each [rad/s^2, m/s^2]", examples=[10.0]
     )
     margin: Number = Field(0.0, ge=0.0, description="kept from position limits [rad, m]", examples=[0.01])
+    tool_speed: Positive | None = Field(None, description="limit of a point of the tool [m/s]", examples=[0.25])
+    tool_speed_point: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="that point, in the tool frame [m]", examples=[[0.0, 0.0, 0.1]]
+    )
 
     @field_validator("pitch")
     @classmethod

@@ -32,6 +32,10 @@ class Chain:
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
     """
 
+    position_lower: Array
+    position_upper: Array
+    velocity_limit: Array
+
     def __init__(
         self,
         screws: ArrayLike,
@@ -46,13 +50,13 @@ class Chain:
         Raises:
             BadInput: NaN, shapes, a zero screw, crossed or empty limits.
         """
-        self.screws = arrays.columns(screws, "screws")
-        self.home = arrays.pose(home, "home")
+        self.screws: Array = arrays.columns(screws, "screws")
+        self.home: Array = arrays.pose(home, "home")
         m = self.screws.shape[1]
         still = ~self.screws.any(axis=0)
         if still.any():
             raise BadInput("screws", f"the zero twist in column {int(still.argmax())}", "non-zero joint twists")
-        self.names = tuple(names) or tuple(f"joint{i + 1}" for i in range(m))
+        self.names: tuple[str, ...] = tuple(names) or tuple(f"joint{i + 1}" for i in range(m))
         if len(self.names) != m or len(set(self.names)) != m:
             raise BadInput("names", f"{self.names}", f"{m} different names")
         self.position_lower, self.position_upper, self.velocity_limit = checked_limits(

@@ -13,11 +13,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput, RobotModelError, UnknownName
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Sighting, checked_limits
 
 # Rows of Pinocchio's spatial vectors, linear part first, in the order this library uses, angular part first.
@@ -38,6 +39,11 @@ class PinocchioRobot:
         tool: name of the tool frame.
         model: the reduced `pinocchio.Model`, to look at.
     """
+
+    names: tuple[str, ...]
+    position_lower: Array
+    position_upper: Array
+    velocity_limit: Array
 
     def __init__(self, model: pin.Model, tool: str) -> None:
         self.model = model
@@ -138,6 +144,38 @@ def load_urdf(path: Path, tool: str | None, joints: Sequence[str] | None) -> Pin
     held = [i for i, name in enumerate(model.names) if i > 0 and name not in moving]
     rest = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     return PinocchioRobot(pin.buildReducedModel(model, held, rest), tool)
+
+
+def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
+    """The joints of any model that move a frame, as screws from the neutral configuration, and their tangent indices.
+
+    A free flyer, a ball or a planar joint is as many screws as it has degrees of freedom; without limits, like every
+    joint whose coordinate is not one number.
+
+    Raises:
+        UnknownName: no such frame.
+        RobotModelError: no joint moves it.
+    """
+    known = [f.name for f in model.frames]
+    if frame not in known:
+        raise UnknownName("frame", frame, difflib.get_close_matches(frame, known), known)
+    index = model.getFrameId(frame)
+    joints = [i for i in model.supports[model.frames[index].parentJoint] if model.nvs[i] > 0]
+    if not joints:
+        raise RobotModelError(f"no joint moves the frame {frame!r}; choose one beyond the first joint")
+    data, neutral = model.createData(), pin.neutral(model)
+    J = pin.computeJointJacobians(model, data, neutral).take(ANGULAR_FIRST, axis=0)
+    home = pin.updateFramePlacement(model, data, index).homogeneous
+    tangent = [np.arange(model.idx_vs[i], model.idx_vs[i] + model.nvs[i]) for i in joints]
+    lower, upper = [], []
+    for i in joints:
+        single = model.nqs[i] == model.nvs[i] == 1
+        low, high = (limits[model.idx_qs[i]] for limits in (model.lowerPositionLimit, model.upperPositionLimit))
+        bounded = single and low < high and max(-low, high) < UNLIMITED
+        lower += [low if bounded else -np.inf] * model.nvs[i]
+        upper += [high if bounded else np.inf] * model.nvs[i]
+    moving = np.concatenate(tangent).astype(np.intp)
+    return Chain(J[:, moving], home, position_lower=lower, position_upper=upper), moving
 
 
 def _told_apart(model: pin.Model, tool: str) -> str:

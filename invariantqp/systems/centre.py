@@ -102,6 +102,33 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     return Centre(p, length)
 
 
+def settled(resting: Resting, Z: Array, unit: float) -> Array:
+    """The point (3,), of those as good for the arm, that a space of (6, c) twists moves least.
+
+    Counted are its rotations, of unit omega, but for what its translations make up for; so no basis of Z and no frame
+    enters. `unit` is the arm's length, far below which Z's own axes count as out of sight.
+    """
+    point, free = resting
+    if not free.shape[1]:
+        return point
+    _, sigma, Vt = np.linalg.svd(Z[:3])
+    turning = int(np.count_nonzero(sigma * unit * FAR > np.linalg.norm(Z[3:])))
+    turns = Z.dot(Vt[:turning].T) / sigma[:turning]
+    U, size, _ = np.linalg.svd(Z[3:].dot(Vt[turning:].T), full_matrices=False)
+    U = U[:, size > PARALLEL_TOLERANCE * size.max(initial=0.0)]
+    across = np.eye(3) - U.dot(U.T)
+    moved = across.dot(velocity_at(turns, point))  # (3, t)
+    shifts = np.stack([across.dot(np.cross(turns[:3], f, axis=0)) for f in free.T], axis=-1)  # (3, t, f)
+    A = shifts.reshape(-1, free.shape[1])
+    along: Array = free.dot(np.linalg.pinv(A, rcond=PARALLEL_TOLERANCE).dot(moved.ravel()))
+    return point - along
+
+
+def measured(twists: Array, point: Array, length: float) -> Array:
+    """W^(1/2) s = (L omega; v + omega x p), W = diag(L^2 I, I) carried to p, of a (6,) twist or (6, m) twists."""
+    return np.concatenate((length * twists[:3], velocity_at(twists, point)))
+
+
 def _length(twists: Array, moving: Array) -> float:
     """|J_v(p)| / |J_omega|; 0 where all axes meet but for rounding, which is relative to how far off they do."""
     turning, moved = float(np.vdot(twists[:3], twists[:3])), float(np.vdot(moving, moving))

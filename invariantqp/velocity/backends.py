@@ -28,6 +28,8 @@ OSQP_TOLERANCE = 1e-9
 OSQP_ITERATIONS = 20_000
 # DAQP's stand-in for infinity.
 UNBOUNDED = 1e30
+# The least unit of a row, beside the median of all: units further apart make the problem ill-conditioned for nothing.
+SMALLEST_UNIT = 1e-2
 # qpsolvers' defaults leave errors up to 0.3 on ill-conditioned problems; these are what the solvers can be asked for.
 TIGHT: dict[str, dict[str, Any]] = {
     "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
@@ -205,11 +207,15 @@ def backend_of(backend: Backend | str) -> Backend:
 def _scaled(H: Array, c: Array, lower: Array, upper: Array, rows: Array | None) -> tuple[BoxQP, Array]:
     """The same problem in units of its own limits, and the factors (n,) that take its answer back."""
     reach = np.maximum(-lower, upper)
-    if reach.max() >= UNBOUNDED or reach.min() <= 0.0:
+    if rows is not None or reach.max() >= UNBOUNDED or reach.min() <= 0.0:
         # Where a side is open, the other one tells the size; a joint without limits, or held at zero, keeps its unit.
         sides = np.abs(np.stack((lower, upper)))
         reach = np.where(sides < UNBOUNDED, sides, 0.0).max(axis=0)
         reach[reach == 0.0] = 1.0
+        if rows is not None:  # a side that is all but zero says nothing of how fast the joints are
+            length = np.linalg.norm(rows, axis=1)
+            length[length == 0.0] = 1.0
+            reach = np.maximum(reach, SMALLEST_UNIT * float(np.median(reach / length)) * length)
         lower, upper = np.maximum(lower, -UNBOUNDED * reach), np.minimum(upper, UNBOUNDED * reach)
     if rows is None:
         unit, C = reach, None

@@ -62,9 +62,9 @@ class Convexified(NamedTuple):
         """(n,) p, the fraction of each direction left to the posture; without damping 1 on `null` and 0 elsewhere."""
         return _left_over(self.mu, self.squared, self.null)
 
-    def qp(self) -> tuple[Array, Array]:
-        """H (n, n) positive definite and c (n,), of minimise 1/2 z'Hz - c'z."""
-        weight = np.sqrt(self.mu * self.mu + self.squared) + NULL_WEIGHT * (self.largest or 1.0) * self.given_up()
+    def qp(self, null_weight: float = NULL_WEIGHT) -> tuple[Array, Array]:
+        """H (n, n) positive definite and c (n,), of minimise 1/2 z'Hz - c'z; w = null_weight max|mu|."""
+        weight = np.sqrt(self.mu * self.mu + self.squared) + null_weight * (self.largest or 1.0) * self.given_up()
         return (self.V * weight).dot(self.V.T), self.V.dot(weight * self.optimum)
 
 

@@ -161,7 +161,7 @@ class PaperLambda:
 
 
 # No damping at all, by name.
-None_ = Fixed(0.0)
+None_: Fixed = Fixed(0.0)
 
 
 def damping_of(damping: Damping | float | None) -> Damping:

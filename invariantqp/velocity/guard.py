@@ -23,8 +23,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import velocity_at
-from invariantqp.systems.centre import centre
+from invariantqp.systems.centre import centre, measured
 
 # Half of what least squares would gain: the h-law keeps its own way wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
@@ -62,12 +61,7 @@ class Guard:
             length = own.length if length is None else length
         if isinf(length):  # no joint turns: what happens to the orientation is nobody's doing
             length = 0.0
-        return Scene(_rooted(J, np.asarray(point), length), _rooted(s, np.asarray(point), length), self.fraction)
-
-
-def _rooted(twists: Array, point: Array, length: float) -> Array:
-    """W^(1/2) times a (6,) twist or (6, m) twists."""
-    return np.concatenate((length * twists[:3], velocity_at(twists, point)))
+        return Scene(measured(J, np.asarray(point), length), measured(s, np.asarray(point), length), self.fraction)
 
 
 @dataclass(frozen=True, eq=False)

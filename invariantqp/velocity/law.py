@@ -111,16 +111,16 @@ class VelocityLaw:
 
 def assemble(data: GramData, reduction: Reduction, demand: Demand, damping: Damping) -> Problem:
     """Remove rows and metric from (G, g) and filter what is left."""
-    G, g, size = data
+    G, g, size, seen = data
     noise = ROUNDING * size
     posture, B = demand.posture, reduction.basis
     if B is None:
-        rank = min(len(g), 6)
+        rank = min(len(g), seen)
     else:
         g = B.T.dot(g - G.dot(reduction.origin))
         G = B.T.dot(G).dot(B)
         posture = None if posture is None else reduction.reduced(posture)
-        rank = min(len(g), 6) if demand.exact is None else numerical_rank(demand.J.dot(B))
+        rank = min(len(g), seen if demand.exact is None else min(seen, numerical_rank(demand.J.dot(B))))
     convex = convexify(G, g, rank, damping, posture, noise)
     if convex.smallest <= SINGULAR_RATIO * convex.largest:
         # The form or the arm? Only joint motions that move nothing are null space; the rest is for the damping.

@@ -2,7 +2,7 @@
 
     PitchForm(h)             G = J'Q_h J,   g = J'Q_h s                   depends on a length alone
     CarriedMetric(W, pose)   G = J'WJ,      g = J'Ws,  W carried by Ad    tied to the body at `pose`
-    Complement(Z)            P = J(K'J)^-1 K',  K'Z = 0                   tied to what may be given up, Z
+    Complement(Z)            G = J'KK'J,    g = J'KK's,  K'Z = 0          tied to what may be given up, Z
 
 A law that reads only (G, g), the joint metric and the joint limits cannot depend on where a frame was put.
 
@@ -22,7 +22,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.systems.centre import centre
+from invariantqp.systems.centre import centre, measured, resting_point, settled
 from invariantqp.systems.gram import blind_directions
 
 # The pitch of an arm with fewer than six joints, in its own lengths. At one length the projector is oblique (|P| above
@@ -30,16 +30,24 @@ from invariantqp.systems.gram import blind_directions
 # beyond four, conditioning falls for little. examples/11_which_pitch.py measures it on four arms.
 FEW_JOINTS_PITCH = 4.0
 
-# A singular value of K'J below this fraction of the largest is zero: S then meets Z, and that motion is lost.
+# A singular value of Z below this fraction of the largest is a dependent twist.
 COMPLEMENT_TOLERANCE = 1e-10
 
 
 class GramData(NamedTuple):
-    """G (m, m) and g (m,): all the law ever sees of twists; and the size |J|^2 |Q| that G's rounding is relative to."""
+    """G (m, m) and g (m,): all the law ever sees of twists.
+
+    Attributes:
+        G: (m, m).
+        g: (m,).
+        size: |J|^2 |Q|, what the rounding of G is relative to.
+        rank: how many directions the form can tell apart at most.
+    """
 
     G: Array
     g: Array
     size: float
+    rank: int = 6
 
 
 class Norms(NamedTuple):
@@ -149,6 +157,10 @@ class CarriedMetric:
 class Complement:
     """Twists projected along a space Z of twists that may be given up: what is left of s + Z is what the arm can do.
 
+    Where the arm can do all that is left, Jx = P s, P = J(K'J)^-1 K', K'Z = 0, and nothing but Z enters. Where it
+    cannot (limits, or a motion that is nearly in Z), what is left is measured in diag(L^2 I, I) at the arm's own point,
+    L its own length, and damped like every other form: K is orthonormal there.
+
     Attributes:
         Z: (6, c) twists in the frame of J, independent; c + rank(J) = 6 makes the projector unique.
 
@@ -157,34 +169,37 @@ class Complement:
 
     Z: ArrayLike
     norms: None = field(init=False, repr=False, default=None)
-    _K: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         Z = arrays.columns(self.Z, "Z")
-        U, sigma, _ = np.linalg.svd(Z)
+        sigma = np.linalg.svd(Z, compute_uv=False)
         rank = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
         if rank < Z.shape[1]:
             raise BadInput(
                 "Z", f"{Z.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones."
             )
-        _set(self, Z=Z, _K=U[:, rank:])
+        _set(self, Z=Z)
 
     def gram_data(self, J: Array, s: Array) -> GramData:
-        """G projects on the joint motions that K'J sees, g = G x for the x with K'Jx = K's.
-
-        Neither the basis of K nor its lengths enter: (G, g) has the row space of K'J and the solution alone.
+        """(J'KK'J, J'KK's), K orthonormal in the arm's own length about its own point.
 
         Raises:
             BadInput: Z and J together cannot fill six dimensions, so that a frame would have to decide.
         """
-        c, m = np.shape(self.Z)[1], J.shape[1]
+        Z = np.asarray(self.Z)
+        c, m = Z.shape[1], J.shape[1]
         if c + m < 6:
             found = f"{c} column{'s' if c != 1 else ''}"
             raise BadInput("Z", found, f"at least {6 - m} for {m} joints", "Say all that may be given up.")
-        U, sigma, Vt = np.linalg.svd(self._K.T.dot(J), full_matrices=False)
-        r = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
-        rows = Vt[:r]
-        return GramData(rows.T.dot(rows), rows.T.dot(U[:, :r].T.dot(self._K.T.dot(s)) / sigma[:r]), 0.0)
+        length = centre(J).length
+        unit = length if 0.0 < length < inf else 1.0
+        point = settled(resting_point(J), Z, unit)
+        K = np.linalg.svd(measured(Z, point, unit))[0][:, c:]
+        here = measured(J, point, unit)
+        left = K.T.dot(here)
+        return GramData(
+            left.T.dot(left), K.T.dot(measured(s, point, unit)).dot(left), float(np.vdot(here, here)), 6 - c
+        )
 
     def describe(self) -> str:
         """One phrase for reports."""

@@ -47,11 +47,11 @@ class Tick:
     def __init__(self, law: VelocityLaw, demand: Demand) -> None:
         self.law = law
         self.asked = demand
-        self.demand = demand  # becomes slower, or loses its rows, where limits ask for it
-        self.scale = 1.0
-        self.backend = ""
+        self.demand: Demand = demand  # becomes slower, or loses its rows, where limits ask for it
+        self.scale: float = 1.0
+        self.backend: str = ""
         self.troubles: list[str] = []
-        self.held_by = ""  # the limits that slow the exact rows down
+        self.held_by: str = ""  # the limits that slow the exact rows down
         self.priced: tuple[Array, Array, Array, Polytope] | None = None  # the law's own QP, solved last
 
     def solution(self, problem: Problem, x: Array) -> VelocitySolution:

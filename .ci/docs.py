@@ -1,0 +1,69 @@
+"""The API reference from docstrings, one HTML page a module; anything pdoc cannot make sense of is an error.
+
+Run: python .ci/docs.py OUTPUT_FOLDER
+"""
+
+import inspect
+import sys
+import typing
+import warnings
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules, walk_packages
+from types import ModuleType
+
+import pdoc
+import pdoc.doc
+from numpy.typing import ArrayLike
+
+import invariantqp as iq
+from invariantqp.geometry.arrays import Array
+
+# What a newcomer looks for comes first on the page of public names.
+ORDER = ("robots", "control", "velocity", "view", "geometry", "systems", "compare", "errors")
+# Aliases that a signature would spell out, as signatures spell them out, and what they are called.
+ALIASES = {inspect.formatannotation(alias): name for alias, name in ((ArrayLike, "ArrayLike"), (Array, "Array"))}
+
+
+def resolve(module: ModuleType) -> None:
+    """Let the annotations of a module's named tuples, which are names there, be read from anywhere."""
+    for value in vars(module).values():
+        if isinstance(value, type) and issubclass(value, tuple) and value.__module__ == module.__name__:
+            hints = typing.get_type_hints(value.__new__, {"Array": Array} | vars(module))
+            value.__new__.__annotations__ = hints
+            value.__annotations__ = {name: hints[name] for name in value._fields if name in hints}
+
+
+def called_by_name(spelled: typing.Callable[..., str]) -> typing.Callable[..., str]:
+    """Annotations with aliases by their names."""
+
+    def spell(annotation: object, *arguments: object, **options: object) -> str:
+        text = spelled(annotation, *arguments, **options)
+        for alias, name in ALIASES.items():
+            inside = alias.removeprefix("Union[").removesuffix("]") if alias.startswith("Union[") else alias
+            text = text.replace(alias, name).replace(inside, name)
+        return text
+
+    return spell
+
+
+def main(folder: Path) -> None:
+    """Write the pages."""
+    warnings.simplefilter("error")
+    homes: dict[str, str] = vars(iq)["_MODULE_OF"]
+    iq.__all__.sort(key=lambda name: ORDER.index(homes.get(name, "errors").split(".")[0]))
+    for found in walk_packages(iq.__path__, "invariantqp."):
+        resolve(import_module(found.name))
+    inspect.formatannotation = pdoc.doc.formatannotation = called_by_name(inspect.formatannotation)
+    modules = [f"invariantqp.{module.name}" for module in iter_modules(iq.__path__) if module.name != "cli"]
+    pdoc.render.configure(docformat="google", footer_text=f"invariantqp {iq.__version__}")
+    pdoc.pdoc("invariantqp", *modules, output_directory=folder)
+    page = (folder / "invariantqp.html").read_text(encoding="utf-8")
+    missing = [name for name in iq.__all__ if name != "__version__" and f'<section id="{name}"' not in page]
+    if missing:
+        sys.exit(f"not on the first page: {', '.join(missing)}")
+    print(f"{len(iq.__all__)} public names, {len(list(folder.rglob('*.html')))} pages: {folder / 'invariantqp.html'}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,136 @@
+"""Limits on combinations of joint velocities in the loop: the user's rows, and limits and barriers made for Pink.
+
+    lower <= C x <= upper                      rows of the user's, fixed or a function of q
+    G x <= h / dt, rows of unit length         what a Pink limit or barrier answers, G dq <= h
+
+What no number comes from is no limit that could be kept: the tick is then held, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.velocity.rows import LimitRows
+
+Rows = LimitRows | Callable[[Array], LimitRows | None]
+
+
+_Part = tuple[Array, Array, Array]
+
+
+class _Unusable(Exception):
+    """Why no row of this tick can be used."""
+
+
+class TickRows(NamedTuple):
+    """The rows of one tick, None where there are none; and what makes them unusable, "" for nothing."""
+
+    rows: LimitRows | None
+    trouble: str = ""
+
+
+class JointRows:
+    """All row limits of a loop: the user's first, then those of each foreign limit in turn."""
+
+    def __init__(self, robot: Robot, rows: Rows | None, limits: Sequence[Any], dt: float) -> None:
+        """Check what can be checked before the first tick.
+
+        Args:
+            robot: the arm.
+            rows: the user's own.
+            limits: objects with `compute_qp_inequalities(configuration, dt)`, as Pink's are.
+            dt: tick [s].
+
+        Raises:
+            BadInput: neither rows nor a function; a limit that has no inequalities; a robot without a Pinocchio model.
+            MissingExtra: limits without Pink.
+        """
+        if rows is not None and not isinstance(rows, LimitRows) and not callable(rows):
+            raise BadInput(
+                "rows", type(rows).__name__, "LimitRows(C, lower, upper), or a function of q that returns it"
+            )
+        self._m = len(robot.names)
+        self._rows = rows
+        self._dt = dt
+        self._limits = tuple(limits)
+        self._configuration: Any = None
+        if isinstance(rows, LimitRows):
+            self._checked(rows)
+        for limit in self._limits:
+            if not hasattr(limit, "compute_qp_inequalities"):
+                raise BadInput("limits", repr(limit), "Pink's limits or barriers: compute_qp_inequalities(...)")
+        if self._limits:
+            model: Any = getattr(robot, "model", None)
+            if model is None:
+                raise BadInput("limits", "a robot of joint screws", "one of a URDF: Pink's limits read its model")
+            from invariantqp.robots.pink import Configuration  # Pink is loaded when a limit of its kind is
+
+            self._configuration = Configuration(model, model.createData(), np.zeros(model.nq))
+
+    def at(self, q: Array, before: Array) -> TickRows:
+        """The rows at joint positions q (m,), `before` (m,) being the velocity now.
+
+        Raises:
+            BadInput: rows on another number of joints.
+        """
+        try:
+            parts = [*self._own(q), *self._foreign(q, before)]
+        except _Unusable as trouble:
+            return TickRows(None, str(trouble))
+        if not sum(len(part[0]) for part in parts):
+            return TickRows(None)
+        C, lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
+        return TickRows(LimitRows(C, lower, upper))
+
+    def _own(self, q: Array) -> Iterator[_Part]:
+        own = self._rows
+        if own is not None and not isinstance(own, LimitRows):
+            try:
+                own = own(q.copy())
+            except BadInput as error:
+                raise _Unusable(f"rows: {error}") from error
+            if own is not None:
+                self._checked(own)
+        if own is not None:
+            yield np.asarray(own.C), np.asarray(own.lower), np.asarray(own.upper)
+
+    def _foreign(self, q: Array, before: Array) -> Iterator[_Part]:
+        if self._limits:
+            self._configuration.update(q)
+        for limit in self._limits:
+            if hasattr(limit, "set_last_integration"):  # an acceleration limit
+                limit.set_last_integration(before, self._dt)
+            with np.errstate(invalid="ignore"):  # NaN is looked for
+                answer = limit.compute_qp_inequalities(self._configuration, self._dt)
+            if answer is not None:
+                yield self._part(type(limit).__name__, *answer)
+
+    def _part(self, name: str, G: Any, h: Any) -> _Part:
+        """C, lower, upper of G dq <= h."""
+        C = np.array(G, dtype=np.float64).reshape(-1, np.shape(G)[-1])
+        upper = np.array(h, dtype=np.float64).reshape(-1) / self._dt
+        if C.shape != (len(upper), self._m):
+            found = f"{name} with rows of shape {C.shape} and {len(upper)} bounds"
+            raise BadInput("limits", found, f"rows on {self._m} joints", "Make it from robot.model.")
+        length = np.linalg.norm(C, axis=1)
+        if np.isnan(upper).any() or not np.isfinite(length).all():
+            raise _Unusable(f"{name} gives NaN here")
+        still = length == 0.0
+        if (upper[still] < 0.0).any() or (upper == -inf).any():
+            raise _Unusable(f"{name} allows no velocity at all here")
+        kept = ~still & (upper < inf)
+        length = length[kept]
+        return C[kept] / length[:, None], np.full(len(length), -inf), upper[kept] / length
+
+    def _checked(self, rows: object) -> None:
+        if not isinstance(rows, LimitRows):
+            raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
+        if np.shape(rows.C)[1] != self._m:
+            raise BadInput("rows", f"rows on {np.shape(rows.C)[1]} joints", f"rows on {self._m}, one for each joint")

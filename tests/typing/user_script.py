@@ -1,0 +1,100 @@
+"""What a user writes, read by a type checker: every line must be understood as what it is, none as Any or unknown.
+
+Checked by basedpyright in strict mode (.ci/run); it never runs.
+"""
+
+from typing import assert_type
+
+import numpy as np
+from numpy.typing import NDArray
+
+import invariantqp as iq
+from invariantqp.pink import InvariantFrameTask
+
+Vector = NDArray[np.float64]
+
+
+def algebra(J: Vector, s: Vector) -> None:
+    """The invariant algebra on plain arrays, or lists."""
+    assert_type(iq.pitch_form(0.3), Vector)
+    assert_type(iq.adjoint(np.eye(4)), Vector)
+    assert_type(iq.pseudoinverse(J, 0.3), Vector)
+    assert_type(iq.pseudoinverse([[1.0], [0.0], [0.0], [0.0], [0.0], [0.0]], 0.3), Vector)
+    assert_type(iq.has_pseudoinverse(J, 0.3), bool)
+    assert_type(iq.principal_pitches(J), Vector)
+    kind = iq.gibson_hunt(J)
+    assert_type(kind.admits_pseudoinverse, bool)
+    try:
+        iq.pseudoinverse(J, 0.0)
+    except iq.NoPseudoinverse as refusal:
+        assert_type(refusal.principal_pitches, Vector)
+    solution = iq.solve_velocity(J, s, form=0.3, bounds=iq.Bounds([-1.0], [1.0]), damping=iq.Selective(2.0))
+    assert_type(solution, iq.VelocitySolution)
+    assert_type(solution.velocity, Vector)
+    assert_type(solution.status, str)
+    choice = iq.method_for(J, s, form=iq.PitchForm(0.3), exact=iq.ExactRows.point(J, [0.0, 0.0, 0.0], [0.0, 0.0, 0.1]))
+    assert_type(choice.reason, str)
+
+
+def wall(q: Vector) -> iq.LimitRows:
+    """Rows that depend on where the arm is."""
+    return iq.LimitRows([[1.0, -1.0]], [-np.inf], [1.0 - q[0]])
+
+
+class Halfway:
+    """A damping policy of the user's."""
+
+    def __call__(self, smallest: float, largest: float) -> float:
+        """Half of what the smallest is short of the largest."""
+        return 0.5 * (largest - smallest)
+
+
+class Descent:
+    """A solver of the user's."""
+
+    name = "descent"
+
+    def solve(self, qp: iq.BoxQP) -> Vector:
+        """Whatever it can do."""
+        return np.asarray(np.clip(np.linalg.solve(qp.H, qp.c), qp.lower, qp.upper), dtype=np.float64)
+
+
+def loop() -> None:
+    """The controller with everything a user may hand it."""
+    robot = iq.load_robot("panda", tool="panda_hand_tcp")
+    assert_type(robot.names, tuple[str, ...])
+    controller = iq.Controller(
+        robot,
+        dt=0.001,
+        form=iq.CarriedMetric([0.1, 0.1, 0.1, 1.0, 1.0, 1.0], "tool"),
+        damping=Halfway(),
+        backend=Descent(),
+        guard=iq.Guard(0.6),
+        exact=[iq.ExactPoint(), iq.ExactAxis((0.0, 0.0, 1.0))],
+        acceleration_limit=8.0,
+        tool_speed=iq.ToolSpeed(0.25),
+        rows=wall,
+    )
+    q = np.zeros(7)
+    solution = controller.step(q, robot.pose(q), feedforward=[0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
+    assert_type(solution.active, tuple[int, ...])
+    q = q + controller.dt * solution.velocity
+    iq.Controller(iq.Chain(np.eye(6), np.eye(4), names=["a", "b", "c", "d", "e", "f"]), dt=0.01, form="auto")
+
+
+def tasks() -> None:
+    """Task files and traces."""
+    task = iq.load_task("panda_path")
+    assert_type(task, iq.Task)
+    trace = iq.run_task(task, dt=0.002)
+    assert_type(trace.q, Vector)
+    summary = trace.summary()
+    print(summary["passed"])
+    iq.picture(trace, "path.png")
+
+
+def inside_pink() -> None:
+    """The adapter's own names."""
+    task = InvariantFrameTask("tool0", 0.3, cost=2.0, gain=0.5)
+    assert_type(task.form_reason, str)
+    assert_type(task.form, iq.PitchForm | iq.CarriedMetric | iq.Complement | None)
