@@ -224,14 +224,17 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
-        lower, upper, _ = self._bounds(positions, velocity)
+        lower, upper, _ = self._bounds(positions, self._last(velocity))
         solution = held(Demand(self.robot.jacobian(positions), np.zeros(6), lower, upper), reason)
         self._before = solution.velocity
         return solution
 
-    def _bounds(self, positions: Array, velocity: ArrayLike | None) -> tuple[Array, Array, tuple[tuple[int, str], ...]]:
+    def _last(self, velocity: ArrayLike | None) -> Array:
+        """(m,) the joint velocity now: as measured, or else the one commanded last."""
+        return self._before if velocity is None else arrays.vector(velocity, len(self._middle), "velocity")
+
+    def _bounds(self, positions: Array, before: Array) -> tuple[Array, Array, tuple[tuple[int, str], ...]]:
         """The box of this tick, and the joints whose limits contradict each other."""
-        before = self._before if velocity is None else arrays.vector(velocity, len(positions), "velocity")
         if self._braking is None:
             return *self._box.at(positions), ()
         return self._braking.at(positions, before)
@@ -247,7 +250,8 @@ class Controller:
     ) -> VelocitySolution:
         """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`."""
         positions, sighting, target = state
-        lower, upper, strained = self._bounds(positions, velocity)
+        before = self._last(velocity)
+        lower, upper, strained = self._bounds(positions, before)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None
         exact, point = (None, None) if not self.exact else self._rows(state, gain, ahead)
         if more is not None:
