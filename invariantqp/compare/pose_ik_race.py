@@ -3,8 +3,9 @@
     target = T(q),   q and the start drawn evenly from the joint range      met: 1e-6 m, 1e-6 rad, inside limits
 
 Newton by the pseudoinverse and Pink know no restarts: they get the same ones as ours, from a loop a script would have.
-The Robotics Toolbox's ik_LM brings its own (100 of 30 steps, random in the joint range); it ignores limits on the way
-and throws a solution outside of them away. A joint without limits has one turn there.
+The Robotics Toolbox's ik_LM runs with its defaults but for the tolerance and brings its own restarts (100 of 30 steps,
+random in the joint range); it ignores limits on the way and throws a solution outside of them away. A joint without
+limits has one turn there.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from invariantqp.systems.centre import centre
 from invariantqp.velocity.objective import CarriedMetric, Form, PitchForm, form_of
 
 STILL = np.zeros(6)
-# Joint displacement for differences of the gradient: they keep eight digits, and Newton asks for one.
+# Joint displacement for differences of the gradient: they keep seven digits, and Newton asks for one.
 DIFFERENCE = 1e-7
 
 

@@ -4,7 +4,8 @@
 
 Damping that follows the error is quadratic convergence where the target is met and rest where it is not. Where the box
 does not matter and six joints or more move the tool, x = A'(AA' + mu)^-1 r, which with mu = 0 is J^{+h} s for every
-pitch h. Exact demands are rows of the same problem with a weight no other row has; f + nu |C x - b| then judges a step.
+pitch h, s the twist of r. Exact demands are rows of the same problem with a weight no other row has; f + nu |b| then
+judges a step.
 
 Reference: Levenberg 1944; Chan and Lawrence 1988 (damping by the error); Sugihara 2011; Han 1977 (the exact penalty).
 """
@@ -26,10 +27,9 @@ from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
 # lambda at the start of a try [1 / rad^2], what a step that helped leaves of it, what one that did not makes of it, and
 # the least.
 DAMPING, EASED, STIFFENED, LEAST = 0.1, 0.5, 4.0, 1e-3
-# Of the trace of A'A: what keeps a problem with fewer rows than joints definite, far below any damping that acts.
-FLOOR = 1e-13
-QP_FLOOR = 1e-8
-# A try is given up where this many steps have not halved the error: two thirds of them end in a local minimum.
+# Shares of the trace of A'A that keep AA' and A'A definite, far below any damping that acts.
+FLOOR, QP_FLOOR = 1e-13, 1e-8
+# A try is given up where this many steps have not halved the error; it is at rest where so many have gained nothing.
 STALLED, FINISHED = 6, 3
 # Steps in one try, and where the last digits count; a valley flatter than that is at rest.
 LONGEST, PATIENCE = 100, 1000
@@ -44,6 +44,7 @@ DEAREST = 10.0
 # The penalty is kept above the multipliers of the exact rows by this factor.
 PENALTY_MARGIN = 2.0
 
+# Asked without the checks and second opinions of `backends.minimise`: a bad step is known by what the error does.
 _SOLVER = Daqp()
 
 
