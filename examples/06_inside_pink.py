@@ -63,8 +63,8 @@ robot = iq.load_robot("panda")
 q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
 start = robot.pose(q)
 floor = pink.barriers.PositionBarrier(robot.tool, indices=[2], p_min=start[2:3, 3] - 0.05, gain=20.0)
-slow = pink.limits.VelocityLimit(robot.model, np.full(7, 0.5))
-controller = iq.Controller(robot, dt=DT, gain=5.0, limits=[floor, slow])
+margin = pink.limits.ConfigurationLimit(robot.model, 0.1)
+controller = iq.Controller(robot, dt=DT, gain=5.0, limits=[floor, margin])
 for _ in range(300):
     solution = controller.step(q, iq.transform(translation=[0, 0, -0.3]) @ start)
     q = q + DT * solution.velocity

@@ -231,8 +231,10 @@ def test_pinks_limits_hold_under_our_controller(arms):
     """The same inequalities, in every tick of a run that meets all of them."""
     robot = arms["panda"]
     q = robot.position_lower + 0.2 * (robot.position_upper - robot.position_lower)
+    slow = robot.model.copy()
+    slow.velocityLimit = np.full(7, 0.4)
     limits = [
-        VelocityLimit(robot.model, np.full(7, 0.4)),
+        VelocityLimit(slow),
         ConfigurationLimit(robot.model, 0.02),
         AccelerationLimit(robot.model, np.full(7, 3.0)),
     ]
