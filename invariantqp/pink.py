@@ -10,7 +10,7 @@ Reference: Caron et al., Pink (pin-pink); [DS] Sect. 6.2.
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, isinf
 from typing import Any
 
 import numpy as np
@@ -133,14 +133,14 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
 
     def _form(self, configuration: Configuration) -> Form:
         """The form; for a model not seen before, which joints move the frame and what they make of it."""
-        if configuration.model is not self._model:
+        form = self.form
+        if form is None or configuration.model is not self._model:
             chain, self._moving = chain_to(configuration.model, self.frame)
-            if self.form is None:
-                self.form, self.form_reason = own_form(chain)
+            if form is None:
+                form, self.form_reason = own_form(chain)
+                self.form = form
             self._model = configuration.model
-        if self.form is None:
-            raise BadInput("h", "None", "a form")
-        return self.form
+        return form
 
     def __repr__(self) -> str:
         measured_by = "the arm's own form" if self.form is None else self.form.describe()
@@ -153,8 +153,8 @@ def _per_metre(form: Form) -> float:
 
 
 def _error_share(J: Array, s: Array) -> float:
-    """|s|_W^2 / |J|_W^2."""
+    """|s|_W^2 / |J|_W^2; a radian counts 1 where all axes meet, and nothing where no joint turns."""
     point, length = centre(J, s)
-    length = length if np.isfinite(length) else 0.0
+    length = 0.0 if isinf(length) else length or 1.0
     twists, wanted = measured(J, point, length), measured(s, point, length)
     return float(wanted.dot(wanted) / np.vdot(twists, twists))

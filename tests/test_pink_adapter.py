@@ -155,6 +155,20 @@ def test_joints_that_do_not_move_the_frame_and_wide_joints_are_left_alone():
     assert np.linalg.norm(error.vector) < 0.1 * np.linalg.norm(before.vector)
 
 
+@pytest.mark.parametrize("kind", [pin.JointModelSpherical(), pin.JointModelTranslation()], ids=["ball", "gantry"])
+def test_joints_without_a_length_of_their_own_do_what_they_can(kind):
+    """All axes meet in one point, or none turns."""
+    model = pin.Model()
+    joint = model.addJoint(0, kind, pin.SE3.Identity(), "it")
+    model.addFrame(pin.Frame("tip", joint, pin.SE3(np.eye(3), np.array([0.1, 0.2, 0.3])), pin.FrameType.OP_FRAME))
+    here = pink.Configuration(model, model.createData(), pin.neutral(model))
+    wanted = np.array([0.02, -0.01, 0.03])
+    place = pin.SE3(pin.exp3(wanted), np.zeros(3)) if model.nq == 4 else pin.SE3(np.eye(3), wanted)
+    task = InvariantFrameTask("tip")
+    task.set_target(place * here.get_transform_frame_to_world("tip"))
+    np.testing.assert_allclose(DT * solved(here, task, limits=[]), wanted, atol=1e-6)
+
+
 def test_a_posture_task_beside_it_moves_the_null_space_alone(arms):
     rng = np.random.default_rng(3)
     robot = arms["panda"]
