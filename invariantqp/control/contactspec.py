@@ -1,7 +1,7 @@
-"""What a task file says of contact: [contact] what is touched, [force] how to press, [operator], [physics] the referee.
+"""What a task file says of contact: [contact] is touched, [force] presses, [operator] shares, [physics] referees.
 
-Lengths in metres, directions in base axes, everything relative to where the tool is at the start. The controller is told
-all of [contact] but `tilt`: how the surface really lies is what force control is for.
+Lengths in metres, directions in base axes, everything relative to where the tool is at the start. The controller is
+told all of [contact] but `tilt`: how the surface really lies is what force control is for.
 """
 
 from __future__ import annotations
@@ -47,9 +47,7 @@ class ContactSpec(Section):
         description="how the real surface or axis is turned about the tool; the controller is not told [rad]",
         examples=[[0.01, 0.0, 0.0]],
     )
-    settle: Positive = Field(
-        1.0, description="the path waits, and errors count, from this time on [s]", examples=[1.0]
-    )
+    settle: Positive = Field(1.0, description="the path waits, and errors count, from this time on [s]", examples=[1.0])
 
     @field_validator("normal", "along", "axis")
     @classmethod
@@ -97,7 +95,9 @@ class ForceSpec(Section):
     on_loss: Literal["approach", "hold", "retreat", "continue"] = Field("approach", examples=["hold"])
     approach_speed: Positive = Field(0.02, description="in the air, at most [m/s]", examples=[0.02])
     sensor: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="where the force sensor is, in tool axes from the tool [m]", examples=[[0, 0, -0.1]]
+        (0.0, 0.0, 0.0),
+        description="where the force sensor is, in tool axes [m]",
+        examples=[[0, 0, -0.1]],
     )
     sensor_turn: Vector3 = Field(
         (0.0, 0.0, 0.0), description="rotation vector of its frame in the tool's [rad]", examples=[[0.0, 0.0, 0.785]]

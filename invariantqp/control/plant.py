@@ -7,9 +7,14 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.touch import Grip, Sensed, Touch, Truth, Wrist
+
+# The wrench of a tool that touches nothing.
+NOTHING = np.zeros(6)
 
 
 class Plant(Protocol):
@@ -31,16 +36,20 @@ class Plant(Protocol):
 class IdealPlant:
     """An arm that moves as it is told, against springs without mass or friction."""
 
-    def __init__(self, robot: Robot, start: Array, dt: float, touch: Touch | Grip, wrist: Wrist) -> None:
+    def __init__(
+        self, robot: Robot, start: Array, dt: float, touch: Touch | Grip | None = None, wrist: Wrist | None = None
+    ) -> None:
         self._robot = robot
         self._dt = dt
         self._touch = touch
-        self._wrist = wrist
+        self._wrist = Wrist(np.eye(4)) if wrist is None else wrist
         self._q = start.copy()
         self._angle = 0.0
 
     def sense(self) -> Sensed:
         """Joint positions and the sensor's wrench, both exact."""
+        if self._touch is None:
+            return Sensed(self._q, None)
         now = self.truth()
         return Sensed(now.q, self._wrist.reading(now.pose, now.wrench))
 
@@ -51,6 +60,8 @@ class IdealPlant:
     def truth(self) -> Truth:
         """The state, and the springs' wrench."""
         T = self._robot.pose(self._q)
+        if self._touch is None:
+            return Truth(self._q, T, NOTHING)
         if isinstance(self._touch, Touch):
             return Truth(self._q, T, self._touch.wrench(T))
         self._angle = self._touch.angle(T, self._angle)

@@ -148,7 +148,7 @@ class Task(Section):
     force: ForceSpec | None = None
     operator: OperatorSpec | None = None
     physics: PhysicsSpec = PhysicsSpec()
-    accept_physics: Acceptance | None = Field(None, description="instead of [accept] on the physics engine")
+    accept_mujoco: Acceptance | None = Field(None, description="instead of [accept], with MuJoCo")
     encoder_noise: Positive | None = Field(
         None, description="standard deviation of the joint positions a controller is told [rad, m]", examples=[1e-4]
     )

@@ -9,7 +9,6 @@ sensor still feels what hangs on it.
 
 from __future__ import annotations
 
-from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +29,14 @@ except ImportError as error:
 
 # Longest step of the engine [s]: contact and servos are ten times slower.
 SUBSTEP = 5e-4
-# MuJoCo's impedance d of a contact: the spring is then solref / ((1 - d) A), with A the inverse mass it assumes.
-IMPEDANCE = 0.9
+# MuJoCo's impedance d of a contact. Its spring is solref / ((1 - d) A), A the inverse mass it assumes, and a mass of
+# d / ((1 - d) A) clings to it: small, it is a spring; near 1, as is usual for stiff contact, some 30 kg.
+IMPEDANCE = 0.02
 # Time [s] in which a joint's servo brings its inertia to the speed commanded; beside the lag it does not show.
 SERVO = 1e-3
+# Damping over stiffness of a contact [s]. MuJoCo's convex friction lifts a sliding contact by friction x speed x this:
+# at 0.1 m/s 15 micrometres; with critical damping it would be half a millimetre, and the contact would break.
+RELAXATION = 5e-4
 # Radius of a pen's ball and of an edge, thickness of a face [m].
 TIP = 2e-3
 # Of whatever the tool weighs beyond its sensor, as a ball of this radius [m].
@@ -174,7 +177,7 @@ class MujocoPlant:
         if isinstance(touch, Grip):
             A += model.body_invweight0[model.body("door").id, 0]
         spring = (1.0 - IMPEDANCE) * A * each
-        damper = (1.0 - IMPEDANCE) * A * 2.0 * sqrt(each / A)  # critical for that mass
+        damper = spring * RELAXATION
         impedance = (IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0)
         if isinstance(touch, Grip):
             model.eq_solref[:] = (-spring, -damper)
@@ -190,7 +193,7 @@ def _settings(spec: Any, timestep: float) -> None:
     spec.option.gravity = (0.0, 0.0, -GRAVITY)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0  # a pen at rest does not creep
+    spec.option.impratio = 100.0  # a pen at rest does not creep
     spec.compiler.boundmass = LEAST_MASS
     spec.compiler.boundinertia = LEAST_INERTIA
     for body in spec.bodies:
