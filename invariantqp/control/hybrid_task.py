@@ -43,18 +43,31 @@ class Split(NamedTuple):
     Attributes:
         kind: of contact.
         projectors: P and P*.
-        wanted: (6,) W_d, in S*.
-        press: the wanted wrench's part in the first constraint.
         admittance: (6, 6) (I - P) C (I - P)', a wrench error to the twist that mends it.
         intensities: (6-k, 6) a wrench to its parts in the constraints.
     """
 
     kind: ContactKind
     projectors: DualProjectors
-    wanted: Array
-    press: float
     admittance: Array
     intensities: Array
+
+    def wanted(self, wrench: Array) -> Array:
+        """(6,) W_d in S* for what a task or a tick asks: parts in the constraints, or a wrench.
+
+        Raises:
+            BadInput: neither as many numbers as constraints, nor six.
+        """
+        W = np.asarray(self.kind.constraints)
+        n, found = W.shape[1], len(wrench)
+        if found == 6:
+            whole: Array = self.projectors.force.dot(wrench)
+            return whole
+        if found != n:
+            expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
+            raise BadInput("wrench", f"{found} number{'s' if found != 1 else ''}", expected)
+        parts: Array = W.dot(wrench)
+        return parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +77,7 @@ class HybridTask:
     Attributes:
         contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
         wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is the
-            press [N]), or a (6,) wrench in the contact's own frame.
+            press [N]), or a (6,) wrench in the contact's own frame, of which the part in S* counts.
         h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
         complement: Z itself, (6, 6-k) in the contact's own frame.
         metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance.
@@ -162,14 +175,10 @@ class HybridTask:
             complement = C.dot(W)
         projectors = dual_projectors(S, h=self.h, complement=complement, metric=self.metric)
         Z, F = projectors.complement, projectors.force
-        n = W.shape[1]
-        parts = np.linalg.solve(Z.T.dot(W), Z.T) if n else np.zeros((0, 6))
-        w = np.asarray(self.wrench)
-        if len(w) not in (n, 6):
-            raise BadInput("wrench", f"{len(w)} numbers", f"{n}, one a constraint of a {kind.name}, or a (6,) wrench")
-        wanted = W.dot(w) if len(w) == n and n < 6 else F.dot(w)
-        press = float(parts[0].dot(wanted)) if n else 0.0
-        return Split(kind, projectors, wanted, press, F.T.dot(C).dot(F), parts)
+        parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
+        split = Split(kind, projectors, F.T.dot(C).dot(F), parts)
+        split.wanted(np.asarray(self.wrench))
+        return split
 
     def relabelled(self, offset: ArrayLike) -> HybridTask:
         """The same task told with the contact's own frame displaced by a (4, 4) offset in itself.

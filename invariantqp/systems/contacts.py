@@ -283,6 +283,6 @@ def _frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None) -> Ar
         raise BadInput("tangent", "a direction along the normal", "one that lies in the surface")
     x = x / np.sqrt(x.dot(x))
     T = np.eye(4)
-    T[:3, :3] = np.column_stack((x, np.cross(z, x), z))
+    T[:3, :3] = np.column_stack((x, se3.cross(z, x), z))
     T[:3, 3] = arrays.vector(point, 3, "point")
     return T
