@@ -76,6 +76,9 @@ def run(
     backend: Annotated[
         str | None, typer.Option(metavar="NAME", help="QP solver: daqp, osqp, or any that qpsolvers has.")
     ] = None,
+    physics: Annotated[
+        str, typer.Option(metavar="NAME", help="ideal, or mujoco: friction, lag and noise as an independent referee.")
+    ] = "ideal",
     check_frame: Annotated[
         bool, typer.Option("--check-frame", help="Also displace the tool frame and show what that changes.")
     ] = False,
@@ -91,7 +94,7 @@ def run(
     _writable(plot, PICTURES)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
-        trace = run_task(problem, progress=report, **overrides)
+        trace = run_task(problem, physics=physics, progress=report, **overrides)  # type: ignore[arg-type]
     if not quiet:
         print_run(trace)
     if json_file is not None:

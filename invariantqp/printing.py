@@ -57,7 +57,10 @@ def print_run(trace: Trace) -> None:
         spread = figures[key]
         table.add_row(label, *(form.format(spread[k]) for k in ("median", "p99", "max")))
     console.print(table)
+    felt = figures["force_error_relative_rms_measured"]
     lines = [
+        *([f"physics: {figures['physics']}"] if figures["physics"] != "ideal" else []),
+        *([_force_line(trace, felt)] if felt is not None else []),
         f"ticks {figures['ticks']}, limits active in {_percent(figures['limits_active'])}",
         f"largest excess over a limit {figures['limit_violation']:.1e}, peak joint speed {figures['peak_speed']:.3g}",
         *([f"twists by the {figures['form']}"] if figures["form"] else []),
@@ -67,6 +70,13 @@ def print_run(trace: Trace) -> None:
     ]
     for line in lines:
         console.print(line)
+
+
+def _force_line(trace: Trace, felt: float) -> str:
+    seconds = trace.time[trace.settled]
+    counted = f"counted from {seconds:g} s on, when contact has had its time to settle"
+    error = f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(felt)} as read by the sensor"
+    return f"force error {error}; {counted}"
 
 
 def print_inspection(found: Inspection) -> None:

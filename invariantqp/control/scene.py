@@ -96,7 +96,7 @@ class Scene:
     @cached_property
     def wanted(self) -> Array:
         """(6,) the wrench to exert, in the contact's frame."""
-        return self.task.split(self._kind).wanted
+        return self.task.split(self._kind).wanted(np.asarray(self.task.wrench))
 
     @property
     def wanted_norm(self) -> float:
