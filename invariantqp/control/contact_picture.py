@@ -77,13 +77,17 @@ def _errors(axes: Axes, trace: Trace) -> None:
     axes.semilogy(t, deg, color=COLOURS[1], linewidth=1.1, label="orientation [deg]")
     axes.set_ylabel("error along the contact's freedoms")
     axes.set_xlabel("time [s]")
-    axes.legend(loc="lower right", fontsize=8)
+    axes.set_ylim(bottom=0.05 * axes.get_ylim()[0])  # room for the legend
+    axes.legend(loc="lower right", fontsize=8, ncols=2)
     _settling(axes, trace)
 
 
 def _settling(axes: Axes, trace: Trace) -> None:
     if trace.settled:
-        axes.axvspan(0.0, trace.time[trace.settled], color="#999999", alpha=0.18, linewidth=0)
+        until = float(trace.time[trace.settled])
+        axes.axvspan(0.0, until, color="#999999", alpha=0.18, linewidth=0)
+        inside = axes.get_xaxis_transform()
+        axes.text(0.5 * until, 0.03, "settling", transform=inside, ha="center", fontsize=8, color="#555555")
 
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
