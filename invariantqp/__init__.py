@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from invariantqp.compare.frames import FrameCheck, frame_check
+    from invariantqp.compare.hybrid_frames import HybridFrameCheck, hybrid_frame_check
     from invariantqp.control.controller import Controller
     from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
     from invariantqp.control.hybrid import HybridController, HybridSolution
@@ -95,6 +96,7 @@ __version__ = "0.1.0"
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
     "compare.frames": ("FrameCheck", "frame_check"),
+    "compare.hybrid_frames": ("HybridFrameCheck", "hybrid_frame_check"),
     "control.controller": ("Controller",),
     "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
     "control.hybrid": ("HybridController", "HybridSolution"),

@@ -180,25 +180,24 @@ class HybridTask:
         split.wanted(np.asarray(self.wrench))
         return split
 
-    def relabelled(self, offset: ArrayLike) -> HybridTask:
-        """The same task told with the contact's own frame displaced by a (4, 4) offset in itself.
+    def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
+        """The same task told in other frames: the contact's displaced by `offset` in itself, the tool's by its own.
 
         Raises:
-            BadInput: not a finite rigid motion.
+            BadInput: not finite (4, 4) rigid motions.
         """
-        X = arrays.pose(offset, "offset")
+        X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
         back = se3.inverted(X)
+        untold = np.eye(4) if tool_offset is None else se3.inverse(tool_offset)
         A, B = se3.carried(back), se3.carried_wrenches(back)
         given = self.contact
-        contact = given.relabelled(X) if isinstance(given, Contact) else lambda tool: given(tool).relabelled(X)
-        metric, Z, w = self.metric, self.complement, np.asarray(self.wrench)
-        if metric is not None:
-            metric = B.dot(arrays.positive_definite(metric, 6, "metric")).dot(B.T)
+        contact = given.relabelled(X) if isinstance(given, Contact) else lambda T: given(T.dot(untold)).relabelled(X)
+        M, Z, w = self.metric, self.complement, np.asarray(self.wrench)
         return replace(
             self,
             contact=contact,
             wrench=B.dot(w) if len(w) == 6 else w,
             complement=None if Z is None else A.dot(np.asarray(Z)),
-            metric=metric,
+            metric=None if M is None else B.dot(arrays.positive_definite(M, 6, "metric")).dot(B.T),
             compliance=A.dot(np.asarray(self.compliance)).dot(A.T),
         )

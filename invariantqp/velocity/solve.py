@@ -20,8 +20,8 @@ from invariantqp.velocity.tick import UNMET_TOLERANCE, Tick
 
 # A twist missed by less than this fraction of itself is met: no guard can find anything to gain there.
 MET_TOLERANCE = 1e-9
-# ... and so is one missed by the rounding of J x: an arm that rests on its target while its null space moves.
-PRODUCT_ROUNDING = 1e-15
+# ... and so is one missed by what rounding leaves of x in J x: an arm rests on its target while its null space moves.
+PRODUCT_ROUNDING = 1e-14
 # Below this |mu| ratio an undamped solution is computed from the factored J, which keeps the digits that G lost.
 FACTORED_RATIO = 1e-4
 
