@@ -113,6 +113,23 @@ def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
     console.print(table)
 
 
+def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) -> None:
+    """What displaced frames of tool, sensor and contact change, ours and the textbook's."""
+    from invariantqp.compare.contact_frames import contact_frame_check
+
+    with progress("frames displaced", quiet) as report:
+        checks = contact_frame_check(task, seed, physics, report)
+    columns = ("law", "change of joint positions, rad", "path error, mm", "displaced", "force error", "displaced")
+    table = Table(*columns, box=None)
+    for c in checks:
+        errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
+        forces = (_percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
+        table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
+    console = Console(highlight=False)
+    console.print("\nthe same task, told in displaced frames of tool, sensor and contact:")
+    console.print(table)
+
+
 def print_stability(outcomes: list[Outcome]) -> None:
     """The stability cases, law by law, failures in red."""
     columns = (

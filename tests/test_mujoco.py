@@ -121,5 +121,5 @@ def test_what_has_no_model_is_refused():
     task = iq.load_task("arm_3r")
     with pytest.raises(iq.BadInput, match="found a robot from joint screws"):
         iq.run_task(task, physics="mujoco")
-    with pytest.raises(iq.BadInput, match="expected \"ideal\" or \"mujoco\""):
+    with pytest.raises(iq.BadInput, match='expected "ideal" or "mujoco"'):
         iq.run_task(task, physics="bullet")

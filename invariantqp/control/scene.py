@@ -44,6 +44,7 @@ class Scene:
     """What is touched, what the controller believes, and what it is to do there.
 
     Attributes:
+        kind: of contact, as the task file has it.
         touch: the contact as it is.
         wrist: the force sensor as it is.
         physics: what an engine adds.
@@ -54,6 +55,7 @@ class Scene:
         surface: what the controller believes to be there; None is a hinge.
     """
 
+    kind: str
     touch: Touch | Grip
     wrist: Wrist
     physics: Physics
@@ -162,7 +164,7 @@ def scene_of(contact: ContactSpec, force: ForceSpec, physics: PhysicsSpec, T: Ar
         origin=se3.inverted(mount)[:3, 3],
     )
     wrist = Wrist(mount, force.tool_mass, force.tool_centre)
-    return Scene(touch, wrist, Physics(**physics.model_dump()), task, sensor, stiffness, normal, surface)
+    return Scene(contact.kind, touch, wrist, Physics(**physics.model_dump()), task, sensor, stiffness, normal, surface)
 
 
 def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 from time import perf_counter_ns
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,7 +86,7 @@ def our_hybrid(robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> In
 def run_task(
     task: Task,
     *,
-    physics: Literal["ideal", "mujoco"] = "ideal",
+    physics: str = "ideal",
     tool_offset: ArrayLike | None = None,
     sensor_offset: ArrayLike | None = None,
     contact_offset: ArrayLike | None = None,
@@ -99,7 +99,7 @@ def run_task(
 
     Args:
         task: from `load_task`.
-        physics: the plant: the built-in scene, or MuJoCo with friction, lag and noise (extra `sim`).
+        physics: the plant: "ideal", or "mujoco" with friction, lag and noise (extra `sim`).
         tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
         sensor_offset: likewise of the frame that wrenches are read in.
         contact_offset: likewise of the frame that the contact is told in.
