@@ -47,9 +47,9 @@ if TYPE_CHECKING:
     from invariantqp.robots.load import load_robot
     from invariantqp.systems.centre import centre
     from invariantqp.systems.classification import Border, GibsonHunt, gibson_hunt
+    from invariantqp.systems.contact_kinds import ContactKind
     from invariantqp.systems.contacts import (
         Contact,
-        ContactKind,
         face_contact,
         hinge,
         line_contact,
@@ -135,9 +135,9 @@ _HOME = {
     "robots.load": ("load_robot",),
     "systems.centre": ("centre",),
     "systems.classification": ("Border", "GibsonHunt", "gibson_hunt"),
+    "systems.contact_kinds": ("ContactKind",),
     "systems.contacts": (
         "Contact",
-        "ContactKind",
         "face_contact",
         "hinge",
         "line_contact",

@@ -265,6 +265,61 @@ def test_limits_slow_the_path_down_before_they_let_go_of_the_force(panda):
     assert errors[True] < 1.0 < errors[False]
 
 
+@pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])
+def test_what_is_reported_is_what_the_projectors_in_the_base_frame_make(panda, rule):
+    loop = iq.HybridController(panda, pen(**rule), dt=DT, gain=10.0)
+    felt, ahead = np.array([0.1, 2.0, -0.3, 0.5, -0.2, -4.0]), np.array([0.1, -0.2, 0.3, 0.01, 0.02, 0.03])
+    target = iq.exp([0.02, 0.01, -0.02, 0.004, -0.003, 0.002]) @ panda.pose(PANDA)
+    solution = loop.step(PANDA, target, felt, ahead)
+    contact = tip(panda.pose(PANDA))
+    split = iq.dual_projectors(contact.freedoms, **carried(rule, contact))
+    A, B = iq.adjoint(contact.pose), iq.coadjoint(contact.pose)
+    C = A @ np.diag(np.repeat([1e-3 / 0.05**2, 1e-3], 3)) @ A.T
+    s = 10.0 * iq.log(target @ iq.inverse(panda.pose(PANDA))) + ahead
+    error = split.force @ (B @ [0, 0, 0, 0, 0, 5.0] - felt)
+    np.testing.assert_allclose(solution.motion, split.motion @ s, atol=1e-12)
+    np.testing.assert_allclose(solution.error, error, atol=1e-12)
+    np.testing.assert_allclose(solution.force, (np.eye(6) - split.motion) @ C @ error, atol=1e-12)
+    np.testing.assert_allclose(contact.constraints @ solution.intensities, split.force @ felt, atol=1e-12)
+    np.testing.assert_allclose(solution.J @ solution.velocity, solution.twist, atol=1e-10)
+
+
+PLACE = np.array([0.5, 0.1, 0.4])
+KINDS = {
+    "point": (iq.point_contact(PLACE, [0, 0.3, 1]), [5.0]),
+    "rolling point": (iq.point_contact(PLACE, [0, 0.3, 1], slip=False), [5.0, 1.0, 0.0]),
+    "line": (iq.line_contact(PLACE, [1, 0, 0], [0, 0.3, 1]), [5.0, 0.1]),
+    "face": (iq.face_contact(PLACE, [0, 0.3, 1]), [5.0, 0.1, 0.2]),
+    "sticking face": (iq.face_contact(PLACE, [0, 0.3, 1], slip=False), np.arange(6.0)),
+    "peg": (iq.peg_in_hole(PLACE, [0, 0.3, -1]), np.zeros(4)),
+    "hinge": (iq.hinge(PLACE, [0, 0.3, 1], 0.1), np.zeros(5)),
+}
+TENSOR = np.diag([0.4, 0.4, 0.2, 1e-3, 2e-3, 1e-3]) + 1e-5
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("rule", ["compliance", "h", "metric", "complement"])
+def test_a_task_told_in_other_frames_is_the_same_task(panda, name, rule):
+    rng = np.random.default_rng(len(name))
+    contact, wrench = KINDS[name]
+    n = contact.constraints.shape[1]
+    given = {"h": 0.3, "metric": np.arange(1.0, 7.0), "complement": rng.normal(size=(6, n))}.get(rule)
+    made = {"compliance": TENSOR, **({} if given is None else {rule: given})}
+    if rule == "h" and name in ("line", "face"):
+        with pytest.raises(iq.NoProjectors):
+            iq.HybridTask(contact, wrench, **made)
+        return
+    task, X, Y = iq.HybridTask(contact, wrench, **made), motion(rng, 0.3), motion(rng, 0.3)
+    felt, target = rng.normal(size=6), iq.exp(0.01 * rng.normal(size=6)) @ panda.pose(PANDA)
+    plain = iq.HybridController(panda, task, dt=DT, gain=5.0).step(PANDA, target, felt)
+    other = iq.HybridController(panda.with_tool(Y), task.relabelled(X, Y), dt=DT, gain=5.0)
+    told = other.step(PANDA, target @ Y, felt)
+    np.testing.assert_allclose(told.velocity, plain.velocity, atol=1e-9 * (1 + np.abs(plain.velocity).max()))
+    np.testing.assert_allclose(told.error, plain.error, atol=1e-10)
+    np.testing.assert_allclose(told.wanted, plain.wanted, atol=1e-10)
+    np.testing.assert_allclose(told.contact.point, plain.contact.point, atol=1e-12)
+
+
 def test_torques_exert_the_wanted_wrench(panda):
     solution = Bench(panda, PANDA, pen()).tick()
     p = panda.pose(PANDA)[:3, 3]

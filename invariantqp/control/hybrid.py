@@ -103,7 +103,8 @@ class HybridController:
             dt: tick [s].
             sensor: how readings become wrenches; None takes what `step` is given as the wrench that the tool exerts, in
                 the base frame.
-            force_first: whether W'Jx = W's are exact rows. Costs some 100 microseconds a tick.
+            force_first: whether W'Jx = W's are exact rows. They cost time only where the arm cannot do all of s: at
+                limits, near singularities, with fewer than six joints.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ...
 
         Raises:
@@ -169,7 +170,9 @@ class HybridController:
         if contact is None:
             contact = self.task.contact_at(tool)
         split = self._split_for(contact)
-        exert = split.wanted(np.asarray(self.task.wrench) if wanted is None else arrays.vector(wanted, None, "wanted"))
+        exert = split.wanted(np.asarray(self.task.wrench))
+        if wanted is not None:
+            exert = split.wanted(arrays.vector(wanted, None, "wanted"), "wanted")
         raw, measured, smoothing = self._measured(reading, tool)
 
         A, B = se3.carried(contact.pose), se3.carried_wrenches(contact.pose)  # from the contact's frame to the base's

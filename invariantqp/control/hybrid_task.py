@@ -26,7 +26,8 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.contacts import Contact, ContactKind
+from invariantqp.systems.contact_kinds import ContactKind
+from invariantqp.systems.contacts import Contact
 from invariantqp.systems.projectors import DualProjectors, dual_projectors
 from invariantqp.velocity.limits import not_below_zero
 
@@ -52,7 +53,7 @@ class Split(NamedTuple):
     admittance: Array
     intensities: Array
 
-    def wanted(self, wrench: Array) -> Array:
+    def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
         """(6,) W_d in S* for what a task or a tick asks: parts in the constraints, or a wrench.
 
         Raises:
@@ -65,7 +66,7 @@ class Split(NamedTuple):
             return whole
         if found != n:
             expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
-            raise BadInput("wrench", f"{found} number{'s' if found != 1 else ''}", expected)
+            raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
         parts: Array = W.dot(wrench)
         return parts
 
@@ -130,6 +131,10 @@ class HybridTask:
             one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
             c = np.repeat((one / self.size**2, one), 3)
         object.__setattr__(self, "compliance", arrays.positive_definite(c, 6, "compliance"))
+        if self.metric is not None:
+            object.__setattr__(self, "metric", arrays.positive_definite(self.metric, 6, "metric"))
+        if self.complement is not None:
+            object.__setattr__(self, "complement", arrays.system(self.complement, "complement"))
         if isinstance(self.contact, Contact):
             self.split(self.contact.kind)
         elif not callable(self.contact):
@@ -198,6 +203,6 @@ class HybridTask:
             contact=contact,
             wrench=B.dot(w) if len(w) == 6 else w,
             complement=None if Z is None else A.dot(np.asarray(Z)),
-            metric=None if M is None else B.dot(arrays.positive_definite(M, 6, "metric")).dot(B.T),
+            metric=None if M is None else B.dot(np.asarray(M)).dot(B.T),
             compliance=A.dot(np.asarray(self.compliance)).dot(A.T),
         )
