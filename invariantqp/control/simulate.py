@@ -78,7 +78,9 @@ def our_controller(robot: Robot, law: LawSpec) -> Controller:
 
 def our_hybrid(robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> InTouch:
     """The hybrid controller that a task's [law], [contact] and [force] describe, told in displaced frames."""
-    task = scene.task.relabelled(offsets.contact, offsets.tool)
+    task = scene.task
+    if not (np.array_equal(offsets.contact, np.eye(4)) and np.array_equal(offsets.tool, np.eye(4))):
+        task = task.relabelled(offsets.contact, offsets.tool)
     sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
     return InTouch(HybridController(robot, task, sensor=sensor, **law_options(robot, law)), offsets.sensor)
 

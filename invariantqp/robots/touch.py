@@ -146,4 +146,4 @@ class Truth(NamedTuple):
 
 def force_at(force: Array, point: Array) -> Array:
     """(6,) wrench of a force (3,) along the line through a point (3,)."""
-    return np.concatenate((np.cross(point, force), force))
+    return np.concatenate((se3.cross(point, force), force))
