@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from invariantqp.compare.contact_frames import ContactFrameCheck, contact_frame_check
     from invariantqp.compare.frames import FrameCheck, frame_check
     from invariantqp.compare.hybrid_frames import HybridFrameCheck, hybrid_frame_check
     from invariantqp.control.controller import Controller
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from invariantqp.control.hybrid import HybridController, HybridSolution
     from invariantqp.control.hybrid_task import HybridTask
     from invariantqp.control.inspection import Inspection, inspect
+    from invariantqp.control.log import ContactTrace
     from invariantqp.control.own_form import own_form, tool_metric
     from invariantqp.control.picture import picture
     from invariantqp.control.pitch_picture import pitch_picture
@@ -97,12 +99,14 @@ __version__ = "0.1.0"
 
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
+    "compare.contact_frames": ("ContactFrameCheck", "contact_frame_check"),
     "compare.frames": ("FrameCheck", "frame_check"),
     "compare.hybrid_frames": ("HybridFrameCheck", "hybrid_frame_check"),
     "control.controller": ("Controller",),
     "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
     "control.hybrid": ("HybridController", "HybridSolution"),
     "control.hybrid_task": ("HybridTask",),
+    "control.log": ("ContactTrace",),
     "control.own_form": ("own_form", "tool_metric"),
     "control.inspection": ("Inspection", "inspect"),
     "control.picture": ("picture",),

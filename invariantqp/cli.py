@@ -15,7 +15,14 @@ from typer.core import TyperCommand
 
 from invariantqp import __version__
 from invariantqp.errors import BadInput, InvariantQPError
-from invariantqp.printing import print_frame_check, print_inspection, print_run, print_stability, progress
+from invariantqp.printing import (
+    print_contact_frame_check,
+    print_frame_check,
+    print_inspection,
+    print_run,
+    print_stability,
+    progress,
+)
 
 BAD_INPUT = 2
 NOT_ACCEPTED = 1
@@ -76,6 +83,9 @@ def run(
     backend: Annotated[
         str | None, typer.Option(metavar="NAME", help="QP solver: daqp, osqp, or any that qpsolvers has.")
     ] = None,
+    physics: Annotated[
+        str, typer.Option(metavar="NAME", help="ideal, or mujoco: friction, lag and noise as an independent referee.")
+    ] = "ideal",
     check_frame: Annotated[
         bool, typer.Option("--check-frame", help="Also displace the tool frame and show what that changes.")
     ] = False,
@@ -91,7 +101,7 @@ def run(
     _writable(plot, PICTURES)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
-        trace = run_task(problem, progress=report, **overrides)
+        trace = run_task(problem, physics=physics, progress=report, **overrides)
     if not quiet:
         print_run(trace)
     if json_file is not None:
@@ -101,7 +111,10 @@ def run(
 
         picture(trace, plot)
     if check_frame:
-        print_frame_check(trace.task, seed, quiet)
+        if trace.contact is None:
+            print_frame_check(trace.task, seed, quiet)
+        else:
+            print_contact_frame_check(trace.task, seed, trace.physics, quiet)
     if not trace.passed:
         complaint = "\n".join(f"not accepted: {s}" for s in trace.shortfalls)
         Console(stderr=True, highlight=False).print(complaint, style="red", markup=False)

@@ -1,6 +1,7 @@
-"""A task run in closed loop: q <- q + dt x, the plant that a velocity-controlled arm is to its controller.
+"""A task run in closed loop, a pilot on a plant: the ideal one, q <- q + dt x, or MuJoCo's as an independent referee.
 
-Nothing else is modelled: no inertia, no actuator, no delay.
+The path waits, and errors count, until the task's contact has had its time to settle ([contact] settle): the same time
+on either plant.
 """
 
 from __future__ import annotations
@@ -16,13 +17,19 @@ from pydantic import ValidationError
 
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
+from invariantqp.control.hybrid import HybridController
+from invariantqp.control.log import Log
 from invariantqp.control.own_form import tool_metric
+from invariantqp.control.pilots import Alone, InTouch, Offsets, Pilot, Together, Wish
+from invariantqp.control.plant import IdealPlant, Plant
+from invariantqp.control.scene import Scene, scene_of
 from invariantqp.control.taskfile import LawSpec, Task
 from invariantqp.control.trace import Trace
 from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.touch import Physics
 from invariantqp.systems.centre import centre
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.objective import Form, PitchForm
@@ -31,6 +38,7 @@ from invariantqp.velocity.toolspeed import ToolSpeed
 
 Progress = Callable[[int, int], None]
 MakeController = Callable[[Robot, LawSpec], Controls]
+MakeHybrid = Callable[[Robot, LawSpec, Scene, Offsets], Pilot]
 
 # A pitch form whose h comes this close to a principal pitch, relative to h, is worth a warning.
 NEAR_PITCH = 0.1
@@ -47,30 +55,47 @@ def law_form(robot: Robot, law: LawSpec) -> Form | float | None:
     return law.pitch
 
 
+def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
+    """What a task's [law] says, as `Controller` takes it."""
+    return {
+        "dt": law.dt,
+        "gain": law.gain,
+        "form": law_form(robot, law),
+        "damping": law.damping,
+        "guard": law.guard,
+        "posture": law.posture,
+        "joint_metric": law.joint_metric,
+        "backend": law.backend,
+        "exact": None if law.exact is None else ExactPoint(law.point),
+        "acceleration_limit": law.acceleration,
+        "position_margin": law.margin,
+        "tool_speed": None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),
+    }
+
+
 def our_controller(robot: Robot, law: LawSpec) -> Controller:
     """The controller that a task's [law] describes."""
-    return Controller(
-        robot,
-        dt=law.dt,
-        gain=law.gain,
-        form=law_form(robot, law),
-        damping=law.damping,
-        guard=law.guard,
-        posture=law.posture,
-        joint_metric=law.joint_metric,
-        backend=law.backend,
-        exact=None if law.exact is None else ExactPoint(law.point),
-        acceleration_limit=law.acceleration,
-        position_margin=law.margin,
-        tool_speed=None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),
-    )
+    return Controller(robot, **law_options(robot, law))
+
+
+def our_hybrid(robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> InTouch:
+    """The hybrid controller that a task's [law], [contact] and [force] describe, told in displaced frames."""
+    task = scene.task
+    if not (np.array_equal(offsets.contact, np.eye(4)) and np.array_equal(offsets.tool, np.eye(4))):
+        task = task.relabelled(offsets.contact, offsets.tool)
+    sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
+    return InTouch(HybridController(robot, task, sensor=sensor, **law_options(robot, law)), offsets.sensor)
 
 
 def run_task(
     task: Task,
     *,
+    physics: str = "ideal",
     tool_offset: ArrayLike | None = None,
+    sensor_offset: ArrayLike | None = None,
+    contact_offset: ArrayLike | None = None,
     controller: MakeController = our_controller,
+    hybrid: MakeHybrid = our_hybrid,
     progress: Progress | None = None,
     **overrides: Any,
 ) -> Trace:
@@ -78,8 +103,12 @@ def run_task(
 
     Args:
         task: from `load_task`.
+        physics: the plant: "ideal", or "mujoco" with friction, lag and noise (extra `sim`).
         tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
+        sensor_offset: likewise of the frame that wrenches are read in.
+        contact_offset: likewise of the frame that the contact is told in.
         controller: makes the controller from robot and law; ours by default.
+        hybrid: makes the one for tasks with contact; ours by default.
         progress: called with (ticks done, ticks in all).
         overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, acceleration, ...
 
@@ -94,40 +123,61 @@ def run_task(
     task = task.model_copy(update={"law": law})
     robot = task.load_robot()
     start = task.start()
-    pose = task.path.along(robot, start)
-    offset = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
+    scene = None
+    if task.contact is not None and task.force is not None:
+        scene = scene_of(task.contact, task.force, task.physics, robot.pose(start))
+    plant = _plant(task, robot, scene, physics)
+    offsets = Offsets(
+        *(
+            np.eye(4) if given is None else arrays.pose(given, name)
+            for name, given in (
+                ("tool_offset", tool_offset),
+                ("sensor_offset", sensor_offset),
+                ("contact_offset", contact_offset),
+            )
+        )
+    )
+    offset = offsets.tool
     moved = robot if tool_offset is None else robot.with_tool(offset)
     back = se3.inverse(offset)
     points = {key: back.dot([*getattr(law, key), 1.0])[:3] for key in ("point", "tool_speed_point")}
-    loop = controller(moved, law.model_copy(update={key: tuple(p.tolist()) for key, p in points.items()}))
-    n = max(1, round(task.path.duration / law.dt))
+    law = law.model_copy(update={key: tuple(p.tolist()) for key, p in points.items()})
+    pilot = _alone(task, controller(moved, law)) if scene is None else hybrid(moved, law, scene, offsets)
+    settle = 0.0 if task.contact is None else task.contact.settle
+    first, n = round(settle / law.dt), max(1, round((settle + task.path.duration) / law.dt))
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
-    wanted = [pose(t) for t in time.tolist()]
+    wanted = _wanted(task, robot, scene, time - settle)
     targets = [moved.target(T.dot(offset)) for T in wanted]
     ahead = [np.zeros(6) if task.path.jumps else se3.log(b.dot(se3.inverse(a))) / law.dt for a, b in pairwise(wanted)]
     noise = np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start)))
+    log = Log(scene)
     q = np.empty((n + 1, len(start)))
     q[0] = start
     ticks = np.empty(n)
     solutions: list[VelocitySolution] = []
     for k in range(n):
+        sensed = plant.sense()
+        sensed = sensed._replace(q=sensed.q + noise[k])
+        wish = Wish(targets[k], ahead[k], time[k])
         before = perf_counter_ns()
-        solution = loop.step(q[k] + noise[k], targets[k], ahead[k])
+        solution = pilot.step(sensed, wish)
         ticks[k] = perf_counter_ns() - before
         solutions.append(solution)
-        q[k + 1] = q[k] + law.dt * solution.velocity
+        plant.command(solution.velocity)
+        truth = plant.truth()
+        q[k + 1] = truth.q
+        log.add(truth, wanted[k + 1], getattr(pilot, "measured", None))
         if progress is not None:
             progress(k + 1, n)
-    errors = np.array([_error(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])
-    form = loop.law.form if isinstance(loop, Controller) else None
+    form = pilot.form
     return Trace(
         task=task,
         names=robot.names,
         time=time,
         q=q,
         velocity=np.array([s.velocity for s in solutions]),
-        position_error=errors[:, 0],
-        orientation_error=errors[:, 1],
+        position_error=np.array(log.position),
+        orientation_error=np.array(log.orientation),
         position_limits=np.stack((robot.position_lower, robot.position_upper)),
         velocity_limit=robot.velocity_limit,
         methods=[s.method for s in solutions],
@@ -136,7 +186,35 @@ def run_task(
         tick_ns=ticks,
         form="" if form is None else form.describe(),
         warnings=_warnings(robot, form, q, solutions),
+        physics=physics,
+        settled=first,
+        contact=log.contact(),
     )
+
+
+def _plant(task: Task, robot: Robot, scene: Scene | None, physics: str) -> Plant:
+    touch, wrist = (None, None) if scene is None else (scene.touch, scene.wrist)
+    if physics == "ideal":
+        return IdealPlant(robot, task.start(), task.law.dt, touch, wrist)
+    if physics != "mujoco":
+        raise BadInput("physics", repr(physics), '"ideal" or "mujoco"')
+    from invariantqp.robots.mujoco import MujocoPlant  # only where it is asked for
+
+    given = Physics(**task.physics.model_dump())
+    return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, touch, wrist, given)
+
+
+def _alone(task: Task, loop: Controls) -> Pilot:
+    if task.operator is not None and isinstance(loop, Controller):
+        return Together(loop, task.operator)
+    return Alone(loop)
+
+
+def _wanted(task: Task, robot: Robot, scene: Scene | None, time: Array) -> list[Array]:
+    """Tool poses (4, 4) at times since the path began; before that it waits."""
+    pose = task.path.along(robot, task.start())
+    path = [pose(t) for t in np.maximum(time, 0.0).tolist()]
+    return path if scene is None else [scene.drop(T) for T in path]
 
 
 def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
@@ -150,14 +228,6 @@ def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
         key = str(wrong["loc"][0])
         expected = wrong["msg"][0].lower() + wrong["msg"][1:]
         raise BadInput(key, repr(overrides[key]), expected) from error
-
-
-def _error(T: Array, wanted: Array) -> tuple[float, float]:
-    """Distance [m] and angle [rad] between two poses."""
-    R = T[:3, :3].T.dot(wanted[:3, :3])
-    # |R - I|_F = 2 sqrt(2) sin(angle / 2): keeps its digits at small angles, where the trace loses them.
-    angle = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(R - np.eye(3))) / np.sqrt(8.0)))
-    return float(np.linalg.norm(wanted[:3, 3] - T[:3, 3])), float(angle)
 
 
 def _warnings(robot: Robot, form: Form | None, q: Array, solutions: list[VelocitySolution]) -> list[str]:

@@ -22,10 +22,8 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.touch import GRAVITY
 from invariantqp.velocity.limits import not_below_zero
-
-# Standard gravity in a base frame whose z points up [m/s^2].
-GRAVITY = (0.0, 0.0, -9.80665)
 
 
 @dataclass(frozen=True, eq=False)
