@@ -189,7 +189,8 @@ def compare(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
     """Run our law and the usual ones on the same problems: 0 when ours stays finite and inside limits, 1 when not."""
-    from invariantqp.compare.stability import OURS, compare_stability
+    from invariantqp.compare.invariant import OURS
+    from invariantqp.compare.stability import compare_stability
 
     if not stability:
         raise BadInput("compare", "nothing to compare", "--stability")

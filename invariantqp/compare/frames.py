@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from invariantqp.compare.baselines import damped_least_squares, moore_penrose
+from invariantqp.compare.baselines import controller_named
 from invariantqp.control.simulate import MakeController, Progress, our_controller, run_task
 from invariantqp.control.taskfile import Task
 from invariantqp.geometry import se3
@@ -21,8 +21,8 @@ DISPLACEMENT = 0.25
 
 LAWS: dict[str, MakeController] = {
     "invariantqp": our_controller,
-    "Moore-Penrose, clipped": moore_penrose,
-    "DLS, clipped": damped_least_squares,
+    "Moore-Penrose, clipped": controller_named("Moore-Penrose, pinv"),
+    "DLS, clipped": controller_named("DLS"),
 }
 
 

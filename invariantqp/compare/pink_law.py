@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.baselines import QP_DAMPING
+from invariantqp.compare.qp_backends import QP_DAMPING
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.control.taskfile import LawSpec
 from invariantqp.errors import MissingExtra, RobotModelError

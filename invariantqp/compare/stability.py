@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.baselines import damped_least_squares, least_squares_qp, moore_penrose, selectively_damped
+from invariantqp.compare.baselines import controller_named
+from invariantqp.compare.invariant import OURS
 from invariantqp.compare.pink_law import PinkLaw, has_pink
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.simulate import MakeController, Progress, our_controller, run_task
@@ -28,7 +29,6 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.solution import VelocitySolution
 
-OURS = "invariantqp"
 # The yardstick of chatter: least squares with the same limits in the same run.
 YARDSTICK = "least-squares QP"
 # [DS]'s Lambda = lambda I, with a lambda that a reader of the paper would try [m].
@@ -111,10 +111,10 @@ def laws() -> dict[str, MakeController]:
     """The laws compared, ours first; Pink where it is installed."""
     table: dict[str, MakeController] = {
         OURS: our_controller,
-        YARDSTICK: least_squares_qp,
-        "Moore-Penrose": moore_penrose,
-        "DLS": damped_least_squares,
-        "SDLS": selectively_damped,
+        YARDSTICK: controller_named(YARDSTICK),
+        "Moore-Penrose": controller_named("Moore-Penrose, pinv"),
+        "DLS": controller_named("DLS"),
+        "SDLS": controller_named("SDLS"),
         "[DS] Lambda": paper_law,
     }
     if has_pink():
