@@ -26,9 +26,20 @@ FAMILIES: tuple[Family, ...] = ("invariant", "Moore-Penrose", "damped", "QP", "s
 
 # The exact problems of `compare.references`; "" where a rule solves none that is worth a name.
 Problem = Literal[
-    "", "pitch", "filter", "pitch box", "inertia", "inertia box", "least squares", "weighted", "damped",
-    "least squares box", "damped box", "unit-consistent",
-]  # fmt: skip
+    "",
+    "pitch",
+    "filter",
+    "adaptive",
+    "adaptive box",
+    "inertia",
+    "inertia box",
+    "least squares",
+    "ridge",
+    "least squares box",
+    "weighted",
+    "damped",
+    "damped box",
+]
 
 # A tool of one kilogram that turns like a ball of 5 cm about the origin of its frame [kg m^2; kg].
 TOOL_INERTIA = np.repeat((0.0025, 1.0), 3)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.baselines import controller_named
-from invariantqp.compare.invariant import OURS
+from invariantqp.compare.invariant import OURS, PAPER_LAMBDA
 from invariantqp.compare.pink_law import PinkLaw, has_pink
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.simulate import MakeController, Progress, our_controller, run_task
@@ -31,8 +31,6 @@ from invariantqp.velocity.solution import VelocitySolution
 
 # The yardstick of chatter: least squares with the same limits in the same run.
 YARDSTICK = "least-squares QP"
-# [DS]'s Lambda = lambda I, with a lambda that a reader of the paper would try [m].
-PAPER_LAMBDA = 0.05
 # The share of a run that counts as its tail.
 TAIL = 0.1
 # Ticks in which a broken input is broken: every third in the first half, so that there is time to recover.

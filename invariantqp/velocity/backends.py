@@ -101,9 +101,18 @@ class Osqp:
     """OSQP with its workspace kept between calls of the same size, warm started; one owner, one loop.
 
     A run that does not reach its tolerances drops the workspace, so that no failure outlives its tick.
+
+    Attributes:
+        name: how statuses call it.
+        tolerance: its absolute and relative tolerance, on the scaled problem.
+        polishing: whether it solves once more on the active set it guessed.
+        warm: whether it starts from its last answer.
     """
 
     name: str = "osqp"
+    tolerance: float = OSQP_TOLERANCE
+    polishing: bool = False
+    warm: bool = True
     _workspace: Any = field(default=None, init=False, repr=False)
     _shape: tuple[int, int] = field(default=(0, 0), init=False, repr=False)
 
@@ -125,19 +134,9 @@ class Osqp:
             )
             self._workspace = osqp.OSQP()
             self._shape = (len(C), n)
-            self._workspace.setup(
-                P,
-                -qp.c,
-                A,
-                qp.lower,
-                qp.upper,
-                verbose=False,
-                eps_abs=OSQP_TOLERANCE,
-                eps_rel=OSQP_TOLERANCE,
-                max_iter=OSQP_ITERATIONS,
-                warm_starting=True,
-                polishing=False,
-            )
+            settings = {"eps_abs": self.tolerance, "eps_rel": self.tolerance, "max_iter": OSQP_ITERATIONS}
+            settings |= {"warm_starting": self.warm, "polishing": self.polishing, "verbose": False}
+            self._workspace.setup(P, -qp.c, A, qp.lower, qp.upper, **settings)
         else:
             self._workspace.update(Px=values[order], q=-qp.c, Ax=C.T.ravel(), l=qp.lower, u=qp.upper)
         result = self._workspace.solve(raise_error=False)
@@ -223,13 +222,27 @@ def _scaled(H: Array, c: Array, lower: Array, upper: Array, rows: Array | None) 
     return BoxQP(H / size, c * unit / size, lower / reach, upper / reach, C), unit
 
 
-def _checked(backend: Backend, qp: BoxQP) -> Array:
+def _asked(backend: Backend, qp: BoxQP) -> Array:
     try:
-        z = np.asarray(backend.solve(qp), dtype=np.float64)
+        return np.asarray(backend.solve(qp), dtype=np.float64)
     except SolverFailure:
         raise
     except Exception as error:  # whatever a solver throws becomes a status
         raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
+
+
+def answer(backend: Backend, H: Array, c: Array, limits: Polytope) -> Array:
+    """What one solver makes of the problem by itself, unchecked: for comparing solvers; see `minimise`.
+
+    Raises:
+        SolverFailure: it found nothing.
+    """
+    qp, unit = _scaled(H, c, limits.lower, limits.upper, limits.A)
+    return unit * _asked(backend, qp)
+
+
+def _checked(backend: Backend, qp: BoxQP) -> Array:
+    z = _asked(backend, qp)
     if z.shape != qp.c.shape:
         raise SolverFailure(backend.name, f"answer of shape {z.shape}, not {qp.c.shape}")
     if not np.isfinite(z).all():
