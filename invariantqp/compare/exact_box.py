@@ -16,7 +16,7 @@ from typing import Any
 
 import mpmath as mp
 
-from invariantqp.errors import InvariantQPError
+from invariantqp.compare.sweep import SweepFailure
 
 # Multipliers and steps below this are zero in 50 digits.
 EXACT_ZERO = mp.mpf("1e-38")
@@ -27,8 +27,12 @@ Numbers = Sequence[Any]
 Rows = Sequence[Sequence[Any]]
 
 
-class ReferenceFailure(InvariantQPError):
+class ReferenceFailure(SweepFailure):
     """A reference could not be made, or two that should be the same are not: nothing may be compared with it."""
+
+
+class NoReference(ReferenceFailure):
+    """The problem has no unique answer on this state: a pitch form that does not see all of an arm, say."""
 
 
 def active_set(H: Any, c: Any, lower: Numbers, upper: Numbers) -> Any:
@@ -123,7 +127,7 @@ def rational_solve(A: Rows, b: Numbers) -> list[Fraction]:
     for k in range(n):
         pivot = next((i for i in range(k, n) if rows[i][k] != 0), None)
         if pivot is None:
-            raise ReferenceFailure("a singular system has no unique exact answer")
+            raise NoReference("a singular system has no unique exact answer")
         rows[k], rows[pivot] = rows[pivot], rows[k]
         for i in range(k + 1, n):
             if rows[i][k] != 0:

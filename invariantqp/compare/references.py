@@ -32,7 +32,7 @@ from invariantqp.velocity.damping import DEFAULT_CEILING, DEFAULT_THRESHOLD
 try:
     import mpmath as mp
 
-    from invariantqp.compare.exact_box import ReferenceFailure, active_set, least_index, rational_solve
+    from invariantqp.compare.exact_box import NoReference, ReferenceFailure, active_set, least_index, rational_solve
 except ImportError as error:
     raise MissingExtra("mpmath", "compare") from error
 
@@ -63,11 +63,15 @@ def reference(problem: Problem, asked: Question, setting: Setting) -> Reference:
     """The exact answer to one of the problems.
 
     Raises:
-        ReferenceFailure: the two ways to it do not agree to 1e-12, or there is none.
+        NoReference: it has no unique answer here.
+        ReferenceFailure: the two ways to it do not agree to 1e-12.
     """
     with mp.workdps(DIGITS):
         first, second = _WAYS[problem]
-        x = [mp.mpf(v) for v in first(asked, setting)]
+        try:
+            x = [mp.mpf(v) for v in first(asked, setting)]
+        except ZeroDivisionError as error:  # what mpmath calls a singular matrix
+            raise NoReference(f"{problem}: {error}") from error
         y = [_mpf(v) for v in second(asked, setting)]
         size = max(abs(v) for v in x) or mp.mpf(1)
         agreement = float(max(abs(a - b) for a, b in zip(x, y, strict=True)) / size)

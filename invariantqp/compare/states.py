@@ -16,7 +16,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.gram import gram_matrix
 
-KINDS = ("free", "limited", "singular")
+SORTS = ("free", "limited", "singular")
 # Of the twists asked for [rad/s, m/s].
 TWIST = 0.3
 # |mu| ratio above which a state is far from a singularity and from principal pitches, so that no policy damps it.
@@ -66,12 +66,12 @@ def states(robot: Robot, kind: str, count: int, seed: int, setting: Setting) -> 
 
     Args:
         robot: the arm.
-        kind: one of KINDS.
+        kind: one of SORTS.
         count: how many.
         seed: of positions and twists.
         setting: gives the pitch at which free states are regular.
     """
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    rng = np.random.default_rng([seed, SORTS.index(kind)])
     low, high = joint_range(robot)
     found: list[State] = []
     for _ in range(200 * count):

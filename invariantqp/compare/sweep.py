@@ -9,17 +9,42 @@ A figure that is no finite number is null. A measurement that could not be made 
 leave it out and the report lists it.
 
 A **kind** is a measurement: a function from a `Cell` to its results, one JSON-able dict a method, and whether it has to
-run alone. Cells that measure time run after all others, one at a time, every method of a task in one cell, so that
-its rounds interleave the methods and a drift of the clock hits all alike.
+run alone. Cells that measure time run after all others, one at a time in a process of their own with one BLAS thread,
+every method of a task in one cell, so that its rounds interleave the methods and a drift of the clock hits all alike.
+
+All others go through joblib, and joblib's back end is the caller's: with Dask (or Ray) set up,
+
+    with joblib.parallel_config(backend="dask"):
+        sweep(tasks, methods, Path("comparison"))
+
+spreads them over that cluster; the parts that measure time stay on this machine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import hashlib
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+import joblib
+from joblib.externals.loky import ProcessPoolExecutor
+
+from invariantqp.compare.machine import machine, source_digest, versions
+from invariantqp.compare.methods import chosen
+from invariantqp.compare.results import SCHEMA, Results
+from invariantqp.control.simulate import Progress
+from invariantqp.errors import BadInput, InvariantQPError
+
 Result = dict[str, Any]
+
+# What BLAS libraries read when they are loaded: times are of one thread.
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -27,11 +52,11 @@ class Cell:
     """One piece of work.
 
     Attributes:
-        kind: a key of KINDS.
-        task: a task's name or file; what a kind of its own makes of it where it needs no task ("" is fine).
+        kind: a key of `kinds()`.
+        task: a task's name or file, or one of the kind's own.
         methods: names from `compare.methods`; a single one in most kinds, all of them where time is measured.
         seed: of whatever is drawn at random.
-        quick: a few minutes' worth of states, or a few seconds'.
+        quick: a few seconds' worth of states instead of a few minutes'.
     """
 
     kind: str
@@ -54,26 +79,160 @@ class Kind:
     Attributes:
         measure: a cell to {method: result}, for each of the cell's methods that has one.
         alone: whether it measures time: then nothing runs beside it, and one cell has all methods of a task.
-        per_task: whether there is a cell for each task; otherwise one with task "".
+        tasks: the kind's own; None for the tasks of the sweep.
         together: whether all methods of a task share a cell though they are not timed (a shared reference, say).
+        fits: which methods it is for, by name; all of them by default.
     """
 
     measure: Callable[[Cell], dict[str, Result]]
     alone: bool = False
-    per_task: bool = True
+    tasks: tuple[str, ...] | None = None
     together: bool = False
+    fits: Callable[[str], bool] = lambda _: True
 
 
-KINDS: dict[str, Kind] = {}
+class SweepFailure(InvariantQPError):
+    """A measurement found that nothing may be concluded: references that disagree."""
 
 
-def cells(kinds: Sequence[str], tasks: Sequence[str], methods: Sequence[str], seed: int, quick: bool) -> list[Cell]:
+def kinds() -> dict[str, Kind]:
+    """Every kind of measurement."""
+    from invariantqp.compare import growth, solves
+
+    return {**solves.KINDS, **growth.KINDS}
+
+
+def cells(tasks: Sequence[str], methods: Sequence[str], *, seed: int = 0, quick: bool = False) -> list[Cell]:
     """The cells of a sweep, those that run alone last."""
     found = []
-    for name in sorted(kinds, key=lambda k: KINDS[k].alone):
-        kind = KINDS[name]
-        groups = [tuple(methods)] if kind.alone or kind.together else [(m,) for m in methods]
-        found += [
-            Cell(name, task, group, seed, quick) for task in (tasks if kind.per_task else [""]) for group in groups
-        ]
+    for name, kind in sorted(kinds().items(), key=lambda item: item[1].alone):
+        fitting = [method for method in methods if kind.fits(method)]
+        groups = [tuple(fitting)] if kind.alone or kind.together else [(method,) for method in fitting]
+        places = tasks if kind.tasks is None else kind.tasks
+        found += [Cell(name, task, group, seed, quick) for task in places for group in groups if group]
     return found
+
+
+def sweep(
+    tasks: Sequence[str],
+    methods: Sequence[str] | None,
+    out: Path,
+    *,
+    seed: int = 0,
+    quick: bool = False,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> Results:
+    """Measure every method on every task, taking up what an interrupted run left, and write DIR/results.json.
+
+    Args:
+        tasks: names or files.
+        methods: names or families; None is every installed method.
+        out: the folder, made if it is not there.
+        seed: of states, twists and displacements.
+        quick: fewer states and ticks.
+        jobs: processes; None is what joblib's back end has, one by default.
+        progress: called with (cells done, cells in all).
+
+    Raises:
+        BadInput, UnknownName: no such method, or one that is not installed.
+        SweepFailure: two references for one exact answer disagree.
+    """
+    table = chosen(methods)
+    work = cells(tasks, list(table), seed=seed, quick=quick)
+    folder = out / "cells"
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {cell: folder / f"{cell.kind}-{_key(cell)}.json" for cell in work}
+    missing = [cell for cell in work if not _finished(files[cell])]
+    done = len(work) - len(missing)
+    for cell, found in _measured(missing, jobs):
+        if isinstance(found, str):
+            raise SweepFailure(found)
+        _write(files[cell], found)
+        done += 1
+        if progress is not None:
+            progress(done, len(work))
+    results = {
+        "schema": SCHEMA,
+        "machine": machine(),
+        "versions": versions(),
+        "seed": seed,
+        "quick": quick,
+        "tasks": list(tasks),
+        "methods": [method.as_json() for method in table.values()],
+        "cells": [entry for cell in work for entry in _entries(cell, json.loads(files[cell].read_text("utf-8")))],
+    }
+    _write(out / "results.json", results)
+    return results
+
+
+def _entries(cell: Cell, found: dict[str, Result]) -> Iterator[dict[str, Any]]:
+    for method, result in found.items():
+        yield {"kind": cell.kind, "task": cell.task, "method": method, "result": result}
+
+
+def _measured(work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result] | str]]:
+    """Every cell with its results, as they come; a message instead where the sweep has to end."""
+    table = kinds()
+    beside = [cell for cell in work if not table[cell.kind].alone]
+    if beside:
+        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+        yield from parallel(joblib.delayed(attempt)(cell) for cell in beside)
+    by_itself = [cell for cell in work if table[cell.kind].alone]
+    if by_itself:
+        with ProcessPoolExecutor(1, env=dict.fromkeys(ONE_THREAD, "1")) as process:
+            yield from process.map(attempt, by_itself)
+
+
+def attempt(cell: Cell) -> tuple[Cell, dict[str, Result] | str]:
+    """Measure a cell: what any library throws is its result, but references that disagree end the sweep."""
+    try:
+        with _silently():
+            return cell, kinds()[cell.kind].measure(cell)
+    except SweepFailure as failure:
+        return cell, f"{cell.kind}, {cell.task}: {failure}"
+    except Exception as error:  # noqa: BLE001 (a method or a machine that cannot is a row in the report)
+        return cell, {method: {"failed": f"{type(error).__name__}: {error}"} for method in cell.methods}
+
+
+@contextmanager
+def _silently() -> Iterator[None]:
+    """Without what solvers print whatever they are told."""
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+        yield
+
+
+def _key(cell: Cell) -> str:
+    """What a finished cell is found by again: its settings, its task file, this package, the libraries it rests on."""
+    task = Path(cell.task)
+    file = hashlib.sha256(task.read_bytes()).hexdigest() if task.is_file() else ""
+    settings = json.dumps([asdict(cell), file, source_digest(), versions(), machine()], sort_keys=True)
+    return hashlib.sha256(settings.encode()).hexdigest()[:20]
+
+
+def _finished(file: Path) -> bool:
+    try:
+        return isinstance(json.loads(file.read_text("utf-8")), dict)
+    except (OSError, ValueError):
+        return False
+
+
+def _write(file: Path, content: Any) -> None:
+    """In one piece: a run that is interrupted leaves no half of a file."""
+    part = file.with_suffix(".part")
+    try:
+        part.write_text(json.dumps(plain(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        part.replace(file)
+    except OSError as error:
+        raise BadInput(str(file), f"{error}", "a folder that can be written to") from error
+
+
+def plain(value: Any) -> Any:
+    """The value with null for every figure that is no finite number."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
