@@ -97,9 +97,9 @@ class SweepFailure(InvariantQPError):
 
 def kinds() -> dict[str, Kind]:
     """Every kind of measurement."""
-    from invariantqp.compare import growth, solves
+    from invariantqp.compare import closed_loop, dependence, failure_map, growth, solves
 
-    return {**solves.KINDS, **growth.KINDS}
+    return {**solves.KINDS, **closed_loop.KINDS, **dependence.KINDS, **failure_map.KINDS, **growth.KINDS}
 
 
 def cells(tasks: Sequence[str], methods: Sequence[str], *, seed: int = 0, quick: bool = False) -> list[Cell]:
