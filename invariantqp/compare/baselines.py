@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.methods import Method, Setting, Solve, methods
+from invariantqp.compare.peers import pose_of
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.control.own_form import own_form
 from invariantqp.control.simulate import MakeController
@@ -43,7 +44,7 @@ class MethodLaw:
         s = self._gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
         lower, upper = self._box.at(positions)
         if self._at_tool:
-            to_tool = se3.adjoint(se3.inverse(self._robot.pose(positions)))
+            to_tool = se3.carried_back(pose_of(sighting.pose))
             x = self._solve(to_tool.dot(sighting.J), to_tool.dot(s), lower, upper)
         else:
             x = self._solve(sighting.J, s, lower, upper)

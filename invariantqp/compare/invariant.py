@@ -42,7 +42,7 @@ def _unguarded(setting: Setting) -> Solve:
 
 
 def _inertia(setting: Setting) -> Solve:
-    return _by(VelocityLaw(CarriedMetric(setting.inertia, np.eye(4)), guard=None))
+    return _by(VelocityLaw(CarriedMetric(setting.inertia, setting.body), guard=None))
 
 
 def _unlimited(setting: Setting, damping: Damping) -> Solve:
@@ -56,7 +56,7 @@ def _eigen(setting: Setting) -> Solve:
 
 
 def _fixed(setting: Setting) -> Solve:
-    return _unlimited(setting, Fixed(FIXED_DAMPING))
+    return _unlimited(setting, Fixed(FIXED_DAMPING * setting.unit))
 
 
 def _selective(setting: Setting) -> Solve:
@@ -87,7 +87,7 @@ def _factored(setting: Setting) -> Solve:
 
 
 def _as_printed(setting: Setting) -> Solve:
-    return _by(VelocityLaw(PitchForm(setting.pitch), damping=PaperLambda(PAPER_LAMBDA)))
+    return _by(VelocityLaw(PitchForm(setting.pitch), damping=PaperLambda(PAPER_LAMBDA * setting.unit)))
 
 
 METHODS = [

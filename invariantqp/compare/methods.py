@@ -54,12 +54,16 @@ class Setting:
         dt: tick [s].
         pitch: h for the pitch forms [length/rad].
         inertia: (6,) diagonal of the tool's inertia in its own frame.
+        body: (4, 4) pose of that frame in the frame of J.
+        unit: how many of the units of length that J is in make a metre.
     """
 
     m: int
     dt: float = 0.001
     pitch: float = 0.3
     inertia: Array = field(default_factory=TOOL_INERTIA.copy)
+    body: Array = field(default_factory=lambda: np.eye(4))
+    unit: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +109,9 @@ class Method:
 
 def methods() -> dict[str, Method]:
     """Every method, installed or not, ours first."""
-    from invariantqp.compare import damped, invariant, moore_penrose, qp_backends
+    from invariantqp.compare import damped, invariant, moore_penrose, qp_backends, systems
 
-    families = (invariant.METHODS, moore_penrose.METHODS, damped.METHODS, qp_backends.METHODS)
+    families = (invariant.METHODS, moore_penrose.METHODS, damped.METHODS, qp_backends.METHODS, systems.METHODS)
     return {method.name: method for family in families for method in family}
 
 

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.compare.peers import led, pose_of, share_of
 from invariantqp.compare.qp_backends import QP_DAMPING
-from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.control.taskfile import LawSpec
 from invariantqp.errors import MissingExtra, RobotModelError
-from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.solution import VelocitySolution
 
@@ -48,17 +47,17 @@ class PinkLaw:
         self._pink = pink
         self._robot = robot
         self._dt = law.dt
-        self._share = TRACKING_SHARE if law.gain is None else law.gain * law.dt
+        self._share = share_of(law)
         self._configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
         self._task = pink.FrameTask(getattr(robot, "tool", ""), 1.0, 1.0, gain=self._share)
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick; Pink's exceptions get out as they are."""
         positions = np.asarray(q, dtype=np.float64)
-        ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
-        if ahead.any():  # Pink has no feedforward: a target so far ahead that its gain asks for it
-            ahead_pose = se3.exp(self._dt / self._share * ahead).dot(target.homogeneous)
-            target = self._robot.target(ahead_pose)
+        pose = pose_of(target)
+        ahead = led(pose, feedforward, self._dt / self._share)
+        if ahead is not pose:
+            target = self._robot.target(ahead)
         self._configuration.update(positions)
         self._task.set_target(target)
         x = self._pink.solve_ik(

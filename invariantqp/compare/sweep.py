@@ -105,9 +105,9 @@ class NoReference(ReferenceFailure):
 
 def kinds() -> dict[str, Kind]:
     """Every kind of measurement."""
-    from invariantqp.compare import growth, solves
+    from invariantqp.compare import closed_loop, dependence, failure_map, growth, solves
 
-    return {**solves.KINDS, **growth.KINDS}
+    return {**solves.KINDS, **closed_loop.KINDS, **dependence.KINDS, **failure_map.KINDS, **growth.KINDS}
 
 
 def cells(

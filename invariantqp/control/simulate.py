@@ -115,7 +115,7 @@ def run_task(
         q[k + 1] = q[k] + law.dt * solution.velocity
         if progress is not None:
             progress(k + 1, n)
-    errors = np.array([_error(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])
+    errors = np.array([distance(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])
     form = loop.law.form if isinstance(loop, Controller) else None
     return Trace(
         task=task,
@@ -149,7 +149,7 @@ def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
         raise BadInput(key, repr(overrides[key]), expected) from error
 
 
-def _error(T: Array, wanted: Array) -> tuple[float, float]:
+def distance(T: Array, wanted: Array) -> tuple[float, float]:
     """Distance [m] and angle [rad] between two poses."""
     R = T[:3, :3].T.dot(wanted[:3, :3])
     # |R - I|_F = 2 sqrt(2) sin(angle / 2): keeps its digits at small angles, where the trace loses them.
