@@ -16,7 +16,7 @@ from typing import Any
 
 import mpmath as mp
 
-from invariantqp.compare.sweep import SweepFailure
+from invariantqp.compare.sweep import NoReference, ReferenceFailure
 
 # Multipliers and steps below this are zero in 50 digits.
 EXACT_ZERO = mp.mpf("1e-38")
@@ -25,14 +25,6 @@ MOST_PIVOTS = 5000
 
 Numbers = Sequence[Any]
 Rows = Sequence[Sequence[Any]]
-
-
-class ReferenceFailure(SweepFailure):
-    """A reference could not be made, or two that should be the same are not: nothing may be compared with it."""
-
-
-class NoReference(ReferenceFailure):
-    """The problem has no unique answer on this state: a pitch form that does not see all of an arm, say."""
 
 
 def active_set(H: Any, c: Any, lower: Numbers, upper: Numbers) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from invariantqp.compare.invariant import OURS
 from invariantqp.compare.methods import Method, Setting, methods
 from invariantqp.compare.solves import answered, has_solver
+from invariantqp.compare.states import Question
 from invariantqp.compare.sweep import Cell, Kind, Result
 from invariantqp.compare.timing import interleaved
 from invariantqp.geometry.arrays import Array
@@ -82,7 +83,7 @@ def _joints(cell: Cell, share: float) -> Axis:
         for _ in range(STATES):
             J, s = random_chain(rng, m), rng.standard_normal(6)
             reach = np.full(m, share * float(np.abs(np.linalg.pinv(J).dot(s)).max()))
-            asked.append((J, s, -reach, reach))
+            asked.append(Question(J, s, -reach, reach))
         found = {}
         for name in cell.methods:
             call = _solving(methods()[name], setting, asked)
@@ -93,7 +94,7 @@ def _joints(cell: Cell, share: float) -> Axis:
     return QUICK_JOINTS if cell.quick else JOINTS, calls
 
 
-def _solving(method: Method, setting: Setting, asked: list[tuple[Array, Array, Array, Array]]) -> Call | None:
+def _solving(method: Method, setting: Setting, asked: list[Question]) -> Call | None:
     """A method on these states; None where it fails on one of them, since a failure's time says nothing."""
     if method.make is None:
         return None

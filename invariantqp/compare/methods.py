@@ -115,28 +115,51 @@ def methods() -> dict[str, Method]:
     return {method.name: method for family in families for method in family}
 
 
-def chosen(names: Iterable[str] | None = None) -> dict[str, Method]:
-    """The named methods, families or both ("damped"); every installed one by default.
+def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
+    """The methods meant; every installed one by default.
+
+    Args:
+        names: methods, families ("damped") or parts of names ("osqp" is every OSQP), in any case; a string has them
+            apart by commas.
 
     Raises:
-        UnknownName: neither a method nor a family; the near ones are listed.
+        UnknownName: no method has that in its name; the near ones are listed.
         BadInput: a method that is not installed, or no method at all.
     """
     table = methods()
     if names is None:
         return {name: method for name, method in table.items() if method.installed}
     found: dict[str, Method] = {}
-    known = {name.lower(): name for name in (*table, *FAMILIES)}
-    for word in (name.strip() for name in names):
-        name = known.get(word.lower())
-        if name is None:
-            raise UnknownName("method", word, difflib.get_close_matches(word, known.values()), list(known.values()))
-        if name in FAMILIES and name not in table:
-            found.update({n: method for n, method in table.items() if method.family == name and method.installed})
-        elif table[name].installed:
-            found[name] = table[name]
-        else:
-            raise BadInput("--methods", f"{name}, which needs {' and '.join(table[name].needs)}", "installed methods")
+    for word in _split(names, table) if isinstance(names, str) else names:
+        found.update(_meant(word.strip(), table))
     if not found:
         raise BadInput("--methods", "no method", f"some of {', '.join(table)}, or families: {', '.join(FAMILIES)}")
-    return found
+    return {name: found[name] for name in table if name in found}
+
+
+def _split(text: str, table: dict[str, Method]) -> list[str]:
+    """Names apart by commas, some of which have commas of their own."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    known = {name.lower() for name in table}
+    words = []
+    while parts:
+        joined = [", ".join(parts[:k]) for k in range(len(parts), 1, -1)]
+        name = next((name for name in joined if name.lower() in known), parts[0])
+        words.append(name)
+        del parts[: name.count(",") + 1]
+    return words
+
+
+def _meant(word: str, table: dict[str, Method]) -> dict[str, Method]:
+    exact = {name: method for name, method in table.items() if name.lower() == word.lower()}
+    if exact:
+        (method,) = exact.values()
+        if not method.installed:
+            raise BadInput("--methods", f"{method.name}, which needs {' and '.join(method.needs)}", "installed methods")
+        return exact
+    kin = {name: method for name, method in table.items() if method.family.lower() == word.lower()}
+    like = kin or {name: method for name, method in table.items() if word and word.lower() in name.lower()}
+    if not like:
+        known = [*table, *FAMILIES]
+        raise UnknownName("method", word, difflib.get_close_matches(word, known, cutoff=0.5), known)
+    return {name: method for name, method in like.items() if method.installed}

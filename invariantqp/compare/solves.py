@@ -16,8 +16,8 @@ import numpy as np
 
 from invariantqp.compare.baselines import setting_of
 from invariantqp.compare.methods import Method, Setting, Solve, methods
-from invariantqp.compare.states import SORTS, State, states
-from invariantqp.compare.sweep import Cell, Kind, Result
+from invariantqp.compare.states import SORTS, Question, State, states
+from invariantqp.compare.sweep import Cell, Kind, NoReference, Result
 from invariantqp.compare.timing import interleaved, spread
 from invariantqp.control.taskfile import load_task
 from invariantqp.geometry.arrays import Array
@@ -41,14 +41,14 @@ def _solver(method: Method, setting: Setting) -> Solve:
     return method.make(setting)
 
 
-def answered(solve: Solve, asked: tuple[Array, Array, Array, Array]) -> Array | None:
+def answered(solve: Solve, asked: Question) -> Array | None:
     """A method's velocity inside the limits; None where it raises or answers with what is not finite."""
     try:
         with np.errstate(all="ignore"):
             x = np.asarray(solve(*asked), dtype=np.float64)
     except Exception:  # noqa: BLE001 (whatever a solver throws is a failure to be counted)
         return None
-    return np.minimum(np.maximum(x, asked[2]), asked[3]) if np.isfinite(x).all() else None
+    return np.minimum(np.maximum(x, asked.lower), asked.upper) if np.isfinite(x).all() else None
 
 
 def errors(cell: Cell) -> dict[str, Result]:
@@ -70,8 +70,7 @@ class _Exact:
 
     def of(self, method: Method, kind: str, state: State) -> Any:
         """The reference, or None where the method has no problem or the problem no unique answer here."""
-        from invariantqp.compare.exact_box import NoReference
-        from invariantqp.compare.references import Question, reference
+        from invariantqp.compare.references import reference
 
         problem = method.limited if kind == "limited" else method.problem
         if not problem:
@@ -79,7 +78,7 @@ class _Exact:
         key = (problem, method.frame, id(state))
         if key not in self._kept:
             try:
-                self._kept[key] = reference(problem, Question(*state.asked(method)), self._setting)
+                self._kept[key] = reference(problem, state.asked(method), self._setting)
             except NoReference:
                 self._kept[key] = None
         return self._kept[key]

@@ -31,6 +31,15 @@ NEAREST, FARTHEST = -4.0, -1.5
 TURN = np.pi
 
 
+class Question(NamedTuple):
+    """What a method is asked: a twist of joints within bounds, in the frame that it is meant for."""
+
+    J: Array
+    s: Array
+    lower: Array
+    upper: Array
+
+
 class State(NamedTuple):
     """One state and what is asked of it.
 
@@ -48,11 +57,11 @@ class State(NamedTuple):
     lower: Array
     upper: Array
 
-    def asked(self, method: Method) -> tuple[Array, Array, Array, Array]:
-        """(J, s, lower, upper) in the frame that the method is meant for."""
+    def asked(self, method: Method) -> Question:
+        """The question in the frame of a method."""
         if method.frame == "base":
-            return self.J, self.s, self.lower, self.upper
-        return self.to_tool.dot(self.J), self.to_tool.dot(self.s), self.lower, self.upper
+            return Question(self.J, self.s, self.lower, self.upper)
+        return Question(self.to_tool.dot(self.J), self.to_tool.dot(self.s), self.lower, self.upper)
 
 
 def joint_range(robot: Robot) -> tuple[Array, Array]:

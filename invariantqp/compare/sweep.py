@@ -22,6 +22,7 @@ spreads them over that cluster; the parts that measure time stay on this machine
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 import math
@@ -39,10 +40,13 @@ from invariantqp.compare.machine import machine, source_digest, versions
 from invariantqp.compare.methods import chosen
 from invariantqp.compare.results import SCHEMA, Results
 from invariantqp.control.simulate import Progress
-from invariantqp.errors import BadInput, InvariantQPError
+from invariantqp.control.taskfile import load_task
+from invariantqp.errors import BadInput, InvariantQPError, UnknownName
 
 Result = dict[str, Any]
 
+# Seven joints whose limits bind, five joints, six joints through a singularity.
+DEFAULT_TASKS = ("panda_path", "so101_line", "ur5_wrist")
 # What BLAS libraries read when they are loaded: times are of one thread.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -91,8 +95,12 @@ class Kind:
     fits: Callable[[str], bool] = lambda _: True
 
 
-class SweepFailure(InvariantQPError):
-    """A measurement found that nothing may be concluded: references that disagree."""
+class ReferenceFailure(InvariantQPError):
+    """A reference could not be made, or two that should be the same are not: nothing may be concluded."""
+
+
+class NoReference(ReferenceFailure):
+    """The problem has no unique answer on this state: a pitch form that does not see all of an arm, say."""
 
 
 def kinds() -> dict[str, Kind]:
@@ -102,10 +110,27 @@ def kinds() -> dict[str, Kind]:
     return {**solves.KINDS, **closed_loop.KINDS, **dependence.KINDS, **failure_map.KINDS, **growth.KINDS}
 
 
-def cells(tasks: Sequence[str], methods: Sequence[str], *, seed: int = 0, quick: bool = False) -> list[Cell]:
-    """The cells of a sweep, those that run alone last."""
+def cells(
+    tasks: Sequence[str],
+    methods: Sequence[str],
+    *,
+    seed: int = 0,
+    quick: bool = False,
+    only: Sequence[str] | None = None,
+) -> list[Cell]:
+    """The cells of a sweep, those that run alone last.
+
+    Raises:
+        UnknownName: `only` names no kind of measurement.
+    """
+    table = kinds()
+    for name in only or ():
+        if name not in table:
+            raise UnknownName("measurement", name, difflib.get_close_matches(name, table), list(table))
     found = []
-    for name, kind in sorted(kinds().items(), key=lambda item: item[1].alone):
+    for name, kind in sorted(table.items(), key=lambda item: item[1].alone):
+        if only is not None and name not in only:
+            continue
         fitting = [method for method in methods if kind.fits(method)]
         groups = [tuple(fitting)] if kind.alone or kind.together else [(method,) for method in fitting]
         places = tasks if kind.tasks is None else kind.tasks
@@ -115,31 +140,35 @@ def cells(tasks: Sequence[str], methods: Sequence[str], *, seed: int = 0, quick:
 
 def sweep(
     tasks: Sequence[str],
-    methods: Sequence[str] | None,
+    methods: str | Sequence[str] | None,
     out: Path,
     *,
     seed: int = 0,
     quick: bool = False,
     jobs: int | None = None,
+    only: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Results:
     """Measure every method on every task, taking up what an interrupted run left, and write DIR/results.json.
 
     Args:
         tasks: names or files.
-        methods: names or families; None is every installed method.
+        methods: as in `compare.methods.chosen`.
         out: the folder, made if it is not there.
         seed: of states, twists and displacements.
         quick: fewer states and ticks.
         jobs: processes; None is what joblib's back end has, one by default.
+        only: kinds of measurement; None is all of them.
         progress: called with (cells done, cells in all).
 
     Raises:
-        BadInput, UnknownName: no such method, or one that is not installed.
-        SweepFailure: two references for one exact answer disagree.
+        BadInput, UnknownName: no such task, method or kind, or a method that is not installed.
+        ReferenceFailure: two references for one exact answer disagree.
     """
     table = chosen(methods)
-    work = cells(tasks, list(table), seed=seed, quick=quick)
+    for task in tasks:
+        load_task(task)  # a name that is none is told before an hour of work, not after
+    work = cells(tasks, list(table), seed=seed, quick=quick, only=only)
     folder = out / "cells"
     folder.mkdir(parents=True, exist_ok=True)
     files = {cell: folder / f"{cell.kind}-{_key(cell)}.json" for cell in work}
@@ -147,7 +176,7 @@ def sweep(
     done = len(work) - len(missing)
     for cell, found in _measured(missing, jobs):
         if isinstance(found, str):
-            raise SweepFailure(found)
+            raise ReferenceFailure(found)
         _write(files[cell], found)
         done += 1
         if progress is not None:
@@ -189,7 +218,7 @@ def attempt(cell: Cell) -> tuple[Cell, dict[str, Result] | str]:
     try:
         with _silently():
             return cell, kinds()[cell.kind].measure(cell)
-    except SweepFailure as failure:
+    except ReferenceFailure as failure:
         return cell, f"{cell.kind}, {cell.task}: {failure}"
     except Exception as error:  # noqa: BLE001 (a method or a machine that cannot is a row in the report)
         return cell, {method: {"failed": f"{type(error).__name__}: {error}"} for method in cell.methods}
