@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from invariantqp.compare.invariant import OURS
 from invariantqp.compare.results import Results
@@ -20,6 +22,10 @@ from invariantqp.control.picture import COLOURS
 # Inches; 100 dots to the inch are the width of a README.
 WIDTH = 9.0
 DOTS = 100
+
+
+# Ratios of a logarithmic axis's ends below which it is short, and above which it is long.
+SHORT, LONG = 3e3, 1e6
 
 
 class Look(NamedTuple):
@@ -95,8 +101,6 @@ def short(method: str) -> str:
     """A method's name as charts write it: its family is told by its colour."""
     return (
         method.removeprefix("QP, ")
-        .replace("Moore-Penrose, ", "")
-        .replace("weighted Moore-Penrose", "weighted")
         .replace(", polished", " polished")
         .replace(", warm", " warm")
         .replace(", cold", " cold")
@@ -125,3 +129,17 @@ def grid(axes: Axes) -> None:
     """Faint lines behind everything."""
     axes.grid(visible=True, which="major", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
+
+
+def plain_ticks(axis: Axis, limits: tuple[float, float]) -> None:
+    """1, 10, 100 on a logarithmic axis, or 1, 2, 5, 10 where it is short; powers of ten where it is long."""
+    span = limits[1] / limits[0]
+    if span < LONG:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if span < SHORT else (1.0,), numticks=20))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def percent(share: float) -> str:
+    """A share in words."""
+    return f"{100.0 * share:.3g} %"
