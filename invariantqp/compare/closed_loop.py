@@ -86,7 +86,9 @@ def without_speed_limits(cell: Cell) -> dict[str, Result]:
 
     watched, trace = watched_run(load_task(cell.task), unhurried)
     stopped = (watched.exceptions + watched.not_finite) / len(trace.velocity)
-    return {cell.method: {**_motion(trace), "stopped": stopped, "final_position_mm": 1e3 * float(trace.position_error[-1])}}
+    return {
+        cell.method: {**_motion(trace), "stopped": stopped, "final_position_mm": 1e3 * float(trace.position_error[-1])}
+    }
 
 
 def failures(cell: Cell) -> dict[str, Result]:

@@ -97,7 +97,9 @@ def _answers(
     writing: Writing, method: Method, robot: Robot, law: LawSpec, q: Array, poses: list[Array]
 ) -> list[Array | None]:
     loop, arm = writing.loop(method, robot, law)
-    return [_answer(lambda x=x, T=T: loop.step(x, arm.target(writing.target(T)))) for x, T in zip(q, poses, strict=True)]
+    return [
+        _answer(lambda x=x, T=T: loop.step(x, arm.target(writing.target(T)))) for x, T in zip(q, poses, strict=True)
+    ]
 
 
 def _answer(step: Callable[[], Any]) -> Array | None:

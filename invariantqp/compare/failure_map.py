@@ -92,7 +92,9 @@ def _states(robot: Robot, cell: Cell, grid: int, samples: int) -> Iterator[State
         q = rng.uniform(low, high)
         for joint, square in ((first, column), (second, row)):
             q[joint] = low[joint] + (high[joint] - low[joint]) * (square + rng.uniform()) / grid
-        w, v = (size * d / np.linalg.norm(d) for size, d in zip((TURN, SPEED), rng.standard_normal((2, 3)), strict=True))
+        w, v = (
+            size * d / np.linalg.norm(d) for size, d in zip((TURN, SPEED), rng.standard_normal((2, 3)), strict=True)
+        )
         ahead = TICK / TRACKING_SHARE * np.concatenate((w, v))
         yield State(row, column, q, robot.pose(q).dot(se3.motion(ahead)))
 

@@ -158,11 +158,9 @@ def _spectral(
     left = np.zeros((n, m))
     if posture is not None:
         left = _dot(V.transpose(0, 2, 1), posture if law.metric is None else posture.dot(law.metric).dot(B))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = _dot(V, np.where(null, left, seen / mu))
+    mu[null | ~good[:, None]] = 1.0  # nothing to divide by
+    z = _dot(V, np.where(null, left, seen / mu))
     x = z if law.metric is None else z.dot(B.T)
-    good &= np.isfinite(x).all(axis=1)
-    x[~good] = 0.0
     met = _met(J, s, x)
     margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
     away = ((x > box[0] + margin) & (x < box[1] - margin)).all(axis=1)
