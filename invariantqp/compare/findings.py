@@ -22,7 +22,7 @@ PLACES = {"free": "Where no limit is met", "limited": "Where limits are met", "s
 
 def findings(results: Results) -> list[str]:
     """The sentences that the results allow."""
-    makers: tuple[Callable[[Results], list[str]], ...] = (_speed, _accuracy, _residual, _clipping, _batch)
+    makers: tuple[Callable[[Results], list[str]], ...] = (_speed, _accuracy, residual, _clipping, _batch)
     return [sentence for make in makers for sentence in make(results)]
 
 
@@ -74,7 +74,7 @@ def _accuracy(results: Results) -> list[str]:
     return said
 
 
-def _residual(results: Results) -> list[str]:
+def residual(results: Results) -> list[str]:
     """The Euclidean residual in the tool's own frame: what Moore-Penrose minimises."""
     said = []
     errors = picked(results, "error")
