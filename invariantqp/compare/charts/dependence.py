@@ -69,5 +69,7 @@ def dependence_caption(results: Results) -> str:
         if name == LU and run["frame"]["median"] is not None and run["frame"]["median"] < ROUNDING
     ]
     if free:
-        said.append(f"On {' and '.join(free)} the median state of Moore-Penrose does not depend on frames: J has rank 6.")
+        said.append(
+            f"On {' and '.join(free)} the median state of Moore-Penrose does not depend on frames: J has rank 6."
+        )
     return " ".join(said)

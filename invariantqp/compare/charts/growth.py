@@ -115,7 +115,9 @@ def growth_caption(results: Results) -> str:
         slopes = [
             f"{name} {run['slope']:.2f}"
             for (task, name), run in found.items()
-            if task == axis and run["slope"] is not None and (name in TOLD or name.startswith(f"{OURS}, ") or "joints" not in axis)
+            if task == axis
+            and run["slope"] is not None
+            and (name in TOLD or name.startswith(f"{OURS}, ") or "joints" not in axis)
         ]
         if slopes:
             said.append(f"{title}: {', '.join(slopes)}.")

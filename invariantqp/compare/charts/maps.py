@@ -54,7 +54,13 @@ def _chart(results: Results, file: Path, arm: str) -> None:
         for axes, (names, run) in zip(flat, found, strict=False):
             (left, right), (low, high) = run["ranges"]
             picture = axes.imshow(
-                shares(run), cmap=SHADES, vmin=0.0, vmax=1.0, origin="lower", aspect="auto", extent=(left, right, low, high)
+                shares(run),
+                cmap=SHADES,
+                vmin=0.0,
+                vmax=1.0,
+                origin="lower",
+                aspect="auto",
+                extent=(left, right, low, high),
             )
             others = f" and {len(names) - 1} alike" if len(names) > 1 else ""
             weight = "bold" if names[0] == OURS else "normal"
