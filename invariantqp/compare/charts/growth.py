@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from invariantqp.compare.charts.labels import name_ends
+from invariantqp.compare.charts.ends import name_ends
 from invariantqp.compare.charts.style import chart, families_legend, grid, is_ours, laid_out, look, plain_ticks, short
 from invariantqp.compare.invariant import OURS
 from invariantqp.compare.results import Results, picked
@@ -115,7 +115,9 @@ def growth_caption(results: Results) -> str:
         slopes = [
             f"{name} {run['slope']:.2f}"
             for (task, name), run in found.items()
-            if task == axis and run["slope"] is not None and (name in TOLD or name.startswith(f"{OURS}, ") or "joints" not in axis)
+            if task == axis
+            and run["slope"] is not None
+            and (name in TOLD or name.startswith(f"{OURS}, ") or "joints" not in axis)
         ]
         if slopes:
             said.append(f"{title}: {', '.join(slopes)}.")

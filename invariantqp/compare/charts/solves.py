@@ -88,7 +88,10 @@ def singular_caption(results: Results) -> str:
     """Which digits are lost where."""
     found = points(results, "singular")
     said = ["States 1e-4 to 3e-2 rad from a singularity."]
-    for words, names in (("Squaring cond(J) costs digits", ("Moore-Penrose, LU", "h, Gram + LDL'")), ("factoring first keeps them", ("Moore-Penrose, SVD", "h, factored"))):
+    for words, names in (
+        ("Squaring cond(J) costs digits", ("Moore-Penrose, LU", "h, Gram + LDL'")),
+        ("factoring first keeps them", ("Moore-Penrose, SVD", "h, factored")),
+    ):
         listed = [f"{p.method} {p.y:.0e}" for p in found if p.method in names]
         if listed:
             said.append(f"{words}: {', '.join(listed)}.")
