@@ -47,6 +47,8 @@ Result = dict[str, Any]
 
 # Seven joints whose limits bind, five joints, six joints through a singularity.
 DEFAULT_TASKS = ("panda_path", "so101_line", "ur5_wrist")
+# Of the figures kept: more than any repeats itself to.
+DIGITS = 6
 # What BLAS libraries read when they are loaded: times are of one thread.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -177,7 +179,7 @@ def sweep(
     for cell, found in _measured(missing, jobs):
         if isinstance(found, str):
             raise ReferenceFailure(found)
-        _write(files[cell], found)
+        _write(files[cell], json.dumps(plain(found), allow_nan=False))
         done += 1
         if progress is not None:
             progress(done, len(work))
@@ -191,7 +193,7 @@ def sweep(
         "methods": [method.as_json() for method in table.values()],
         "cells": [entry for cell in work for entry in _entries(cell, json.loads(files[cell].read_text("utf-8")))],
     }
-    _write(out / "results.json", results)
+    write_results(out / "results.json", results)
     return results
 
 
@@ -246,22 +248,30 @@ def _finished(file: Path) -> bool:
         return False
 
 
-def _write(file: Path, content: Any) -> None:
+def _write(file: Path, text: str) -> None:
     """In one piece: a run that is interrupted leaves no half of a file."""
     part = file.with_suffix(".part")
     try:
-        part.write_text(json.dumps(plain(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        part.write_text(text + "\n", encoding="utf-8")
         part.replace(file)
     except OSError as error:
         raise BadInput(str(file), f"{error}", "a folder that can be written to") from error
 
 
+def write_results(file: Path, results: Results) -> None:
+    """Results with a cell a line, so that two files can be told apart line by line."""
+    content = plain(results)
+    lines = ",\n  ".join(json.dumps(cell, allow_nan=False, separators=(",", ":")) for cell in content.pop("cells"))
+    head = json.dumps(content, indent=1, allow_nan=False)
+    _write(file, f'{head[:-2]},\n "cells": [\n  {lines}\n ]\n}}')
+
+
 def plain(value: Any) -> Any:
-    """The value with null for every figure that is no finite number."""
+    """The value with null for every figure that is no finite number, and six digits of every one that is."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
     return value
