@@ -1,4 +1,4 @@
-"""How much a joint velocity depends on how the problem was written down: on where frames were put, on the unit of length.
+"""How much a joint velocity depends on how the problem was written down: on where frames are, on the unit of length.
 
     |x - x'| / |x|,    x' the answer to the same physical question with tool frame and base frame displaced, or in mm
 
@@ -8,13 +8,13 @@ that people give in metres (a length, an inertia) are converted; damping in mixe
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from invariantqp.compare.baselines import MethodLaw, controller_of, setting_of
+from invariantqp.compare.closed_loop import task_of
 from invariantqp.compare.frames import frame_check, random_displacement
 from invariantqp.compare.methods import Method, methods
 from invariantqp.compare.rewritten import rewritten, stretched
@@ -97,14 +97,12 @@ def _answers(
     writing: Writing, method: Method, robot: Robot, law: LawSpec, q: Array, poses: list[Array]
 ) -> list[Array | None]:
     loop, arm = writing.loop(method, robot, law)
-    return [
-        _answer(lambda x=x, T=T: loop.step(x, arm.target(writing.target(T)))) for x, T in zip(q, poses, strict=True)
-    ]
+    return [_answer(loop, x, arm.target(writing.target(T))) for x, T in zip(q, poses, strict=True)]
 
 
-def _answer(step: Callable[[], Any]) -> Array | None:
+def _answer(loop: Controls, q: Array, target: Any) -> Array | None:
     try:
-        x = np.asarray(step().velocity, dtype=np.float64)
+        x = np.asarray(loop.step(q, target).velocity, dtype=np.float64)
     except Exception:  # noqa: BLE001 (failures are counted, here as a state left out)
         return None
     return x if np.isfinite(x).all() else None
@@ -138,10 +136,7 @@ class _Changes:
 
 def trajectory(cell: Cell) -> dict[str, Result]:
     """How far the task's whole joint trajectory moves when the tool frame is put elsewhere."""
-    task = load_task(cell.task)
-    if cell.quick:
-        task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 5.0 * task.law.dt})})
-    (check,) = frame_check(task, cell.seed, laws={cell.method: controller_of(methods()[cell.method])})
+    (check,) = frame_check(task_of(cell), cell.seed, laws={cell.method: controller_of(methods()[cell.method])})
     return {cell.method: {"change": check.change, "worst_error_mm": check.worst_error_mm}}
 
 

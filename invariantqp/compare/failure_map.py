@@ -20,8 +20,8 @@ import numpy as np
 from invariantqp.compare.baselines import controller_of
 from invariantqp.compare.methods import methods
 from invariantqp.compare.rewritten import rewritten
-from invariantqp.compare.states import joint_range
 from invariantqp.compare.stability import quietly
+from invariantqp.compare.states import joint_range
 from invariantqp.compare.sweep import Cell, Kind, Result
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.control.simulate import distance

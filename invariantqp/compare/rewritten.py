@@ -59,4 +59,5 @@ def _model(robot: Any, Y: Array, unit: float, speed_limits: bool) -> Robot:
         frame.placement.translation = unit * frame.placement.translation
     if not speed_limits:
         model.velocityLimit = np.zeros(model.nv)  # which is how URDFs leave them out
-    return type(robot)(model, robot.tool)
+    written: Robot = type(robot)(model, robot.tool)
+    return written

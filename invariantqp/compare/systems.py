@@ -19,6 +19,14 @@ METHODS = [
         needs=("pink",),
     ),
     Method(
+        name="Pink, posture",
+        family="system",
+        limits="inside",
+        why="the same with a posture task to the middle of the joint ranges at a cost of 1e-3",
+        system=partial(PinkLaw, posture=True),
+        needs=("pink",),
+    ),
+    Method(
         name="mink",
         family="system",
         limits="inside",

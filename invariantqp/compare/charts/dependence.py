@@ -18,6 +18,7 @@ TITLES = {
     "frame": "Tool frame and base frame displaced by about 25 cm",
     "unit": "Millimetres for metres",
 }
+ASKED = "The same physical question, asked twice"
 # Up to this a change is rounding.
 ROUNDING = 1e-8
 
@@ -50,10 +51,7 @@ def dependence_chart(results: Results, file: Path) -> None:
 
 def dependence_caption(results: Results) -> str:
     """How much changes for whom; and where Moore-Penrose does not depend on frames either."""
-    said = [
-        "The same physical question, asked twice; a point is the worst state, its faint line reaches down to the median "
-        "state of the arm where that is largest."
-    ]
+    said = [f"{ASKED}; a point is the worst state, its faint line ends at the median of the arm with the largest."]
     for way, words in (("frame", "with frames displaced"), ("unit", "in millimetres")):
         found = {p.method: p for p in points(results, way)}
         listed = [

@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from invariantqp.compare.charts.labels import name_ends
+from invariantqp.compare.charts.ends import name_ends
 from invariantqp.compare.charts.style import chart, families_legend, grid, is_ours, laid_out, look, plain_ticks, short
 from invariantqp.compare.invariant import OURS
 from invariantqp.compare.results import Results, picked

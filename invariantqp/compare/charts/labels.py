@@ -9,7 +9,7 @@ is random: the same points are named in the same places.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -58,8 +58,7 @@ def name_points(
     """
     if not points:
         return []
-    canvas = FigureCanvasAgg(axes.figure.get_figure(root=True))  # type: ignore[union-attr, arg-type]
-    renderer = canvas.get_renderer()
+    renderer = renderer_of(axes)
     pixel = renderer.points_to_pixels(1.0)
     markers = axes.transData.transform([(p.x, p.y) for p in points])
     points = _together(points, markers, TOGETHER * pixel)
@@ -98,6 +97,12 @@ def name_points(
     return drawn
 
 
+def renderer_of(axes: Axes) -> Any:
+    """What measures text where it will be drawn."""
+    canvas: Any = FigureCanvasAgg(axes.get_figure(root=True))
+    return canvas.get_renderer()
+
+
 def _together(points: Sequence[Named], at: Array, near: float) -> list[Named]:
     """The points with those nearer than `near` pixels to each other made one, but for a bold one."""
     left = list(range(len(points)))
@@ -116,9 +121,9 @@ def _together(points: Sequence[Named], at: Array, near: float) -> list[Named]:
     return found
 
 
-def _extent(axes: Axes, point: Named, size: float, renderer: object) -> tuple[float, float]:
+def _extent(axes: Axes, point: Named, size: float, renderer: Any) -> tuple[float, float]:
     text = axes.text(0, 0, point.text, fontsize=size, fontweight="bold" if point.bold else "normal", linespacing=1.0)
-    box = text.get_window_extent(renderer)  # type: ignore[arg-type]
+    box = text.get_window_extent(renderer)
     text.remove()
     return box.width, box.height
 
@@ -214,44 +219,3 @@ def _crossed(lines: Array, others: Array) -> Array:
     c, d = others[None, :, :2], others[None, :, 2:]
     crossing = (side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)
     return np.asarray(crossing.sum(axis=1), dtype=np.float64)
-
-
-def name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, bool]], size: float = 7.5) -> list[Annotation]:
-    """Write names to the right of where lines end (x, y, name, bold), moved apart up and down, a thin line to each."""
-    if not ends:
-        return []
-    canvas = FigureCanvasAgg(axes.figure.get_figure(root=True))  # type: ignore[union-attr, arg-type]
-    renderer = canvas.get_renderer()
-    pixel = renderer.points_to_pixels(1.0)
-    ends = sorted(ends, key=lambda end: end[1])
-    at = axes.transData.transform([end[:2] for end in ends])
-    step = 1.25 * size * pixel
-    low, high = axes.get_window_extent(renderer).intervaly
-    heights = _apart(at[:, 1], step, low + 0.5 * step, high - 0.5 * step)
-    return [
-        axes.annotate(
-            text,
-            (x, y),
-            (18.0, (height - start) / pixel),
-            textcoords="offset points",
-            va="center",
-            fontsize=size,
-            fontweight="bold" if bold else "normal",
-            color="#111111",
-            arrowprops={"arrowstyle": "-", "linewidth": 0.5, "color": "#888888", "shrinkA": 0, "shrinkB": 2},
-        )
-        for (x, y, text, bold), (_, start), height in zip(ends, at, heights, strict=True)
-    ]
-
-
-def _apart(wanted: Array, step: float, low: float, high: float) -> Array:
-    """Ascending heights at least a step apart inside [low, high], each as near as may be to where it is wanted."""
-    ranks = step * np.arange(len(wanted))
-    blocks: list[list[float]] = []  # pools of neighbours that push each other: their mean, and how many
-    for value in (wanted - ranks).tolist():
-        blocks.append([value, 1.0])
-        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
-            (a, n), (b, k) = blocks[-2:]
-            blocks[-2:] = [[(n * a + k * b) / (n + k), n + k]]
-    heights = np.repeat([value for value, _ in blocks], [int(count) for _, count in blocks])
-    return np.asarray(np.clip(heights, low, max(low, high - ranks[-1])) + ranks)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,16 @@ from invariantqp.compare.invariant import OURS
 from invariantqp.compare.results import Results, picked
 from invariantqp.compare.stability import YARDSTICK
 
+# Methods that captions tell of.
+TOLD = (OURS, LU, YARDSTICK, "Pink, posture")
 # Errors below a nanometre are drawn there.
 NANOMETRE = 1e-6
 # Speeds over limit and chatter below this are drawn there.
 STILL = 1e-3
+SHIPPED = (
+    f"A tick is pose, Jacobian, law and limits. {OURS} runs as shipped: with what the task file asks (a point met "
+    "exactly, where it does) and a posture for joints to spare; single laws have neither, and cannot be told."
+)
 
 
 def ticks(results: Results, task: str) -> list[Point]:
@@ -45,7 +52,7 @@ def tick_chart(results: Results, file: Path) -> None:
 
 def tick_caption(results: Results) -> str:
     """Who is on the front of each task, and what else the runs say about ours and Moore-Penrose."""
-    said = ["A tick is pose, Jacobian, law and limits, in Python for all but the solvers."]
+    said = [SHIPPED]
     runs = picked(results, "closed_loop")
     for task in results["tasks"]:
         edge = front(ticks(results, task))
@@ -53,13 +60,13 @@ def tick_caption(results: Results) -> str:
             continue
         names = ", ".join(f"{p.method} ({p.x:.0f} us, {p.y:.2g} mm)" for p in edge)
         text = f"{task}: no method is both faster and nearer than {names}"
-        ours = [
-            f"{name} {runs[task, name]['position_mm']['p99']:.2g} mm and {runs[task, name]['orientation_deg']['p99']:.2g} deg"
-            for name in (OURS, LU, YARDSTICK)
-            if (task, name) in runs
-        ]
-        said.append(f"{text}; 99th percentiles: {'; '.join(ours)}." if ours else f"{text}.")
+        listed = [f"{name} {_tracked(runs[task, name])}" for name in TOLD if (task, name) in runs]
+        said.append(f"{text}; 99th percentiles: {'; '.join(listed)}." if listed else f"{text}.")
     return " ".join(said)
+
+
+def _tracked(run: dict[str, Any]) -> str:
+    return f"{run['position_mm']['p99']:.2g} mm and {run['orientation_deg']['p99']:.2g} deg"
 
 
 def singular(results: Results) -> list[Point]:
@@ -91,10 +98,8 @@ def singular_loops_caption(results: Results) -> str:
     points = {p.method: p for p in singular(results)}
     tasks = sorted({task.removeprefix("stability/") for task, _ in picked(results, "singular")})
     below = [name for name, p in points.items() if p.y <= 1.0]
-    said = [
-        f"Runs through singularities ({', '.join(tasks)}) by arms whose speed limits no method was told of; "
-        f"{len(below)} of {len(points)} stay below them all the same."
-    ]
+    runs = f"Runs through singularities ({', '.join(tasks)}) by arms whose speed limits no method was told of"
+    said = [f"{runs}; {len(below)} of {len(points)} stay below them all the same."]
     said += [
         f"{name}: {points[name].y:.3g} times the limit, chatter {points[name].x:.3g}."
         for name in (OURS, LU, "DLS", YARDSTICK)

@@ -14,10 +14,15 @@ from invariantqp.compare.charts.loops import failed
 from invariantqp.compare.charts.style import chart, look, percent, short
 from invariantqp.compare.invariant import OURS
 from invariantqp.compare.results import Results, picked
+from invariantqp.geometry.arrays import Array
 
 # Maps whose squares differ by less than this on average are drawn once.
 ALIKE = 0.01
 COLUMNS = 5
+FAILURE = (
+    "A state fails when a method raises, asks a joint for more than its speed limit before clipping, or leaves the "
+    "tool further from its target in position and in orientation; other joints at random."
+)
 # White where nothing fails, dark where everything does; told apart in grey too.
 SHADES = LinearSegmentedColormap.from_list("failures", ["#ffffff", "#f6c667", "#d55e00", "#3b0f1e"])
 WAYS = {"raised": "#000000", "not_finite": "#0072B2", "outside": "#D55E00"}
@@ -39,9 +44,10 @@ def groups(results: Results, arm: str) -> list[tuple[list[str], dict[str, Any]]]
     return found
 
 
-def shares(run: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def shares(run: dict[str, Any]) -> Array:
     """The map of a run as shares of its samples."""
-    return np.asarray(run["map"], dtype=np.float64) / run["samples"]
+    counts = np.asarray(run["map"], dtype=np.float64)
+    return np.asarray(counts / run["samples"])
 
 
 def _chart(results: Results, file: Path, arm: str) -> None:
@@ -83,10 +89,7 @@ def so101_map(results: Results, file: Path) -> None:
 
 
 def _caption(results: Results, arm: str) -> str:
-    said = [
-        "A state fails when a method raises, asks a joint for more than its speed limit before clipping, or leaves the "
-        "tool further from its target in position and in orientation; other joints at random."
-    ]
+    said = [FAILURE]
     for names, run in groups(results, arm):
         if len(names) > 1:
             said.append(f"Alike ({percent(run['share'])}): {', '.join(names)}.")

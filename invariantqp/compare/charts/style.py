@@ -50,7 +50,7 @@ TITLES = {
     "QP": "QP solvers",
     "system": "whole systems",
 }
-RC: dict[str, Any] = {
+RC: Any = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titlelocation": "left",
