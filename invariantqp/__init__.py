@@ -84,6 +84,7 @@ if TYPE_CHECKING:
         system_sum,
     )
     from invariantqp.velocity.backends import BoxQP, Osqp
+    from invariantqp.velocity.batch import VelocitySolutions, solve_velocities
     from invariantqp.velocity.damping import Adaptive, Fixed, None_, PaperLambda, Selective
     from invariantqp.velocity.exact import ExactRows
     from invariantqp.velocity.guard import Guard
@@ -161,6 +162,7 @@ _HOME = {
     "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
     "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
     "velocity.backends": ("BoxQP", "Osqp"),
+    "velocity.batch": ("VelocitySolutions", "solve_velocities"),
     "velocity.damping": ("Adaptive", "Fixed", "None_", "PaperLambda", "Selective"),
     "velocity.exact": ("ExactRows",),
     "velocity.guard": ("Guard",),

@@ -16,6 +16,7 @@ from typer.core import TyperCommand
 from invariantqp import __version__
 from invariantqp.errors import BadInput, InvariantQPError
 from invariantqp.printing import (
+    print_comparison,
     print_contact_frame_check,
     print_frame_check,
     print_inspection,
@@ -193,19 +194,73 @@ def inspect(
 
 @app.command()
 def compare(
+    tasks: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[TASK]...", help="Task files or names; three shipped ones if left out."),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="Methods, families, parts of names, apart by commas; all if left out."),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where report, pictures and results.json go.")] = Path(
+        "comparison"
+    ),
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 is all cores.")] = -1,
+    quick: Annotated[bool, typer.Option("--quick", help="Few states and coarse ticks: a minute and a half.")] = False,
+    only: Annotated[
+        str | None, typer.Option(metavar="KINDS", help="Measurements, apart by commas: error, time, growth, ...")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of states, twists and displacements.", min=0)] = 0,
+    against: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Another results.json: tell how alike the two rank by time.")
+    ] = None,
     stability: Annotated[
         bool, typer.Option("--stability", help="What breaks velocity control, under our law and the usual ones.")
     ] = False,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON.")
+        Path | None, typer.Option("--json", metavar="FILE", help="With --stability: write every figure as JSON.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
-    """Run our law and the usual ones on the same problems: 0 when ours stays finite and inside limits, 1 when not."""
-    from invariantqp.compare.stability import OURS, compare_stability
+    """Chart speed against accuracy of our law and others, TASK by TASK; or, with --stability, what breaks them.
 
-    if not stability:
-        raise BadInput("compare", "nothing to compare", "--stability")
+    With --stability the exit status is 0 when ours stays finite and inside limits, 1 when not.
+    """
+    if stability:
+        _compare_stability(json_file, quiet)
+        return
+    from invariantqp.compare.ranking import rank_agreement
+    from invariantqp.compare.report import write_report
+    from invariantqp.compare.results import load_results
+    from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
+
+    if json_file is not None:
+        raise BadInput("--json", "no --stability beside it", "--out DIR, which has results.json")
+    if jobs < -1 or jobs == 0:
+        raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
+    other = None if against is None else load_results(against)
+    _folder(out)
+    with progress("measuring", quiet) as report:
+        results = sweep(
+            tasks or DEFAULT_TASKS,
+            methods,
+            out,
+            seed=seed,
+            quick=quick,
+            jobs=jobs,
+            only=None if only is None else [word.strip() for word in only.split(",")],
+            progress=report,
+        )
+    with progress("drawing", quiet) as report:
+        files = write_report(results, out, report)
+    if not quiet:
+        print_comparison(results, files, None if other is None else rank_agreement(results, other))
+
+
+def _compare_stability(json_file: Path | None, quiet: bool) -> None:
+    from invariantqp.compare.invariant import OURS
+    from invariantqp.compare.stability import compare_stability
+
     _writable(json_file)
     with progress("comparing", quiet) as report:
         outcomes = compare_stability(report)
@@ -215,6 +270,16 @@ def compare(
         json_file.write_text(json.dumps([run.as_json() for run in outcomes], indent=1) + "\n", encoding="utf-8")
     if not all(run.finite and run.inside for run in outcomes if run.law == OURS):
         raise typer.Exit(NOT_ACCEPTED)
+
+
+def _folder(out: Path) -> None:
+    """Refuse a folder that cannot be had before the work is done."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput("--out", f"{out}: {error.strerror}", "a folder, or a place where one can be made") from error
+    if not os.access(out, os.W_OK):
+        raise BadInput("--out", f"{out}, which may not be written to", "a folder of yours")
 
 
 def _writable(file: Path | None, suffixes: tuple[str, ...] = ()) -> None:

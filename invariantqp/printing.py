@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from invariantqp.compare.stability import Outcome
     from invariantqp.control.inspection import Inspection
     from invariantqp.control.taskfile import Task
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 PLAIN_WIDTH = 100
 # Of tables there.
 WIDE = 140
+# How often a progress bar moves on its way.
+STEPS = 200
 
 
 @contextmanager
@@ -37,7 +41,7 @@ def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | No
         job = bar.add_task(what, total=None)
 
         def report(done: int, total: int) -> None:
-            if done % 50 == 0 or done == total:
+            if done % max(1, total // STEPS) == 0 or done == total:
                 bar.update(job, completed=done, total=total)
 
         yield report
@@ -167,6 +171,27 @@ def print_stability(outcomes: list[Outcome]) -> None:
         "speed in the last tenth; chatter: total variation of the velocity over the least-squares QP's; raised: ticks "
         "in which the law raised."
     )
+
+
+def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
+    """A comparison's summary, what it says in sentences, and where the rest is."""
+    from invariantqp.compare.findings import findings
+    from invariantqp.compare.tables import summary
+
+    found = summary(results)
+    table = Table(*found.columns, box=None)
+    for row in found.rows:
+        table.add_row(*(_plain(cell) for cell in row))
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
+    console.print(table)
+    for sentence in findings(results):
+        console.print(f"- {sentence}", markup=False)
+    failed = sum("failed" in cell["result"] for cell in results["cells"])
+    if failed:
+        console.print(f"{failed} of {len(results['cells'])} measurements could not be made: the report says why.")
+    for place, rho in (agreement or {}).items():
+        console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
+    console.print(f"written: {', '.join(str(file) for file in files[:2])}, {len(files) - 2} pictures", markup=False)
 
 
 def _shares(counts: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ import pytest
 import invariantqp as iq
 from invariantqp.compare import pose_ik_race
 from invariantqp.compare.pose_ik_race import OURS, ROBOTS, contestants, race
-from invariantqp.compare.toolbox_ets import ets_of
+from invariantqp.compare.toolbox import ets_of
 from invariantqp.control.survey import spread
 
 SO101 = iq.load_robot("so101")

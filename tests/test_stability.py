@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.compare.baselines import least_squares_qp
-from invariantqp.compare.stability import OURS, YARDSTICK, Case, cases, run_case
+from invariantqp.compare.baselines import controller_named
+from invariantqp.compare.invariant import OURS
+from invariantqp.compare.stability import YARDSTICK, Case, cases, run_case
 from invariantqp.control.simulate import our_controller
 from invariantqp.control.taskfile import shipped_tasks
 from invariantqp.robots.kinematics import middle
@@ -24,7 +25,7 @@ def runs():
 
     def run(case):
         if case not in done:
-            done[case] = run_case(case, OURS, our_controller), run_case(case, YARDSTICK, least_squares_qp)
+            done[case] = run_case(case, OURS, our_controller), run_case(case, YARDSTICK, controller_named(YARDSTICK))
         return done[case]
 
     return run

@@ -6,8 +6,9 @@ from typer.testing import CliRunner
 
 from invariantqp.cli import app
 from invariantqp.compare import stability
+from invariantqp.compare.invariant import OURS
 from invariantqp.compare.sdls import LARGEST_STEP, sdls_step
-from invariantqp.compare.stability import OURS, YARDSTICK, Case, compare_stability
+from invariantqp.compare.stability import YARDSTICK, Case, compare_stability
 from invariantqp.errors import BadInput
 
 FEW = [Case("stability/pitch_crossing"), Case("stability/jump", "target")]

@@ -5,12 +5,13 @@ change = max |q(t) - q'(t)|,    T_tool' = T_tool X,  T_target' = T_target X
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from invariantqp.compare.baselines import damped_least_squares, moore_penrose
+from invariantqp.compare.baselines import controller_named
 from invariantqp.control.simulate import MakeController, Progress, our_controller, run_task
 from invariantqp.control.taskfile import Task
 from invariantqp.geometry import se3
@@ -21,8 +22,8 @@ DISPLACEMENT = 0.25
 
 LAWS: dict[str, MakeController] = {
     "invariantqp": our_controller,
-    "Moore-Penrose, clipped": moore_penrose,
-    "DLS, clipped": damped_least_squares,
+    "Moore-Penrose, clipped": controller_named("Moore-Penrose, pinv"),
+    "DLS, clipped": controller_named("DLS"),
 }
 
 
@@ -47,21 +48,24 @@ def random_displacement(seed: int) -> Array:
     return se3.transform(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
 
 
-def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:
+def frame_check(
+    task: Task, seed: int = 0, progress: Progress | None = None, laws: Mapping[str, MakeController] = LAWS
+) -> list[FrameCheck]:
     """Run a task with the tool frame as it is and displaced at random, under our law and the usual ones.
 
     Args:
         task: from `load_task`.
         seed: of the displacement.
         progress: called with (ticks done, ticks in all).
+        laws: what is run, by name.
 
     Returns:
-        One FrameCheck a law; ours first.
+        One FrameCheck a law.
     """
     offset = random_displacement(seed)
     checks = []
     done = 0
-    total = 2 * len(LAWS) * max(1, round(task.path.duration / task.law.dt))
+    total = 2 * len(laws) * max(1, round(task.path.duration / task.law.dt))
 
     def count(_: int, __: int) -> None:
         nonlocal done
@@ -69,7 +73,7 @@ def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> 
         if progress is not None:
             progress(done, total)
 
-    for name, make in LAWS.items():
+    for name, make in laws.items():
         plain = run_task(task, controller=make, progress=count)
         displaced = run_task(task, controller=make, tool_offset=offset, progress=count)
         change = float(np.abs(plain.q - displaced.q).max())

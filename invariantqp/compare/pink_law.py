@@ -1,7 +1,8 @@
 """Pink with DAQP on the same problems, where it is installed: the one file that imports it.
 
 Its velocity and position limits are on, its break at a limit is off, so that it may go on where it can; its frame task
-has unit costs, and damping 1e-6, since with its default 1e-12 DAQP fails on seven joints.
+has unit costs, and damping 1e-6, since with its default 1e-12 DAQP fails on seven joints. A posture task beside it, to
+the middle of the joint ranges at a cost of 1e-3, is what its own examples have.
 
 Reference: Caron et al., Pink (pin-pink).
 """
@@ -14,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.baselines import QP_DAMPING
-from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.compare.peers import led, pose_of, share_of
+from invariantqp.compare.qp_backends import QP_DAMPING
 from invariantqp.control.taskfile import LawSpec
 from invariantqp.errors import MissingExtra, RobotModelError
-from invariantqp.geometry import arrays, se3
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.velocity.solution import VelocitySolution
 
 
@@ -28,11 +28,15 @@ def has_pink() -> bool:
     return find_spec("pink") is not None
 
 
+# Beside unit costs of the frame task.
+POSTURE_COST = 1e-3
+
+
 class PinkLaw:
     """One Pink frame task on the robot's own Pinocchio model."""
 
-    def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """`law` gives dt and gain; nothing else of it is used.
+    def __init__(self, robot: Robot, law: LawSpec, *, posture: bool = False) -> None:
+        """`law` gives dt and gain; nothing else of it is used. `posture` adds a posture task.
 
         Raises:
             MissingExtra: Pink is not installed.
@@ -48,20 +52,24 @@ class PinkLaw:
         self._pink = pink
         self._robot = robot
         self._dt = law.dt
-        self._share = TRACKING_SHARE if law.gain is None else law.gain * law.dt
+        self._share = share_of(law)
         self._configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
         self._task = pink.FrameTask(getattr(robot, "tool", ""), 1.0, 1.0, gain=self._share)
+        self._tasks = [self._task]
+        if posture:
+            self._tasks.append(pink.PostureTask(cost=POSTURE_COST))
+            self._tasks[-1].set_target(middle(robot))
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick; Pink's exceptions get out as they are."""
         positions = np.asarray(q, dtype=np.float64)
-        ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
-        if ahead.any():  # Pink has no feedforward: a target so far ahead that its gain asks for it
-            ahead_pose = se3.exp(self._dt / self._share * ahead).dot(target.homogeneous)
-            target = self._robot.target(ahead_pose)
+        pose = pose_of(target)
+        ahead = led(pose, feedforward, self._dt / self._share)
+        if ahead is not pose:
+            target = self._robot.target(ahead)
         self._configuration.update(positions)
         self._task.set_target(target)
         x = self._pink.solve_ik(
-            self._configuration, [self._task], self._dt, solver="daqp", damping=QP_DAMPING, safety_break=False
+            self._configuration, self._tasks, self._dt, solver="daqp", damping=QP_DAMPING, safety_break=False
         )
         return VelocitySolution(np.asarray(x), "pink", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from invariantqp.compare.pink_law import PinkLaw, has_pink
-from invariantqp.compare.toolbox_ets import ets_of, has_toolbox
+from invariantqp.compare.toolbox import ets_of, has_toolbox
 from invariantqp.control.pose_error import pose_error
 from invariantqp.control.pose_ik import RESTARTS, solve_pose
 from invariantqp.control.survey import joint_ranges, spread

@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.baselines import damped_least_squares, least_squares_qp, moore_penrose, selectively_damped
+from invariantqp.compare.baselines import controller_named
+from invariantqp.compare.invariant import OURS, PAPER_LAMBDA
 from invariantqp.compare.pink_law import PinkLaw, has_pink
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.simulate import MakeController, Progress, our_controller, run_task
-from invariantqp.control.taskfile import LawSpec, load_task, shipped_tasks
+from invariantqp.control.taskfile import LawSpec, Task, load_task, shipped_tasks
 from invariantqp.control.trace import Trace
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
@@ -28,11 +29,8 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.solution import VelocitySolution
 
-OURS = "invariantqp"
 # The yardstick of chatter: least squares with the same limits in the same run.
 YARDSTICK = "least-squares QP"
-# [DS]'s Lambda = lambda I, with a lambda that a reader of the paper would try [m].
-PAPER_LAMBDA = 0.05
 # The share of a run that counts as its tail.
 TAIL = 0.1
 # Ticks in which a broken input is broken: every third in the first half, so that there is time to recover.
@@ -111,10 +109,10 @@ def laws() -> dict[str, MakeController]:
     """The laws compared, ours first; Pink where it is installed."""
     table: dict[str, MakeController] = {
         OURS: our_controller,
-        YARDSTICK: least_squares_qp,
-        "Moore-Penrose": moore_penrose,
-        "DLS": damped_least_squares,
-        "SDLS": selectively_damped,
+        YARDSTICK: controller_named(YARDSTICK),
+        "Moore-Penrose": controller_named("Moore-Penrose, pinv"),
+        "DLS": controller_named("DLS"),
+        "SDLS": controller_named("SDLS"),
         "[DS] Lambda": paper_law,
     }
     if has_pink():
@@ -178,20 +176,27 @@ def run_case(case: Case, law: str, make: MakeController, progress: Progress | No
     Raises:
         RobotModelError, MissingExtra: the law cannot have this robot.
     """
-    task = load_task(case.task)
+    watched, trace = watched_run(load_task(case.task), make, broken=case.broken, progress=progress)
+    return _outcome(case, law, watched, trace), trace
+
+
+def watched_run(
+    task: Task, make: MakeController, *, broken: str = "", progress: Progress | None = None, **overrides: Any
+) -> tuple[Watched, Trace]:
+    """A task under a law that is stopped for a tick where it fails; as in `run_task` otherwise."""
     watched: list[Watched] = []
 
     def watch(robot: Robot, spec: LawSpec) -> Watched:
-        watched.append(Watched(make(robot, spec), case.broken, round(task.path.duration / spec.dt)))
+        watched.append(Watched(make(robot, spec), broken, round(task.path.duration / spec.dt)))
         return watched[0]
 
-    with _quietly():
-        trace = run_task(task, controller=watch, progress=progress)
-    return _outcome(case, law, watched[0], trace), trace
+    with quietly():
+        trace = run_task(task, controller=watch, progress=progress, **overrides)
+    return watched[0], trace
 
 
 @contextmanager
-def _quietly() -> Iterator[None]:
+def quietly() -> Iterator[None]:
     """Without a warning in every tick: what a law thinks of its arithmetic is in its figures."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)

@@ -90,6 +90,15 @@ def carried(T: Array) -> Array:
     return A
 
 
+def carried_back(T: Array) -> Array:
+    """`adjoint` of the inverse of a (4, 4) pose that is known to be one: [[R', 0], [-R'p^, R']]."""
+    R_t = T[:3, :3].T
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = R_t
+    A[3:, :3] = R_t.dot(_cross(-T[:3, 3]))
+    return A
+
+
 def coadjoint(pose: ArrayLike) -> Array:
     """Ad^-T of a pose: moves wrenches as `adjoint` moves twists, moments included; W'.s' = W.s.
 

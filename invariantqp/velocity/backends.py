@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import warnings
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, NamedTuple, Protocol
 
 import daqp
@@ -98,16 +99,32 @@ class Daqp:
         return np.asarray(z)
 
 
+@cache
+def _upper_triangle(n: int) -> tuple[Any, Any]:
+    """Rows and columns of the upper triangle, column by column, as OSQP keeps its values."""
+    column, row = np.tril_indices(n)
+    return row, column
+
+
 @dataclass
 class Osqp:
     """OSQP with its workspace kept between calls of the same size, warm started; one owner, one loop.
 
     A run that does not reach its tolerances drops the workspace, so that no failure outlives its tick.
+
+    Attributes:
+        name: how statuses call it.
+        tolerance: its absolute and relative tolerance, on the scaled problem.
+        polishing: whether it solves once more on the active set it guessed.
+        warm: whether it starts from its last answer.
     """
 
     name: str = "osqp"
+    tolerance: float = OSQP_TOLERANCE
+    polishing: bool = False
+    warm: bool = True
     _workspace: Any = field(default=None, init=False, repr=False)
-    _shape: tuple[int, int] = field(default=(0, 0), init=False, repr=False)
+    _shape: tuple[int, int, bool] = field(default=(0, 0, False), init=False, repr=False)
 
     def solve(self, qp: BoxQP) -> Array:
         """The minimiser."""
@@ -115,33 +132,21 @@ class Osqp:
         from scipy import sparse
 
         n = len(qp.c)
-        C = np.eye(n) if qp.C is None else qp.C
-        upper_triangle = np.triu_indices(n)
-        # A dense pattern (explicit zeros kept), so that later values fit the workspace.
-        values = qp.H.T[upper_triangle[1], upper_triangle[0]]
-        order = np.lexsort((upper_triangle[0], upper_triangle[1]))
-        if self._workspace is None or self._shape != C.shape:
-            P = sparse.csc_matrix((values[order], (upper_triangle[0][order], upper_triangle[1][order])), shape=(n, n))
-            A = sparse.csc_matrix(
-                (C.T.ravel(), np.tile(np.arange(len(C)), n), np.arange(n + 1) * len(C)), shape=C.shape
-            )
+        k = n if qp.C is None else len(qp.C)
+        row, column = _upper_triangle(n)
+        if self._workspace is None or self._shape != (k, n, qp.C is None):
+            C = np.eye(n) if qp.C is None else qp.C
+            # A dense pattern (explicit zeros kept), so that later values fit the workspace.
+            P = sparse.csc_matrix((qp.H[row, column], (row, column)), shape=(n, n))
+            A = sparse.csc_matrix((C.T.ravel(), np.tile(np.arange(k), n), np.arange(n + 1) * k), shape=(k, n))
             self._workspace = osqp.OSQP()
-            self._shape = (len(C), n)
-            self._workspace.setup(
-                P,
-                -qp.c,
-                A,
-                qp.lower,
-                qp.upper,
-                verbose=False,
-                eps_abs=OSQP_TOLERANCE,
-                eps_rel=OSQP_TOLERANCE,
-                max_iter=OSQP_ITERATIONS,
-                warm_starting=True,
-                polishing=False,
-            )
+            self._shape = (k, n, qp.C is None)
+            settings = {"eps_abs": self.tolerance, "eps_rel": self.tolerance, "max_iter": OSQP_ITERATIONS}
+            settings |= {"warm_starting": self.warm, "polishing": self.polishing, "verbose": False}
+            self._workspace.setup(P, -qp.c, A, qp.lower, qp.upper, **settings)
         else:
-            self._workspace.update(Px=values[order], q=-qp.c, Ax=C.T.ravel(), l=qp.lower, u=qp.upper)
+            rows = {} if qp.C is None else {"Ax": qp.C.T.ravel()}
+            self._workspace.update(Px=qp.H[row, column], q=-qp.c, l=qp.lower, u=qp.upper, **rows)
         result = self._workspace.solve(raise_error=False)
         status = str(result.info.status)
         if status != "solved":
@@ -229,13 +234,27 @@ def _scaled(H: Array, c: Array, lower: Array, upper: Array, rows: Array | None) 
     return BoxQP(H / size, c * unit / size, lower / reach, upper / reach, C), unit
 
 
-def _checked(backend: Backend, qp: BoxQP) -> Array:
+def _asked(backend: Backend, qp: BoxQP) -> Array:
     try:
-        z = np.asarray(backend.solve(qp), dtype=np.float64)
+        return np.asarray(backend.solve(qp), dtype=np.float64)
     except SolverFailure:
         raise
     except Exception as error:  # whatever a solver throws becomes a status
         raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
+
+
+def answer(backend: Backend, H: Array, c: Array, limits: Polytope) -> Array:
+    """What one solver makes of the problem by itself, unchecked: for comparing solvers; see `minimise`.
+
+    Raises:
+        SolverFailure: it found nothing.
+    """
+    qp, unit = _scaled(H, c, limits.lower, limits.upper, limits.A)
+    return unit * _asked(backend, qp)
+
+
+def _checked(backend: Backend, qp: BoxQP) -> Array:
+    z = _asked(backend, qp)
     if z.shape != qp.c.shape:
         raise SolverFailure(backend.name, f"answer of shape {z.shape}, not {qp.c.shape}")
     if not np.isfinite(z).all():

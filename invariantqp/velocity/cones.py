@@ -15,7 +15,7 @@ import numpy as np
 
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import Solved, SolverFailure
+from invariantqp.velocity.backends import BoxQP, Solved, SolverFailure
 from invariantqp.velocity.rows import Polytope
 
 # What Clarabel can be asked for on a problem scaled to O(1).
@@ -24,6 +24,13 @@ TIGHT = {"tol_feas": 1e-11, "tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12}
 FAR = 1e6
 # Problems kept: a loop has a handful of sizes (with and without exact rows), not more.
 KEPT = 8
+
+
+def _need_cvxpy() -> None:
+    try:
+        import cvxpy  # noqa: F401 (is it there?)
+    except ImportError as error:
+        raise MissingExtra("cvxpy", "cvxpy") from error
 
 
 @dataclass(eq=False)
@@ -37,10 +44,7 @@ class ConeProgram:
     _kept: dict[tuple[int, int], Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        try:
-            import cvxpy  # noqa: F401 (is it there?)
-        except ImportError as error:
-            raise MissingExtra("cvxpy", "cvxpy") from error
+        _need_cvxpy()
 
     def minimise(self, H: Array, c: Array, limits: Polytope, J: Array, start: Array, limit: float) -> Solved:
         """The optimum.
@@ -85,6 +89,50 @@ class ConeProgram:
             cost = 0.5 * cp.sum_squares(p["U"] @ z) - p["c"] @ z
             cone = cp.norm(p["start"] + p["J"] @ z, 2) <= 1.0
             problem = cp.Problem(cp.Minimize(cost), [p["A"] @ z <= p["upper"], p["A"] @ z >= p["lower"], cone])
+            self._kept[n, k] = (problem, p, z)
+        kept: tuple[Any, dict[str, Any], Any] = self._kept[n, k]
+        return kept
+
+
+@dataclass(eq=False)
+class Cvxpy:
+    """CVXPY as a back end for problems without a cone, kept as `ConeProgram` keeps its own.
+
+    Raises:
+        MissingExtra: CVXPY is not installed.
+    """
+
+    name: str = "cvxpy"
+    _kept: dict[tuple[int, int], Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        _need_cvxpy()
+
+    def solve(self, qp: BoxQP) -> Array:
+        """The minimiser."""
+        C = np.eye(len(qp.c)) if qp.C is None else qp.C
+        problem, p, z = self._problem(len(qp.c), len(C))
+        p["U"].value = np.linalg.cholesky(qp.H).T
+        p["c"].value, p["C"].value = qp.c, C
+        p["lower"].value, p["upper"].value = np.maximum(qp.lower, -FAR), np.minimum(qp.upper, FAR)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what it thinks of the problem is in its status
+            problem.solve(solver="CLARABEL", warm_start=False, **TIGHT)
+        if z.value is None:
+            raise SolverFailure(self.name, str(problem.status), infeasible="infeasible" in str(problem.status))
+        return np.asarray(z.value)
+
+    def _problem(self, n: int, k: int) -> tuple[Any, dict[str, Any], Any]:
+        import cvxpy as cp
+
+        if (n, k) not in self._kept:
+            if len(self._kept) >= KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            shapes = {"U": (n, n), "c": n, "C": (k, n), "lower": k, "upper": k}
+            p = {name: cp.Parameter(shape, name=name) for name, shape in shapes.items()}
+            z = cp.Variable(n)
+            cost = 0.5 * cp.sum_squares(p["U"] @ z) - p["c"] @ z
+            problem = cp.Problem(cp.Minimize(cost), [p["C"] @ z <= p["upper"], p["C"] @ z >= p["lower"]])
             self._kept[n, k] = (problem, p, z)
         kept: tuple[Any, dict[str, Any], Any] = self._kept[n, k]
         return kept

@@ -1,0 +1,133 @@
+"""Where methods fail, drawn over two joints; and how many ticks fail where control is hard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
+
+from invariantqp.compare.charts.loops import failed
+from invariantqp.compare.charts.style import chart, look, percent, short
+from invariantqp.compare.invariant import OURS
+from invariantqp.compare.results import Results, picked
+from invariantqp.geometry.arrays import Array
+
+# Maps whose squares differ by less than this on average are drawn once.
+ALIKE = 0.01
+COLUMNS = 5
+FAILURE = (
+    "A state fails when a method raises, asks a joint for more than its speed limit before clipping, or leaves the "
+    "tool further from its target in position and in orientation; other joints at random."
+)
+# White where nothing fails, dark where everything does; told apart in grey too.
+SHADES = LinearSegmentedColormap.from_list("failures", ["#ffffff", "#f6c667", "#d55e00", "#3b0f1e"])
+WAYS = {"raised": "#000000", "not_finite": "#0072B2", "outside": "#D55E00"}
+SAID = {"raised": "raised", "not_finite": "NaN or infinite", "outside": "further outside limits"}
+
+
+def groups(results: Results, arm: str) -> list[tuple[list[str], dict[str, Any]]]:
+    """Methods that fail in the same places, the least first, with the map of the first of them."""
+    found: list[tuple[list[str], dict[str, Any]]] = []
+    runs = {name: run for (task, name), run in picked(results, "failure_map").items() if task == arm}
+    for name in sorted(runs, key=lambda n: (n != OURS, runs[n]["share"])):
+        mine = shares(runs[name])
+        for names, first in found:
+            if np.abs(shares(first) - mine).mean() < ALIKE and OURS not in names:
+                names.append(name)
+                break
+        else:
+            found.append(([name], runs[name]))
+    return found
+
+
+def shares(run: dict[str, Any]) -> Array:
+    """The map of a run as shares of its samples."""
+    counts = np.asarray(run["map"], dtype=np.float64)
+    return np.asarray(counts / run["samples"])
+
+
+def _chart(results: Results, file: Path, arm: str) -> None:
+    found = groups(results, arm)
+    rows = -(-len(found) // COLUMNS)
+    with chart(file, rows, COLUMNS, height=2.35 * rows + 0.5, sharex=True, sharey=True) as (figure, panels):
+        flat = panels.ravel().tolist()
+        for axes in flat[len(found) :]:
+            axes.set_axis_off()
+        for axes, (names, run) in zip(flat, found, strict=False):
+            (left, right), (low, high) = run["ranges"]
+            picture = axes.imshow(
+                shares(run),
+                cmap=SHADES,
+                vmin=0.0,
+                vmax=1.0,
+                origin="lower",
+                aspect="auto",
+                extent=(left, right, low, high),
+            )
+            others = f" and {len(names) - 1} alike" if len(names) > 1 else ""
+            weight = "bold" if names[0] == OURS else "normal"
+            axes.set_title(f"{short(names[0])}{others}\n{percent(run['share'])}", fontsize=8.0, fontweight=weight)
+        for axes in panels[-1, :]:
+            axes.set_xlabel(f"{found[0][1]['axes'][0]} [rad]", fontsize=8.0)
+        for axes in panels[:, 0]:
+            axes.set_ylabel(f"{found[0][1]['axes'][1]} [rad]", fontsize=8.0)
+        figure.colorbar(picture, ax=panels, label="share of states that fail", shrink=0.8, aspect=30)
+
+
+def ur5_map(results: Results, file: Path) -> None:
+    """The UR5's maps."""
+    _chart(results, file, "ur5")
+
+
+def so101_map(results: Results, file: Path) -> None:
+    """The SO-101's maps."""
+    _chart(results, file, "so101")
+
+
+def _caption(results: Results, arm: str) -> str:
+    said = [FAILURE]
+    for names, run in groups(results, arm):
+        if len(names) > 1:
+            said.append(f"Alike ({percent(run['share'])}): {', '.join(names)}.")
+    return " ".join(said)
+
+
+def ur5_caption(results: Results) -> str:
+    """What counts as a failure, and whose maps are one."""
+    return _caption(results, "ur5")
+
+
+def so101_caption(results: Results) -> str:
+    """What counts as a failure, and whose maps are one."""
+    return _caption(results, "so101")
+
+
+def failed_chart(results: Results, file: Path) -> None:
+    """Bars of the methods that fail at all; the others by name."""
+    found = failed(results)
+    some = sorted((name for name in found if sum(found[name].values()) > 0.0), key=lambda n: sum(found[n].values()))
+    never = [name for name in found if name not in some]
+    with chart(file, 1, height=0.24 * len(some) + 1.9) as (_, panels):
+        axes = panels[0, 0]
+        left = np.zeros(len(some))
+        for way, colour in WAYS.items():
+            width = 100.0 * np.array([found[name][way] for name in some])
+            axes.barh(some_short(some), width, left=left, color=colour, height=0.7, label=SAID[way])
+            left += width
+        for row, total in enumerate(left.tolist()):
+            axes.text(total, row, f" {total:.2g}", va="center", fontsize=8.0)
+        for tick, name in zip(axes.get_yticklabels(), some, strict=True):
+            tick.set_color(look(results, name).colour)
+        axes.set_xlabel("failed ticks [%], mean over the hard runs")
+        axes.legend(loc="lower right", frameon=False)
+        none = fill("No failed tick: " + ", ".join(short(n) for n in never) + ".", 150)
+        axes.set_title(none, fontsize=8.0)
+
+
+def some_short(names: Sequence[str]) -> list[str]:
+    """Names as charts write them."""
+    return [short(name) for name in names]

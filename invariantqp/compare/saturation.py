@@ -1,0 +1,80 @@
+"""Saturation in the null space: a joint that would pass its limit stays at it and is taken out; the others make up.
+
+    x = x_N + (J W)^+ (alpha s - J x_N),   W_jj = 0 and x_N,j = limit for the joints taken out
+
+alpha is the largest share of the twist seen on the way, 1 wherever the joints left can carry it.
+
+Reference: Flacco, De Luca & Khatib 2012, Algorithm 1.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+
+# A singular value of JW below this fraction of J's largest is zero: the joints left no longer span the task.
+RANK = 1e-10
+# Outside a limit by more than this, relative to the widest, is outside.
+OUTSIDE = 1e-12
+
+
+class Saturated(NamedTuple):
+    """What came out: the velocity (m,), the share alpha of the twist that it carries, and the joints taken out."""
+
+    velocity: Array
+    scale: float
+    saturated: tuple[int, ...]
+
+
+def saturated(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
+    """The velocity inside the limits for a twist s (6,), slowed down where the joints that are left need it.
+
+    Bounds that leave out zero can make every share zero; the answer is then clipped to them.
+    """
+    m = J.shape[1]
+    free = np.ones(m, dtype=bool)
+    fixed = np.zeros(m)
+    rank = _rank(J, J)
+    limits = np.abs(np.concatenate((lower, upper)))
+    edge = OUTSIDE * float(limits[np.isfinite(limits)].max(initial=0.0))
+    best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0, ())
+    for _ in range(m + 1):
+        inverse = np.linalg.pinv(J * free, rcond=RANK)
+        along = inverse.dot(s)
+        offset = fixed - inverse.dot(J.dot(fixed))
+        x = along + offset
+        outside = (x < lower - edge) | (x > upper + edge)
+        out = tuple(np.flatnonzero(~free).tolist())
+        if not outside.any():
+            return Saturated(np.minimum(np.maximum(x, lower), upper), 1.0, out)
+        scale, critical = _largest_share(along, offset, lower, upper)
+        if scale > best.scale:
+            share = np.minimum(np.maximum(scale * along + offset, lower), upper)
+            best = Saturated(share, scale, out)
+        if not free[critical]:
+            break
+        free[critical] = False
+        fixed[critical] = upper[critical] if x[critical] > upper[critical] else lower[critical]
+        if _rank(J * free, J) < rank:
+            break
+    return best
+
+
+def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> tuple[float, int]:
+    """The largest alpha in [0, 1] with lower <= alpha along + offset <= upper, and the joint that asks for it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack(((lower - offset) / along, (upper - offset) / along))
+    still = along == 0.0
+    ends[0, still], ends[1, still] = -np.inf, np.inf
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    critical = int(np.argmin(high))
+    most, least = min(1.0, float(high[critical])), max(0.0, float(low.max()))
+    return (most if least <= most else 0.0), critical
+
+
+def _rank(A: Array, J: Array) -> int:
+    size = float(np.linalg.norm(J, 2))
+    return int(np.count_nonzero(np.linalg.svd(A, compute_uv=False) > RANK * size))

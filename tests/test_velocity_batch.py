@@ -1,0 +1,143 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import invariantqp as iq
+from invariantqp.errors import BadInput
+from invariantqp.velocity.request import UnitsMixed
+
+COUNT = 7
+FORMS = {
+    "pitch": 0.4,
+    "own": None,
+    "carried": iq.CarriedMetric((0.1, 0.2, 0.1, 1.0, 1.0, 2.0), iq.exp((0.3, 0.1, 0.2, 0.5, -0.2, 0.1))),
+}
+DAMPINGS = {"adaptive": None, "none": 0.0, "fixed": 0.05, "selective": iq.Selective(), "paper": iq.PaperLambda(0.05)}
+
+
+def rows(seed, m, *, achievable):
+    """Jacobians, some near-singular, one rank one; twists, achievable or not."""
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(COUNT, 6, m))
+    for i in (1, 2):
+        U, sigma, Vt = np.linalg.svd(J[i], full_matrices=False)
+        sigma[-1] *= (1e-3, 1e-9)[i - 1]
+        J[i] = U * sigma @ Vt
+    J[3] = J[3, :, :1] * rng.normal(size=m)
+    s = np.einsum("nij,nj->ni", J, rng.normal(size=(COUNT, m))) if achievable else rng.normal(size=(COUNT, 6))
+    s[4] = 0.0
+    return rng, J, s
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    m=st.integers(1, 9),
+    form=st.sampled_from(sorted(FORMS)),
+    damping=st.sampled_from(sorted(DAMPINGS)),
+    guard=st.booleans(),
+    achievable=st.booleans(),
+    limits=st.sampled_from(["none", "shared", "each"]),
+    posture=st.booleans(),
+    metric=st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_every_row_is_what_solve_velocity_says(seed, m, form, damping, guard, achievable, limits, posture, metric):
+    rng, J, s = rows(seed, m, achievable=achievable)
+    wanted = rng.normal(size=(COUNT, m)) if posture else None
+    A = rng.normal(size=(m, m))
+    options = {
+        "form": FORMS[form],
+        "damping": DAMPINGS[damping],
+        "guard": guard,
+        "joint_metric": A @ A.T + np.eye(m) if metric else None,
+    }
+    reach = rng.uniform(0.5, 5.0, size=(COUNT, m))
+    boxes = {
+        "none": [None] * COUNT,
+        "shared": [iq.Bounds(-reach[0], reach[0])] * COUNT,
+        "each": [iq.Bounds(-r, r) for r in reach],
+    }[limits]
+    bounds = (-reach, reach) if limits == "each" else boxes[0]
+    found = iq.solve_velocities(J, s, bounds=bounds, posture=wanted, **options)
+    assert len(found) == COUNT
+    for i, solution in enumerate(found):
+        one = iq.solve_velocity(J[i], s[i], bounds=boxes[i], posture=None if wanted is None else wanted[i], **options)
+        size = np.linalg.norm(one.velocity)
+        conditioning = np.linalg.cond(J[i]) if i not in (2, 3) else 1.0
+        np.testing.assert_allclose(solution.velocity, one.velocity, rtol=0.0, atol=1e-13 * size * conditioning**2)
+        np.testing.assert_allclose(found.residual[i], s[i] - J[i] @ found.velocity[i], atol=1e-12 * (1.0 + size))
+        told = (solution.method, solution.status, solution.reason, solution.active, solution.scale, solution.guard)
+        assert told == (one.method, one.status, one.reason, one.active, one.scale, one.guard)
+        assert (found.method[i], found.status[i], found.reason[i], found.active[i]) == told[:4]
+        assert found.damping[i] == solution.damping == one.damping
+
+
+def test_rows_that_are_free_are_not_solved_one_by_one(monkeypatch):
+    from invariantqp.velocity import batch
+
+    monkeypatch.setattr(batch, "solve", None)
+    rng = np.random.default_rng(0)
+    for m in (3, 6, 7):
+        U, _, Vt = np.linalg.svd(rng.normal(size=(50, 6, m)), full_matrices=False)
+        J = np.matmul(U * np.linspace(2.0, 1.0, min(m, 6)), Vt)
+        x = np.linalg.pinv(J) @ rng.normal(size=(50, 6, 1))
+        found = iq.solve_velocities(J, (J @ x)[:, :, 0], form=2.0)
+        assert not found.slow
+        assert set(found.method) == {"closed-form"}
+        np.testing.assert_allclose(found.velocity, x[:, :, 0], rtol=0.0, atol=1e-12 * np.abs(x).max())
+
+
+def test_only_rows_that_meet_a_limit_are():
+    _, J, s = rows(1, 7, achievable=True)
+    free = iq.solve_velocities(J, s, form=0.4).velocity
+    reach = np.full_like(free, np.inf)
+    reach[6] = 0.5 * np.abs(free[6]).max()
+    found = iq.solve_velocities(J, s, form=0.4, bounds=(-reach, reach))
+    assert 6 in found.slow
+    assert set(found.slow) <= {1, 2, 3, 4, 6}
+    assert found.method[6] == "qp"
+    assert (np.abs(found.velocity[6]) <= reach[6]).all()
+
+
+def test_lists_one_twist_for_all_and_no_rows_at_all():
+    _, J, s = rows(2, 6, achievable=False)
+    found = iq.solve_velocities(J.tolist(), s[0].tolist(), form=0.4)
+    np.testing.assert_array_equal(found.velocity, iq.solve_velocities(J, np.tile(s[0], (COUNT, 1)), form=0.4).velocity)
+    empty = iq.solve_velocities(np.empty((0, 6, 7)), np.empty((0, 6)))
+    assert empty.velocity.shape == (0, 7)
+    assert list(empty) == []
+    with pytest.raises(IndexError):
+        found[COUNT]
+    assert found[-1].velocity.tolist() == found.velocity[-1].tolist()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"J": np.ones((6, 7))}, r"J: found shape \(6, 7\); expected shape \(N, 6, m\).*solve_velocity"),
+        ({"J": np.full((COUNT, 6, 7), np.nan)}, "J: found NaN or infinity in row 0"),
+        ({"twist": np.ones((3, 6))}, r"twist: found shape \(3, 6\)"),
+        ({"twist": np.r_[np.ones((COUNT - 1, 6)), np.full((1, 6), np.inf)]}, f"twist: .* in row {COUNT - 1}"),
+        ({"bounds": iq.Bounds([-1.0], [1.0])}, "bounds: found 1 limits; expected 7"),
+        ({"bounds": 3.0}, "bounds: found float"),
+        ({"bounds": (np.ones((COUNT, 7)), -np.ones((COUNT, 7)))}, "row 0, joint 0"),
+        ({"bounds": (np.full((COUNT, 7), np.nan), np.ones((COUNT, 7)))}, "bounds: found lower nan"),
+        ({"bounds": (-np.ones(7), np.ones(7))}, r"lower: found shape \(7,\)"),
+        ({"posture": np.ones(3)}, r"posture: found shape \(3,\)"),
+        ({"joint_metric": -np.eye(7)}, "joint_metric"),
+        ({"form": "own"}, "form: found 'own'"),
+    ],
+)
+def test_wrong_arguments_are_told_with_their_row(change, said):
+    _, J, s = rows(3, 7, achievable=True)
+    with pytest.raises(BadInput, match=said):
+        iq.solve_velocities(**({"J": J, "twist": s} | change))
+
+
+def test_mixed_joints_warn_once():
+    _, J, s = rows(4, 7, achievable=True)
+    J[:, :3, 0] = 0.0
+    with pytest.warns(UnitsMixed) as seen:
+        iq.solve_velocities(J, s, form=0.4)
+    assert len(seen) == 1
