@@ -29,6 +29,7 @@ from invariantqp.velocity.objective import Form, PitchForm
 from invariantqp.velocity.solution import VelocitySolution
 
 Progress = Callable[[int, int], None]
+Observer = Callable[[int, Array, VelocitySolution], None]
 MakeController = Callable[[Robot, LawSpec], Controls]
 
 # A pitch form whose h comes this close to a principal pitch, relative to h, is worth a warning.
@@ -70,6 +71,7 @@ def run_task(
     tool_offset: ArrayLike | None = None,
     controller: MakeController = our_controller,
     progress: Progress | None = None,
+    observer: Observer | None = None,
     **overrides: Any,
 ) -> Trace:
     """Run a task in closed loop.
@@ -79,6 +81,7 @@ def run_task(
         tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
         controller: makes the controller from robot and law; ours by default.
         progress: called with (ticks done, ticks in all).
+        observer: called after each tick with (its number, joint positions (m,) before it, the solution).
         overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, acceleration, ...
 
     Returns:
@@ -113,6 +116,8 @@ def run_task(
         ticks[k] = perf_counter_ns() - before
         solutions.append(solution)
         q[k + 1] = q[k] + law.dt * solution.velocity
+        if observer is not None:
+            observer(k, q[k], solution)
         if progress is not None:
             progress(k + 1, n)
     errors = np.array([_error(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])

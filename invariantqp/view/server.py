@@ -1,0 +1,249 @@
+"""A run in a browser, while it goes on and after, served to this machine alone: the one file that imports viser."""
+
+from __future__ import annotations
+
+import html
+import io
+import webbrowser
+from contextlib import redirect_stdout
+from dataclasses import replace
+from time import monotonic, sleep
+from typing import Any
+
+import numpy as np
+
+from invariantqp.control.taskfile import Task
+from invariantqp.control.trace import Trace
+from invariantqp.errors import MissingExtra
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.view.film import Chart, Film, Posture, colours, farthest, film_before, film_of, limit_charts, posture
+from invariantqp.view.stage import Stage
+
+# Where a browser finds it; the next free one if it is taken.
+PORT = 8080
+# Pictures a second, and changes of the plots a second: those are heavy.
+PICTURES = 30
+PLOTS = 8
+# Points of a curve while the run goes on.
+COARSE = 200
+SLOWEST, FASTEST = 0.05, 4.0
+CURSOR = "#808080"
+
+
+class Viewer:
+    """A page with robot, path, playback and plots; one a run.
+
+    Attributes:
+        url: what to open in a browser.
+    """
+
+    def __init__(self, task: Task, port: int = PORT) -> None:
+        """Serve what is known before the run: the arm at its start, and the path asked of it.
+
+        Raises:
+            MissingExtra: viser is not installed.
+            RobotModelError, UnknownName: the robot cannot be had.
+        """
+        try:
+            import viser
+        except ImportError as error:
+            raise MissingExtra("viser", "view") from error
+        self._robot = task.load_robot()
+        self._dt = task.law.dt
+        self._film = film_before(task)
+        with redirect_stdout(io.StringIO()):  # it announces its beginning and its end
+            self._server = viser.ViserServer(host="127.0.0.1", port=port, label=task.name, verbose=False)
+        self.url = f"http://localhost:{self._server.get_port()}"
+        self._open = True
+        self._t, self._shown, self._playing = 0.0, -1.0, False
+        self._seen: list[tuple[Array, Array]] = []
+        self._next_picture = self._next_plots = 0.0
+        self._plots: dict[str, Any] = {}
+        self._stage = Stage(self._server, self._film)
+        self._stage.arm(posture(self._robot, task.start()))
+        self._furnish()
+
+    def close(self) -> None:
+        """Stop serving."""
+        if self._open:
+            self._open = False
+            with redirect_stdout(io.StringIO()):
+                self._server.stop()
+
+    def watch(self, tick: int, q: Array, solution: VelocitySolution) -> None:
+        """Tick number `tick`, from joint positions q, has been solved: an observer for `run_task`.
+
+        Draws as often as an eye can follow, no oftener.
+        """
+        self._seen.append((q.copy(), solution.velocity))
+        now = monotonic()
+        if now < self._next_picture:
+            return
+        self._next_picture = now + 1.0 / PICTURES
+        with self._server.atomic():
+            self._stage.arm(posture(self._robot, q))
+            self._told.content = f"running: {tick * self._dt:.2f} s, {solution.status}"
+            if now >= self._next_plots and tick:
+                self._next_plots = now + 1.0 / PLOTS
+                q_seen, speed = (np.array(part) for part in zip(*self._seen, strict=True))
+                ends = np.unique(np.linspace(0, tick, COARSE).astype(int))
+                so_far = replace(self._film, time=self._dt * ends, q=q_seen[ends], speed=farthest(speed, ends))
+                self._draw_plots(so_far.time, limit_charts(so_far), so_far.time[-1])
+                self._joints.content = joint_bars(so_far, -1)
+
+    def show(self, film: Film) -> None:
+        """The run is done: play it."""
+        self._film = film
+        with self._server.atomic():
+            for plot in self._plots.values():
+                plot.remove()
+            self._plots = {}
+            self._time.max = float(film.time[-1])
+            for control in (self._play, self._time, self._rate):
+                control.disabled = False
+        self._t = 0.0
+        self._set_playing(True)
+
+    def open_browser(self) -> None:
+        """Show the page on this machine's display."""
+        webbrowser.open(self.url)
+
+    def play(self, trace: Trace) -> None:
+        """Show a run that is done, until interrupted or closed."""
+        self.show(film_of(trace))
+        self.serve()
+
+    def serve(self) -> None:
+        """Play, pause and scrub as the page asks, until interrupted or closed."""
+        before = monotonic()
+        while self._open:
+            sleep(1.0 / PICTURES)
+            now = monotonic()
+            if self._playing and self._server.get_clients():  # while nobody looks, nothing is missed
+                self._t = min(float(self._film.time[-1]), self._t + self._rate.value * (now - before))
+                self._set_playing(self._t < self._film.time[-1])
+            before = now
+            if self._open and self._t != self._shown:
+                self._draw(self._t)
+
+    def _furnish(self) -> None:
+        """The panel: playback, joints, and room for plots."""
+        gui = self._server.gui
+        gui.configure_theme(control_width="large", show_share_button=False)
+        gui.main_panel.dock_right()
+        gui.set_panel_label(f"invariantqp: {self._film.title}")
+        self._told = gui.add_markdown(self._film.about)
+        self._play = gui.add_button("Pause", disabled=True)
+        last = float(self._film.time[-1])
+        self._time: Any = gui.add_slider("time [s]", 0.0, last, last / 1000.0, 0.0, disabled=True)
+        self._rate = gui.add_slider("speed", SLOWEST, FASTEST, SLOWEST, 1.0, disabled=True)
+        self._joints = gui.add_html(joint_bars(self._film, 0))
+
+        @self._play.on_click
+        def _(_: Any) -> None:
+            if self._t >= self._film.time[-1]:
+                self._t = 0.0
+            self._set_playing(not self._playing)
+
+        @self._time.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:  # a person's hand, not the clock
+                self._set_playing(False)
+                self._t = float(self._time.value)
+
+    def _set_playing(self, on: bool) -> None:
+        if on != self._playing:
+            self._playing = on
+            self._play.label = "Pause" if on else "Play"
+            self._next_plots = 0.0
+
+    def _draw(self, t: float) -> None:
+        """Everything at time t."""
+        film, now = self._film, monotonic()
+        i = int(np.abs(film.time - t).argmin())
+        with self._server.atomic():
+            self._stage.arm(Posture(film.points[i], film.axes[i], film.tool[i]))
+            self._stage.goal(film.wanted[i], film.tool[: i + 1, :3, 3])
+            self._time.value = t
+            mm, deg = film.charts[0].values[:, i]
+            limit = ", **limit active**" if film.bound[i] else ""
+            self._told.content = f"{t:.2f} s: error {mm:.2g} mm, {deg:.2g} deg, {film.status[i]}{limit}"
+            if now >= self._next_plots or not self._playing:
+                self._next_plots = now + 1.0 / PLOTS
+                self._joints.content = joint_bars(film, i)
+                self._draw_plots(film.time, film.charts, t)
+        self._shown = t
+
+    def _draw_plots(self, time: Array, charts: tuple[Chart, ...] | list[Chart], t: float) -> None:
+        """Curves with a cursor at t."""
+        for chart in charts:
+            data = with_cursor(time, chart, t)
+            if chart.title in self._plots:
+                self._plots[chart.title].data = data
+            else:
+                self._plots[chart.title] = self._add_plot(chart, data)
+
+    def _add_plot(self, chart: Chart, data: tuple[Array, ...]) -> Any:
+        lines: list[Any] = [
+            {"label": name, "stroke": colour, "width": 1.5}
+            for name, colour in zip(chart.names, chart.colours, strict=True)
+        ]
+        return self._server.gui.add_uplot(
+            data,
+            ({"label": "time [s]"}, *lines, {"label": "now", "stroke": CURSOR, "width": 1.0}),
+            title=f"{chart.title}, powers of ten" if chart.log else chart.title,
+            scales={
+                "x": {"time": False, "range": (0.0, float(self._film.time[-1]))},
+                "y": {"range": _span(chart)},
+            },
+            legend={"show": len(chart.names) < 4, "live": False},
+            height=150,
+        )
+
+
+def with_cursor(time: Array, chart: Chart, t: float) -> tuple[Array, ...]:
+    """Times, the chart's curves and an upright line at t, as the columns of one table."""
+    values = _plotted(chart)
+    at = int(np.searchsorted(time, t))
+    curves = (np.insert(v, at, np.full(2, np.interp(t, time, v))) for v in values)
+    cursor = np.full(len(time) + 2, np.nan)
+    cursor[at : at + 2] = _span(chart)
+    return (np.insert(time, at, (t, t)), *curves, cursor)
+
+
+def _plotted(chart: Chart) -> Array:
+    """The curves' heights."""
+    return np.log10(chart.values) if chart.log else chart.values
+
+
+def _span(chart: Chart) -> tuple[float, float]:
+    """Of the vertical axis; with room about curves that ask for none."""
+    if chart.span is not None:
+        return chart.span
+    values = np.append(_plotted(chart), chart.levels)
+    low, high = float(values.min()), float(values.max())
+    room = 0.08 * (high - low) or 0.5
+    return low - room, high + room
+
+
+def joint_bars(film: Film, i: int) -> str:
+    """Where each joint is in its range in frame i, as HTML."""
+    rows = []
+    lower, upper = film.limits
+    for name, colour, q, low, high, slide in zip(
+        film.joints, colours(len(film.joints)), film.q[i], lower, upper, film.slides, strict=True
+    ):
+        mark = ""
+        if np.isfinite(high - low) and high > low:
+            place = f"calc({np.clip((q - low) / (high - low), 0.0, 1.0):.4f} * (100% - 6px))"
+            mark = f'<b style="position:absolute;left:{place};width:6px;height:100%;background:{colour}"></b>'
+        bar = "flex:1;position:relative;height:9px;border:1px solid #9995;border-radius:5px;overflow:hidden"
+        number = f"{q:.4g} m" if slide else f"{round(float(np.degrees(q)), 1) + 0.0}°"
+        rows.append(
+            '<div style="display:flex;gap:8px;align-items:center;font-size:12px">'
+            f'<span style="width:110px;overflow:hidden;text-overflow:ellipsis">{html.escape(name)}</span>'
+            f'<span style="{bar}">{mark}</span>'
+            f'<span style="width:60px;text-align:right">{number}</span></div>'
+        )
+    return f'<div style="padding:4px 12px">{"".join(rows)}</div>'
