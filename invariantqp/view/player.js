@@ -116,7 +116,7 @@ function play(on) {
   state.playing = on;
   $("play").textContent = on ? "Pause" : "Play";
   if (!start) return;
-  if (state.t >= last) state.t = 0;
+  if (state.t >= last) seek(0);
   before = null;
   requestAnimationFrame(tick);
 }
