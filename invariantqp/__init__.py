@@ -12,20 +12,25 @@ if TYPE_CHECKING:
     from invariantqp.compare.frames import FrameCheck, frame_check
     from invariantqp.control.controller import Controller
     from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
+    from invariantqp.control.hybrid import HybridController, HybridSolution
+    from invariantqp.control.hybrid_task import HybridTask
     from invariantqp.control.inspection import Inspection, inspect
     from invariantqp.control.own_form import own_form, tool_metric
     from invariantqp.control.picture import picture
     from invariantqp.control.pitch_picture import pitch_picture
     from invariantqp.control.recommendation import Recommendation
+    from invariantqp.control.shared import SharedTask
     from invariantqp.control.simulate import run_task
     from invariantqp.control.survey import Survey
     from invariantqp.control.taskfile import Task, load_task, shipped_tasks
     from invariantqp.control.trace import Trace
+    from invariantqp.control.wrench import WrenchSensor
     from invariantqp.errors import (
         BadInput,
         BlindSystem,
         InvariantQPError,
         MissingExtra,
+        NoProjectors,
         NoPseudoinverse,
         RobotModelError,
         TaskFileError,
@@ -39,6 +44,16 @@ if TYPE_CHECKING:
     from invariantqp.robots.load import load_robot
     from invariantqp.systems.centre import centre
     from invariantqp.systems.classification import Border, GibsonHunt, gibson_hunt
+    from invariantqp.systems.contacts import (
+        Contact,
+        ContactKind,
+        face_contact,
+        hinge,
+        line_contact,
+        peg_in_hole,
+        point_contact,
+        surface_contact,
+    )
     from invariantqp.systems.existence import Existence, existence, reciprocal_has_pseudoinverse
     from invariantqp.systems.gram import (
         blind_directions,
@@ -51,6 +66,7 @@ if TYPE_CHECKING:
     from invariantqp.systems.involution import Involution, involution
     from invariantqp.systems.parallel import leg_spectrum, leg_wrenches, platform_stiffness, wrench_pseudoinverse
     from invariantqp.systems.point_motion import PointMotion, motions_along, point_motion
+    from invariantqp.systems.projectors import DualProjectors, dual_projectors
     from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
     from invariantqp.systems.report import SystemReport, describe
     from invariantqp.systems.stationarity import StationaryPoint, error_form, stationary_point, vanishing_pitches
@@ -81,20 +97,25 @@ _HOME = {
     "compare.frames": ("FrameCheck", "frame_check"),
     "control.controller": ("Controller",),
     "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
+    "control.hybrid": ("HybridController", "HybridSolution"),
+    "control.hybrid_task": ("HybridTask",),
     "control.own_form": ("own_form", "tool_metric"),
     "control.inspection": ("Inspection", "inspect"),
     "control.picture": ("picture",),
     "control.pitch_picture": ("pitch_picture",),
     "control.recommendation": ("Recommendation",),
+    "control.shared": ("SharedTask",),
     "control.simulate": ("run_task",),
     "control.survey": ("Survey",),
     "control.taskfile": ("Task", "load_task", "shipped_tasks"),
     "control.trace": ("Trace",),
+    "control.wrench": ("WrenchSensor",),
     "errors": (
         "BadInput",
         "BlindSystem",
         "InvariantQPError",
         "MissingExtra",
+        "NoProjectors",
         "NoPseudoinverse",
         "RobotModelError",
         "TaskFileError",
@@ -108,12 +129,23 @@ _HOME = {
     "robots.load": ("load_robot",),
     "systems.centre": ("centre",),
     "systems.classification": ("Border", "GibsonHunt", "gibson_hunt"),
+    "systems.contacts": (
+        "Contact",
+        "ContactKind",
+        "face_contact",
+        "hinge",
+        "line_contact",
+        "peg_in_hole",
+        "point_contact",
+        "surface_contact",
+    ),
     "systems.existence": ("Existence", "existence", "reciprocal_has_pseudoinverse"),
     "systems.gram": ("blind_directions", "gram_matrix", "gram_polynomial", "principal_pitches", "principal_screws"),
     "systems.hyperbolic": ("HyperbolicSpectrum", "hyperbolic_singular_values"),
     "systems.involution": ("Involution", "involution"),
     "systems.parallel": ("leg_spectrum", "leg_wrenches", "platform_stiffness", "wrench_pseudoinverse"),
     "systems.point_motion": ("PointMotion", "motions_along", "point_motion"),
+    "systems.projectors": ("DualProjectors", "dual_projectors"),
     "systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
     "systems.report": ("SystemReport", "describe"),
     "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),

@@ -81,6 +81,33 @@ class NoPseudoinverse(InvariantQPError):
         )
 
 
+class NoProjectors(NoPseudoinverse):
+    """S meets its h-reciprocal, so no projectors split twists along the two ([DS] Sect. 6.1, Theorem 3.1).
+
+    Attributes:
+        system: the Gibson-Hunt type of S, in words.
+        h, rank, gram_rank, self_reciprocal, principal_pitches: as in `NoPseudoinverse`.
+    """
+
+    def __init__(
+        self, h: float, system: str, ranks: tuple[int, int], self_reciprocal: Array, pitches: Array, choices: str
+    ) -> None:
+        super().__init__(h, *ranks, self_reciprocal, pitches)
+        self.system = system
+        if len(pitches):
+            listed = ", ".join(written(p, 6) for p in pitches)
+            remedy = f"Choose h away from the principal pitches ({listed}), or give {choices}."
+        else:
+            remedy = f"No h works for this type: give {choices}."
+        z = ", ".join(written(x) for x in self_reciprocal)
+        self._message = (
+            f"no projectors for h = {h:g}: S, {system}, shares the twist z = ({z}) with its h-reciprocal. {remedy}"
+        )
+
+    def __str__(self) -> str:
+        return self._message
+
+
 class BlindSystem(InvariantQPError):
     """No pitch form sees every direction of the system: det(J'Q_h J) vanishes for every h.
 

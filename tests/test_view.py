@@ -12,6 +12,7 @@ import threading
 import urllib.request
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +20,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp import cli
+from invariantqp.control.scene import scene_of
 from invariantqp.control.taskfile import task_from
 from invariantqp.robots.load import KNOWN
 from invariantqp.view.display import has_display, page_name
@@ -108,6 +110,7 @@ def test_a_chain_is_drawn_as_it_is_built():
 def test_a_film_shows_the_run(film, trace, task):
     robot = task.load_robot()
     along = task.path.along(robot, task.start())
+    assert film.force is None
     assert film.joints == robot.names
     assert len(film.time) == 101
     for i in (0, 37, 100):
@@ -159,11 +162,76 @@ def test_before_the_run_the_path_is_there(task):
 
 def test_an_observer_sees_every_tick_and_changes_none(task, trace):
     seen = []
-    again = iq.run_task(task, observer=lambda k, q, solution: seen.append((k, q.copy(), solution.velocity)))
+    again = iq.run_task(task, observer=lambda k, truth, solution: seen.append((k, truth.q, solution.velocity)))
     assert [k for k, _, _ in seen] == list(range(100))
-    np.testing.assert_array_equal([q for _, q, _ in seen], trace.q[:-1])
+    np.testing.assert_array_equal([q for _, q, _ in seen], trace.q[1:])
     np.testing.assert_array_equal([x for _, _, x in seen], trace.velocity)
     np.testing.assert_array_equal(again.q, trace.q)
+
+
+# What is touched
+
+
+TOUCH = {**TASK, "force": {"press": 5.0}, "path": {"kind": "circle", "duration": 0.5, "centre": [0.03, 0.0, 0.0]}}
+
+
+def touched(**contact):
+    return task_from({**TOUCH, "contact": {"settle": 0.3, "gap": 0.001, **contact}}, "touched")
+
+
+def distances(surface, points):
+    """Of points from a surface."""
+    return np.array([surface.depth(p)[0] for p in points.reshape(-1, 3)])
+
+
+@pytest.mark.parametrize("shape", [{}, {"radius": 0.2}, {"normal": [0.3, -0.2, 1.0]}], ids=["plane", "bar", "slope"])
+def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
+    task = touched(kind="point", tilt=[0.02, -0.01, 0.0], **shape)
+    robot = task.load_robot()
+    trace = iq.run_task(task)
+    film = film_of(trace)
+    surface = scene_of(task.contact, task.force, task.physics, robot.pose(task.start())).touch.surface
+    faces = film.surroundings.faces
+    assert faces.shape[1:] == (4, 3)
+    np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
+    for p in trace.contact.drawn:  # beside each point of the path there is a corner, and corners all round
+        from_here = (faces.reshape(-1, 3) - p)[:, :2]
+        assert np.linalg.norm(from_here, axis=1).min() < 0.05
+        assert (from_here.min(axis=0) < -0.03).all()
+        assert (from_here.max(axis=0) > 0.03).all()
+
+
+def test_a_doors_axis_is_the_hinges():
+    task = touched(kind="hinge", axis=[0.0, 0.0, 1.0], point=[0.0, 0.4, 0.0], size=[0.1, 0.1])
+    T = task.load_robot().pose(task.start())
+    a, b = film_before(task).surroundings.axis
+    for end in (a, b):
+        np.testing.assert_allclose(end[:2], T[:2, 3] + [0.0, 0.4], atol=1e-12)
+    assert a[2] < T[2, 3] < b[2]
+
+
+def test_the_force_of_a_film_is_the_runs():
+    trace = iq.run_task(touched(kind="point"))
+    film = film_of(trace, frames=9)
+    ends = (film.time / 0.01).round().astype(int)
+    np.testing.assert_array_equal(film.force[1:], trace.contact.wrench[ends[1:] - 1, 3:])
+    assert film.force[-1, 2] == pytest.approx(-5.0, abs=0.5)
+    chart = film.charts[1]
+    assert (chart.title, chart.levels) == ("contact force [N]", (5.0,))
+    for i, (a, b) in enumerate(pairwise(ends), 1):
+        expected = [
+            max(x[a:b], key=lambda f: abs(f - 5.0)) for x in (trace.contact.measured_press, trace.contact.press)
+        ]
+        np.testing.assert_allclose(chart.values[:, i], expected)
+    run = json.loads(read(page(film)).scripts[0])
+    np.testing.assert_array_equal(unpacked(run["arrays"]["force"]), film.force.astype("f4"))
+    np.testing.assert_array_equal(unpacked(run["arrays"]["faces"]), film.surroundings.faces.astype("f4"))
+
+
+def test_before_a_run_in_touch_the_path_waits():
+    film = film_before(touched(kind="point"))
+    assert film.time[-1] == 0.8
+    np.testing.assert_array_equal(film.wanted[film.time < 0.3], np.broadcast_to(film.tool[0], (224 + 1, 4, 4)))
 
 
 # The page

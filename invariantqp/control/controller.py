@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +31,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import JointBox, accelerations, not_below_zero
 from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import VelocitySolution, held
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.toolspeed import ToolSpeed
 
@@ -177,14 +177,70 @@ class Controller:
             s += arrays.vector(feedforward, 6, "feedforward")
         if not s.dot(s) < inf:  # a target made elsewhere has not been looked at
             raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
+        return self._tick(_State(positions, sighting, target), s, velocity, self.gain, feedforward)
+
+    def follow(
+        self, q: ArrayLike, twist: ArrayLike, velocity: ArrayLike | None = None, rows: ExactRows | None = None
+    ) -> VelocitySolution:
+        """One tick for a twist of the tool instead of a target; what is met exactly is then met for that twist.
+
+        Args:
+            q: (m,) measured joint positions [rad, length].
+            twist: (6,) wanted, base frame [rad/s; length/s].
+            velocity: as in `step`.
+            rows: more exact rows, for this tick alone.
+
+        Returns:
+            VelocitySolution, as from `step`.
+
+        Raises:
+            BadInput: NaN or wrong shapes; the controller is as it was.
+        """
+        positions = arrays.vector(q, len(self._middle), "q")
+        s = arrays.twist(twist)
+        here = self.robot.target(self.robot.pose(positions))
+        return self._tick(_State(positions, self.robot.sight(positions, here), here), s, velocity, 0.0, s, rows)
+
+    def rest(self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None) -> VelocitySolution:
+        """One tick of standing still, or of the way back inside limits that leave no rest.
+
+        Args:
+            q: (m,) measured joint positions [rad, length].
+            reason: why, for the solution.
+            velocity: as in `step`.
+
+        Raises:
+            BadInput: NaN or wrong shapes; the controller is as it was.
+        """
+        positions = arrays.vector(q, len(self._middle), "q")
+        lower, upper, _ = self._bounds(positions, velocity)
+        solution = held(Demand(self.robot.jacobian(positions), np.zeros(6), lower, upper), reason)
+        self._before = solution.velocity
+        return solution
+
+    def _bounds(self, positions: Array, velocity: ArrayLike | None) -> tuple[Array, Array, tuple[tuple[int, str], ...]]:
+        """The box of this tick, and the joints whose limits contradict each other."""
         before = self._before if velocity is None else arrays.vector(velocity, len(positions), "velocity")
-        strained: tuple[tuple[int, str], ...] = ()
         if self._braking is None:
-            lower, upper = self._box.at(positions)
-        else:
-            lower, upper, strained = self._braking.at(positions, before)
+            return *self._box.at(positions), ()
+        return self._braking.at(positions, before)
+
+    def _tick(
+        self,
+        state: _State,
+        s: Array,
+        velocity: ArrayLike | None,
+        gain: float,
+        ahead: ArrayLike | None,
+        more: ExactRows | None = None,
+    ) -> VelocitySolution:
+        """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`."""
+        positions, sighting, target = state
+        lower, upper, strained = self._bounds(positions, velocity)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None
-        exact, point = (None, None) if not self.exact else self._rows(sighting, target, feedforward)
+        exact, point = (None, None) if not self.exact else self._rows(state, gain, ahead)
+        if more is not None:
+            exact = more if exact is None else exact.with_rows(more)
         law = self.law
         if self._follows_tool:
             pose = self.robot.pose(positions)
@@ -204,12 +260,18 @@ class Controller:
         reason = "; ".join([*said, solution.reason] if solution.reason else said)
         return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
 
-    def _rows(
-        self, sighting: Sighting, target: Any, feedforward: ArrayLike | None
-    ) -> tuple[ExactRows | None, Array | None]:
+    def _rows(self, state: _State, gain: float, ahead: ArrayLike | None) -> tuple[ExactRows | None, Array | None]:
         """The exact demands of this tick, and the point that they fix."""
-        ahead = np.zeros(6) if feedforward is None else np.asarray(feedforward, dtype=np.float64)
-        return rows_of(self.exact, View(self.robot, sighting, target, self.gain, ahead))
+        twist = np.zeros(6) if ahead is None else np.asarray(ahead, dtype=np.float64)
+        return rows_of(self.exact, View(self.robot, state.sighting, state.target, gain, twist))
+
+
+class _State(NamedTuple):
+    """Where the arm is and should be, in one tick: checked joint positions, what the robot saw, its target."""
+
+    positions: Array
+    sighting: Sighting
+    target: Any
 
 
 def _posture_gain(posture: float | bool) -> float:

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from invariantqp.errors import BadInput
+from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 
@@ -32,9 +33,13 @@ def eased(u: float) -> float:
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
-class _Path(BaseModel):
+class Section(BaseModel):
+    """A table of a task file: unknown keys are refused."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+
+class _Path(Section):
     duration: Positive = Field(description="[s]", examples=[4.0])
     jumps: ClassVar[bool] = False  # whether the target gets where it is without a velocity to feed forward
 
@@ -53,8 +58,7 @@ class LinePath(_Path):
         move, turn = np.array(self.move), np.array(self.turn)
 
         def pose(t: float) -> Array:
-            u = t / self.duration
-            share = eased(2.0 * u) - eased(2.0 * u - 1.0) if self.there_and_back else eased(u)
+            share = _share(t / self.duration, self.there_and_back)
             return _displaced(T0, share * move, share * turn)
 
         return pose
@@ -89,6 +93,27 @@ class CirclePath(_Path):
             return _displaced(T0, move, 0.5 * (1.0 - np.cos(angle)) * rock)
 
         return pose
+
+
+class ScrewPath(_Path):
+    """A turn about an axis, with a slide along it: what a hinge or a thread allows."""
+
+    kind: Literal["screw"]
+    axis: Vector3 = Field(description="in base axes", examples=[[0.0, 0.0, 1.0]])
+    point: Vector3 = Field(description="of the axis, from the start [m]", examples=[[-0.4, 0.0, 0.0]])
+    angle: Number = Field(description="[rad]", examples=[0.8])
+    pitch: Number = Field(0.0, description="[m/rad]", examples=[0.0])
+    there_and_back: StrictBool = False
+
+    def along(self, robot: Robot, start: Array) -> PoseAt:
+        """The pose at a time, for a robot that starts at joint positions `start`.
+
+        Raises:
+            BadInput: a zero axis.
+        """
+        T0 = robot.pose(start)
+        screw = screws.helical(self.axis, T0[:3, 3] + self.point, self.pitch)
+        return lambda t: se3.motion(self.angle * _share(t / self.duration, self.there_and_back) * screw).dot(T0)
 
 
 class JointsPath(_Path):
@@ -131,7 +156,11 @@ class HoldPath(_Path):
         return lambda t: there if self.begin <= t < end else T0
 
 
-Path = Annotated[LinePath | CirclePath | JointsPath | HoldPath, Field(discriminator="kind")]
+Path = Annotated[LinePath | CirclePath | ScrewPath | JointsPath | HoldPath, Field(discriminator="kind")]
+
+
+def _share(u: float, there_and_back: bool) -> float:
+    return eased(2.0 * u) - eased(2.0 * u - 1.0) if there_and_back else eased(u)
 
 
 def _displaced(T0: Array, move: Array, turn: Array) -> Array:

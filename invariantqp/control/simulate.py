@@ -1,6 +1,7 @@
-"""A task run in closed loop: q <- q + dt x, the plant that a velocity-controlled arm is to its controller.
+"""A task run in closed loop, a pilot on a plant: the ideal one, q <- q + dt x, or MuJoCo's as an independent referee.
 
-Nothing else is modelled: no inertia, no actuator, no delay.
+The path waits, and errors count, until the task's contact has had its time to settle ([contact] settle): the same time
+on either plant.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 from time import perf_counter_ns
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,20 +17,26 @@ from pydantic import ValidationError
 
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
+from invariantqp.control.hybrid import HybridController
+from invariantqp.control.log import Log
 from invariantqp.control.own_form import tool_metric
+from invariantqp.control.pilots import Alone, InTouch, Pilot, Together, Wish
+from invariantqp.control.plant import IdealPlant, Plant
+from invariantqp.control.scene import Scene, scene_of
 from invariantqp.control.taskfile import LawSpec, Task
 from invariantqp.control.trace import Trace
 from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.touch import Physics, Truth
 from invariantqp.systems.centre import centre
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.objective import Form, PitchForm
 from invariantqp.velocity.solution import VelocitySolution
 
 Progress = Callable[[int, int], None]
-Observer = Callable[[int, Array, VelocitySolution], None]
+Observer = Callable[[int, Truth, VelocitySolution], None]
 MakeController = Callable[[Robot, LawSpec], Controls]
 
 # A pitch form whose h comes this close to a principal pitch, relative to h, is worth a warning.
@@ -47,27 +54,32 @@ def law_form(robot: Robot, law: LawSpec) -> Form | float | None:
     return law.pitch
 
 
+def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
+    """What a task's [law] says, as `Controller` takes it."""
+    return {
+        "dt": law.dt,
+        "gain": law.gain,
+        "form": law_form(robot, law),
+        "damping": law.damping,
+        "guard": law.guard,
+        "posture": law.posture,
+        "joint_metric": law.joint_metric,
+        "backend": law.backend,
+        "exact": None if law.exact is None else ExactPoint(law.point),
+        "acceleration_limit": law.acceleration,
+        "position_margin": law.margin,
+    }
+
+
 def our_controller(robot: Robot, law: LawSpec) -> Controller:
     """The controller that a task's [law] describes."""
-    return Controller(
-        robot,
-        dt=law.dt,
-        gain=law.gain,
-        form=law_form(robot, law),
-        damping=law.damping,
-        guard=law.guard,
-        posture=law.posture,
-        joint_metric=law.joint_metric,
-        backend=law.backend,
-        exact=None if law.exact is None else ExactPoint(law.point),
-        acceleration_limit=law.acceleration,
-        position_margin=law.margin,
-    )
+    return Controller(robot, **law_options(robot, law))
 
 
 def run_task(
     task: Task,
     *,
+    physics: Literal["ideal", "mujoco"] = "ideal",
     tool_offset: ArrayLike | None = None,
     controller: MakeController = our_controller,
     progress: Progress | None = None,
@@ -78,10 +90,11 @@ def run_task(
 
     Args:
         task: from `load_task`.
+        physics: the plant: the built-in scene, or MuJoCo with friction, lag and noise (extra `sim`).
         tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
         controller: makes the controller from robot and law; ours by default.
         progress: called with (ticks done, ticks in all).
-        observer: called after each tick with (its number, joint positions (m,) before it, the solution).
+        observer: called after each tick with (its number, what was so then, the solution).
         overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, acceleration, ...
 
     Returns:
@@ -95,32 +108,43 @@ def run_task(
     task = task.model_copy(update={"law": law})
     robot = task.load_robot()
     start = task.start()
-    pose = task.path.along(robot, start)
+    scene = None
+    if task.contact is not None and task.force is not None:
+        scene = scene_of(task.contact, task.force, task.physics, robot.pose(start))
+    plant = _plant(task, robot, scene, physics)
     offset = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
     moved = robot if tool_offset is None else robot.with_tool(offset)
     same_point = se3.inverse(offset).dot([*law.point, 1.0])[:3]
-    loop = controller(moved, law.model_copy(update={"point": tuple(same_point.tolist())}))
-    n = max(1, round(task.path.duration / law.dt))
+    law = law.model_copy(update={"point": tuple(same_point.tolist())})
+    pilot, loop = _pilot(task, moved, law, scene, controller)
+    settle = 0.0 if task.contact is None else task.contact.settle
+    first, n = round(settle / law.dt), max(1, round((settle + task.path.duration) / law.dt))
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
-    wanted = [pose(t) for t in time.tolist()]
+    wanted = _wanted(task, robot, scene, time - settle)
     targets = [moved.target(T.dot(offset)) for T in wanted]
     ahead = [np.zeros(6) if task.path.jumps else se3.log(b.dot(se3.inverse(a))) / law.dt for a, b in pairwise(wanted)]
     noise = np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start)))
+    log = Log(scene)
     q = np.empty((n + 1, len(start)))
     q[0] = start
     ticks = np.empty(n)
     solutions: list[VelocitySolution] = []
     for k in range(n):
+        sensed = plant.sense()
+        sensed = sensed._replace(q=sensed.q + noise[k])
+        wish = Wish(targets[k], ahead[k], time[k])
         before = perf_counter_ns()
-        solution = loop.step(q[k] + noise[k], targets[k], ahead[k])
+        solution = pilot.step(sensed, wish)
         ticks[k] = perf_counter_ns() - before
         solutions.append(solution)
-        q[k + 1] = q[k] + law.dt * solution.velocity
+        plant.command(solution.velocity)
+        truth = plant.truth()
+        q[k + 1] = truth.q
+        log.add(truth, wanted[k + 1], getattr(pilot, "measured", None))
         if observer is not None:
-            observer(k, q[k], solution)
+            observer(k, truth, solution)
         if progress is not None:
             progress(k + 1, n)
-    errors = np.array([_error(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])
     form = loop.law.form if isinstance(loop, Controller) else None
     return Trace(
         task=task,
@@ -128,17 +152,53 @@ def run_task(
         time=time,
         q=q,
         velocity=np.array([s.velocity for s in solutions]),
-        position_error=errors[:, 0],
-        orientation_error=errors[:, 1],
+        position_error=np.array(log.position),
+        orientation_error=np.array(log.orientation),
         position_limits=np.stack((robot.position_lower, robot.position_upper)),
         velocity_limit=robot.velocity_limit,
         methods=[s.method for s in solutions],
         statuses=[s.status for s in solutions],
         bound=[bool(s.active) for s in solutions],
         tick_ns=ticks,
+        wanted=np.array(wanted),
         form="" if form is None else form.describe(),
         warnings=_warnings(robot, form, q, solutions),
+        physics=physics,
+        settled=first,
+        contact=log.contact(),
     )
+
+
+def _plant(task: Task, robot: Robot, scene: Scene | None, physics: str) -> Plant:
+    touch, wrist = (None, None) if scene is None else (scene.touch, scene.wrist)
+    if physics == "ideal":
+        return IdealPlant(robot, task.start(), task.law.dt, touch, wrist)
+    if physics != "mujoco":
+        raise BadInput("physics", repr(physics), '"ideal" or "mujoco"')
+    from invariantqp.robots.mujoco import MujocoPlant  # only where it is asked for
+
+    given = Physics(**task.physics.model_dump())
+    return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, touch, wrist, given)
+
+
+def _pilot(
+    task: Task, robot: Robot, law: LawSpec, scene: Scene | None, controller: MakeController
+) -> tuple[Pilot, Controls]:
+    """What steers, and the velocity controller in it."""
+    if scene is not None:
+        hybrid = HybridController(robot, scene.task, sensor=scene.sensor, **law_options(robot, law))
+        return InTouch(hybrid), hybrid.loop
+    loop = controller(robot, law)
+    if task.operator is not None and isinstance(loop, Controller):
+        return Together(loop, task.operator), loop
+    return Alone(loop), loop
+
+
+def _wanted(task: Task, robot: Robot, scene: Scene | None, time: Array) -> list[Array]:
+    """Tool poses (4, 4) at times since the path began; before that it waits."""
+    pose = task.path.along(robot, task.start())
+    path = [pose(t) for t in np.maximum(time, 0.0).tolist()]
+    return path if scene is None else [scene.drop(T) for T in path]
 
 
 def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
@@ -152,14 +212,6 @@ def _overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
         key = str(wrong["loc"][0])
         expected = wrong["msg"][0].lower() + wrong["msg"][1:]
         raise BadInput(key, repr(overrides[key]), expected) from error
-
-
-def _error(T: Array, wanted: Array) -> tuple[float, float]:
-    """Distance [m] and angle [rad] between two poses."""
-    R = T[:3, :3].T.dot(wanted[:3, :3])
-    # |R - I|_F = 2 sqrt(2) sin(angle / 2): keeps its digits at small angles, where the trace loses them.
-    angle = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(R - np.eye(3))) / np.sqrt(8.0)))
-    return float(np.linalg.norm(wanted[:3, 3] - T[:3, 3])), float(angle)
 
 
 def _warnings(robot: Robot, form: Form | None, q: Array, solutions: list[VelocitySolution]) -> list[str]:

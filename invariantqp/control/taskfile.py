@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import (
     BaseModel,
-    ConfigDict,
     Field,
     PrivateAttr,
     Strict,
@@ -23,15 +22,17 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 
-from invariantqp.control.path import Number, Path, Positive, Vector3
+from invariantqp.control.contactspec import ContactSpec, ForceSpec, OperatorSpec, PhysicsSpec
+from invariantqp.control.path import Number, Path, Positive, Section, Vector3
 from invariantqp.errors import BadInput, TaskFileError, UnknownName
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.load import load_robot
+from invariantqp.robots.load import load_robot, urdf_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -43,11 +44,7 @@ else:
 OpenNumber = Annotated[float, Strict()]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Screw(_Strict):
+class Screw(Section):
     """A joint from geometry alone."""
 
     axis: Vector3 = Field(examples=[[0.0, 0.0, 1.0]])
@@ -58,7 +55,7 @@ class Screw(_Strict):
     speed: OpenNumber = Field(np.inf, gt=0.0, description="[rad/s, m/s]", examples=[1.0])
 
 
-class RobotSpec(_Strict):
+class RobotSpec(Section):
     """A robot by name or URDF, or joint screws with the tool's place at q = 0."""
 
     source: str | None = Field(None, description="a known name or the path of a URDF", examples=["panda"])
@@ -84,12 +81,15 @@ class RobotSpec(_Strict):
                 position_upper=[s.upper for s in self.screws],
                 velocity_limit=[s.speed for s in self.screws],
             )
-        source = str(self.source)
-        beside = None if folder is None else folder / source
-        return load_robot(beside if beside is not None and beside.is_file() else source, self.tool, self.joints)
+        return load_robot(self.beside(folder), self.tool, self.joints)
+
+    def beside(self, folder: FilePath | None) -> str | FilePath:
+        """The source: a file beside the task file where there is one."""
+        beside = None if folder is None else folder / str(self.source)
+        return beside if beside is not None and beside.is_file() else str(self.source)
 
 
-class LawSpec(_Strict):
+class LawSpec(Section):
     """The law's knobs; what is left out is what `Controller` does by itself."""
 
     dt: Positive = Field(0.001, description="tick [s]", examples=[0.001])
@@ -122,17 +122,20 @@ class LawSpec(_Strict):
         return pitch
 
 
-class Acceptance(_Strict):
+class Acceptance(Section):
     """The numbers at which a run counts as done; what is left out is not asked."""
 
     position_error_mm: Positive | None = Field(None, description="largest", examples=[0.1])
     orientation_error_deg: Positive | None = Field(None, description="largest", examples=[0.1])
     final_position_error_mm: Positive | None = Field(None, examples=[0.01])
     final_orientation_error_deg: Positive | None = Field(None, examples=[0.01])
+    force_error: Positive | None = Field(
+        None, description="rms of the true contact force's error, relative to the wanted one", examples=[0.02]
+    )
     limit_violation: Positive = Field(1e-9, description="[rad, m] and [rad/s, m/s]", examples=[1e-9])
 
 
-class Task(_Strict):
+class Task(Section):
     """A problem to run: `load_task` makes one from a file."""
 
     name: str = Field(min_length=1, examples=["panda_path"])
@@ -141,10 +144,34 @@ class Task(_Strict):
     path: Path
     law: LawSpec = LawSpec()
     accept: Acceptance = Acceptance()
+    contact: ContactSpec | None = None
+    force: ForceSpec | None = None
+    operator: OperatorSpec | None = None
+    physics: PhysicsSpec = PhysicsSpec()
+    accept_mujoco: Acceptance | None = Field(None, description="instead of [accept], with MuJoCo")
     encoder_noise: Positive | None = Field(
         None, description="standard deviation of the joint positions a controller is told [rad, m]", examples=[1e-4]
     )
     _folder: FilePath | None = PrivateAttr(None)  # where relative URDF paths are looked up
+
+    @model_validator(mode="after")
+    def _whole(self) -> Task:
+        if (self.contact is None) != (self.force is None):
+            raise ValueError("[contact] and [force] go together")
+        if self.operator is not None and self.contact is not None:
+            raise ValueError("[operator] is for a tool that touches nothing; leave out [contact] and [force]")
+        return self
+
+    def urdf(self) -> FilePath:
+        """The robot's URDF file.
+
+        Raises:
+            BadInput: a robot from joint screws, which has none.
+            RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
+        """
+        if self.robot.source is None:
+            raise BadInput("physics", "a robot from joint screws", "one from a URDF", "Screws have no masses.")
+        return urdf_of(self.robot.beside(self._folder))
 
     def load_robot(self, tool: str | None = None) -> Robot:
         """The task's robot, to another tool frame where one is named.
@@ -217,7 +244,7 @@ def task_from(content: dict[str, Any], source: str, folder: FilePath | None = No
 def _problems(error: ValidationError) -> Iterator[str]:
     for e in error.errors():
         # The names of a union's members are pydantic's business, not the file's.
-        place = [p for p in e["loc"] if p not in ("line", "circle", "joints", "hold") or e["loc"][0] != "path"]
+        place = [p for p in e["loc"] if p not in ("line", "circle", "screw", "joints", "hold") or e["loc"][0] != "path"]
         where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in place)
         said = e["msg"][0].lower() + e["msg"][1:]
         yield f"{where}: {said}{_advice(e['type'], list(place))}"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from invariantqp.control.log import ContactTrace
 from invariantqp.control.taskfile import Task
 from invariantqp.geometry.arrays import Array
 
@@ -30,8 +31,12 @@ class Trace:
         statuses: (n,) names.
         bound: (n,) whether a limit was active.
         tick_ns: (n,) time of each tick of the controller [ns].
+        wanted: (n + 1, 4, 4) tool poses that were asked for.
         form: what twists were measured by, "" where the controller does not say.
         warnings: what a person should know.
+        physics: the plant, "ideal" or "mujoco".
+        settled: the first tick whose errors count, 0 without contact.
+        contact: forces and the curve drawn; None without contact.
     """
 
     task: Task
@@ -47,8 +52,12 @@ class Trace:
     statuses: list[str]
     bound: list[bool]
     tick_ns: Array
+    wanted: Array
     form: str = ""
     warnings: list[str] = field(default_factory=list)
+    physics: str = "ideal"
+    settled: int = 0
+    contact: ContactTrace | None = None
 
     @property
     def limit_violation(self) -> float:
@@ -70,19 +79,32 @@ class Trace:
     def shortfalls(self) -> list[str]:
         """The acceptance numbers that were missed, in words; empty when the task is passed."""
         accept = self.task.accept
-        mm, deg = 1e3 * self.position_error, np.degrees(self.orientation_error)
+        if self.physics == "mujoco" and self.task.accept_mujoco is not None:
+            accept = self.task.accept_mujoco
+        mm, deg = self._counted
         asked = [
             ("largest position error", float(mm.max()), accept.position_error_mm, "mm"),
             ("largest orientation error", float(deg.max()), accept.orientation_error_deg, "deg"),
             ("final position error", float(mm[-1]), accept.final_position_error_mm, "mm"),
             ("final orientation error", float(deg[-1]), accept.final_orientation_error_deg, "deg"),
             ("limit violation", self.limit_violation, accept.limit_violation, "rad or m (/s)"),
+            ("force error, rms,", self.force_error or 0.0, accept.force_error, "of the wanted force"),
         ]
         return [
             f"{what} {got:.3g} {unit}, at most {limit:g} {unit} asked"
             for what, got, limit, unit in asked
             if limit is not None and not got <= limit
         ]
+
+    @property
+    def force_error(self) -> float | None:
+        """Force error, root mean square since the contact settled over the wanted force; None without one."""
+        return None if self.contact is None else self.contact.relative_rms(self.settled)
+
+    @property
+    def _counted(self) -> tuple[Array, Array]:
+        """Errors [mm] and [deg] since the contact settled."""
+        return 1e3 * self.position_error[self.settled :], np.degrees(self.orientation_error[self.settled :])
 
     @property
     def passed(self) -> bool:
@@ -92,12 +114,15 @@ class Trace:
     def summary(self) -> dict[str, Any]:
         """The run's figures; SI units unless a key says otherwise."""
         n = len(self.velocity)
+        mm, deg = self._counted
+        felt = None if self.contact is None else self.contact.relative_rms(self.settled, measured=True)
         return {
             "task": self.task.name,
+            "physics": self.physics,
             "passed": self.passed,
             "ticks": n,
-            "position_error_mm": _spread(1e3 * self.position_error),
-            "orientation_error_deg": _spread(np.degrees(self.orientation_error)),
+            "position_error_mm": _spread(mm),
+            "orientation_error_deg": _spread(deg),
             "final_position_error_mm": 1e3 * float(self.position_error[-1]),
             "final_orientation_error_deg": float(np.degrees(self.orientation_error[-1])),
             "limit_violation": self.limit_violation,
@@ -108,7 +133,8 @@ class Trace:
             "form": self.form,
             "statuses": {name: count / n for name, count in Counter(self.statuses).items()},
             "tick_us": _spread(1e-3 * self.tick_ns),
-            "force_error_relative_rms": None,
+            "force_error_relative_rms": self.force_error,
+            "force_error_relative_rms_measured": felt,
             "shortfalls": self.shortfalls,
             "warnings": self.warnings,
         }

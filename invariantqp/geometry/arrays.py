@@ -75,6 +75,12 @@ def columns(value: ArrayLike, argument: str = "J") -> Array:
     return _finite(a, argument, expected)
 
 
+def system(value: ArrayLike, argument: str) -> Array:
+    """As `columns`, or (6, 0) for the zero system."""
+    shape: tuple[int, ...] = getattr(value, "shape", ())
+    return np.empty((6, 0)) if shape == (6, 0) else columns(value, argument)
+
+
 def matrix(value: ArrayLike, shape: tuple[int | None, int], argument: str) -> Array:
     """A finite matrix of the given shape; None leaves the number of rows free."""
     rows = "k" if shape[0] is None else shape[0]

@@ -97,7 +97,11 @@ def coadjoint(pose: ArrayLike) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    T = arrays.pose(pose)
+    return carried_wrenches(arrays.pose(pose))
+
+
+def carried_wrenches(T: Array) -> Array:
+    """`coadjoint` of a (4, 4) pose that is known to be one."""
     R = T[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R

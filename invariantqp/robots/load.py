@@ -73,15 +73,30 @@ def load_robot(
         raise BadInput("tool", type(tool).__name__, "the name of a frame", "Move the frame with robot.with_tool(pose).")
     from invariantqp.robots.pinocchio import load_urdf  # Pinocchio is loaded when a URDF is
 
+    path = urdf_of(source)
     known = KNOWN.get(str(source))
     if known is not None:
         chosen = joints if joints is not None or tool is not None else known.joints
-        return load_urdf(_data_folder() / known.urdf, tool or known.tool, chosen)
+        return load_urdf(path, tool or known.tool, chosen)
+    return load_urdf(path, tool, joints)
+
+
+def urdf_of(source: str | Path) -> Path:
+    """The URDF file of a known name or a path.
+
+    Raises:
+        UnknownName: no such robot; near ones are listed.
+        RobotModelError: no such file.
+        MissingExtra: a named robot without the extra `robots`.
+    """
+    known = KNOWN.get(str(source))
+    if known is not None:
+        return _data_folder() / known.urdf
     path = Path(source)
     if path.suffix.lower() == ".urdf" or path.exists():
         if not path.is_file():
             raise RobotModelError(f"no URDF file at {path}")
-        return load_urdf(path, tool, joints)
+        return path
     near = difflib.get_close_matches(str(source).lower(), KNOWN)
     raise UnknownName("robot", str(source), near, [*KNOWN, "or the path of a .urdf file"])
 

@@ -125,11 +125,20 @@ class CarriedMetric:
         """The same metric on the body at another (4, 4) pose."""
         return CarriedMetric(self.matrix, pose)
 
+    @property
+    def carried(self) -> Array:
+        """(6, 6) W in the frame of J.
+
+        Raises:
+            BadInput: it follows the tool and has not been put anywhere.
+        """
+        if self._W is None:
+            raise BadInput("form", 'CarriedMetric(..., "tool")', "a CarriedMetric with a (4, 4) pose", "Use .at(pose).")
+        return self._W
+
     def gram_data(self, J: Array, s: Array) -> GramData:
         """(J'WJ, J'Ws), W carried to the frame of J."""
-        if self._W is None or self.norms is None:
-            raise BadInput("form", 'CarriedMetric(..., "tool")', "a CarriedMetric with a (4, 4) pose", "Use .at(pose).")
-        return gram_data(J, self._W.dot(J), s, self.norms.form)
+        return gram_data(J, self.carried.dot(J), s, self.norms.form)  # type: ignore[union-attr]
 
     def describe(self) -> str:
         """One phrase for reports."""

@@ -12,10 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.log import ContactTrace
 from invariantqp.control.taskfile import Task
 from invariantqp.control.trace import Trace
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
+from invariantqp.view.surroundings import Surroundings, surroundings
 
 # States drawn of a run, at most; players fill in between. What is shown of the ticks between two is their worst.
 FRAMES = 600
@@ -24,6 +26,7 @@ SMALLEST_ERROR = 1e-9
 # Told apart by colour-blind readers too: Okabe and Ito's palette, but for its black and its yellow, which a dark or a
 # light page would swallow.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7F7F7F", "#B8A900")
+FORCE = COLOURS[5]
 
 
 class Posture(NamedTuple):
@@ -83,6 +86,8 @@ class Film:
         bound: (k) whether a limit was active.
         status: (k) how the law answered, of those ticks the first that is not "ok".
         charts: curves to draw.
+        surroundings: what the tool touches.
+        force: (k, 3) that the tool exerts [N]; None where it touches nothing.
     """
 
     title: str
@@ -101,6 +106,8 @@ class Film:
     bound: list[bool]
     status: list[str]
     charts: tuple[Chart, ...]
+    surroundings: Surroundings
+    force: Array | None = None
 
     @property
     def centre(self) -> Array:
@@ -114,8 +121,18 @@ class Film:
         low, high = self._box()
         return 0.5 * float(np.linalg.norm(high - low))
 
+    def frame(self, t: float) -> int:
+        """The one nearest to a time [s]."""
+        return int(np.abs(self.time - t).argmin())
+
+    @property
+    def strongest(self) -> float:
+        """The force to scale arrows by [N]: what all but the rarest stay below, positive."""
+        return 1.0 if self.force is None else max(float(np.percentile(np.linalg.norm(self.force, axis=1), 99)), 1e-9)
+
     def _box(self) -> tuple[Array, Array]:
-        drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3]))
+        touched = self.surroundings.faces.reshape(-1, 3)
+        drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched))
         return drawn.min(axis=0), drawn.max(axis=0)
 
 
@@ -138,29 +155,32 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
     ends = np.unique(np.linspace(0, n, min(n + 1, frames)).round().astype(int))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
     status = [next((s for s in trace.statuses[a:b] if s != "ok"), trace.statuses[b - 1]) for a, b in _ticks(ends)]
-    drawn = _drawn(trace.task, robot, trace.time[ends], trace.q[ends], farthest(trace.velocity, ends))
+    drawn = _drawn(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
+    drawn = replace(drawn, speed=farthest(trace.velocity, ends))
     errors = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
     return replace(
         drawn,
         about=f"{trace.task.about} {went}",
         bound=[any(trace.bound[a:b]) for a, b in _ticks(ends)],
         status=status,
-        charts=(_error_chart(farthest(errors, ends)), *limit_charts(drawn)),
+        charts=(_error_chart(farthest(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
+        force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
 
 
 def film_before(task: Task, frames: int = FRAMES) -> Film:
-    """What is known before a run: the arm at its start, and the path asked of it."""
+    """What is known before a run: the arm at its start, and the path asked of it, which may yet be put on a surface."""
     robot = task.load_robot()
-    time = np.linspace(0.0, task.path.duration, frames)
-    q = np.tile(task.start(), (frames, 1))
-    return _drawn(task, robot, time, q, np.zeros_like(q))
+    pose = task.path.along(robot, task.start())
+    settle = 0.0 if task.contact is None else task.contact.settle
+    time = np.linspace(0.0, settle + task.path.duration, frames)
+    wanted = np.array([pose(t) for t in np.maximum(time - settle, 0.0).tolist()])
+    return _drawn(task, robot, time, np.tile(task.start(), (frames, 1)), wanted)
 
 
-def _drawn(task: Task, robot: Robot, time: Array, q: Array, speed: Array) -> Film:
+def _drawn(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:
     """Everything but how it went."""
     seen = [posture(robot, state) for state in q]
-    pose = task.path.along(robot, task.start())
     return Film(
         title=task.name,
         about=task.about,
@@ -170,14 +190,15 @@ def _drawn(task: Task, robot: Robot, time: Array, q: Array, speed: Array) -> Fil
         points=np.array([s.points for s in seen]),
         axes=np.array([s.axes for s in seen]),
         tool=np.array([s.tool for s in seen]),
-        wanted=np.array([pose(t) for t in time.tolist()]),
+        wanted=wanted,
         q=q,
         limits=np.stack((robot.position_lower, robot.position_upper)),
-        speed=speed,
+        speed=np.zeros_like(q),
         speed_limit=robot.velocity_limit,
         bound=[False] * len(time),
         status=[""] * len(time),
         charts=(),
+        surroundings=surroundings(task, robot, wanted[:, :3, 3]),
     )
 
 
@@ -201,6 +222,15 @@ def _error_chart(errors: Array) -> Chart:
     """Errors (k, 2) [mm, deg]."""
     values = np.maximum(errors, SMALLEST_ERROR).T
     return Chart("tracking error", ("position [mm]", "orientation [deg]"), values, COLOURS[:2], log=True)
+
+
+def _force_charts(contact: ContactTrace | None, ends: Array) -> list[Chart]:
+    """The press, as it was and as the controller took it to be, where it was farthest from what was wanted."""
+    if contact is None:
+        return []
+    press = np.column_stack((contact.measured_press, contact.press)) - contact.wanted
+    names, hues = ("as measured", "as it was"), (COLOURS[4], FORCE)
+    return [Chart("contact force [N]", names, farthest(press, ends).T + contact.wanted, hues, (contact.wanted,))]
 
 
 def limit_charts(film: Film) -> list[Chart]:

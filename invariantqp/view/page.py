@@ -67,7 +67,10 @@ def _run(film: Film) -> dict[str, Any]:
         "limits": film.limits,
         "speed": film.speed,
         "speed_limit": film.speed_limit,
+        "faces": film.surroundings.faces,
     }
+    if film.force is not None:
+        named["force"] = film.force
     return {
         "joints": film.joints,
         "colours": colours(len(film.joints)),
@@ -76,6 +79,8 @@ def _run(film: Film) -> dict[str, Any]:
         "size": film.size,
         "status": film.status,
         "bound": film.bound,
+        "axis": None if film.surroundings.axis is None else film.surroundings.axis.tolist(),
+        "strongest": film.strongest,
         "charts": [_chart(c) for c in film.charts],
         "arrays": {name: _packed(a) for name, a in named.items()},
     }

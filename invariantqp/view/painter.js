@@ -10,10 +10,12 @@ const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
 const LIGHT = unit([0.4, -0.5, 0.9]);
 
 class Painter {
-  constructor(canvas, centre, size) {
+  // All of a ball, with a smaller one in it to look at when double-clicked.
+  constructor(canvas, [centre, size], [spot, extent]) {
     this.canvas = canvas;
     this.pen = canvas.getContext("2d");
     this.home = { turn: -0.9, rise: 0.42, reach: 2.75 * size, target: centre };
+    this.close = { turn: -0.9, rise: 0.6, reach: Math.max(3 * extent, 0.2 * size), target: spot };
     this.camera = { ...this.home };
     this.size = size;
     this.faces = [];
@@ -47,12 +49,13 @@ class Painter {
     return [this.width / 2 + s * dot(r, this.right), this.height / 2 - s * dot(r, this.up), depth];
   }
 
-  // A face to be drawn in its turn: points in space, a colour [r, g, b], lit by its normal unless that is null.
-  face(points, colour, normal = null, alpha = 1) {
+  // A face to be drawn in its turn: points in space, a colour [r, g, b], lit by its normal unless that is null;
+  // farther draws it behind what lies on it.
+  face(points, colour, normal = null, alpha = 1, farther = 0) {
     const seen = points.map(p => this.project(p));
     if (seen.includes(null)) return;
     const shade = normal === null ? 1 : 0.62 + 0.38 * dot(normal, LIGHT);
-    const depth = seen.reduce((s, p) => s + p[2], 0) / seen.length;
+    const depth = seen.reduce((s, p) => s + p[2], 0) / seen.length + farther;
     const ink = `rgba(${colour.map(x => Math.min(255, shade * x) | 0)},${alpha})`;
     this.faces.push({ depth, paint: pen => this.trace(pen, seen, ink, alpha) });
   }
@@ -82,7 +85,7 @@ class Painter {
   text(words, at, ink) {
     const p = this.project(at);
     if (p) this.faces.push({ depth: 0, paint: pen => {
-      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink; pen.fillText(words, p[0] + 8, p[1] - 6);
+      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink; pen.fillText(words, p[0] + 14, p[1] + 4);
     } });
   }
 
@@ -178,7 +181,11 @@ class Painter {
     });
     canvas.addEventListener("wheel", e => { e.preventDefault(); zoom(Math.exp(0.001 * e.deltaY)); this.changed(); },
       { passive: false });
-    canvas.addEventListener("dblclick", () => { this.camera = { ...this.home }; this.changed(); });
+    canvas.addEventListener("dblclick", () => {
+      this.near = !this.near;
+      this.camera = { ...(this.near ? this.close : this.home) };
+      this.changed();
+    });
     canvas.addEventListener("contextmenu", e => e.preventDefault());
   }
 

@@ -30,15 +30,18 @@ const frameAt = t => {
 };
 
 const state = { t: 0, playing: false, rate: 1 };
-const painter = new Painter($("view"), run.centre, run.size);
 const r = run.size, wanted = path("wanted"), drawn = path("tool");
+const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
+const painter = new Painter($("view"), [run.centre, r], [mix(...ends, 0.5), norm(add(...ends, -1)) / 2]);
 const floor = Math.min(...arrays.points.data.filter((_, i) => i % 3 === 2)) - 0.01 * r;
-const surface = arrays.surface ? triples([...arrays.surface.data]) : [];
+const corners = triples([...arrays.faces.data]);
 const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
 const charts = run.charts.map(c => new Chart($("side"), c, time, bound, t => { play(false); seek(t); }));
-const HUES = { wanted: rgb("#E69F00"), drawn: rgb("#0072B2"), force: rgb("#D55E00"), dark: rgb("#4a5764") };
+const HUES = { wanted: rgb("#E69F00"), drawn: rgb("#0072B2"), force: rgb("#D55E00"), dark: rgb("#4a5764"),
+  touched: rgb("#cdbb9f") };
 $("key").innerHTML = '<i style="color:#E69F00"></i>path wanted<i style="color:#0072B2"></i>path drawn'
-  + (arrays.force ? '<i style="color:#D55E00"></i>force on the tool' : "");
+  + (arrays.force ? '<i style="color:#D55E00"></i>force of the tool' : "")
+  + "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far";
 const caption = $("side").appendChild(document.createElement("p"));
 caption.textContent = bound.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
 
@@ -58,7 +61,19 @@ function draw() {
   const tool = between("tool", f), goal = between("wanted", f);
   painter.floor(floor, ink("--rule"));
   painter.shadow(points, floor, 0.05 * r, "rgba(0,0,0,0.10)");
-  for (let k = 0; k < surface.length; k += 4) painter.face(surface.slice(k, k + 4), rgb("#C9B79C"), null, 0.45);
+  for (let k = 0; k < corners.length; k += 4) {
+    const [a, b, c, d] = corners.slice(k, k + 4);
+    painter.face([a, b, c, d], HUES.touched, unit(cross(add(b, a, -1), add(d, a, -1))), 0.5, 0.06 * r);
+  }
+  if (run.axis) {  // a door, from its axis to the tool
+    const [a, b] = run.axis, out = add(spot(tool), a, -1), along = unit(add(b, a, -1));
+    const arm = add(out, along, -dot(out, along));
+    for (let k = 0; k < 8; k++) {
+      const c = add(a, arm, k / 8), d = add(a, arm, (k + 1) / 8);
+      painter.face([c, d, add(d, add(b, a, -1)), add(c, add(b, a, -1))], HUES.touched, null, 0.5);
+    }
+    painter.bar(a, b, 0.012 * r, 0.012 * r, HUES.dark, 4);
+  }
   painter.line(wanted, HUES.wanted, 5, 0.75, 0.01 * r);
   painter.line([...drawn.slice(0, Math.floor(f) + 1), spot(tool)], HUES.drawn, 2, 1, 0.02 * r);
   const link = rgb(ink("--link")), m = axes.length, thick = 0.03 * r;
@@ -84,9 +99,9 @@ function draw() {
   if (bound[i]) told.push("limit active");
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
-    told.push(`force  ${written(size)} N`);
+    told.push(`force  ${size.toFixed(2)} N`);
     if (size > 0) {
-      const way = unit(push), tip = add(at, way, 0.4 * r * size / run.strongest), neck = add(tip, way, -0.06 * r);
+      const way = unit(push), tip = add(at, way, 0.35 * r * size / run.strongest), neck = add(tip, way, -0.06 * r);
       if (dot(add(neck, at, -1), way) > 0) painter.bar(at, neck, 0.014 * r, 0.014 * r, HUES.force, 3);
       painter.bar(neck, tip, 0.035 * r, 0.001 * r, HUES.force);
       painter.text(`${size.toFixed(1)} N`, tip, "#D55E00");

@@ -16,8 +16,20 @@ from invariantqp.control.taskfile import Task
 from invariantqp.control.trace import Trace
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.touch import Truth
 from invariantqp.velocity.solution import VelocitySolution
-from invariantqp.view.film import Chart, Film, Posture, colours, farthest, film_before, film_of, limit_charts, posture
+from invariantqp.view.film import (
+    FORCE,
+    Chart,
+    Film,
+    Posture,
+    colours,
+    farthest,
+    film_before,
+    film_of,
+    limit_charts,
+    posture,
+)
 from invariantqp.view.stage import Stage
 
 # Where a browser finds it; the next free one if it is taken.
@@ -57,11 +69,12 @@ class Viewer:
         self.url = f"http://localhost:{self._server.get_port()}"
         self._open = True
         self._t, self._shown, self._playing = 0.0, -1.0, False
-        self._seen: list[tuple[Array, Array]] = []
+        self._seen: list[tuple[Array, Array, Array, Array]] = []
         self._next_picture = self._next_plots = 0.0
-        self._plots: dict[str, Any] = {}
+        self._plots: dict[str, tuple[Any, dict[str, Any]]] = {}
         self._stage = Stage(self._server, self._film)
         self._stage.arm(posture(self._robot, task.start()))
+        self._stage.goal(self._film.wanted[0], np.empty((0, 3)))
         self._furnish()
 
     def close(self) -> None:
@@ -71,33 +84,40 @@ class Viewer:
             with redirect_stdout(io.StringIO()):
                 self._server.stop()
 
-    def watch(self, tick: int, q: Array, solution: VelocitySolution) -> None:
-        """Tick number `tick`, from joint positions q, has been solved: an observer for `run_task`.
-
-        Draws as often as an eye can follow, no oftener.
-        """
-        self._seen.append((q.copy(), solution.velocity))
+    def watch(self, tick: int, truth: Truth, solution: VelocitySolution) -> None:
+        """An observer for `run_task`; draws as often as an eye can follow, no oftener."""
+        self._seen.append((truth.q, solution.velocity, truth.wrench[3:], truth.pose[:3, 3]))
         now = monotonic()
-        if now < self._next_picture:
+        if now < self._next_picture or not tick:
             return
         self._next_picture = now + 1.0 / PICTURES
         with self._server.atomic():
-            self._stage.arm(posture(self._robot, q))
+            self._stage.arm(posture(self._robot, truth.q))
+            self._stage.push(truth.pose, -truth.wrench[3:])
+            drawn = np.array([point for *_, point in self._seen[:: 1 + tick // COARSE]])
+            self._stage.goal(self._film.wanted[self._film.frame(self._dt * tick)], drawn)
             self._told.content = f"running: {tick * self._dt:.2f} s, {solution.status}"
-            if now >= self._next_plots and tick:
+            if now >= self._next_plots:
                 self._next_plots = now + 1.0 / PLOTS
-                q_seen, speed = (np.array(part) for part in zip(*self._seen, strict=True))
-                ends = np.unique(np.linspace(0, tick, COARSE).astype(int))
-                so_far = replace(self._film, time=self._dt * ends, q=q_seen[ends], speed=farthest(speed, ends))
-                self._draw_plots(so_far.time, limit_charts(so_far), so_far.time[-1])
+                so_far = self._so_far()
+                self._draw_plots(so_far, so_far.time[-1])
                 self._joints.content = joint_bars(so_far, -1)
+
+    def _so_far(self) -> Film:
+        """What has been seen of a run that goes on."""
+        q, speed, force, _ = (np.array(part) for part in zip(*self._seen, strict=True))
+        ends = np.unique(np.linspace(0, len(q) - 1, COARSE).astype(int))
+        seen = replace(self._film, time=self._dt * ends, q=q[ends], speed=farthest(speed, ends))
+        size = farthest(np.linalg.norm(force, axis=1)[:, None], ends).T
+        felt = [Chart("contact force [N]", ("size",), size, (FORCE,))] if force.any() else []
+        return replace(seen, charts=(*felt, *limit_charts(seen)))
 
     def show(self, film: Film) -> None:
         """The run is done: play it."""
         self._film = film
         with self._server.atomic():
-            for plot in self._plots.values():
-                plot.remove()
+            for plot, _ in self._plots.values():  # hidden: a browser may still be sent changes of what is removed
+                plot.visible = False
             self._plots = {}
             self._time.max = float(film.time[-1])
             for control in (self._play, self._time, self._rate):
@@ -161,10 +181,12 @@ class Viewer:
     def _draw(self, t: float) -> None:
         """Everything at time t."""
         film, now = self._film, monotonic()
-        i = int(np.abs(film.time - t).argmin())
+        i = film.frame(t)
         with self._server.atomic():
             self._stage.arm(Posture(film.points[i], film.axes[i], film.tool[i]))
             self._stage.goal(film.wanted[i], film.tool[: i + 1, :3, 3])
+            if film.force is not None:
+                self._stage.push(film.tool[i], film.force[i])
             self._time.value = t
             mm, deg = film.charts[0].values[:, i]
             limit = ", **limit active**" if film.bound[i] else ""
@@ -172,19 +194,27 @@ class Viewer:
             if now >= self._next_plots or not self._playing:
                 self._next_plots = now + 1.0 / PLOTS
                 self._joints.content = joint_bars(film, i)
-                self._draw_plots(film.time, film.charts, t)
+                self._draw_plots(film, t)
         self._shown = t
 
-    def _draw_plots(self, time: Array, charts: tuple[Chart, ...] | list[Chart], t: float) -> None:
-        """Curves with a cursor at t."""
-        for chart in charts:
-            data = with_cursor(time, chart, t)
-            if chart.title in self._plots:
-                self._plots[chart.title].data = data
-            else:
-                self._plots[chart.title] = self._add_plot(chart, data)
+    def _draw_plots(self, film: Film, t: float) -> None:
+        """A film's curves with a cursor at t."""
+        for chart in film.charts:
+            data = with_cursor(film.time, chart, t)
+            scales = {
+                "x": {"time": False, "range": (0.0, float(self._film.time[-1]))},
+                "y": {"range": _span(chart)},
+            }
+            if chart.title not in self._plots:
+                self._plots[chart.title] = self._add_plot(chart, data, scales), scales
+                continue
+            plot, before = self._plots[chart.title]
+            plot.data = data
+            if scales != before:
+                plot.scales = scales
+                self._plots[chart.title] = plot, scales
 
-    def _add_plot(self, chart: Chart, data: tuple[Array, ...]) -> Any:
+    def _add_plot(self, chart: Chart, data: tuple[Array, ...], scales: dict[str, Any]) -> Any:
         lines: list[Any] = [
             {"label": name, "stroke": colour, "width": 1.5}
             for name, colour in zip(chart.names, chart.colours, strict=True)
@@ -193,10 +223,7 @@ class Viewer:
             data,
             ({"label": "time [s]"}, *lines, {"label": "now", "stroke": CURSOR, "width": 1.0}),
             title=f"{chart.title}, powers of ten" if chart.log else chart.title,
-            scales={
-                "x": {"time": False, "range": (0.0, float(self._film.time[-1]))},
-                "y": {"range": _span(chart)},
-            },
+            scales=scales,
             legend={"show": len(chart.names) < 4, "live": False},
             height=150,
         )

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     import viser
 
 WANTED, DRAWN, LINK, DARK = (230, 159, 0), (0, 114, 178), (174, 186, 198), (74, 87, 100)
+TOUCHED, FORCE = (205, 187, 159), (190, 60, 0)
+# A face of four corners as two of three.
+HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+# Of the strongest force's arrow.
+LONGEST = 0.35
 # Where the eye is, in sizes of the scene from its centre.
 EYE = np.array([1.45, -1.65, 1.0])
 
@@ -38,6 +43,15 @@ class Stage:
         self._tool = self._draw.add_frame("/tool", axes_length=0.13, axes_radius=0.007, origin_radius=0.012)
         self._goal = self._draw.add_frame("/goal", axes_length=0.1, axes_radius=0.003, origin_radius=0.006)
         self._draw.add_cylinder("/base", 0.09, 0.016, DARK, position=self._at(film.points[0, 0]))
+        axis = film.surroundings.axis
+        self._axis = None if axis is None else self._at(axis)
+        self._touched(film)
+        self._strongest = film.strongest if film.force is not None else 0.0
+        nowhere = np.zeros((1, 2, 3))
+        self._push = self._draw.add_arrows(
+            "/force", nowhere, FORCE, shaft_radius=0.012, head_radius=0.03, head_length=0.06, visible=False
+        )
+        self._newtons = self._draw.add_label("/force in newtons", "", visible=False)
         m = len(film.joints)
         self._links = [
             self._draw.add_cylinder(f"/links/{i}", 0.028 - 0.012 * i / (m + 1), 1.0, LINK) for i in range(m + 1)
@@ -64,6 +78,11 @@ class Stage:
             for part in parts:
                 part.position, part.wxyz = p, _upright(axis)
         self._frame(self._tool, posture.tool)
+        if self._axis is not None:
+            a, b = self._axis
+            out = points[-1] - a
+            arm = out - (b - a) * out.dot(b - a) / (b - a).dot(b - a)
+            self._door.vertices = np.array([a, b, b + arm, a + arm], dtype=np.float32)
 
     def goal(self, wanted: Array, drawn: Array) -> None:
         """Where the tool should be, (4, 4), and the points (n, 3) where it has been."""
@@ -71,6 +90,33 @@ class Stage:
         self._trail.visible = len(drawn) > 1
         if self._trail.visible:
             self._trail.points = _segments(self._at(drawn)).astype(np.float32)
+
+    def push(self, tool: Array, force: Array) -> None:
+        """The force (3,) that a tool at pose (4, 4) exerts [N]."""
+        size = float(np.linalg.norm(force))
+        self._push.visible = self._newtons.visible = size > 0.0
+        if size > 0.0:
+            self._strongest = max(self._strongest, size)
+            a = self._at(tool[:3, 3])
+            b = a + LONGEST / self._strongest * force
+            self._push.points = np.array([[a, b]], dtype=np.float32)
+            self._newtons.position, self._newtons.text = b, f"{size:.1f} N"
+
+    def _touched(self, film: Film) -> None:
+        """What the tool touches."""
+        around = film.surroundings
+        if len(around.faces):
+            corners = self._at(around.faces).reshape(-1, 3).astype(np.float32)
+            halves = np.vstack([HALVES + 4 * i for i in range(len(around.faces))])
+            self._draw.add_mesh_simple(
+                "/touched", corners, halves, color=TOUCHED, opacity=0.6, side="double", cast_shadow=False
+            )
+        if self._axis is not None:
+            self._draw.add_line_segments("/axis", self._axis[None], DARK, thickness=0.03)
+            anywhere = np.zeros((4, 3), np.float32)
+            self._door = self._draw.add_mesh_simple(
+                "/door", anywhere, HALVES, color=TOUCHED, opacity=0.6, side="double", cast_shadow=False
+            )
 
     def _at(self, points: Array) -> Array:
         scaled: Array = (points - self._centre) / self._size

@@ -1,0 +1,91 @@
+"""What steers a plant in a run: a controller, told in each tick what the plant senses and what the task wants.
+
+Alone it follows the path; in touch it moves along S and presses along S*; together with an operator it keeps the tool
+on a plane while the operator moves it there, s = P1 gain log(T_d T^-1) + P2 s_operator.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from invariantqp.control.contactspec import OperatorSpec
+from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.hybrid import HybridController
+from invariantqp.control.shared import SharedTask
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.touch import Sensed
+from invariantqp.systems.contacts import face_contact
+from invariantqp.velocity.solution import VelocitySolution
+
+
+class Wish(NamedTuple):
+    """What the task wants in a tick: a tool pose as the robot's `target` made it, its twist (6,), and the time [s]."""
+
+    target: Any
+    ahead: Array
+    time: float
+
+
+class Pilot(Protocol):
+    """Steers a plant."""
+
+    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+        """One tick."""
+        ...
+
+
+class Alone:
+    """A velocity controller that follows the path."""
+
+    def __init__(self, loop: Controls) -> None:
+        self._loop = loop
+
+    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+        """One tick."""
+        return self._loop.step(sensed.q, wish.target, wish.ahead)
+
+
+class InTouch:
+    """The hybrid controller.
+
+    Attributes:
+        measured: (6,) the wrench that it took the tool to exert in the last tick, base frame.
+    """
+
+    def __init__(self, loop: HybridController) -> None:
+        self._loop = loop
+        self.measured = np.zeros(6)
+
+    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+        """One tick."""
+        wrench = np.zeros(6) if sensed.wrench is None else sensed.wrench
+        solution = self._loop.step(sensed.q, wish.target, wrench, wish.ahead)
+        self.measured = solution.wrench
+        return solution.law._replace(status=solution.status, reason=solution.reason)
+
+
+class Together:
+    """An operator who moves the tool on a plane, straying off it, and the robot that keeps it there."""
+
+    def __init__(self, loop: Controller, operator: OperatorSpec) -> None:
+        plane = face_contact((0.0, 0.0, 0.0), operator.normal)
+        lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
+        theirs = plane.freedoms
+        ours = se3.carried(np.asarray(plane.pose)).dot(np.hstack((lift, tilts)))
+        self._loop = loop
+        self._shared = SharedTask(ours, theirs)
+        self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
+        self._beats = operator.beats
+
+    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+        """One tick."""
+        robot = self._loop.robot
+        sighting = robot.sight(sensed.q, wish.target)
+        here = se3.transform(None, robot.pose(sensed.q)[:3, 3])
+        astray = se3.carried(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * wish.time)
+        s = self._shared.moved(here).twist(self._loop.gain * sighting.error, wish.ahead + astray)
+        return self._loop.follow(sensed.q, s)

@@ -1,0 +1,46 @@
+"""Surfaces that a tool touches: how deep a point is below one, and which way is out.
+
+plane: depth = -n.(p - p0),     cylinder: depth = r - |distance from the axis|
+"""
+
+from __future__ import annotations
+
+from math import hypot
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+
+
+class Plane(NamedTuple):
+    """A plane through a point (3,), with its unit normal (3,) pointing out."""
+
+    point: Array
+    normal: Array
+
+    def depth(self, p: Array) -> tuple[float, Array]:
+        """How deep p (3,) is [length], negative outside, and the unit normal there."""
+        return float(self.normal.dot(self.point - p)), self.normal
+
+
+class Cylinder(NamedTuple):
+    """A round bar about the axis through a point (3,) along a unit direction (3,), touched from outside."""
+
+    point: Array
+    axis: Array
+    radius: float
+
+    def depth(self, p: Array) -> tuple[float, Array]:
+        """How deep p (3,) is [length], negative outside, and the unit normal there."""
+        r = p - self.point
+        across = r - self.axis.dot(r) * self.axis
+        distance = hypot(*across.tolist())
+        if distance == 0.0:  # on the axis every way is out
+            i = int(np.abs(self.axis).argmin())
+            across = np.cross(self.axis, np.eye(3)[i])
+            return self.radius, across / hypot(*across.tolist())
+        return self.radius - distance, across / distance
+
+
+Surface = Plane | Cylinder
