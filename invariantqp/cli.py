@@ -77,12 +77,8 @@ class _ViewAlone(TyperCommand):
         """Join them before anything else looks at them: a task's name has no ending, a task's file has .toml."""
         joined: list[str] = []
         for word in args:
-            if (
-                joined
-                and joined[-1] == "--view="
-                and not word.startswith("-")
-                and Path(word).suffix not in ("", ".toml")
-            ):
+            is_file = not word.startswith("-") and Path(word).suffix not in ("", ".toml")
+            if is_file and joined[-1:] == ["--view="]:
                 joined[-1] += word
             else:
                 joined.append("--view=" if word == "--view" else word)
@@ -134,10 +130,9 @@ def run(
     if check_frame:
         print_frame_check(trace.task, seed, quiet)
     if page is not None:
-        from invariantqp.view.film import film_of
-        from invariantqp.view.page import write_page
+        from invariantqp.view.page import animation
 
-        write_page(film_of(trace), page)
+        animation(trace, page)
     if viewer is not None:
         with suppress(KeyboardInterrupt):
             _tell("playing; Ctrl-C leaves", quiet)

@@ -25,8 +25,8 @@ from invariantqp.control.taskfile import task_from
 from invariantqp.robots.load import KNOWN
 from invariantqp.view.display import has_display, page_name
 from invariantqp.view.film import farthest, film_before, film_of, posture
-from invariantqp.view.page import page, write_page
-from invariantqp.view.server import Viewer, with_cursor
+from invariantqp.view.page import page
+from invariantqp.view.widgets import joint_bars, paragraph, with_cursor
 
 TASK = {
     "name": "short",
@@ -289,10 +289,10 @@ def test_a_page_has_all_of_the_film(film):
     assert (tuple(run["joints"]), run["status"], run["bound"]) == (film.joints, film.status, film.bound)
 
 
-def test_the_longest_film_is_a_small_file(film, tmp_path):
-    long = film_of(iq.run_task(iq.load_task("panda_path"), dt=0.005))
-    assert len(long.time) == 600
-    assert write_page(long, tmp_path / "long.html").stat().st_size < 450_000
+def test_the_longest_film_is_a_small_file(tmp_path):
+    long = iq.run_task(iq.load_task("panda_path"), dt=0.005)
+    assert len(film_of(long).time) == 600
+    assert iq.animation(long, tmp_path / "long.html").stat().st_size < 450_000
 
 
 def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
@@ -312,9 +312,9 @@ def test_joints_without_limits_are_drawn_without(tmp_path):
     assert unpacked(run["arrays"]["limits"]).tolist() == [[-np.inf], [np.inf]]
 
 
-def test_a_page_that_cannot_be_written_says_so(film, tmp_path):
+def test_a_page_that_cannot_be_written_says_so(trace, tmp_path):
     with pytest.raises(iq.BadInput, match="expected a file that can be written"):
-        write_page(film, tmp_path)
+        iq.animation(trace, tmp_path)
 
 
 # The server
@@ -332,8 +332,15 @@ def test_a_cursor_is_an_upright_line_among_the_curves(film):
         np.testing.assert_allclose(curve[upright], np.interp(0.333, film.time, values))
 
 
+def test_words_and_names_are_not_markup(film):
+    assert paragraph("a < b & {c}").count("<") == 2
+    bars = joint_bars(replace(film, joints=("<img>", *film.joints[1:])), 50)
+    assert [tag for tag, _ in read(bars).tags if tag == "img"] == []
+    assert f"{np.degrees(film.q[50, 6]):.1f}°" in bars
+
+
 def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
-    viewer = Viewer(task, port=0)
+    viewer = iq.Viewer(task, port=0)
     port = int(viewer.url.rsplit(":", 1)[1])
     try:
         iq.run_task(task, observer=viewer.watch)

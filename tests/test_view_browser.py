@@ -15,8 +15,6 @@ import invariantqp as iq
 from invariantqp.control.taskfile import task_from
 from invariantqp.view import server
 from invariantqp.view.film import film_of
-from invariantqp.view.page import write_page
-from invariantqp.view.server import Viewer
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium; it comes with the extra 'test'")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -41,14 +39,14 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def film():
-    return film_of(iq.run_task(task_from(TASK, "short")))
+def trace():
+    return iq.run_task(task_from(TASK, "short"))
 
 
 @pytest.fixture
-def opened(browser, film, tmp_path):
+def opened(browser, trace, tmp_path):
     """The page, standing still at half a second."""
-    file = write_page(film, tmp_path / "short.html")
+    file = iq.animation(trace, tmp_path / "short.html")
     browser.get("about:blank")
     browser.get_log("browser"), browser.get_log("performance")
     browser.get(f"{file.as_uri()}#0.5")
@@ -77,7 +75,8 @@ def clock(browser):
     return float(browser.find_element("id", "clock").text.split()[0])
 
 
-def test_the_page_shows_robot_curves_and_joints(opened, film):
+def test_the_page_shows_robot_curves_and_joints(opened, trace):
+    film = film_of(trace)
     assert errors(opened) == []
     assert clock(opened) == 0.5
     for canvas in opened.find_elements("css selector", "canvas"):
@@ -144,7 +143,7 @@ def test_time_can_be_dragged_and_the_picture_follows(opened):
 def test_the_served_page_plays_and_pauses(browser, monkeypatch):
     monkeypatch.setattr(server, "PICTURES", 10)  # software draws each of them
     task = task_from({**TASK, "path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}, "a minute")
-    viewer = Viewer(task, port=0)
+    viewer = iq.Viewer(task, port=0)
     serving = threading.Thread(target=viewer.play, args=(iq.run_task(task, observer=viewer.watch),))
     try:
         serving.start()

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from invariantqp.control.trace import Trace
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
-from invariantqp.view.film import Chart, Film, colours
+from invariantqp.view.film import Chart, Film, colours, film_of
 
 SCRIPTS = ("painter.js", "charts.js", "player.js")
 # Curves whose names stand above a chart; of more, the joints' bars tell which is which.
@@ -38,14 +39,16 @@ def page(film: Film) -> str:
     return text
 
 
-def write_page(film: Film, file: Path | str) -> Path:
-    """Write the page.
+def animation(trace: Trace, file: Path | str) -> Path:
+    """Write a run as a page to play, pause and scrub in any browser.
 
     Raises:
         BadInput: the file cannot be written.
+        RobotModelError, UnknownName, MissingExtra: the robot cannot be had any more.
     """
+    text = page(film_of(trace))
     try:
-        Path(file).write_text(page(film), encoding="utf-8")
+        Path(file).write_text(text, encoding="utf-8")
     except OSError as error:
         raise BadInput(str(file), error.strerror or str(error), "a file that can be written") from error
     return Path(file)

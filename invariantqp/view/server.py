@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 import webbrowser
 from contextlib import redirect_stdout
@@ -23,7 +22,6 @@ from invariantqp.view.film import (
     Chart,
     Film,
     Posture,
-    colours,
     farthest,
     film_before,
     film_of,
@@ -31,6 +29,7 @@ from invariantqp.view.film import (
     posture,
 )
 from invariantqp.view.stage import Stage
+from invariantqp.view.widgets import joint_bars, paragraph, span, with_cursor
 
 # Where a browser finds it; the next free one if it is taken.
 PORT = 8080
@@ -96,7 +95,7 @@ class Viewer:
             self._stage.push(truth.pose, -truth.wrench[3:])
             drawn = np.array([point for *_, point in self._seen[:: 1 + tick // COARSE]])
             self._stage.goal(self._film.wanted[self._film.frame(self._dt * tick)], drawn)
-            self._told.content = f"running: {tick * self._dt:.2f} s, {solution.status}"
+            self._told.content = paragraph(f"running: {tick * self._dt:.2f} s, {solution.status}")
             if now >= self._next_plots:
                 self._next_plots = now + 1.0 / PLOTS
                 so_far = self._so_far()
@@ -119,6 +118,7 @@ class Viewer:
             for plot, _ in self._plots.values():  # hidden: a browser may still be sent changes of what is removed
                 plot.visible = False
             self._plots = {}
+            self._about.content = paragraph(film.about)
             self._time.max = float(film.time[-1])
             for control in (self._play, self._time, self._rate):
                 control.disabled = False
@@ -153,7 +153,8 @@ class Viewer:
         gui.configure_theme(control_width="large", show_share_button=False)
         gui.main_panel.dock_right()
         gui.set_panel_label(f"invariantqp: {self._film.title}")
-        self._told = gui.add_markdown(self._film.about)
+        self._about = gui.add_html(paragraph(self._film.about))
+        self._told = gui.add_html(paragraph("waiting for the run"))
         self._play = gui.add_button("Pause", disabled=True)
         last = float(self._film.time[-1])
         self._time: Any = gui.add_slider("time [s]", 0.0, last, last / 1000.0, 0.0, disabled=True)
@@ -189,8 +190,9 @@ class Viewer:
                 self._stage.push(film.tool[i], film.force[i])
             self._time.value = t
             mm, deg = film.charts[0].values[:, i]
-            limit = ", **limit active**" if film.bound[i] else ""
-            self._told.content = f"{t:.2f} s: error {mm:.2g} mm, {deg:.2g} deg, {film.status[i]}{limit}"
+            limit = ", limit active" if film.bound[i] else ""
+            words = f"{t:.2f} s: error {mm:.2g} mm, {deg:.2g} deg, {film.status[i]}{limit}"
+            self._told.content = paragraph(words)
             if now >= self._next_plots or not self._playing:
                 self._next_plots = now + 1.0 / PLOTS
                 self._joints.content = joint_bars(film, i)
@@ -203,7 +205,7 @@ class Viewer:
             data = with_cursor(film.time, chart, t)
             scales = {
                 "x": {"time": False, "range": (0.0, float(self._film.time[-1]))},
-                "y": {"range": _span(chart)},
+                "y": {"range": span(chart)},
             }
             if chart.title not in self._plots:
                 self._plots[chart.title] = self._add_plot(chart, data, scales), scales
@@ -227,50 +229,3 @@ class Viewer:
             legend={"show": len(chart.names) < 4, "live": False},
             height=150,
         )
-
-
-def with_cursor(time: Array, chart: Chart, t: float) -> tuple[Array, ...]:
-    """Times, the chart's curves and an upright line at t, as the columns of one table."""
-    values = _plotted(chart)
-    at = int(np.searchsorted(time, t))
-    curves = (np.insert(v, at, np.full(2, np.interp(t, time, v))) for v in values)
-    cursor = np.full(len(time) + 2, np.nan)
-    cursor[at : at + 2] = _span(chart)
-    return (np.insert(time, at, (t, t)), *curves, cursor)
-
-
-def _plotted(chart: Chart) -> Array:
-    """The curves' heights."""
-    return np.log10(chart.values) if chart.log else chart.values
-
-
-def _span(chart: Chart) -> tuple[float, float]:
-    """Of the vertical axis; with room about curves that ask for none."""
-    if chart.span is not None:
-        return chart.span
-    values = np.append(_plotted(chart), chart.levels)
-    low, high = float(values.min()), float(values.max())
-    room = 0.08 * (high - low) or 0.5
-    return low - room, high + room
-
-
-def joint_bars(film: Film, i: int) -> str:
-    """Where each joint is in its range in frame i, as HTML."""
-    rows = []
-    lower, upper = film.limits
-    for name, colour, q, low, high, slide in zip(
-        film.joints, colours(len(film.joints)), film.q[i], lower, upper, film.slides, strict=True
-    ):
-        mark = ""
-        if np.isfinite(high - low) and high > low:
-            place = f"calc({np.clip((q - low) / (high - low), 0.0, 1.0):.4f} * (100% - 6px))"
-            mark = f'<b style="position:absolute;left:{place};width:6px;height:100%;background:{colour}"></b>'
-        bar = "flex:1;position:relative;height:9px;border:1px solid #9995;border-radius:5px;overflow:hidden"
-        number = f"{q:.4g} m" if slide else f"{round(float(np.degrees(q)), 1) + 0.0}°"
-        rows.append(
-            '<div style="display:flex;gap:8px;align-items:center;font-size:12px">'
-            f'<span style="width:110px;overflow:hidden;text-overflow:ellipsis">{html.escape(name)}</span>'
-            f'<span style="{bar}">{mark}</span>'
-            f'<span style="width:60px;text-align:right">{number}</span></div>'
-        )
-    return f'<div style="padding:4px 12px">{"".join(rows)}</div>'

@@ -61,8 +61,9 @@ class Stage:
             colour = np.array(list(bytes.fromhex(hue[1:])))
             outer, inner = (colour, np.array(DARK)) if slide else (np.array(DARK), colour)
             half, radius = (0.15, 0.036) if slide else (0.1, 0.045)
-            body = self._draw.add_cylinder(f"/joints/{i} {name}", radius, half, outer)
-            caps = self._draw.add_cylinder(f"/joints/{i} {name} axis", 0.8 * radius, 1.12 * half, inner)
+            node = f"/joints/{i} {name.replace('/', '_')}"
+            body = self._draw.add_cylinder(node, radius, half, outer)
+            caps = self._draw.add_cylinder(f"{node} axis", 0.8 * radius, 1.12 * half, inner)
             self._joints.append((body, caps))
 
     def arm(self, posture: Posture) -> None:
