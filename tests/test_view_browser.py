@@ -141,13 +141,14 @@ def test_time_can_be_dragged_and_the_picture_follows(opened):
 
 
 def test_the_served_page_plays_and_pauses(browser, monkeypatch):
-    monkeypatch.setattr(server, "PICTURES", 10)  # software draws each of them
+    monkeypatch.setattr(server, "PICTURES", 5)  # software draws each of them
+    monkeypatch.setattr(server, "PLOTS", 1)
     task = task_from({**TASK, "path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}, "a minute")
     viewer = iq.Viewer(task, port=0)
     serving = threading.Thread(target=viewer.play, args=(iq.run_task(task, observer=viewer.watch),))
     try:
         serving.start()
-        browser.set_window_size(500, 400)
+        browser.set_window_size(500, 350)
         browser.get_log("browser")
         browser.get(viewer.url)
 
