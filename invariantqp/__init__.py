@@ -9,12 +9,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from invariantqp.compare.contact_frames import ContactFrameCheck, contact_frame_check
     from invariantqp.compare.frames import FrameCheck, frame_check
+    from invariantqp.compare.hybrid_frames import HybridFrameCheck, hybrid_frame_check
     from invariantqp.control.controller import Controller
     from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
     from invariantqp.control.hybrid import HybridController, HybridSolution
     from invariantqp.control.hybrid_task import HybridTask
     from invariantqp.control.inspection import Inspection, inspect
+    from invariantqp.control.log import ContactTrace
     from invariantqp.control.own_form import own_form, tool_metric
     from invariantqp.control.picture import picture
     from invariantqp.control.pitch_picture import pitch_picture
@@ -44,9 +47,9 @@ if TYPE_CHECKING:
     from invariantqp.robots.load import load_robot
     from invariantqp.systems.centre import centre
     from invariantqp.systems.classification import Border, GibsonHunt, gibson_hunt
+    from invariantqp.systems.contact_kinds import ContactKind
     from invariantqp.systems.contacts import (
         Contact,
-        ContactKind,
         face_contact,
         hinge,
         line_contact,
@@ -96,11 +99,14 @@ __version__ = "0.1.0"
 
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
+    "compare.contact_frames": ("ContactFrameCheck", "contact_frame_check"),
     "compare.frames": ("FrameCheck", "frame_check"),
+    "compare.hybrid_frames": ("HybridFrameCheck", "hybrid_frame_check"),
     "control.controller": ("Controller",),
     "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
     "control.hybrid": ("HybridController", "HybridSolution"),
     "control.hybrid_task": ("HybridTask",),
+    "control.log": ("ContactTrace",),
     "control.own_form": ("own_form", "tool_metric"),
     "control.inspection": ("Inspection", "inspect"),
     "control.picture": ("picture",),
@@ -131,9 +137,9 @@ _HOME = {
     "robots.load": ("load_robot",),
     "systems.centre": ("centre",),
     "systems.classification": ("Border", "GibsonHunt", "gibson_hunt"),
+    "systems.contact_kinds": ("ContactKind",),
     "systems.contacts": (
         "Contact",
-        "ContactKind",
         "face_contact",
         "hinge",
         "line_contact",

@@ -16,7 +16,14 @@ from typer.core import TyperCommand
 
 from invariantqp import __version__
 from invariantqp.errors import BadInput, InvariantQPError
-from invariantqp.printing import print_frame_check, print_inspection, print_run, print_stability, progress
+from invariantqp.printing import (
+    print_contact_frame_check,
+    print_frame_check,
+    print_inspection,
+    print_run,
+    print_stability,
+    progress,
+)
 
 if TYPE_CHECKING:
     from invariantqp.control.taskfile import Task
@@ -102,6 +109,9 @@ def run(
     backend: Annotated[
         str | None, typer.Option(metavar="NAME", help="QP solver: daqp, osqp, or any that qpsolvers has.")
     ] = None,
+    physics: Annotated[
+        str, typer.Option(metavar="NAME", help="ideal, or mujoco: friction, lag and noise as an independent referee.")
+    ] = "ideal",
     check_frame: Annotated[
         bool, typer.Option("--check-frame", help="Also displace the tool frame and show what that changes.")
     ] = False,
@@ -118,7 +128,8 @@ def run(
     page, viewer = _watched(ctx, problem, view, quiet)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
-        trace = run_task(problem, progress=report, observer=None if viewer is None else viewer.watch, **overrides)
+        observer = None if viewer is None else viewer.watch
+        trace = run_task(problem, physics=physics, progress=report, observer=observer, **overrides)
     if not quiet:
         print_run(trace)
     if json_file is not None:
@@ -128,7 +139,10 @@ def run(
 
         picture(trace, plot)
     if check_frame:
-        print_frame_check(trace.task, seed, quiet)
+        if trace.contact is None:
+            print_frame_check(trace.task, seed, quiet)
+        else:
+            print_contact_frame_check(trace.task, seed, trace.physics, quiet)
     if page is not None:
         from invariantqp.view.page import animation
 

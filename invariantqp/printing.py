@@ -57,7 +57,10 @@ def print_run(trace: Trace) -> None:
         spread = figures[key]
         table.add_row(label, *(form.format(spread[k]) for k in ("median", "p99", "max")))
     console.print(table)
+    felt = figures["force_error_relative_rms_measured"]
     lines = [
+        *([f"physics: {figures['physics']}"] if figures["physics"] != "ideal" else []),
+        *([_force_line(trace, felt)] if felt is not None else []),
         f"ticks {figures['ticks']}, limits active in {_percent(figures['limits_active'])}",
         f"largest excess over a limit {figures['limit_violation']:.1e}, peak joint speed {figures['peak_speed']:.3g}",
         *([f"twists by the {figures['form']}"] if figures["form"] else []),
@@ -67,6 +70,13 @@ def print_run(trace: Trace) -> None:
     ]
     for line in lines:
         console.print(line)
+
+
+def _force_line(trace: Trace, felt: float) -> str:
+    seconds = trace.time[trace.settled]
+    counted = f"counted from {seconds:g} s on, when contact has had its time to settle"
+    error = f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(felt)} as read by the sensor"
+    return f"force error {error}; {counted}"
 
 
 def print_inspection(found: Inspection) -> None:
@@ -100,6 +110,23 @@ def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
         table.add_row(check.law, f"{check.change:.1e}", f"{check.worst_error_mm:.2g}")
     console = Console(highlight=False)
     console.print("\nthe same motion, with the tool frame displaced at random:")
+    console.print(table)
+
+
+def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) -> None:
+    """What displaced frames of tool, sensor and contact change, ours and the textbook's."""
+    from invariantqp.compare.contact_frames import contact_frame_check
+
+    with progress("frames displaced", quiet) as report:
+        checks = contact_frame_check(task, seed, physics, report)
+    columns = ("law", "change of joint positions, rad", "path error, mm", "displaced", "force error", "displaced")
+    table = Table(*columns, box=None)
+    for c in checks:
+        errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
+        forces = (_percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
+        table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
+    console = Console(highlight=False)
+    console.print("\nthe same task, told in displaced frames of tool, sensor and contact:")
     console.print(table)
 
 

@@ -14,6 +14,9 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 SAYS = {
     "01_follow_a_path": "micrometres off the line",
     "02_pseudoinverse": "no 0-pseudoinverse",
+    "04_hybrid_pen": "touched after",
+    "05_shared_control": "the operator slid the tool",
+    "09_hybrid_wipe": "a pitch is refused: a 3-system of type IIC",
     "10_speed_and_accuracy": "limits met: 60 certified states",
     "11_which_pitch": "h = 4 L",
     "12_tool_speed": "fastest tool 2",

@@ -188,7 +188,7 @@ class Controller:
             q: (m,) measured joint positions [rad, length].
             twist: (6,) wanted, base frame [rad/s; length/s].
             velocity: as in `step`.
-            rows: more exact rows, for this tick alone.
+            rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -246,7 +246,7 @@ class Controller:
             pose = self.robot.pose(positions)
             law = replace(law, form=law.form.at(pose))  # type: ignore[union-attr]
             point = pose[:3, 3] if point is None else point  # the guard measures where the form does
-        demand = Demand(sighting.J, s, lower, upper, exact, posture, point)
+        demand = Demand(sighting.J, s, lower, upper, exact, posture, point, implied=exact is not None and exact is more)
         if self._tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
             demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))

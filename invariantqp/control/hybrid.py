@@ -103,7 +103,8 @@ class HybridController:
             dt: tick [s].
             sensor: how readings become wrenches; None takes what `step` is given as the wrench that the tool exerts, in
                 the base frame.
-            force_first: whether W'Jx = W's are exact rows. Costs some 100 microseconds a tick.
+            force_first: whether W'Jx = W's are exact rows. They cost time only where the arm cannot do all of s: at
+                limits, near singularities, with fewer than six joints.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ...
 
         Raises:
@@ -135,6 +136,7 @@ class HybridController:
         feedforward: ArrayLike | None = None,
         contact: Contact | None = None,
         velocity: ArrayLike | None = None,
+        wanted: ArrayLike | None = None,
     ) -> HybridSolution:
         """One tick: the joint velocity to command until the next.
 
@@ -145,6 +147,7 @@ class HybridController:
             feedforward: (6,) twist of the target in the base frame; None is a target at rest.
             contact: the contact now; None asks the task.
             velocity: as in `Controller.step`.
+            wanted: what to exert in this tick, as `HybridTask.wrench`; None is what the task says.
 
         Returns:
             HybridSolution.
@@ -167,15 +170,19 @@ class HybridController:
         if contact is None:
             contact = self.task.contact_at(tool)
         split = self._split_for(contact)
+        exert = split.wanted(np.asarray(self.task.wrench))
+        if wanted is not None:
+            exert = split.wanted(arrays.vector(wanted, None, "wanted"), "wanted")
         raw, measured, smoothing = self._measured(reading, tool)
 
         A, B = se3.carried(contact.pose), se3.carried_wrenches(contact.pose)  # from the contact's frame to the base's
         felt = A.T.dot(measured)
         parts = split.intensities.dot(felt)
-        error = split.projectors.force.dot(split.wanted - felt)
+        error = split.projectors.force.dot(exert - felt)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
         force = A.dot(split.admittance.dot(error))
-        watch = self._watch.seen(self.task, _press(contact, parts), split.press, _load(contact, raw), loop.dt)
+        press = (float(parts[0]), float(split.intensities[0].dot(exert))) if contact.kind.unilateral else None
+        watch = self._watch.seen(self.task, press, _load(contact, raw), loop.dt)
         verdict = watch.verdict(self.task)
 
         if verdict.action == SLOW:
@@ -198,7 +205,7 @@ class HybridController:
             wrench=measured,
             error=B.dot(error),
             intensities=parts,
-            wanted=B.dot(split.wanted),
+            wanted=B.dot(exert),
             contact=contact,
             law=law,
             J=sighting.J,
@@ -236,13 +243,8 @@ class HybridController:
         return min(1.0, task.approach_speed / speed) if speed > 0.0 else 1.0
 
 
-def _press(contact: Contact, parts: Array) -> float | None:
-    """The press, where the contact can be lost."""
-    return float(parts[0]) if contact.kind.unilateral else None
-
-
 def _load(contact: Contact, wrench: Array) -> tuple[float, float]:
     """|f| and |m| about the place of contact."""
     f = wrench[3:]
-    m = wrench[:3] - np.cross(contact.point, f)
+    m = wrench[:3] - se3.cross(contact.point, f)
     return sqrt(f.dot(f)), sqrt(m.dot(m))

@@ -26,7 +26,8 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.contacts import Contact, ContactKind
+from invariantqp.systems.contact_kinds import ContactKind
+from invariantqp.systems.contacts import Contact
 from invariantqp.systems.projectors import DualProjectors, dual_projectors
 from invariantqp.velocity.limits import not_below_zero
 
@@ -43,18 +44,31 @@ class Split(NamedTuple):
     Attributes:
         kind: of contact.
         projectors: P and P*.
-        wanted: (6,) W_d, in S*.
-        press: the wanted wrench's part in the first constraint.
         admittance: (6, 6) (I - P) C (I - P)', a wrench error to the twist that mends it.
         intensities: (6-k, 6) a wrench to its parts in the constraints.
     """
 
     kind: ContactKind
     projectors: DualProjectors
-    wanted: Array
-    press: float
     admittance: Array
     intensities: Array
+
+    def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
+        """(6,) W_d in S* for what a task or a tick asks: parts in the constraints, or a wrench.
+
+        Raises:
+            BadInput: neither as many numbers as constraints, nor six.
+        """
+        W = np.asarray(self.kind.constraints)
+        n, found = W.shape[1], len(wrench)
+        if found == 6:
+            whole: Array = self.projectors.force.dot(wrench)
+            return whole
+        if found != n:
+            expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
+            raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
+        parts: Array = W.dot(wrench)
+        return parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +78,7 @@ class HybridTask:
     Attributes:
         contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
         wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is the
-            press [N]), or a (6,) wrench in the contact's own frame.
+            press [N]), or a (6,) wrench in the contact's own frame, of which the part in S* counts.
         h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
         complement: Z itself, (6, 6-k) in the contact's own frame.
         metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance.
@@ -117,6 +131,10 @@ class HybridTask:
             one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
             c = np.repeat((one / self.size**2, one), 3)
         object.__setattr__(self, "compliance", arrays.positive_definite(c, 6, "compliance"))
+        if self.metric is not None:
+            object.__setattr__(self, "metric", arrays.positive_definite(self.metric, 6, "metric"))
+        if self.complement is not None:
+            object.__setattr__(self, "complement", arrays.system(self.complement, "complement"))
         if isinstance(self.contact, Contact):
             self.split(self.contact.kind)
         elif not callable(self.contact):
@@ -162,34 +180,29 @@ class HybridTask:
             complement = C.dot(W)
         projectors = dual_projectors(S, h=self.h, complement=complement, metric=self.metric)
         Z, F = projectors.complement, projectors.force
-        n = W.shape[1]
-        parts = np.linalg.solve(Z.T.dot(W), Z.T) if n else np.zeros((0, 6))
-        w = np.asarray(self.wrench)
-        if len(w) not in (n, 6):
-            raise BadInput("wrench", f"{len(w)} numbers", f"{n}, one a constraint of a {kind.name}, or a (6,) wrench")
-        wanted = W.dot(w) if len(w) == n and n < 6 else F.dot(w)
-        press = float(parts[0].dot(wanted)) if n else 0.0
-        return Split(kind, projectors, wanted, press, F.T.dot(C).dot(F), parts)
+        parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
+        split = Split(kind, projectors, F.T.dot(C).dot(F), parts)
+        split.wanted(np.asarray(self.wrench))
+        return split
 
-    def relabelled(self, offset: ArrayLike) -> HybridTask:
-        """The same task told with the contact's own frame displaced by a (4, 4) offset in itself.
+    def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
+        """The same task told in other frames: the contact's displaced by `offset` in itself, the tool's by its own.
 
         Raises:
-            BadInput: not a finite rigid motion.
+            BadInput: not finite (4, 4) rigid motions.
         """
-        X = arrays.pose(offset, "offset")
+        X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
         back = se3.inverted(X)
+        untold = np.eye(4) if tool_offset is None else se3.inverse(tool_offset)
         A, B = se3.carried(back), se3.carried_wrenches(back)
         given = self.contact
-        contact = given.relabelled(X) if isinstance(given, Contact) else lambda tool: given(tool).relabelled(X)
-        metric, Z, w = self.metric, self.complement, np.asarray(self.wrench)
-        if metric is not None:
-            metric = B.dot(arrays.positive_definite(metric, 6, "metric")).dot(B.T)
+        contact = given.relabelled(X) if isinstance(given, Contact) else lambda T: given(T.dot(untold)).relabelled(X)
+        M, Z, w = self.metric, self.complement, np.asarray(self.wrench)
         return replace(
             self,
             contact=contact,
             wrench=B.dot(w) if len(w) == 6 else w,
             complement=None if Z is None else A.dot(np.asarray(Z)),
-            metric=metric,
+            metric=None if M is None else B.dot(np.asarray(M)).dot(B.T),
             compliance=A.dot(np.asarray(self.compliance)).dot(A.T),
         )

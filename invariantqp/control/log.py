@@ -63,23 +63,24 @@ class Log:
 
     def add(self, truth: Truth, wanted: Array, measured: Array | None) -> None:
         """One tick: what was so after it, where the tool should have been, and the wrench the controller read in it."""
-        T, scene = truth.pose, self.scene
-        position, orientation = distance(T, wanted) if scene is None else scene.motion_error(T, wanted)
+        T = truth.pose
+        if self.scene is None or measured is None:
+            position, orientation = distance(T, wanted)
+        else:
+            contact = self.scene.task.contact_at(T)
+            position, orientation = self.scene.motion_error(contact, T, wanted)
+            exerted = -truth.wrench
+            self._touched.append((exerted, measured, T[:3, 3], wanted[:3, 3]))
+            self._forces.append((*self.scene.force(contact, exerted), *self.scene.force(contact, measured)))
         self.position.append(position)
         self.orientation.append(orientation)
-        if scene is None or measured is None:
-            return
-        exerted = -truth.wrench
-        self._touched.append((exerted, measured, T[:3, 3], wanted[:3, 3]))
-        both = (exerted, measured)
-        self._forces.append((*(scene.press(T, w) for w in both), *(scene.force_error(T, w) for w in both)))  # type: ignore[arg-type]
 
     def contact(self) -> ContactTrace | None:
         """All of it; None where nothing was touched."""
         if self.scene is None:
             return None
         wrench, measured, drawn, asked = (np.array(column) for column in zip(*self._touched, strict=True))
-        press, felt, error, felt_error = np.array(self._forces).T
+        press, error, felt, felt_error = np.array(self._forces).T
         wanted, normal = self.scene.wanted_norm, self.scene.normal
         return ContactTrace(wrench, measured, press, felt, error, felt_error, wanted, drawn, asked, normal)
 

@@ -24,11 +24,16 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#0
 
 
 def picture(trace: Trace, path: Path | str) -> Path:
-    """Write tracking error, joint positions and joint velocities against their limits to a PNG, SVG or PDF.
+    """Write a run to a PNG, SVG or PDF: errors, joint positions and velocities against their limits; or in contact,
+    force and path error and the curve drawn.
 
     Raises:
         ValueError: Matplotlib does not know the file's ending.
     """
+    if trace.contact is not None:
+        from invariantqp.control.contact_picture import contact_picture
+
+        return contact_picture(trace, trace.contact, path)
     with mpl.rc_context({"axes.prop_cycle": cycler(color=COLOURS), "font.size": 9, "axes.grid": True}):
         figure, (error, position, velocity) = plt.subplots(3, 1, sharex=True, figsize=(7.5, 8.0), layout="constrained")
         _errors(error, trace)

@@ -15,10 +15,12 @@ from invariantqp.control.contactspec import OperatorSpec
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.hybrid import HybridController
 from invariantqp.control.shared import SharedTask
+from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.touch import Sensed
 from invariantqp.systems.contacts import face_contact
+from invariantqp.velocity.objective import Form
 from invariantqp.velocity.solution import VelocitySolution
 
 
@@ -30,8 +32,21 @@ class Wish(NamedTuple):
     time: float
 
 
+class Offsets(NamedTuple):
+    """How the frames are displaced that a task is told in, each (4, 4) in itself; nothing physical moves."""
+
+    tool: Array
+    sensor: Array
+    contact: Array
+
+
 class Pilot(Protocol):
     """Steers a plant."""
+
+    @property
+    def form(self) -> Form | None:
+        """What its law measures twists by, if it says."""
+        ...
 
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
@@ -43,6 +58,7 @@ class Alone:
 
     def __init__(self, loop: Controls) -> None:
         self._loop = loop
+        self.form = loop.law.form if isinstance(loop, Controller) else None
 
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
@@ -52,18 +68,26 @@ class Alone:
 class InTouch:
     """The hybrid controller.
 
+    Args:
+        loop: made for the frames that it is told in.
+        sensor_offset: (4, 4) of the frame it takes readings in, from the sensor's own.
+
     Attributes:
         measured: (6,) the wrench that it took the tool to exert in the last tick, base frame.
     """
 
-    def __init__(self, loop: HybridController) -> None:
+    def __init__(self, loop: HybridController, sensor_offset: Array) -> None:
         self._loop = loop
+        self.form = loop.loop.law.form
+        self._reading = se3.coadjoint(se3.inverted(sensor_offset))
         self.measured = np.zeros(6)
 
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
-        wrench = np.zeros(6) if sensed.wrench is None else sensed.wrench
-        solution = self._loop.step(sensed.q, wish.target, wrench, wish.ahead)
+        if sensed.wrench is None:
+            raise BadInput("plant", "no force sensor", "one that senses the wrench at the tool")
+        reading = self._reading.dot(sensed.wrench)
+        solution = self._loop.step(sensed.q, wish.target, reading, wish.ahead)
         self.measured = solution.wrench
         return solution.law._replace(status=solution.status, reason=solution.reason)
 
@@ -77,6 +101,7 @@ class Together:
         theirs = plane.freedoms
         ours = se3.carried(np.asarray(plane.pose)).dot(np.hstack((lift, tilts)))
         self._loop = loop
+        self.form = loop.law.form
         self._shared = SharedTask(ours, theirs)
         self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
         self._beats = operator.beats

@@ -45,6 +45,7 @@ class IdealPlant:
         self._wrist = Wrist(np.eye(4)) if wrist is None else wrist
         self._q = start.copy()
         self._angle = 0.0
+        self._now: Truth | None = None  # looked at twice in a tick
 
     def sense(self) -> Sensed:
         """Joint positions and the sensor's wrench, both exact."""
@@ -56,9 +57,15 @@ class IdealPlant:
     def command(self, velocity: Array) -> None:
         """q <- q + dt x."""
         self._q = self._q + self._dt * velocity
+        self._now = None
 
     def truth(self) -> Truth:
         """The state, and the springs' wrench."""
+        if self._now is None:
+            self._now = self._truth()
+        return self._now
+
+    def _truth(self) -> Truth:
         T = self._robot.pose(self._q)
         if self._touch is None:
             return Truth(self._q, T, NOTHING)

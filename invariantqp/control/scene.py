@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import atan2, inf
+from math import atan2, inf, sqrt
 from typing import Literal
 
 import numpy as np
@@ -28,7 +28,8 @@ from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.robots.touch import Grip, Physics, Touch, Wrist
-from invariantqp.systems.contacts import Contact, ContactKind, face_contact, hinge, line_contact, point_contact
+from invariantqp.systems.contact_kinds import ContactKind
+from invariantqp.systems.contacts import Contact, face_contact, hinge, line_contact, point_contact
 from invariantqp.systems.projectors import dual_projectors
 
 # Over what a contact without extent is taken to spread where moments are weighed against forces [m].
@@ -44,6 +45,7 @@ class Scene:
     """What is touched, what the controller believes, and what it is to do there.
 
     Attributes:
+        kind: of contact, as the task file has it.
         touch: the contact as it is.
         wrist: the force sensor as it is.
         physics: what an engine adds.
@@ -54,6 +56,7 @@ class Scene:
         surface: what the controller believes to be there; None is a hinge.
     """
 
+    kind: str
     touch: Touch | Grip
     wrist: Wrist
     physics: Physics
@@ -73,35 +76,31 @@ class Scene:
             on[:3, 3] += depth / normal.dot(self.normal) * self.normal
         return on
 
-    def motion_error(self, T: Array, wanted: Array) -> tuple[float, float]:
+    def motion_error(self, contact: Contact, T: Array, wanted: Array) -> tuple[float, float]:
         """Distance [m] and angle [rad] of a tool pose from a wanted one along what the contact leaves free."""
-        R = np.asarray(self.task.contact_at(T).pose)[:3, :3]
+        R = np.asarray(contact.pose)[:3, :3]
         turn = Rotation.from_matrix(wanted[:3, :3].dot(T[:3, :3].T)).as_rotvec()
         turns, slides = self._free
-        parts = slides.T.dot(R.T.dot(wanted[:3, 3] - T[:3, 3])), turns.T.dot(R.T.dot(turn))
-        return float(np.linalg.norm(parts[0])), float(np.linalg.norm(parts[1]))
+        slid, rotated = slides.T.dot(R.T.dot(wanted[:3, 3] - T[:3, 3])), turns.T.dot(R.T.dot(turn))
+        return sqrt(slid.dot(slid)), sqrt(rotated.dot(rotated))
 
-    def force_error(self, T: Array, wrench: Array) -> float:
-        """How far a wrench that the tool exerts (6,), base frame, is from the wanted one [N]."""
-        pose = np.asarray(self.task.contact_at(T).pose)
-        e = self._resisted.dot(self.wanted - se3.carried(pose).T.dot(wrench))
-        return float(np.sqrt((e * e).dot(self._weights)))
-
-    def press(self, T: Array, wrench: Array) -> float:
-        """How much of the wanted wrench a wrench that the tool exerts (6,) has [N]."""
-        pose = np.asarray(self.task.contact_at(T).pose)
-        felt = self._resisted.dot(se3.carried(pose).T.dot(wrench))
-        return float((self.wanted * self._weights).dot(felt)) / self.wanted_norm
+    def force(self, contact: Contact, wrench: Array) -> tuple[float, float]:
+        """Of a wrench that the tool exerts (6,), base frame: its part along the wanted one, and |P*(W_d - W)| [N]."""
+        felt = self._resisted.dot(se3.carried(np.asarray(contact.pose)).T.dot(wrench))
+        e = self.wanted - felt
+        size = self.wanted_norm
+        press = float((self.wanted * self._weights).dot(felt)) / size if size > 0.0 else 0.0
+        return press, sqrt((e * e).dot(self._weights))
 
     @cached_property
     def wanted(self) -> Array:
         """(6,) the wrench to exert, in the contact's frame."""
-        return self.task.split(self._kind).wanted
+        return self.task.split(self._kind).wanted(np.asarray(self.task.wrench))
 
-    @property
+    @cached_property
     def wanted_norm(self) -> float:
         """|W_d| [N]."""
-        return float(np.sqrt((self.wanted * self.wanted).dot(self._weights)))
+        return sqrt((self.wanted * self.wanted).dot(self._weights))
 
     @cached_property
     def _kind(self) -> ContactKind:
@@ -162,7 +161,7 @@ def scene_of(contact: ContactSpec, force: ForceSpec, physics: PhysicsSpec, T: Ar
         origin=se3.inverted(mount)[:3, 3],
     )
     wrist = Wrist(mount, force.tool_mass, force.tool_centre)
-    return Scene(touch, wrist, Physics(**physics.model_dump()), task, sensor, stiffness, normal, surface)
+    return Scene(contact.kind, touch, wrist, Physics(**physics.model_dump()), task, sensor, stiffness, normal, surface)
 
 
 def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float]:

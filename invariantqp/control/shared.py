@@ -10,7 +10,8 @@ Reference: [DS] Sect. 6.1 (projectors along a complement).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,9 @@ class SharedTask:
 
     def __post_init__(self) -> None:
         first = screw_system(self.S1)
+        if self.metric is not None:
+            M = arrays.positive_definite(getattr(self.metric, "carried", self.metric), 6, "metric")
+            object.__setattr__(self, "metric", M)
         rule = {"h": self.h, "metric": self.metric}
         if self.S2 is None:
             split = dual_projectors(first, **rule)
@@ -74,10 +78,17 @@ class SharedTask:
         T = arrays.pose(pose)
         A, B = se3.carried(T), se3.carried_wrenches(T)
         M = self.metric
-        if M is not None:
-            M = B.dot(arrays.positive_definite(getattr(M, "carried", M), 6, "metric")).dot(B.T)
-        S2 = None if self.S2 is None else A.dot(arrays.columns(self.S2, "S2"))
-        return replace(self, S1=A.dot(arrays.columns(self.S1, "S1")), S2=S2, metric=M)
+        told: dict[str, Any] = {
+            "S1": A.dot(np.asarray(self.S1)),
+            "S2": None if self.S2 is None else A.dot(np.asarray(self.S2)),
+            "metric": None if M is None else B.dot(np.asarray(M)).dot(B.T),
+            "robot": A.dot(self.robot).dot(B.T),
+            "operator": A.dot(self.operator).dot(B.T),
+        }
+        moved = copy(self)  # nothing is worked out again: a task moves in every tick
+        for name, value in told.items():
+            object.__setattr__(moved, name, value)
+        return moved
 
 
 def _three_ways(first: Array, second: Array, rule: dict[str, Any]) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 from time import perf_counter_ns
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from invariantqp.control.demands import ExactPoint
 from invariantqp.control.hybrid import HybridController
 from invariantqp.control.log import Log
 from invariantqp.control.own_form import tool_metric
-from invariantqp.control.pilots import Alone, InTouch, Pilot, Together, Wish
+from invariantqp.control.pilots import Alone, InTouch, Offsets, Pilot, Together, Wish
 from invariantqp.control.plant import IdealPlant, Plant
 from invariantqp.control.scene import Scene, scene_of
 from invariantqp.control.taskfile import LawSpec, Task
@@ -38,6 +38,7 @@ from invariantqp.velocity.solution import VelocitySolution
 Progress = Callable[[int, int], None]
 Observer = Callable[[int, Truth, VelocitySolution], None]
 MakeController = Callable[[Robot, LawSpec], Controls]
+MakeHybrid = Callable[[Robot, LawSpec, Scene, Offsets], Pilot]
 
 # A pitch form whose h comes this close to a principal pitch, relative to h, is worth a warning.
 NEAR_PITCH = 0.1
@@ -76,12 +77,24 @@ def our_controller(robot: Robot, law: LawSpec) -> Controller:
     return Controller(robot, **law_options(robot, law))
 
 
+def our_hybrid(robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> InTouch:
+    """The hybrid controller that a task's [law], [contact] and [force] describe, told in displaced frames."""
+    task = scene.task
+    if not (np.array_equal(offsets.contact, np.eye(4)) and np.array_equal(offsets.tool, np.eye(4))):
+        task = task.relabelled(offsets.contact, offsets.tool)
+    sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
+    return InTouch(HybridController(robot, task, sensor=sensor, **law_options(robot, law)), offsets.sensor)
+
+
 def run_task(
     task: Task,
     *,
-    physics: Literal["ideal", "mujoco"] = "ideal",
+    physics: str = "ideal",
     tool_offset: ArrayLike | None = None,
+    sensor_offset: ArrayLike | None = None,
+    contact_offset: ArrayLike | None = None,
     controller: MakeController = our_controller,
+    hybrid: MakeHybrid = our_hybrid,
     progress: Progress | None = None,
     observer: Observer | None = None,
     **overrides: Any,
@@ -90,9 +103,12 @@ def run_task(
 
     Args:
         task: from `load_task`.
-        physics: the plant: the built-in scene, or MuJoCo with friction, lag and noise (extra `sim`).
+        physics: the plant: "ideal", or "mujoco" with friction, lag and noise (extra `sim`).
         tool_offset: (4, 4) displacement of the tool frame in itself; the same physical motion is asked of it.
+        sensor_offset: likewise of the frame that wrenches are read in.
+        contact_offset: likewise of the frame that the contact is told in.
         controller: makes the controller from robot and law; ours by default.
+        hybrid: makes the one for tasks with contact; ours by default.
         progress: called with (ticks done, ticks in all).
         observer: called after each tick with (its number, what was so then, the solution).
         overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, acceleration, ...
@@ -112,11 +128,21 @@ def run_task(
     if task.contact is not None and task.force is not None:
         scene = scene_of(task.contact, task.force, task.physics, robot.pose(start))
     plant = _plant(task, robot, scene, physics)
-    offset = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
+    offsets = Offsets(
+        *(
+            np.eye(4) if given is None else arrays.pose(given, name)
+            for name, given in (
+                ("tool_offset", tool_offset),
+                ("sensor_offset", sensor_offset),
+                ("contact_offset", contact_offset),
+            )
+        )
+    )
+    offset = offsets.tool
     moved = robot if tool_offset is None else robot.with_tool(offset)
     same_point = se3.inverse(offset).dot([*law.point, 1.0])[:3]
     law = law.model_copy(update={"point": tuple(same_point.tolist())})
-    pilot, loop = _pilot(task, moved, law, scene, controller)
+    pilot = _alone(task, controller(moved, law)) if scene is None else hybrid(moved, law, scene, offsets)
     settle = 0.0 if task.contact is None else task.contact.settle
     first, n = round(settle / law.dt), max(1, round((settle + task.path.duration) / law.dt))
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
@@ -145,7 +171,7 @@ def run_task(
             observer(k, truth, solution)
         if progress is not None:
             progress(k + 1, n)
-    form = loop.law.form if isinstance(loop, Controller) else None
+    form = pilot.form
     return Trace(
         task=task,
         names=robot.names,
@@ -181,17 +207,10 @@ def _plant(task: Task, robot: Robot, scene: Scene | None, physics: str) -> Plant
     return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, touch, wrist, given)
 
 
-def _pilot(
-    task: Task, robot: Robot, law: LawSpec, scene: Scene | None, controller: MakeController
-) -> tuple[Pilot, Controls]:
-    """What steers, and the velocity controller in it."""
-    if scene is not None:
-        hybrid = HybridController(robot, scene.task, sensor=scene.sensor, **law_options(robot, law))
-        return InTouch(hybrid), hybrid.loop
-    loop = controller(robot, law)
+def _alone(task: Task, loop: Controls) -> Pilot:
     if task.operator is not None and isinstance(loop, Controller):
-        return Together(loop, task.operator), loop
-    return Alone(loop), loop
+        return Together(loop, task.operator)
+    return Alone(loop)
 
 
 def _wanted(task: Task, robot: Robot, scene: Scene | None, time: Array) -> list[Array]:

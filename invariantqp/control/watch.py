@@ -42,8 +42,15 @@ class Watch(NamedTuple):
     status: str = ""
     left: float = 0.0
 
-    def seen(self, task: HybridTask, press: float | None, wanted: float, load: tuple[float, float], dt: float) -> Watch:
-        """The watch after a tick that felt `press` (None: the contact cannot be lost) of `wanted`, under `load`."""
+    def seen(self, task: HybridTask, press: tuple[float, float] | None, load: tuple[float, float], dt: float) -> Watch:
+        """The watch after a tick.
+
+        Args:
+            task: what is allowed.
+            press: as felt and as wanted [force]; None where the contact cannot be lost.
+            load: force, and moment about the place of contact.
+            dt: tick [s].
+        """
         force, moment = load
         if self.status == "overload":
             return self._further(task, dt)
@@ -53,12 +60,13 @@ class Watch(NamedTuple):
             return Watch(self.airborne, " and ".join(w for w in (what, turn) if w), "overload", 0.0)
         if self.status == "lost":
             return self._further(task, dt)
+        felt, wanted = (0.0, 0.0) if press is None else press
         limit = max(0.0, LOST_SHARE * wanted) if task.lost_below is None else task.lost_below
-        if press is None or press >= limit or limit == 0.0:
+        if press is None or felt >= limit or limit == 0.0:
             return Watch(0.0)
         airborne = self.airborne + dt
         if task.on_loss == "retreat" and inf > airborne > task.lost_after:
-            return Watch(airborne, f"press {written(press)} N below {written(limit)}", "lost", 0.0)
+            return Watch(airborne, f"press {written(felt)} N below {written(limit)}", "lost", 0.0)
         return Watch(airborne)
 
     def _further(self, task: HybridTask, dt: float) -> Watch:

@@ -22,10 +22,8 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.touch import GRAVITY
 from invariantqp.velocity.limits import not_below_zero
-
-# Standard gravity in a base frame whose z points up [m/s^2].
-GRAVITY = (0.0, 0.0, -9.80665)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +102,9 @@ class WrenchSensor:
             return wrench
         p = np.asarray(self.origin)
         f = wrench[3:]
-        m = wrench[:3] - np.cross(p, f)
+        m = wrench[:3] - se3.cross(p, f)
         f = soft(f, self.force_deadband)
-        return np.concatenate((soft(m, self.moment_deadband) + np.cross(p, f), f))
+        return np.concatenate((soft(m, self.moment_deadband) + se3.cross(p, f), f))
 
     def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> WrenchSensor:
         """The same sensor told with its frame displaced by `offset` in itself, and the tool's by `tool_offset`."""
@@ -124,8 +122,9 @@ class WrenchSensor:
     def _unloaded(self, tool: Array) -> Array:
         R = tool[:3, :3].dot(np.asarray(self.mount)[:3, :3])
         f = self.mass * R.T.dot(np.asarray(self.gravity))
-        weight = np.concatenate((np.cross(np.asarray(self.centre), f), f))
-        return np.asarray(self.bias) + (weight if self.reads == "reaction" else -weight)
+        weight = np.concatenate((se3.cross(np.asarray(self.centre), f), f))
+        reading: Array = np.asarray(self.bias) + (weight if self.reads == "reaction" else -weight)
+        return reading
 
     def _loaded(self, reading: Array, tool: Array) -> Array:
         load = reading - self._unloaded(tool)
@@ -158,5 +157,5 @@ def soft(vector: Array, width: float) -> Array:
     """The vector shortened by `width`, zero where it is shorter: continuous, and the same whatever way axes point."""
     length = float(np.sqrt(vector.dot(vector)))
     share = 1.0 - width / length if length > width else 0.0
-    shortened: Array = share * vector
+    shortened: Array = vector * share
     return shortened

@@ -117,7 +117,9 @@ def pose(value: ArrayLike, argument: str = "pose") -> Array:
     homogeneous: Any = getattr(value, "homogeneous", value)
     a = matrix(homogeneous, (4, 4), argument)
     R = a[:3, :3]
-    if np.abs(R.T.dot(R) - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
+    (a0, a1, a2), (b0, b1, b2), (c0, c1, c2) = R.tolist()
+    volume = a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
+    if volume < 0.0 or np.abs(R.T.dot(R) - np.eye(3)).max() > ROTATION_TOLERANCE:
         raise BadInput(argument, "an upper-left block that is not a rotation", expected, "Orthonormalise it first.")
     if a[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise BadInput(argument, f"last row {a[3].tolist()}", "last row [0, 0, 0, 1]")

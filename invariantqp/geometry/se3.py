@@ -33,6 +33,13 @@ def _cross(a: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def cross(a: Array, b: Array) -> Array:
+    """The vector product of two (3,) vectors, without the 20 microseconds that numpy's takes."""
+    a0, a1, a2 = a.tolist()
+    b0, b1, b2 = b.tolist()
+    return np.array((a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0))
+
+
 def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
     """The (4, 4) pose with the given (3, 3) rotation and (3,) translation, either the identity by default."""
     T = np.eye(4)

@@ -190,7 +190,7 @@ class MujocoPlant:
 
 def _settings(spec: Any, timestep: float) -> None:
     spec.option.timestep = timestep
-    spec.option.gravity = (0.0, 0.0, -GRAVITY)
+    spec.option.gravity = GRAVITY
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 100.0  # a pen at rest does not creep

@@ -17,8 +17,8 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Surface
 
-# [m/s^2], along -z of the base.
-GRAVITY = 9.81
+# Standard gravity in a base frame whose z points up [m/s^2].
+GRAVITY = (0.0, 0.0, -9.80665)
 # Gauss-Newton steps for a hinge's angle: from a tick ago two reach rounding.
 ANGLE_STEPS = 3
 
@@ -104,7 +104,7 @@ class Wrist(NamedTuple):
     def reading(self, T: Array, contact: Array) -> Array:
         """(6,) what the sensor of a tool at rest at pose T reports, in its own frame: contact and weight."""
         sensor = T.dot(self.pose)
-        weight = force_at(np.array([0.0, 0.0, -self.mass * GRAVITY]), sensor[:3, :3].dot(self.centre) + sensor[:3, 3])
+        weight = force_at(self.mass * np.array(GRAVITY), sensor[:3, :3].dot(self.centre) + sensor[:3, 3])
         felt: Array = se3.coadjoint(se3.inverted(sensor)).dot(contact + weight)
         return felt
 
@@ -146,4 +146,4 @@ class Truth(NamedTuple):
 
 def force_at(force: Array, point: Array) -> Array:
     """(6,) wrench of a force (3,) along the line through a point (3,)."""
-    return np.concatenate((np.cross(point, force), force))
+    return np.concatenate((se3.cross(point, force), force))

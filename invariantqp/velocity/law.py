@@ -40,6 +40,7 @@ class Demand(NamedTuple):
         anchor: (3,) point whose motion the exact rows fix, where the guard then measures; None is the arm's own point.
         rows: limits on combinations of joint velocities, or None.
         cone: speed limit of a point, or None.
+        implied: whether the exact rows ask for parts of s alone, so that they hold wherever s is met.
     """
 
     J: Array
@@ -51,6 +52,7 @@ class Demand(NamedTuple):
     anchor: Array | None = None
     rows: LimitRows | None = None
     cone: Cone | None = None
+    implied: bool = False
 
     def allows(self, x: Array) -> bool:
         """Whether no limit is met: clipping to the box changes no bit, rows and cone hold."""

@@ -28,7 +28,9 @@ ACCURATE_RATIO = 1e-4
 def regular_velocity(law: VelocityLaw, demand: Demand) -> Array | None:
     """The undamped velocity (m,) that meets the twist; None where that is not certain to be the law's answer."""
     norms = law.form.norms
-    if norms is None or demand.exact is not None or law.metric is not None or demand.J.shape[1] < 6:
+    if norms is None or law.metric is not None or demand.J.shape[1] < 6:
+        return None
+    if demand.exact is not None and not demand.implied:
         return None
     if isinstance(law.damping, Selective):  # it looks at each direction of the spectrum
         return None

@@ -20,6 +20,8 @@ from invariantqp.velocity.tick import UNMET_TOLERANCE, Tick
 
 # A twist missed by less than this fraction of itself is met: no guard can find anything to gain there.
 MET_TOLERANCE = 1e-9
+# ... and so is one missed by what rounding leaves of x in J x: an arm rests on its target while its null space moves.
+PRODUCT_ROUNDING = 1e-14
 # Below this |mu| ratio an undamped solution is computed from the factored J, which keeps the digits that G lost.
 FACTORED_RATIO = 1e-4
 
@@ -67,9 +69,12 @@ def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> Veloc
 
 def _missed(demand: Demand, x: Array) -> Array | None:
     """The residual s - J x where it is rounding; None where the twist is missed."""
-    s = demand.s
-    residual: Array = s - demand.J.dot(x)
-    return residual if residual.dot(residual) <= MET_TOLERANCE**2 * s.dot(s) else None
+    s, J = demand.s, demand.J
+    residual: Array = s - J.dot(x)
+    missed = residual.dot(residual)
+    if missed <= MET_TOLERANCE**2 * s.dot(s) or missed <= PRODUCT_ROUNDING**2 * np.vdot(J, J) * x.dot(x):
+        return residual
+    return None
 
 
 def _factored(law: VelocityLaw, demand: Demand, problem: Problem, x: Array) -> Array:

@@ -1,0 +1,116 @@
+"""Kinds of contact: freedom twists S and constraint wrenches W in the contact's own frame, W'S = 0.
+
+    point    S: 3 rotations, 2 slides      W: press                rolling: S: 3 rotations
+    line     S: 2 rotations, 2 slides      W: press, 1 moment      rolling: S: rotation about the line
+    face     S: 1 rotation, 2 slides       W: press, 2 moments     sticking: S: nothing, or the turn about the normal
+    peg      S: rotation and slide along the axis                  hinge: S: one screw
+
+The frame has its origin at the contact and **z the way the tool presses**, against the outward normal of the surface; x
+lies along a line contact. Wrenches are those that the tool exerts, so pressing is positive: five newtons on a table are
+5 of the first constraint.
+
+Reference: [DS] Sect. 6.3; Mason 1981; Lipkin & Duffy 1988.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import isinf
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import helical
+from invariantqp.systems.span import span
+from invariantqp.systems.subspaces import annihilator
+
+# How far W'S may be from zero relative to |W||S|: wrenches typed with six digits pass, wrong ones do not.
+DUAL_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ContactKind:
+    """A contact in its own frame.
+
+    Attributes:
+        name: "point", "line", ...
+        freedoms: (6, k) independent twists S that the contact allows.
+        constraints: (6, 6-k) wrenches W that the tool can exert on it; None is the annihilator of S.
+        unilateral: whether it can only be pressed: the first constraint is the press, and loses its hold below zero.
+        out: (6,) unit twist that leads out of the contact, or None where there is no way out.
+        origin: (3,) the place of contact in this frame, zero unless the frame has been put elsewhere.
+
+    Raises:
+        BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
+    """
+
+    name: str
+    freedoms: ArrayLike
+    constraints: ArrayLike | None = None
+    unilateral: bool = False
+    out: ArrayLike | None = None
+    origin: ArrayLike = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        S = _independent(self.freedoms, "freedoms")
+        whole = S.shape[1] == 0
+        natural = np.eye(6) if whole else annihilator(S)
+        W = natural if self.constraints is None else _independent(self.constraints, "constraints")
+        if S.shape[1] + W.shape[1] != 6:
+            raise BadInput("constraints", f"{W.shape[1]} wrenches", f"{6 - S.shape[1]}, S has {S.shape[1]} twists")
+        work = np.abs(W.T.dot(S))
+        if (work > DUAL_TOLERANCE * np.abs(W).T.dot(np.abs(S)).max(initial=0.0)).any():
+            raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
+        object.__setattr__(self, "freedoms", S)
+        object.__setattr__(self, "constraints", W)
+        object.__setattr__(self, "out", None if self.out is None else arrays.twist(self.out, "out"))
+        object.__setattr__(self, "origin", arrays.vector(self.origin, 3, "origin"))
+
+    def relabelled(self, offset: ArrayLike) -> ContactKind:
+        """The same physical contact told in a frame displaced by a (4, 4) offset in the old one."""
+        back = se3.inverse(offset)
+        A, B = se3.carried(back), se3.coadjoint(back)
+        out = None if self.out is None else A.dot(np.asarray(self.out))
+        origin = back[:3, :3].dot(np.asarray(self.origin)) + back[:3, 3]
+        freedoms, constraints = A.dot(np.asarray(self.freedoms)), B.dot(np.asarray(self.constraints))
+        return ContactKind(self.name, freedoms, constraints, self.unilateral, out, origin)
+
+
+def _independent(columns: ArrayLike, argument: str) -> Array:
+    a = arrays.system(columns, argument)
+    if a.shape[1] and span(a).rank < a.shape[1]:
+        raise BadInput(argument, f"{a.shape[1]} columns of rank {span(a).rank}", "independent columns")
+    return a
+
+
+def _kind(name: str, freedoms: str, constraints: str) -> ContactKind:
+    """A unilateral kind from coordinate names: rx for a turn about x, mx for a moment, x for a slide or a force."""
+    names = {"rx": 0, "ry": 1, "rz": 2, "mx": 0, "my": 1, "mz": 2, "x": 3, "y": 4, "z": 5}
+    E = np.eye(6)
+    S, W = (E[:, [names[n] for n in text.split()]] for text in (freedoms, constraints))
+    return ContactKind(name, S, W, unilateral=True, out=-E[5])
+
+
+POINT = _kind("point", "rx ry rz x y", "z")
+ROLLING_POINT = _kind("rolling point", "rx ry rz", "z x y")
+LINE = _kind("line", "rx rz x y", "z my")
+ROLLING_LINE = _kind("rolling line", "rx", "z my x y mz")
+FACE = _kind("face", "rz x y", "z mx my")
+PIVOTING_FACE = _kind("pivoting face", "rz", "z mx my x y")
+STICKING_FACE = _kind("sticking face", "", "z mx my x y mz")
+PEG = ContactKind("peg", np.eye(6)[:, [2, 5]], np.eye(6)[:, [3, 4, 0, 1]], out=-np.eye(6)[5])
+
+
+@lru_cache(maxsize=16)
+def screw_kind(pitch: float) -> ContactKind:
+    """One screw of the given pitch [length/rad] about z; inf is a slide."""
+    E = np.eye(6)
+    W = E[:, [3, 4, 0, 1, 5]].copy()
+    W[2, 4] = -pitch  # m + pitch f = 0 along the axis
+    if isinf(pitch):
+        W[:, 4] = E[2]
+    return ContactKind("hinge", helical([0.0, 0.0, 1.0], pitch=pitch), W)

@@ -1,0 +1,152 @@
+"""Contact lost, or too hard: statuses with reasons, and what was configured is done, never more."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+
+DT = 0.01
+READY = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+TOUCH, AIR, HARD = 5.0, 0.0, 50.0
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return iq.load_robot("panda")
+
+
+def surface(tool):
+    return iq.point_contact(tool[:3, 3], [0.0, 0.0, 1.0])
+
+
+def fed(robot, presses, task=None, **options):
+    """The solutions of a loop that is fed with presses, whatever it does; the arm moves."""
+    task = iq.HybridTask(surface, [5.0], **options) if task is None else task
+    loop, q, solutions = iq.HybridController(robot, task, dt=DT), READY.copy(), []
+    start = robot.pose(q)
+    for press in presses:
+        p = robot.pose(q)[:3, 3]
+        f = np.array([0.0, 0.0, -press])
+        target = iq.exp([0.0, 0.0, 0.0, 0.05, 0.0, 0.0]) @ start  # motion along S is wanted all the time
+        solutions.append(loop.step(q, target, np.concatenate((np.cross(p, f), f))))
+        q = q + DT * solutions[-1].velocity
+    return solutions, loop
+
+
+def rises(solution):
+    """Speed of the tool along the outward normal, and across."""
+    p = solution.contact.point
+    v = (solution.J @ solution.velocity)[3:] + np.cross((solution.J @ solution.velocity)[:3], p)
+    return v[2], np.linalg.norm(v[:2])
+
+
+def test_before_the_first_touch_it_approaches_no_faster_than_allowed(panda):
+    for on_loss in ("approach", "hold", "retreat", "continue"):
+        solutions, _ = fed(panda, [AIR] * 30, on_loss=on_loss, compliance=0.1, approach_speed=0.01)
+        assert {s.status for s in solutions} == {"lost"}
+        assert {s.reason for s in solutions} == {"no contact yet: approaching"}
+        assert rises(solutions[5])[0] == pytest.approx(-0.01, abs=1e-6)
+        assert rises(solutions[5])[1] > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("on_loss", "speed", "moves", "said"),
+    [
+        ("approach", -0.01, True, "approaching"),
+        ("hold", 0.0, False, "standing still"),
+        ("retreat", 0.02, False, "retreating"),
+        ("continue", -0.5, True, "no contact for"),
+    ],
+)
+def test_a_lost_contact_is_said_after_its_time_and_answered_as_configured(panda, on_loss, speed, moves, said):
+    presses = [TOUCH] * 3 + [AIR] * 20
+    options = {"lost_after": 0.1, "compliance": 0.1, "approach_speed": 0.01, "retreat_speed": 0.02}
+    solutions, _ = fed(panda, presses, on_loss=on_loss, **options)
+    statuses = [s.status for s in solutions]
+    assert statuses[:13] == ["ok"] * 13  # ten ticks of 0.01 s are not yet longer than 0.1 s
+    assert set(statuses[13:]) == {"lost"}
+    assert said in solutions[14].reason
+    up, across = rises(solutions[14])
+    assert up == pytest.approx(speed, abs=1e-3)
+    assert (across > 1e-3) == moves
+
+
+def test_a_short_gap_is_no_loss_and_a_contact_found_again_is_ok(panda):
+    gap, _ = fed(panda, [TOUCH] * 3 + [AIR] * 5 + [TOUCH] * 3)
+    assert {s.status for s in gap} == {"ok"}
+    for on_loss in ("approach", "hold"):
+        again, _ = fed(panda, [TOUCH] * 3 + [AIR] * 20 + [TOUCH] * 3, on_loss=on_loss)
+        assert [s.status for s in again[-4:]] == ["lost", "ok", "ok", "ok"]
+
+
+def test_a_retreat_ends_after_its_distance_and_stays_until_reset(panda):
+    presses = [TOUCH] * 2 + [AIR] * 140 + [TOUCH] * 3
+    solutions, loop = fed(panda, presses, on_loss="retreat", retreat_speed=0.02, retreat_distance=0.01)
+    heights = [s.contact.point[2] for s in solutions]
+    first = next(k for k, s in enumerate(solutions) if s.status == "lost")
+    assert heights[-1] - heights[first] == pytest.approx(0.01, abs=5e-4)
+    assert solutions[-1].status == "lost"
+    assert "standing still until reset" in solutions[-1].reason
+    assert not solutions[-1].velocity.any()
+    loop.reset()
+    p = solutions[-1].contact.point
+    again = loop.step(READY, panda.pose(READY), np.concatenate((np.cross(p, [0, 0, -5.0]), [0, 0, -5.0])))
+    assert again.status == "ok"
+
+
+def test_no_threshold_no_loss_and_thresholds_of_ones_own(panda):
+    never, _ = fed(panda, [TOUCH] + [AIR] * 30, lost_below=0.0)
+    assert {s.status for s in never} == {"ok"}
+    high, _ = fed(panda, [TOUCH] * 30, lost_below=7.0)
+    assert {s.status for s in high} == {"lost"}
+    nothing_wanted, _ = fed(panda, [AIR] * 30, task=iq.HybridTask(surface, [0.0]))
+    assert {s.status for s in nothing_wanted} == {"ok"}
+    hinge = iq.HybridTask(iq.hinge([0, 0, 0], [0, 0, 1]), np.zeros(5))
+    assert {s.status for s in fed(panda, [AIR] * 30, task=hinge)[0]} == {"ok"}  # held from both sides
+
+
+@pytest.mark.parametrize(("on_overload", "speed"), [("hold", 0.0), ("retreat", 0.02)])
+def test_an_overload_is_said_at_once_and_stays_until_reset(panda, on_overload, speed):
+    presses = [TOUCH] * 3 + [HARD] + [TOUCH] * 3
+    solutions, loop = fed(panda, presses, max_force=20.0, on_overload=on_overload)
+    assert [s.status for s in solutions] == ["ok"] * 3 + ["overload"] * 4
+    assert "50 N of 20" in solutions[3].reason
+    for s in solutions[3:]:
+        assert rises(s) == (pytest.approx(speed, abs=1e-4), pytest.approx(0.0, abs=1e-4))
+    loop.reset()
+    p = panda.pose(READY)[:3, 3]
+    again = loop.step(READY, panda.pose(READY), np.concatenate((np.cross(p, [0, 0, -5.0]), [0, 0, -5.0])))
+    assert again.status == "ok"
+
+
+def test_a_moment_is_counted_about_the_place_of_contact(panda):
+    fine, _ = fed(panda, [TOUCH] * 3, max_moment=0.1)  # 5 N half a metre from the base: 2.5 N m about its origin
+    assert {s.status for s in fine} == {"ok"}
+    task = iq.HybridTask(surface, [5.0], max_moment=0.1)
+    p = panda.pose(READY)[:3, 3]
+    turned = np.array([0.2, 0.0, 0.0, 0.0, 0.0, -5.0])
+    turned[:3] += np.cross(p, turned[3:])
+    solution = iq.HybridController(panda, task, dt=DT).step(READY, panda.pose(READY), turned)
+    assert solution.status == "overload"
+    assert "0.2 N m of 0.1" in solution.reason
+
+
+def test_an_overload_is_seen_through_the_low_pass(panda):
+    task = iq.HybridTask(surface, [5.0], max_force=20.0)
+    sensor = iq.WrenchSensor(cutoff=0.1, reads="action", force_deadband=40.0)
+    loop = iq.HybridController(panda, task, dt=DT, sensor=sensor)
+    loop.step(READY, panda.pose(READY), np.zeros(6))
+    hit = loop.step(READY, panda.pose(READY), [0, 0, 0, 0, 0, 30.0])
+    assert np.linalg.norm(hit.wrench[3:]) < 1.0
+    assert hit.status == "overload"
+
+
+def test_standing_still_is_inside_the_limits_even_outside_them(panda):
+    """A joint beyond its position limit goes back, overload or not."""
+    task = iq.HybridTask(surface, [5.0], max_force=20.0)
+    q = READY.copy()
+    q[3] = panda.position_upper[3] + 0.01
+    solution = iq.HybridController(panda, task, dt=DT).step(q, panda.pose(q), [0, 0, 0, 0, 0, -30.0])
+    assert solution.status == "overload"
+    assert solution.velocity[3] < 0.0
+    assert not np.delete(solution.velocity, 3).any()
