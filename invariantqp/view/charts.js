@@ -34,7 +34,7 @@ class Chart {
       low = Math.min(high - 1, Math.max(Math.floor(low), high - 7));
     }
     else { const room = 0.08 * (high - low) || 0.5; low -= room; high += room; }
-    const rough = (high - low) / 4, ten = 10 ** Math.floor(Math.log10(rough));
+    const rough = (high - low) / Math.max(2, (this.canvas.clientHeight - 26) / 17), ten = 10 ** Math.floor(Math.log10(rough));
     let step = ten * [1, 2, 5, 10].find(s => s * ten >= rough);
     if (log) step = Math.max(1, Math.ceil(step));
     const ticks = [];
