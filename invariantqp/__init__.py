@@ -95,6 +95,8 @@ if TYPE_CHECKING:
     from invariantqp.velocity.several import JointTask, TwistTask, solve_tasks
     from invariantqp.velocity.solution import VelocitySolution
     from invariantqp.velocity.toolspeed import ToolSpeed
+    from invariantqp.view.page import animation
+    from invariantqp.view.server import Viewer
 
 __version__ = "0.1.0"
 
@@ -173,6 +175,8 @@ _HOME = {
     "velocity.several": ("JointTask", "TwistTask", "solve_tasks"),
     "velocity.solution": ("VelocitySolution",),
     "velocity.toolspeed": ("ToolSpeed",),
+    "view.page": ("animation",),
+    "view.server": ("Viewer",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

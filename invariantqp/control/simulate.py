@@ -29,7 +29,7 @@ from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
-from invariantqp.robots.touch import Physics
+from invariantqp.robots.touch import Physics, Truth
 from invariantqp.systems.centre import centre
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.objective import Form, PitchForm
@@ -37,6 +37,7 @@ from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.toolspeed import ToolSpeed
 
 Progress = Callable[[int, int], None]
+Observer = Callable[[int, Truth, VelocitySolution], None]
 MakeController = Callable[[Robot, LawSpec], Controls]
 MakeHybrid = Callable[[Robot, LawSpec, Scene, Offsets], Pilot]
 
@@ -97,6 +98,7 @@ def run_task(
     controller: MakeController = our_controller,
     hybrid: MakeHybrid = our_hybrid,
     progress: Progress | None = None,
+    observer: Observer | None = None,
     **overrides: Any,
 ) -> Trace:
     """Run a task in closed loop.
@@ -110,6 +112,7 @@ def run_task(
         controller: makes the controller from robot and law; ours by default.
         hybrid: makes the one for tasks with contact; ours by default.
         progress: called with (ticks done, ticks in all).
+        observer: called after each tick with (its number, what was so then, the solution).
         overrides: keys of the task's [law] to change: dt, gain, form, pitch, damping, exact, guard, acceleration, ...
 
     Returns:
@@ -167,6 +170,8 @@ def run_task(
         truth = plant.truth()
         q[k + 1] = truth.q
         log.add(truth, wanted[k + 1], getattr(pilot, "measured", None))
+        if observer is not None:
+            observer(k, truth, solution)
         if progress is not None:
             progress(k + 1, n)
     form = pilot.form
@@ -184,6 +189,7 @@ def run_task(
         statuses=[s.status for s in solutions],
         bound=[bool(s.active) for s in solutions],
         tick_ns=ticks,
+        wanted=np.array(wanted),
         form="" if form is None else form.describe(),
         warnings=_warnings(robot, form, q, solutions),
         physics=physics,

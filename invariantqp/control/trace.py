@@ -31,6 +31,7 @@ class Trace:
         statuses: (n,) names.
         bound: (n,) whether a limit was active.
         tick_ns: (n,) time of each tick of the controller [ns].
+        wanted: (n + 1, 4, 4) tool poses that were asked for.
         form: what twists were measured by, "" where the controller does not say.
         warnings: what a person should know.
         physics: the plant, "ideal" or "mujoco".
@@ -51,6 +52,7 @@ class Trace:
     statuses: list[str]
     bound: list[bool]
     tick_ns: Array
+    wanted: Array
     form: str = ""
     warnings: list[str] = field(default_factory=list)
     physics: str = "ideal"

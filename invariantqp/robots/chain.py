@@ -8,6 +8,7 @@ Reference: [DS] Sect. 2.2; Brockett's product of exponentials.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from math import inf
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import axis
 from invariantqp.robots.kinematics import Sighting, checked_limits
 
 
@@ -71,6 +73,15 @@ class Chain:
         """(6, m) joint twists in the base frame."""
         return self._moved(arrays.vector(q, len(self.names), "q"))[0]
 
+    def origins(self, q: ArrayLike) -> Array:
+        """(m, 3) a point of each joint's axis, the one nearest to the hinge before: links as short as can be."""
+        T = np.eye(4)
+        found = np.empty((len(self.names), 3))
+        for i, angle in enumerate(arrays.vector(q, len(self.names), "q").tolist()):
+            found[i] = T[:3, :3].dot(self._origins[i]) + T[:3, 3]
+            T = T.dot(se3.motion(angle * self.screws[:, i]))
+        return found
+
     def target(self, pose: ArrayLike) -> Target:
         """A (4, 4) target pose, checked."""
         return pose if isinstance(pose, Target) else Target(arrays.pose(pose, "target"))
@@ -90,6 +101,22 @@ class Chain:
         home = self.home.dot(arrays.pose(offset, "offset"))
         limits = (self.position_lower, self.position_upper, self.velocity_limit)
         return Chain(self.screws, home, self.names, *limits)
+
+    @cached_property
+    def _origins(self) -> Array:
+        """Origins at q = 0. A slide has a direction and no line: it is drawn where the next hinge is, or the tool."""
+        found = np.empty((len(self.names), 3))
+        before, slides = np.zeros(3), []
+        for i, screw in enumerate(self.screws.T):
+            if not screw[:3].any():
+                slides.append(i)
+                continue
+            along, foot = axis(screw)
+            before = foot + along.dot(before) * along
+            found[[*slides, i]] = before
+            slides = []
+        found[slides] = self.home[:3, 3]
+        return found
 
     def _moved(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""

@@ -60,6 +60,10 @@ class Robot(Protocol):
         """(6, m) joint twists as columns."""
         ...
 
+    def origins(self, q: ArrayLike) -> Array:
+        """(m, 3) where each joint is: a point of its axis, to draw the arm by."""
+        ...
+
     def target(self, pose: ArrayLike) -> Any:
         """A target pose, checked once, in the form `sight` takes fastest."""
         ...

@@ -73,6 +73,11 @@ class PinocchioRobot:
         """(6, m) joint twists in the base frame."""
         return self._jacobian(self._checked(q))
 
+    def origins(self, q: ArrayLike) -> Array:
+        """(m, 3) origins of the joint frames, as the URDF places them."""
+        pin.forwardKinematics(self.model, self._data, self._checked(q))
+        return np.array([M.translation for M in self._data.oMi[1:]])
+
     def target(self, pose: ArrayLike | pin.SE3) -> pin.SE3:
         """A target pose as the SE3 that `sight` takes."""
         return pin.SE3(arrays.pose(pose, "target"))

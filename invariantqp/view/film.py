@@ -1,0 +1,248 @@
+"""A run as something to look at: what stands where in each of a few hundred frames, and the curves beside it.
+
+An arm is drawn from its kinematics alone: straight links from joint to joint, each joint along its axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.control.log import ContactTrace
+from invariantqp.control.taskfile import Task
+from invariantqp.control.trace import Trace
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.view.surroundings import Surroundings, surroundings
+
+# States drawn of a run, at most; players fill in between. What is shown of the ticks between two is their worst.
+FRAMES = 600
+# A logarithmic axis has no zero [mm, deg]: what is below a picometre is drawn there.
+SMALLEST_ERROR = 1e-9
+# Told apart by colour-blind readers too: Okabe and Ito's palette, but for its black and its yellow, which a dark or a
+# light page would swallow.
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7F7F7F", "#B8A900")
+FORCE = COLOURS[5]
+
+
+class Posture(NamedTuple):
+    """An arm in one state.
+
+    Attributes:
+        points: (m + 2, 3) base, joints, tool.
+        axes: (m, 3) unit directions of the joints.
+        tool: (4, 4) pose.
+    """
+
+    points: Array
+    axes: Array
+    tool: Array
+
+
+class Chart(NamedTuple):
+    """Curves over the frames' times.
+
+    Attributes:
+        title: with its unit.
+        names: of the curves.
+        values: (c, k).
+        colours: of the curves.
+        levels: lines across, where a limit or a demand is.
+        span: of the vertical axis; None is what the curves need.
+        log: whether that axis is logarithmic.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    values: Array
+    colours: tuple[str, ...]
+    levels: tuple[float, ...] = ()
+    span: tuple[float, float] | None = None
+    log: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A run in k frames; lengths in the robot's unit, base frame.
+
+    Attributes:
+        title: the task's name.
+        about: what it is, and how it went.
+        joints: (m) names.
+        slides: (m) whether a joint is one, rather than a hinge.
+        time: (k,) [s].
+        points: (k, m + 2, 3) base, joints, tool.
+        axes: (k, m, 3) unit directions of the joints.
+        tool: (k, 4, 4) tool poses.
+        wanted: (k, 4, 4) poses that were asked for.
+        q: (k, m) joint positions.
+        limits: (2, m) lower and upper.
+        speed: (k, m) joint velocities, of the ticks that end in a frame the fastest.
+        speed_limit: (m,).
+        bound: (k) whether a limit was active.
+        status: (k) how the law answered, of those ticks the first that is not "ok".
+        charts: curves to draw.
+        surroundings: what the tool touches.
+        force: (k, 3) that the tool exerts [N]; None where it touches nothing.
+    """
+
+    title: str
+    about: str
+    joints: tuple[str, ...]
+    slides: list[bool]
+    time: Array
+    points: Array
+    axes: Array
+    tool: Array
+    wanted: Array
+    q: Array
+    limits: Array
+    speed: Array
+    speed_limit: Array
+    bound: list[bool]
+    status: list[str]
+    charts: tuple[Chart, ...]
+    surroundings: Surroundings
+    force: Array | None = None
+
+    @property
+    def centre(self) -> Array:
+        """(3,) the middle of all that is drawn."""
+        low, high = self._box()
+        return 0.5 * (low + high)
+
+    @property
+    def size(self) -> float:
+        """Radius of a ball about the centre that holds it all [length]."""
+        low, high = self._box()
+        return 0.5 * float(np.linalg.norm(high - low))
+
+    def frame(self, t: float) -> int:
+        """The one nearest to a time [s]."""
+        return int(np.abs(self.time - t).argmin())
+
+    @property
+    def strongest(self) -> float:
+        """The force to scale arrows by [N]: what all but the rarest stay below, positive."""
+        return 1.0 if self.force is None else max(float(np.percentile(np.linalg.norm(self.force, axis=1), 99)), 1e-9)
+
+    def _box(self) -> tuple[Array, Array]:
+        touched = self.surroundings.faces.reshape(-1, 3)
+        drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched))
+        return drawn.min(axis=0), drawn.max(axis=0)
+
+
+def posture(robot: Robot, q: ArrayLike) -> Posture:
+    """What to draw of an arm at joint positions q (m,)."""
+    J, T = robot.jacobian(q), robot.pose(q)
+    axes = np.where(J[:3].any(axis=0), J[:3], J[3:])
+    points = np.vstack((np.zeros(3), robot.origins(q), T[:3, 3]))
+    return Posture(points, (axes / np.linalg.norm(axes, axis=0)).T, T)
+
+
+def film_of(trace: Trace, frames: int = FRAMES) -> Film:
+    """A run, in so many frames at most.
+
+    Raises:
+        RobotModelError, UnknownName, MissingExtra: the robot cannot be had any more.
+    """
+    robot = trace.task.load_robot()
+    n = len(trace.velocity)
+    ends = np.unique(np.linspace(0, n, min(n + 1, frames)).round().astype(int))
+    went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
+    status = [next((s for s in trace.statuses[a:b] if s != "ok"), trace.statuses[b - 1]) for a, b in _ticks(ends)]
+    drawn = _drawn(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
+    drawn = replace(drawn, speed=farthest(trace.velocity, ends))
+    errors = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
+    return replace(
+        drawn,
+        about=f"{trace.task.about} {went}",
+        bound=[any(trace.bound[a:b]) for a, b in _ticks(ends)],
+        status=status,
+        charts=(_error_chart(farthest(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
+        force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
+    )
+
+
+def film_before(task: Task, frames: int = FRAMES) -> Film:
+    """What is known before a run: the arm at its start, and the path asked of it, which may yet be put on a surface."""
+    robot = task.load_robot()
+    pose = task.path.along(robot, task.start())
+    settle = 0.0 if task.contact is None else task.contact.settle
+    time = np.linspace(0.0, settle + task.path.duration, frames)
+    wanted = np.array([pose(t) for t in np.maximum(time - settle, 0.0).tolist()])
+    return _drawn(task, robot, time, np.tile(task.start(), (frames, 1)), wanted)
+
+
+def _drawn(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:
+    """Everything but how it went."""
+    seen = [posture(robot, state) for state in q]
+    return Film(
+        title=task.name,
+        about=task.about,
+        joints=robot.names,
+        slides=[not turn.any() for turn in robot.jacobian(q[0])[:3].T],
+        time=time,
+        points=np.array([s.points for s in seen]),
+        axes=np.array([s.axes for s in seen]),
+        tool=np.array([s.tool for s in seen]),
+        wanted=wanted,
+        q=q,
+        limits=np.stack((robot.position_lower, robot.position_upper)),
+        speed=np.zeros_like(q),
+        speed_limit=robot.velocity_limit,
+        bound=[False] * len(time),
+        status=[""] * len(time),
+        charts=(),
+        surroundings=surroundings(task, robot, wanted[:, :3, 3]),
+    )
+
+
+def farthest(values: Array, ends: Array) -> Array:
+    """(k, ...) of the ticks that end in each frame, the values farthest from zero; of (n, ...) values, one a tick."""
+    blocks = (values[a:b] for a, b in _ticks(ends))
+    return np.array([np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0] for v in blocks])
+
+
+def _ticks(ends: Array) -> list[tuple[int, int]]:
+    """Which ticks each frame tells of: those since the frame before, the first frame of the first."""
+    return [(0, 1), *pairwise(ends.tolist())]
+
+
+def colours(joints: int) -> tuple[str, ...]:
+    """One a joint."""
+    return tuple(COLOURS[i % len(COLOURS)] for i in range(joints))
+
+
+def _error_chart(errors: Array) -> Chart:
+    """Errors (k, 2) [mm, deg]."""
+    values = np.maximum(errors, SMALLEST_ERROR).T
+    return Chart("tracking error", ("position [mm]", "orientation [deg]"), values, COLOURS[:2], log=True)
+
+
+def _force_charts(contact: ContactTrace | None, ends: Array) -> list[Chart]:
+    """The press, as it was and as the controller took it to be, where it was farthest from what was wanted."""
+    if contact is None:
+        return []
+    press = np.column_stack((contact.measured_press, contact.press)) - contact.wanted
+    names, hues = ("as measured", "as it was"), (COLOURS[4], FORCE)
+    return [Chart("contact force [N]", names, farthest(press, ends).T + contact.wanted, hues, (contact.wanted,))]
+
+
+def limit_charts(film: Film) -> list[Chart]:
+    """Joint positions and velocities as shares of their limits, where there are any."""
+    lower, upper = film.limits
+    ranged = np.isfinite(upper - lower) & (upper > lower)
+    limited = np.isfinite(film.speed_limit)
+    place = (film.q[:, ranged] - lower[ranged]) / (upper - lower)[ranged]
+    rate = film.speed[:, limited] / film.speed_limit[limited]
+    names, hues = np.array(film.joints), np.array(colours(len(film.joints)))
+    found = (
+        Chart("joint position / range", tuple(names[ranged]), place.T, tuple(hues[ranged]), (0.0, 1.0), (-0.05, 1.05)),
+        Chart("joint velocity / limit", tuple(names[limited]), rate.T, tuple(hues[limited]), (-1.0, 1.0), (-1.1, 1.1)),
+    )
+    return [chart for chart in found if chart.names]

@@ -1,0 +1,142 @@
+"""The scene in three dimensions in a viser server: made once, moved by handles.
+
+It is drawn in units of its own size about its own centre, so that arms of any size look alike and are lit alike.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.view.film import Film, Posture, colours
+
+if TYPE_CHECKING:
+    import viser
+
+WANTED, DRAWN, LINK, DARK = (230, 159, 0), (0, 114, 178), (174, 186, 198), (74, 87, 100)
+TOUCHED, FORCE = (205, 187, 159), (190, 60, 0)
+# A face of four corners as two of three.
+HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+# Of the strongest force's arrow.
+LONGEST = 0.35
+# Where the eye is, in sizes of the scene from its centre.
+EYE = np.array([1.45, -1.65, 1.0])
+
+
+class Stage:
+    """Robot, tool frame, paths; in units of the scene's size."""
+
+    def __init__(self, server: viser.ViserServer, film: Film) -> None:
+        self._draw = server.scene
+        self._size = film.size or 1.0
+        self._centre = film.centre
+        server.initial_camera.position = EYE
+        server.initial_camera.look_at = np.zeros(3)
+        server.initial_camera.fov = 0.9
+        floor = float(self._at(film.points)[..., 2].min()) - 0.01
+        self._draw.add_grid("/floor", infinite_grid=True, cell_size=0.2, fade_distance=12.0, position=(0.0, 0.0, floor))
+        self._draw.add_line_segments("/wanted", _segments(self._at(film.wanted[:, :3, 3])), WANTED, thickness=0.008)
+        self._trail = self._draw.add_line_segments("/drawn", np.zeros((1, 2, 3)), DRAWN, thickness=0.012, visible=False)
+        self._tool = self._draw.add_frame("/tool", axes_length=0.13, axes_radius=0.007, origin_radius=0.012)
+        self._goal = self._draw.add_frame("/goal", axes_length=0.1, axes_radius=0.003, origin_radius=0.006)
+        self._draw.add_cylinder("/base", 0.09, 0.016, DARK, position=self._at(film.points[0, 0]))
+        axis = film.surroundings.axis
+        self._axis = None if axis is None else self._at(axis)
+        self._touched(film)
+        self._strongest = film.strongest if film.force is not None else 0.0
+        nowhere = np.zeros((1, 2, 3))
+        self._push = self._draw.add_arrows(
+            "/force", nowhere, FORCE, shaft_radius=0.012, head_radius=0.03, head_length=0.06, visible=False
+        )
+        self._newtons = self._draw.add_label("/force in newtons", "", visible=False)
+        m = len(film.joints)
+        self._links = [
+            self._draw.add_cylinder(f"/links/{i}", 0.028 - 0.012 * i / (m + 1), 1.0, LINK) for i in range(m + 1)
+        ]
+        self._joints: list[tuple[Any, Any]] = []
+        for i, (name, hue, slide) in enumerate(zip(film.joints, colours(m), film.slides, strict=True)):
+            colour = np.array(list(bytes.fromhex(hue[1:])))
+            outer, inner = (colour, np.array(DARK)) if slide else (np.array(DARK), colour)
+            half, radius = (0.15, 0.036) if slide else (0.1, 0.045)
+            node = f"/joints/{i} {name.replace('/', '_')}"
+            body = self._draw.add_cylinder(node, radius, half, outer)
+            caps = self._draw.add_cylinder(f"{node} axis", 0.8 * radius, 1.12 * half, inner)
+            self._joints.append((body, caps))
+
+    def arm(self, posture: Posture) -> None:
+        """Move the robot."""
+        points = self._at(posture.points)
+        for link, a, b in zip(self._links, points[:-1], points[1:], strict=True):
+            along = b - a
+            length = float(np.linalg.norm(along))
+            link.visible = length > 0.0
+            if link.visible:
+                link.position, link.wxyz, link.scale = 0.5 * (a + b), _upright(along / length), (1.0, 1.0, length)
+        for parts, p, axis in zip(self._joints, points[1:-1], posture.axes, strict=True):
+            for part in parts:
+                part.position, part.wxyz = p, _upright(axis)
+        self._frame(self._tool, posture.tool)
+        if self._axis is not None:
+            a, b = self._axis
+            out = points[-1] - a
+            arm = out - (b - a) * out.dot(b - a) / (b - a).dot(b - a)
+            self._door.vertices = np.array([a, b, b + arm, a + arm], dtype=np.float32)
+
+    def goal(self, wanted: Array, drawn: Array) -> None:
+        """Where the tool should be, (4, 4), and the points (n, 3) where it has been."""
+        self._frame(self._goal, wanted)
+        self._trail.visible = len(drawn) > 1
+        if self._trail.visible:
+            self._trail.points = _segments(self._at(drawn)).astype(np.float32)
+
+    def push(self, tool: Array, force: Array) -> None:
+        """The force (3,) that a tool at pose (4, 4) exerts [N]."""
+        size = float(np.linalg.norm(force))
+        self._push.visible = self._newtons.visible = size > 0.0
+        if size > 0.0:
+            self._strongest = max(self._strongest, size)
+            a = self._at(tool[:3, 3])
+            b = a + LONGEST / self._strongest * force
+            self._push.points = np.array([[a, b]], dtype=np.float32)
+            self._newtons.position, self._newtons.text = b, f"{size:.1f} N"
+
+    def _touched(self, film: Film) -> None:
+        """What the tool touches."""
+        around = film.surroundings
+        if len(around.faces):
+            corners = self._at(around.faces).reshape(-1, 3).astype(np.float32)
+            halves = np.vstack([HALVES + 4 * i for i in range(len(around.faces))])
+            self._draw.add_mesh_simple(
+                "/touched", corners, halves, color=TOUCHED, opacity=0.6, side="double", cast_shadow=False
+            )
+        if self._axis is not None:
+            self._draw.add_line_segments("/axis", self._axis[None], DARK, thickness=0.03)
+            anywhere = np.zeros((4, 3), np.float32)
+            self._door = self._draw.add_mesh_simple(
+                "/door", anywhere, HALVES, color=TOUCHED, opacity=0.6, side="double", cast_shadow=False
+            )
+
+    def _at(self, points: Array) -> Array:
+        scaled: Array = (points - self._centre) / self._size
+        return scaled
+
+    def _frame(self, handle: Any, T: Array) -> None:
+        handle.position = self._at(T[:3, 3])
+        handle.wxyz = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+
+
+def _segments(points: Array) -> Array:
+    return np.stack((points[:-1], points[1:]), axis=1)
+
+
+def _upright(axis: Array) -> Array:
+    """The quaternion (w, x, y, z) that turns the z axis, along which cylinders stand, to a unit direction."""
+    w = 1.0 + axis[2]
+    if w < 1e-12:  # straight down: half a turn about x
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.array([w, -axis[1], axis[0], 0.0])
+    unit: Array = q / np.linalg.norm(q)
+    return unit

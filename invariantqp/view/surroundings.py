@@ -1,0 +1,84 @@
+"""What a tool touches, as faces to draw: a piece of a plane or of a round bar about the path, the axis of a door."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.control.scene import scene_of
+from invariantqp.control.taskfile import Task
+from invariantqp.geometry import screws
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
+from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.touch import Grip
+
+# Faces along each side: small ones, so that a viewer that sorts them by depth gets it right.
+SIDE = 8
+# Of a plane, or along a bar, drawn beyond the path; height of a door: in distances of the tool from the base.
+MARGIN = 0.13
+# How far round a bar is drawn to either side of where it is touched [rad].
+ROUND = 1.3
+
+
+class Surroundings(NamedTuple):
+    """What stands about a robot.
+
+    Attributes:
+        faces: (p, 4, 3) corners in turn of what does not move.
+        axis: (2, 3) the ends of the axis of a door that the tool swings; None without one.
+    """
+
+    faces: Array
+    axis: Array | None = None
+
+
+def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
+    """What a task's tool touches, as it is, about the points (n, 3) of its path."""
+    if task.contact is None or task.force is None:
+        return Surroundings(np.empty((0, 4, 3)))
+    T = robot.pose(task.start())
+    margin = MARGIN * float(np.linalg.norm(T[:3, 3]))
+    touch = scene_of(task.contact, task.force, task.physics, T).touch
+    if isinstance(touch, Grip):
+        along, foot = screws.axis(touch.screw)
+        middle = foot + along * along.dot(T[:3, 3])
+        return Surroundings(np.empty((0, 4, 3)), np.stack((middle - margin * along, middle + margin * along)))
+    return Surroundings(_faces(touch.surface, path, margin))
+
+
+def _faces(surface: Surface, path: Array, margin: float) -> Array:
+    """(SIDE^2, 4, 3) of a surface near a path."""
+    if isinstance(surface, Plane):
+        u, v = _across(surface.normal)
+    else:
+        u, v = surface.axis, surface.depth(path.mean(axis=0))[1]
+    from_point = path - surface.point
+    a = _grid(from_point.dot(u), margin)
+    if isinstance(surface, Plane):
+        b = _grid(from_point.dot(v), margin)
+        corners = surface.point + a[:, None, None] * u + b[None, :, None] * v
+    else:
+        corners = _bent(surface, a, v)
+    return np.stack((corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]), axis=2).reshape(-1, 4, 3)
+
+
+def _bent(bar: Cylinder, along: Array, outward: Array) -> Array:
+    """(SIDE + 1, SIDE + 1, 3) points of a bar, at places along it and angles about where it is touched."""
+    angle = np.linspace(-ROUND, ROUND, SIDE + 1)[:, None]
+    rim = bar.radius * (np.cos(angle) * outward + np.sin(angle) * np.cross(bar.axis, outward))
+    points: Array = bar.point + along[:, None, None] * bar.axis + rim[None]
+    return points
+
+
+def _grid(values: Array, margin: float) -> Array:
+    return np.linspace(values.min() - margin, values.max() + margin, SIDE + 1)
+
+
+def _across(normal: Array) -> tuple[Array, Array]:
+    """Two unit directions across a unit normal, the first as near the base's x axis as can be, or its y axis."""
+    x = np.eye(3)[0 if abs(normal[0]) < 0.9 else 1]
+    u = x - normal * normal.dot(x)
+    u /= np.linalg.norm(u)
+    return u, np.cross(normal, u)
