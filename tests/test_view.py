@@ -94,6 +94,10 @@ def test_the_joints_of_a_chain_are_on_their_axes_and_its_links_keep_their_length
 def test_a_chain_is_drawn_as_it_is_built():
     planar = iq.load_task("planar_3r").load_robot()
     np.testing.assert_allclose(planar.origins([0.0, 0.0, 0.0]), [[0, 0, 0], [0.4, 0, 0], [0.75, 0, 0]], atol=1e-15)
+    raised = iq.Chain(
+        np.column_stack((iq.revolute([0, 1, 0], [0, 0, 0.3]), iq.revolute([0, 0, 1], [0.5, 0, 0]))), np.eye(4)
+    )
+    np.testing.assert_allclose(raised.origins([0.0, 0.0]), [[0, 0, 0.3], [0.5, 0, 0.3]], atol=1e-15)
     scara = iq.load_task("scara").load_robot()  # the slide is drawn where the flange turns
     np.testing.assert_allclose(
         scara.origins([0.0, np.pi / 2, -0.1, 0.0]),
