@@ -194,7 +194,7 @@ def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
     robot = task.load_robot()
     trace = iq.run_task(task)
     film = film_of(trace)
-    surface = scene_of(task.contact, task.force, task.physics, robot.pose(task.start())).touch.surface
+    surface = scene_of(task.contact, task.force, robot.pose(task.start())).touch.surface
     faces = film.surroundings.faces
     assert faces.shape[1:] == (4, 3)
     np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
