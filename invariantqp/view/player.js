@@ -108,7 +108,12 @@ function draw() {
     }
   }
   painter.end();
-  $("told").innerHTML = told.map(s => s.startsWith("limit") || /^status (?!ok)/.test(s) ? `<span class="bad">${s}</span>` : s).join("\n");
+  $("told").replaceChildren(...told.map(words => {
+    const line = document.createElement("span");
+    line.className = /^limit|^status (?!ok)/.test(words) ? "bad" : "";
+    line.textContent = `${words}\n`;
+    return line;
+  }));
   for (const chart of charts) chart.draw(state.t);
   bars.draw(between("q", f), row("speed", i));
   $("time").value = state.t;
