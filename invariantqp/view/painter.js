@@ -82,10 +82,12 @@ class Painter {
     }
   }
 
-  text(words, at, ink) {
-    const p = this.project(at);
+  // Words beside a point, on the side away from another.
+  text(words, at, ink, other = null) {
+    const p = this.project(at), q = other && this.project(other), left = q && p && q[0] > p[0];
     if (p) this.faces.push({ depth: 0, paint: pen => {
-      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink; pen.fillText(words, p[0] + 14, p[1] + 4);
+      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink; pen.textAlign = left ? "right" : "left";
+      pen.fillText(words, p[0] + (left ? -14 : 14), p[1] + 4);
     } });
   }
 
