@@ -58,6 +58,64 @@ PROBLEMS = {
     "screw speed": ({"robot__screws": [{**SCREW, "speed": 0.0}]}, "$.robot.screws[0].speed", "greater than 0", "= 1.0"),
 }
 
+PEN = {"contact": {"kind": "point"}, "force": {"press": 5.0}}
+
+
+def pen(**changes):
+    """What makes a task one in contact, with keys changed by section."""
+    return {name: {**PEN.get(name, {}), **changes.get(name, {})} for name in {**PEN, **changes}}
+
+
+PROBLEMS |= {
+    "contact typo": (
+        pen(contact={"stifness": 1.0}),
+        "$.contact.stifness",
+        "not permitted",
+        "(did you mean 'stiffness'?)",
+    ),
+    "contact kind": (pen(contact={"kind": "ball"}), "$.contact.kind", "'point'", "(for example: kind = point)"),
+    "no normal": (pen(contact={"normal": [0, 0, 0]}), "$.contact.normal", "a direction is not zero", "[0.0, 0.0, 1.0]"),
+    "a sized point": (pen(contact={"size": [0.1]}), "$.contact", "size of a point is 0 numbers, not 1", ""),
+    "an edge without size": (pen(contact={"kind": "edge"}), "$.contact", "size of a edge is 1 numbers, not 0", ""),
+    "a round face": (
+        pen(contact={"kind": "face", "size": [0.1, 0.1], "radius": 0.3}),
+        "$.contact",
+        "radius is for a point on a round bar",
+        "",
+    ),
+    "soft": (pen(contact={"stiffness": 0.0}), "$.contact.stiffness", "greater than 0", "= 20000.0)"),
+    "no press": ({"contact": PEN["contact"], "force": {}}, "$.force.press", "required", "(for example: press = 5.0)"),
+    "force typo": (pen(force={"presss": 5.0}), "$.force.presss", "not permitted", "(did you mean 'press'?)"),
+    "form": (pen(force={"form": "h"}), "$.force.form", "'stiffness', 'pitch' or 'complement'", "= stiffness)"),
+    "a pitch without its form": (
+        pen(force={"pitch": 0.3}),
+        "$.force.pitch",
+        "go together",
+        "(for example: pitch = 0.3)",
+    ),
+    "a form without its pitch": (pen(force={"form": "pitch"}), "$.force", 'form = "pitch" needs pitch = h', ""),
+    "a form without its Z": (pen(force={"form": "complement"}), "$.force", "go together", ""),
+    "deadband": (pen(force={"force_deadband": -1.0}), "$.force.force_deadband", "greater than or equal to 0", "= 0.2)"),
+    "on_loss": (pen(force={"on_loss": "run"}), "$.force.on_loss", "'approach'", "(for example: on_loss = hold)"),
+    "contact without force": ({"contact": PEN["contact"]}, "$", "[contact] and [force] go together", ""),
+    "operator in contact": (pen(operator={}), "$", "[operator] is for a tool that touches nothing", ""),
+    "operator plane": ({"operator": {"normal": [0, 0, 0]}}, "$.operator.normal", "not zero", "[0.0, 0.0, 1.0]"),
+    "friction": (pen(physics={"friction": -0.1}), "$.physics.friction", "greater than or equal to 0", "= 0.3)"),
+    "seed": (pen(physics={"seed": 1.5}), "$.physics.seed", "valid integer", "(for example: seed = 0)"),
+    "referee": (
+        {"accept_mujoco": {"force_eror": 0.1}},
+        "$.accept_mujoco.force_eror",
+        "not permitted",
+        "(did you mean 'force_error'?)",
+    ),
+    "screw path": (
+        {"path": {"kind": "screw", "duration": 1.0}},
+        "$.path.angle",
+        "required",
+        "(for example: angle = 0.8)",
+    ),
+}
+
 
 @pytest.mark.parametrize("case", PROBLEMS)
 def test_every_problem_has_its_path_and_what_would_be_right(case):

@@ -65,10 +65,14 @@ def errors(browser):
     return [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
 
 
+def pixels(png):
+    """(n, 3) of a picture, 0 to 255."""
+    return (255 * image.imread(BytesIO(png))[..., :3]).astype(int).reshape(-1, 3)
+
+
 def colours(png):
     """How many different colours a picture has."""
-    pixels = (255 * image.imread(BytesIO(png))[..., :3]).astype(int)
-    return len(np.unique(pixels.reshape(-1, 3) @ (65536, 256, 1)))
+    return len(np.unique(pixels(png) @ (65536, 256, 1)))
 
 
 def clock(browser):
@@ -81,6 +85,9 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
     assert clock(opened) == 0.5
     for canvas in opened.find_elements("css selector", "canvas"):
         assert colours(canvas.screenshot_as_png) > COLOURFUL
+    seen = pixels(opened.find_element("id", "view").screenshot_as_png)
+    for drawn in ((230, 159, 0), (0, 114, 178), (47, 98, 214), (74, 87, 100)):  # paths, z axis of the tool, a joint
+        assert np.abs(seen - drawn).max(axis=1).min() < 40
     assert len(opened.find_elements("css selector", "canvas")) == 1 + len(film.charts)
     rows = [row.text for row in opened.find_elements("css selector", "#joints tr")[1:]]
     assert [row.split()[0] for row in rows] == list(film.joints)

@@ -50,35 +50,26 @@ class Log:
     """Lists that grow by one a tick.
 
     Attributes:
-        scene: what is touched, if anything.
-        position: distances from the path [m], along what the contact leaves free.
-        orientation: angles from it [rad].
+        scene: what is touched.
+        errors: distance [m] and angle [rad] from the path, along what the contact leaves free.
     """
 
-    scene: Scene | None
-    position: list[float] = field(default_factory=list)
-    orientation: list[float] = field(default_factory=list)
+    scene: Scene
+    errors: list[tuple[float, float]] = field(default_factory=list)
     _touched: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
     _forces: list[tuple[float, float, float, float]] = field(default_factory=list)
 
-    def add(self, truth: Truth, wanted: Array, measured: Array | None) -> None:
+    def add(self, truth: Truth, wanted: Array, measured: Array) -> None:
         """One tick: what was so after it, where the tool should have been, and the wrench the controller read in it."""
-        T = truth.pose
-        if self.scene is None or measured is None:
-            position, orientation = distance(T, wanted)
-        else:
-            contact = self.scene.task.contact_at(T)
-            position, orientation = self.scene.motion_error(contact, T, wanted)
-            exerted = -truth.wrench
-            self._touched.append((exerted, measured, T[:3, 3], wanted[:3, 3]))
-            self._forces.append((*self.scene.force(contact, exerted), *self.scene.force(contact, measured)))
-        self.position.append(position)
-        self.orientation.append(orientation)
+        T, scene = truth.pose, self.scene
+        contact = scene.task.contact_at(T)
+        exerted = -truth.wrench
+        self.errors.append(scene.motion_error(contact, T, wanted))
+        self._touched.append((exerted, measured, T[:3, 3], wanted[:3, 3]))
+        self._forces.append((*scene.force(contact, exerted), *scene.force(contact, measured)))
 
-    def contact(self) -> ContactTrace | None:
-        """All of it; None where nothing was touched."""
-        if self.scene is None:
-            return None
+    def contact(self) -> ContactTrace:
+        """All of it."""
         wrench, measured, drawn, asked = (np.array(column) for column in zip(*self._touched, strict=True))
         press, error, felt, felt_error = np.array(self._forces).T
         wanted, normal = self.scene.wanted_norm, self.scene.normal

@@ -48,6 +48,11 @@ class Pilot(Protocol):
         """What its law measures twists by, if it says."""
         ...
 
+    @property
+    def measured(self) -> Array:
+        """(6,) the wrench that it took the tool to exert in the last tick, base frame; zero where it reads none."""
+        ...
+
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
         ...
@@ -59,6 +64,7 @@ class Alone:
     def __init__(self, loop: Controls) -> None:
         self._loop = loop
         self.form = loop.law.form if isinstance(loop, Controller) else None
+        self.measured = np.zeros(6)
 
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
@@ -71,9 +77,6 @@ class InTouch:
     Args:
         loop: made for the frames that it is told in.
         sensor_offset: (4, 4) of the frame it takes readings in, from the sensor's own.
-
-    Attributes:
-        measured: (6,) the wrench that it took the tool to exert in the last tick, base frame.
     """
 
     def __init__(self, loop: HybridController, sensor_offset: Array) -> None:
@@ -102,6 +105,7 @@ class Together:
         ours = se3.carried(np.asarray(plane.pose)).dot(np.hstack((lift, tilts)))
         self._loop = loop
         self.form = loop.law.form
+        self.measured = np.zeros(6)
         self._shared = SharedTask(ours, theirs)
         self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
         self._beats = operator.beats

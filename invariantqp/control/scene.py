@@ -20,14 +20,14 @@ import numpy as np
 from scipy.linalg import orth
 from scipy.spatial.transform import Rotation
 
-from invariantqp.control.contactspec import ContactSpec, ForceSpec, PhysicsSpec
+from invariantqp.control.contactspec import ContactSpec, ForceSpec
 from invariantqp.control.hybrid_task import HybridTask
 from invariantqp.control.wrench import WrenchSensor
 from invariantqp.errors import BadInput
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
-from invariantqp.robots.touch import Grip, Physics, Touch, Wrist
+from invariantqp.robots.touch import Grip, Touch, Wrist
 from invariantqp.systems.contact_kinds import ContactKind
 from invariantqp.systems.contacts import Contact, face_contact, hinge, line_contact, point_contact
 from invariantqp.systems.projectors import dual_projectors
@@ -36,6 +36,8 @@ from invariantqp.systems.projectors import dual_projectors
 POINT_SIZE = 0.05
 # Newton steps of a wanted point onto the surface: a plane takes one, a round bar a few.
 DROP_STEPS = 6
+# A handle nearer to its hinge [m], or an edge nearer to the normal [rad], has a direction that only rounding chose.
+LEAST_ARM = 1e-6
 
 At = Callable[[Array], Contact]
 
@@ -48,7 +50,6 @@ class Scene:
         kind: of contact, as the task file has it.
         touch: the contact as it is.
         wrist: the force sensor as it is.
-        physics: what an engine adds.
         task: for the hybrid controller.
         sensor: what the controller knows of its sensor.
         stiffness: (6,) in the contact's frame, angular first [N m/rad, N/m].
@@ -59,7 +60,6 @@ class Scene:
     kind: str
     touch: Touch | Grip
     wrist: Wrist
-    physics: Physics
     task: HybridTask
     sensor: WrenchSensor
     stiffness: Array
@@ -123,7 +123,7 @@ class Scene:
         return orth(S[:3]), orth(S[3:])
 
 
-def scene_of(contact: ContactSpec, force: ForceSpec, physics: PhysicsSpec, T: Array) -> Scene:
+def scene_of(contact: ContactSpec, force: ForceSpec, T: Array) -> Scene:
     """The scene of a task whose tool starts at pose T (4, 4).
 
     Raises:
@@ -161,7 +161,7 @@ def scene_of(contact: ContactSpec, force: ForceSpec, physics: PhysicsSpec, T: Ar
         origin=se3.inverted(mount)[:3, 3],
     )
     wrist = Wrist(mount, force.tool_mass, force.tool_centre)
-    return Scene(contact.kind, touch, wrist, Physics(**physics.model_dump()), task, sensor, stiffness, normal, surface)
+    return Scene(contact.kind, touch, wrist, task, sensor, stiffness, normal, surface)
 
 
 def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float]:
@@ -175,7 +175,7 @@ def _surface(contact: ContactSpec, T: Array, tilt: Array) -> tuple[Surface, Touc
     R = T[:3, :3]
     n = np.array(contact.normal) / np.linalg.norm(contact.normal)
     x = np.array(contact.along) - n * n.dot(contact.along)
-    if not np.linalg.norm(x) > 0.0:
+    if not np.linalg.norm(x) > LEAST_ARM * np.linalg.norm(contact.along):
         raise BadInput("contact.along", f"{list(contact.along)} along the normal", "a direction in the surface")
     x /= np.linalg.norm(x)
     y = np.cross(n, x)
@@ -211,7 +211,7 @@ def _hinge(contact: ContactSpec, T: Array, tilt: Array) -> tuple[Grip, Array, At
     to_axis = np.array(contact.point)
     foot = p + to_axis - axis * axis.dot(to_axis)
     arm = p - foot
-    if not np.linalg.norm(arm) > 0.0:
+    if not np.linalg.norm(arm) > LEAST_ARM:
         raise BadInput("contact.point", f"{list(contact.point)}, the tool on the axis", "an axis beside the tool")
     x = arm / np.linalg.norm(arm)
     handle = se3.transform(np.column_stack((x, np.cross(axis, x), axis)), p)

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
 from invariantqp.control.hybrid import HybridController
-from invariantqp.control.log import Log
+from invariantqp.control.log import Log, distance
 from invariantqp.control.own_form import tool_metric
 from invariantqp.control.pilots import Alone, InTouch, Offsets, Pilot, Together, Wish
 from invariantqp.control.plant import IdealPlant, Plant
@@ -128,7 +128,7 @@ def run_task(
     start = task.start()
     scene = None
     if task.contact is not None and task.force is not None:
-        scene = scene_of(task.contact, task.force, task.physics, robot.pose(start))
+        scene = scene_of(task.contact, task.force, robot.pose(start))
     plant = _plant(task, robot, scene, physics)
     offsets = Offsets(
         *(
@@ -153,13 +153,13 @@ def run_task(
     targets = [moved.target(T.dot(offset)) for T in wanted]
     ahead = [np.zeros(6) if task.path.jumps else se3.log(b.dot(se3.inverse(a))) / law.dt for a, b in pairwise(wanted)]
     noise = np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start)))
-    log = Log(scene)
+    log = None if scene is None else Log(scene)
     q = np.empty((n + 1, len(start)))
-    q[0] = start
     ticks = np.empty(n)
     solutions: list[VelocitySolution] = []
     for k in range(n):
         sensed = plant.sense()
+        q[k] = sensed.q
         sensed = sensed._replace(q=sensed.q + noise[k])
         wish = Wish(targets[k], ahead[k], time[k])
         before = perf_counter_ns()
@@ -167,22 +167,25 @@ def run_task(
         ticks[k] = perf_counter_ns() - before
         solutions.append(solution)
         plant.command(solution.velocity)
-        truth = plant.truth()
-        q[k + 1] = truth.q
-        log.add(truth, wanted[k + 1], getattr(pilot, "measured", None))
+        if log is not None:
+            log.add(plant.truth(), wanted[k + 1], pilot.measured)
         if observer is not None:
-            observer(k, truth, solution)
+            observer(k, plant.truth(), solution)
         if progress is not None:
             progress(k + 1, n)
-    form = pilot.form
+    q[n] = plant.sense().q
+    if log is not None:
+        errors = np.array(log.errors)
+    else:
+        errors = np.array([distance(robot.pose(q[k + 1]), wanted[k + 1]) for k in range(n)])
     return Trace(
         task=task,
         names=robot.names,
         time=time,
         q=q,
         velocity=np.array([s.velocity for s in solutions]),
-        position_error=np.array(log.position),
-        orientation_error=np.array(log.orientation),
+        position_error=errors[:, 0],
+        orientation_error=errors[:, 1],
         position_limits=np.stack((robot.position_lower, robot.position_upper)),
         velocity_limit=robot.velocity_limit,
         methods=[s.method for s in solutions],
@@ -190,11 +193,11 @@ def run_task(
         bound=[bool(s.active) for s in solutions],
         tick_ns=ticks,
         wanted=np.array(wanted),
-        form="" if form is None else form.describe(),
-        warnings=_warnings(robot, form, q, solutions),
+        form="" if pilot.form is None else pilot.form.describe(),
+        warnings=_warnings(robot, pilot.form, q, solutions),
         physics=physics,
         settled=first,
-        contact=log.contact(),
+        contact=None if log is None else log.contact(),
     )
 
 

@@ -1,7 +1,10 @@
 // Curves over time with a cursor, and bars of joints in their ranges.
 
 const ink = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const written = x => x === 0 ? "0" : Math.abs(x) >= 1e4 || Math.abs(x) < 1e-3 ? x.toExponential(1) : `${+x.toPrecision(3)}`;
+const written = x => {
+  const size = Math.abs(x);
+  return size >= 1e4 || (size > 0 && size < 1e-3) ? x.toExponential(1) : `${+x.toPrecision(3)}`;
+};
 
 class Chart {
   constructor(side, chart, time, bound, seek) {
@@ -34,7 +37,8 @@ class Chart {
       low = Math.min(high - 1, Math.max(Math.floor(low), high - 7));
     }
     else { const room = 0.08 * (high - low) || 0.5; low -= room; high += room; }
-    const rough = (high - low) / Math.max(2, (this.canvas.clientHeight - 26) / 17), ten = 10 ** Math.floor(Math.log10(rough));
+    const rough = (high - low) / Math.max(2, (this.canvas.clientHeight - 26) / 17);  // ticks 17 pixels apart
+    const ten = 10 ** Math.floor(Math.log10(rough));
     let step = ten * [1, 2, 5, 10].find(s => s * ten >= rough);
     if (log) step = Math.max(1, Math.ceil(step));
     const ticks = [];
@@ -58,7 +62,9 @@ class Chart {
     const x = t => 46 + t / last * (w - 54), y = v => 6 + (high - v) / (high - low) * (h - 26);
     pen.font = "11px system-ui, sans-serif";
     pen.fillStyle = ink("--well");
-    bound.forEach((on, i) => { if (on && i) pen.fillRect(x(time[i - 1]), 6, x(time[i]) - x(time[i - 1]) + 0.5, h - 26); });
+    bound.forEach((on, i) => {
+      if (on && i) pen.fillRect(x(time[i - 1]), 6, x(time[i]) - x(time[i - 1]) + 0.5, h - 26);
+    });
     pen.textBaseline = "middle";
     pen.lineWidth = 1;
     for (const v of ticks) {
@@ -112,7 +118,12 @@ class Bars {
       row.style.setProperty("--colour", run.colours[i]);
       const label = cell(row);
       label.textContent = label.title = name;
-      const bar = () => { const b = document.createElement("div"); b.className = "bar"; b.append(document.createElement("b")); return b; };
+      const bar = () => {
+        const well = document.createElement("div");
+        well.className = "bar";
+        well.append(document.createElement("b"));
+        return well;
+      };
       const place = bar(), speed = bar();
       cell(row).append(place);
       const number = cell(row);

@@ -82,10 +82,12 @@ class Painter {
     }
   }
 
-  text(words, at, ink) {
-    const p = this.project(at);
+  // Words beside a point, on the side away from another.
+  text(words, at, ink, other = null) {
+    const p = this.project(at), q = other && this.project(other), left = q && p && q[0] > p[0];
     if (p) this.faces.push({ depth: 0, paint: pen => {
-      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink; pen.fillText(words, p[0] + 14, p[1] + 4);
+      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink; pen.textAlign = left ? "right" : "left";
+      pen.fillText(words, p[0] + (left ? -14 : 14), p[1] + 4);
     } });
   }
 
@@ -113,18 +115,7 @@ class Painter {
     }
   }
 
-  ball(centre, r, colour) {
-    const p = this.project(centre);
-    if (!p) return;
-    const radius = r * this.focal / p[2], shade = s => `rgb(${colour.map(x => Math.min(255, s * x) | 0)})`;
-    this.faces.push({ depth: p[2] - 0.5 * r, paint: pen => {
-      const g = pen.createRadialGradient(p[0] - 0.3 * radius, p[1] - 0.45 * radius, 0.1 * radius, p[0], p[1], radius);
-      g.addColorStop(0, shade(1.0)); g.addColorStop(1, shade(0.72));
-      pen.fillStyle = g; pen.beginPath(); pen.arc(p[0], p[1], radius, 0, 7); pen.fill();
-    } });
-  }
-
-  // Grid lines on the floor, and the shadow of a polyline on it, under everything else.
+  // Grid lines on the floor, under everything else.
   floor(height, ink) {
     const { pen, size } = this, step = 10 ** Math.floor(Math.log10(size / 1.5)), n = Math.ceil(1.8 * size / step);
     const [x, y] = this.home.target.map(c => Math.round(c / step) * step);
@@ -141,6 +132,7 @@ class Painter {
     }
   }
 
+  // What a polyline would shade of the floor at noon.
   shadow(points, height, width, ink) {
     const seen = points.map(p => this.project([p[0], p[1], height]));
     if (seen.includes(null)) return;
@@ -165,7 +157,9 @@ class Painter {
       const s = c.reach / this.focal;
       c.target = add(add(c.target, this.right, -s * dx), this.up, s * dy);
     };
-    const zoom = s => { this.camera.reach = Math.min(20 * this.size, Math.max(0.2 * this.size, this.camera.reach * s)); };
+    const zoom = s => {
+      this.camera.reach = Math.min(20 * this.size, Math.max(0.2 * this.size, this.camera.reach * s));
+    };
     canvas.addEventListener("pointerdown", e => { canvas.setPointerCapture(e.pointerId); held.set(e.pointerId, e); });
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, e => held.delete(e.pointerId));
     canvas.addEventListener("pointermove", e => {

@@ -104,11 +104,16 @@ function draw() {
       const way = unit(push), tip = add(at, way, 0.35 * r * size / run.strongest), neck = add(tip, way, -0.06 * r);
       if (dot(add(neck, at, -1), way) > 0) painter.bar(at, neck, 0.014 * r, 0.014 * r, HUES.force, 3);
       painter.bar(neck, tip, 0.035 * r, 0.001 * r, HUES.force);
-      painter.text(`${size.toFixed(1)} N`, tip, "#D55E00");
+      painter.text(`${size.toFixed(1)} N`, tip, "#D55E00", at);
     }
   }
   painter.end();
-  $("told").innerHTML = told.map(s => s.startsWith("limit") || /^status (?!ok)/.test(s) ? `<span class="bad">${s}</span>` : s).join("\n");
+  $("told").replaceChildren(...told.map(words => {
+    const line = document.createElement("span");
+    line.className = /^limit|^status (?!ok)/.test(words) ? "bad" : "";
+    line.textContent = `${words}\n`;
+    return line;
+  }));
   for (const chart of charts) chart.draw(state.t);
   bars.draw(between("q", f), row("speed", i));
   $("time").value = state.t;

@@ -40,7 +40,7 @@ def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
         return Surroundings(np.empty((0, 4, 3)))
     T = robot.pose(task.start())
     margin = MARGIN * float(np.linalg.norm(T[:3, 3]))
-    touch = scene_of(task.contact, task.force, task.physics, T).touch
+    touch = scene_of(task.contact, task.force, T).touch
     if isinstance(touch, Grip):
         along, foot = screws.axis(touch.screw)
         middle = foot + along * along.dot(T[:3, 3])
