@@ -1,8 +1,15 @@
-"""A plane that pushes back in proportion to how far a tool is in it: all the world that the hybrid tests need."""
+"""A plane that pushes back in proportion to how far a tool is in it, and a pen on it: the world of the hybrid tests."""
 
 from __future__ import annotations
 
 import numpy as np
+
+import invariantqp as iq
+
+UP = np.array([0.0, 0.0, 1.0])
+PANDA = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+SO101 = np.array([0.1, -0.4, 0.5, 0.6, 0.2])
+DT = 1e-3
 
 
 def exerted(points, height, stiffness):
@@ -30,3 +37,50 @@ def circle(start, radius, period):
         return T, np.concatenate((np.zeros(3), v))
 
     return at
+
+
+def gantry():
+    """Three slides and three turns about the tool's origin: joint velocities held for a tick move the tip exactly."""
+    slides = [iq.prismatic(a) for a in np.eye(3)]
+    turns = [iq.revolute(a) for a in np.eye(3)[::-1]]
+    return iq.Chain(np.column_stack(slides + turns), np.eye(4))
+
+
+def tip(tool):
+    return iq.point_contact(tool[:3, 3], UP)
+
+
+def pen(press=5.0, contact=tip, **options):
+    return iq.HybridTask(contact, [press], **options)
+
+
+class Bench:
+    """A tool on a spring plane; `tick` is one tick of the loop and of the world."""
+
+    def __init__(self, robot, q, task, *, stiffness=1e4, depth=0.0, half=0.0, dt=DT, **options):
+        self.robot, self.q, self.dt = robot, np.array(q), dt
+        self.loop = iq.HybridController(robot, task, dt=dt, **options)
+        self.start = robot.pose(q)
+        self.stiffness, self.half = stiffness, half
+        self.height = self.start[2, 3] + depth
+
+    def wrench(self):
+        pose = self.robot.pose(self.q)
+        points = corners(pose, self.half) if self.half else [pose[:3, 3]]
+        return exerted(points, self.height, self.stiffness)
+
+    def tick(self, target=None, ahead=None, **more):
+        target = self.start if target is None else target
+        solution = self.loop.step(self.q, target, self.wrench(), ahead, **more)
+        self.q = self.q + self.dt * solution.velocity
+        return solution
+
+    def run(self, ticks, path=None):
+        return [self.tick(*path(k * self.dt)) if path else self.tick() for k in range(ticks)]
+
+
+def carried(rule, contact):
+    """The rule told in the base frame; none is the complement Z = C W of the default compliance."""
+    B = iq.coadjoint(contact.pose)
+    M = rule.get("metric", None if rule else np.repeat([0.05**2, 1.0], 3))
+    return rule if "h" in rule else {"metric": B @ np.diag(M) @ B.T}

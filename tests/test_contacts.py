@@ -86,10 +86,10 @@ def test_no_power_leaks_over_ten_thousand_random_contacts_and_frames():
     """W'Ps = 0 for whatever twist, in whatever frame the contact is seen from."""
     rng = np.random.default_rng(0)
     worst, seen = 0.0, 0
-    for _ in range(2000):
+    for _ in range(1000):
         contact = random_contact(rng)
         split = random_split(rng, contact.freedoms)
-        for _ in range(5):
+        for _ in range(10):
             T = motion(rng, reach=3.0)
             W, P, s = contact.moved(T).constraints, split.moved(T).motion, rng.normal(size=6)
             power, terms = np.abs(W.T @ (P @ s)), np.abs(W).T @ np.abs(P) @ np.abs(s)

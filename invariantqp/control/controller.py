@@ -180,7 +180,12 @@ class Controller:
         return self._tick(_State(positions, sighting, target), s, velocity, self.gain, feedforward)
 
     def follow(
-        self, q: ArrayLike, twist: ArrayLike, velocity: ArrayLike | None = None, rows: ExactRows | None = None
+        self,
+        q: ArrayLike,
+        twist: ArrayLike,
+        velocity: ArrayLike | None = None,
+        rows: ExactRows | None = None,
+        sighting: Sighting | None = None,
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; what is met exactly is then met for that twist.
 
@@ -189,6 +194,7 @@ class Controller:
             twist: (6,) wanted, base frame [rad/s; length/s].
             velocity: as in `step`.
             rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
+            sighting: what the robot saw at q in this tick, if it has looked already.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -198,8 +204,9 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.twist(twist)
-        here = self.robot.target(self.robot.pose(positions))
-        return self._tick(_State(positions, self.robot.sight(positions, here), here), s, velocity, 0.0, s, rows)
+        if sighting is None:
+            sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
+        return self._tick(_State(positions, sighting, sighting.pose), s, velocity, 0.0, s, rows)
 
     def rest(self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None) -> VelocitySolution:
         """One tick of standing still, or of the way back inside limits that leave no rest.

@@ -192,9 +192,9 @@ class HybridController:
             law = loop.rest(positions, "", velocity)
         elif verdict.action == RETREAT:
             motion, force = np.zeros(6), self.task.retreat_speed * A.dot(np.asarray(contact.kind.out))
-            law = loop.follow(positions, force, velocity)
+            law = loop.follow(positions, force, velocity, None, sighting)
         else:
-            law = loop.follow(positions, motion + force, velocity, self._rows(contact, sighting.J, force))
+            law = loop.follow(positions, motion + force, velocity, self._rows(contact, sighting.J, force), sighting)
         self._watch, self._smoothing = watch, smoothing
         return HybridSolution(
             velocity=law.velocity,

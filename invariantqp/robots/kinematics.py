@@ -21,7 +21,7 @@ class Sighting(NamedTuple):
     Attributes:
         J: (6, m) joint twists.
         error: (6,) twist that takes the tool to its target in unit time; the same whatever frame the tool has.
-        pose: the tool pose, in whatever form `points` takes.
+        pose: the tool pose, in whatever form `points` takes, for here and for there.
     """
 
     J: Array
