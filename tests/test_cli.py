@@ -106,6 +106,43 @@ def test_another_back_end_and_the_frame_check(run, task):
         assert law in out
 
 
+PEN = """
+[contact]
+kind = "point"
+gap = 0.001
+settle = 0.3
+[force]
+press = 5.0
+rate = 60.0
+"""
+
+
+def test_a_run_in_contact(run, task, tmp_path):
+    task.write_text(TASK + PEN, encoding="utf-8")
+    plot, figures = tmp_path / "pen.png", tmp_path / "pen.json"
+    status, out, err = run("run", task, "--plot", plot, "--json", figures, "--check-frame")
+    assert (status, err) == (0, "")
+    for said in ("force error", "rms of the wanted force", "counted from 0.3 s on", "invariantqp", "Raibert-Craig"):
+        assert said in out
+    assert plot.stat().st_size > 5000
+    written = json.loads(figures.read_text(encoding="utf-8"))
+    assert 0.0 < written["force_error_relative_rms"] < 0.02
+    assert written["physics"] == "ideal"
+
+
+def test_a_run_on_the_physics_engine(run, task):
+    pytest.importorskip("mujoco")
+    task.write_text(TASK + PEN + "[accept_mujoco]\nforce_error = 0.2\n", encoding="utf-8")
+    status, out, _ = run("run", task, "--physics", "mujoco")
+    assert status == 0
+    assert "physics: mujoco" in out
+    task.write_text(TASK + PEN + "[accept_mujoco]\nforce_error = 1e-6\n", encoding="utf-8")
+    status, _, err = run("run", task, "--physics", "mujoco", "--quiet")
+    assert status == 1
+    assert "not accepted: force error, rms," in err
+    assert run("run", task, "--physics", "bullet")[0] == 2
+
+
 def test_the_tasks_are_listed(run):
     status, out, _ = run("tasks")
     assert status == 0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from random_systems import motion
 from test_taskfile import content, pen
 
 import invariantqp as iq
@@ -83,6 +84,9 @@ def test_an_operator_moves_on_the_plane_and_cannot_leave_it(physics):
     limit = {"ideal": 1e-5, "mujoco": 1e-3}[physics]
     assert np.abs(heights).max() < limit  # though 50 mm/s were pushed off the plane
     assert max(np.hypot(*T[:2, 3] - poses[0][:2, 3]) for T in poses) > 0.1
+    if physics == "ideal":
+        moved = iq.run_task(task, tool_offset=motion(np.random.default_rng(0), 0.25))
+        np.testing.assert_allclose(moved.q, trace.q, atol=1e-9)
     alone = task.model_copy(update={"operator": task.operator.model_copy(update={"strays": 0.0, "tilts": 0.0})})
     np.testing.assert_allclose(iq.run_task(alone, physics=physics).q, trace.q, atol=1e-9)
 

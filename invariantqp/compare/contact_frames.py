@@ -71,7 +71,7 @@ class Textbook:
         self._reading = se3.coadjoint(se3.inverted(offsets.sensor))
         self._loop = RaibertCraig(
             robot,
-            SELECTIONS[scene.kind],
+            SELECTIONS[scene.touch.shape],
             np.eye(3),
             scene.wanted,
             dt=law.dt,

@@ -20,7 +20,7 @@ from invariantqp.control.picture import COLOURS
 from invariantqp.control.trace import Trace
 from invariantqp.geometry.arrays import Array
 
-# Of the horizontal direction in the picture: the base's x where the plane has one.
+# A normal this much along the base's x has the base's y as the picture's first axis.
 NEARLY_ALONG = 0.9
 # Readings are drawn this far beyond the wanted force at most, so that noise does not hide the force.
 SHOWN = 2.0
@@ -67,7 +67,7 @@ def _force(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     axes.set_ylim(min(-0.1 * contact.wanted, 0.0), SHOWN * contact.wanted)
     axes.set_ylabel("force [N]")
     axes.legend(loc="upper right", fontsize=8, ncols=3)
-    _settling(axes, trace)
+    _settling(axes, trace, "")
 
 
 def _errors(axes: Axes, trace: Trace) -> None:
@@ -79,15 +79,15 @@ def _errors(axes: Axes, trace: Trace) -> None:
     axes.set_xlabel("time [s]")
     axes.set_ylim(bottom=0.05 * axes.get_ylim()[0])  # room for the legend
     axes.legend(loc="lower right", fontsize=8, ncols=2)
-    _settling(axes, trace)
+    _settling(axes, trace, "settling")
 
 
-def _settling(axes: Axes, trace: Trace) -> None:
+def _settling(axes: Axes, trace: Trace, said: str) -> None:
     if trace.settled:
         until = float(trace.time[trace.settled])
         axes.axvspan(0.0, until, color="#999999", alpha=0.18, linewidth=0)
         inside = axes.get_xaxis_transform()
-        axes.text(0.5 * until, 0.03, "settling", transform=inside, ha="center", fontsize=8, color="#555555")
+        axes.text(0.5 * until, 0.03, said, transform=inside, ha="center", fontsize=8, color="#555555")
 
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:

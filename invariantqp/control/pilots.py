@@ -96,9 +96,15 @@ class InTouch:
 
 
 class Together:
-    """An operator who moves the tool on a plane, straying off it, and the robot that keeps it there."""
+    """An operator who moves the tool on a plane, straying off it, and the robot that keeps it there.
 
-    def __init__(self, loop: Controller, operator: OperatorSpec) -> None:
+    Args:
+        loop: the velocity controller.
+        operator: what the operator does.
+        point: (3,) of the tool frame, about which the robot levels the tool [m].
+    """
+
+    def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
         plane = face_contact((0.0, 0.0, 0.0), operator.normal)
         lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
         theirs = plane.freedoms
@@ -109,12 +115,13 @@ class Together:
         self._shared = SharedTask(ours, theirs)
         self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
         self._beats = operator.beats
+        self._point = np.append(point, 1.0)
 
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
         robot = self._loop.robot
         sighting = robot.sight(sensed.q, wish.target)
-        here = se3.transform(None, robot.pose(sensed.q)[:3, 3])
+        here = se3.transform(None, robot.pose(sensed.q).dot(self._point)[:3])
         astray = se3.carried(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * wish.time)
         s = self._shared.moved(here).twist(self._loop.gain * sighting.error, wish.ahead + astray)
         return self._loop.follow(sensed.q, s)

@@ -47,7 +47,7 @@ class Scene:
     """What is touched, what the controller believes, and what it is to do there.
 
     Attributes:
-        kind: of contact, as the task file has it.
+        kind: of contact, in its own frame.
         touch: the contact as it is.
         wrist: the force sensor as it is.
         task: for the hybrid controller.
@@ -57,7 +57,7 @@ class Scene:
         surface: what the controller believes to be there; None is a hinge.
     """
 
-    kind: str
+    kind: ContactKind
     touch: Touch | Grip
     wrist: Wrist
     task: HybridTask
@@ -95,16 +95,12 @@ class Scene:
     @cached_property
     def wanted(self) -> Array:
         """(6,) the wrench to exert, in the contact's frame."""
-        return self.task.split(self._kind).wanted(np.asarray(self.task.wrench))
+        return self.task.split(self.kind).wanted(np.asarray(self.task.wrench))
 
     @cached_property
     def wanted_norm(self) -> float:
         """|W_d| [N]."""
         return sqrt((self.wanted * self.wanted).dot(self._weights))
-
-    @cached_property
-    def _kind(self) -> ContactKind:
-        return self.task.contact_at(np.eye(4)).kind
 
     @cached_property
     def _weights(self) -> Array:
@@ -114,12 +110,12 @@ class Scene:
     @cached_property
     def _resisted(self) -> Array:
         """P* along the contact's stiffness, whatever the controller uses."""
-        return dual_projectors(np.asarray(self._kind.freedoms), metric=self.stiffness).force
+        return dual_projectors(np.asarray(self.kind.freedoms), metric=self.stiffness).force
 
     @cached_property
     def _free(self) -> tuple[Array, Array]:
         """Orthonormal turns and slides of the tool's point that the contact leaves free."""
-        S = np.asarray(self._kind.freedoms)
+        S = np.asarray(self.kind.freedoms)
         return orth(S[:3]), orth(S[3:])
 
 
@@ -161,7 +157,7 @@ def scene_of(contact: ContactSpec, force: ForceSpec, T: Array) -> Scene:
         origin=se3.inverted(mount)[:3, 3],
     )
     wrist = Wrist(mount, force.tool_mass, force.tool_centre)
-    return Scene(contact.kind, touch, wrist, task, sensor, stiffness, normal, surface)
+    return Scene(at(T).kind, touch, wrist, task, sensor, stiffness, normal, surface)
 
 
 def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float]:

@@ -145,7 +145,7 @@ def run_task(
     back = se3.inverse(offset)
     points = {key: back.dot([*getattr(law, key), 1.0])[:3] for key in ("point", "tool_speed_point")}
     law = law.model_copy(update={key: tuple(p.tolist()) for key, p in points.items()})
-    pilot = _alone(task, controller(moved, law)) if scene is None else hybrid(moved, law, scene, offsets)
+    pilot = _alone(task, law, controller(moved, law)) if scene is None else hybrid(moved, law, scene, offsets)
     settle = 0.0 if task.contact is None else task.contact.settle
     first, n = round(settle / law.dt), max(1, round((settle + task.path.duration) / law.dt))
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
@@ -213,9 +213,9 @@ def _plant(task: Task, robot: Robot, scene: Scene | None, physics: str) -> Plant
     return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, touch, wrist, given)
 
 
-def _alone(task: Task, loop: Controls) -> Pilot:
+def _alone(task: Task, law: LawSpec, loop: Controls) -> Pilot:
     if task.operator is not None and isinstance(loop, Controller):
-        return Together(loop, task.operator)
+        return Together(loop, task.operator, np.array(law.point))
     return Alone(loop)
 
 

@@ -44,6 +44,8 @@ TOOL_RADIUS = 0.03
 # Mass of a door [kg], and half its width [m].
 DOOR_MASS = 5.0
 DOOR_HALF = 0.3
+# A pitch below this [m/rad] is rounding.
+LEAST_PITCH = 1e-9
 # What a massless link is given to be movable at all [kg, kg m^2].
 LEAST_MASS = 1e-6
 LEAST_INERTIA = 1e-9
@@ -83,8 +85,7 @@ class MujocoPlant:
             BadInput: a contact that this scene has no shape for.
         """
         self._physics = Physics() if physics is None else physics
-        self._wrist = Wrist(np.eye(4)) if wrist is None else wrist
-        self._dt = dt
+        wrist = Wrist(np.eye(4)) if wrist is None else wrist
         tool = getattr(robot, "tool", "").removesuffix(" link")
         try:
             spec = mujoco.MjSpec.from_string(chain_xml(urdf, tool, robot.names))
@@ -92,11 +93,11 @@ class MujocoPlant:
             raise RobotModelError(f"{urdf.name}: MuJoCo cannot read it ({error})") from error
         self._steps = max(1, round(dt / SUBSTEP))
         _settings(spec, dt / self._steps)
-        _add_tool(spec, tool, self._wrist)
+        _add_tool(spec, tool, wrist)
         if isinstance(touch, Touch):
-            _add_surface(spec, touch, self._wrist, robot.pose(start), self._physics)
+            _add_surface(spec, touch, wrist, robot.pose(start), self._physics)
         elif touch is not None:
-            _add_door(spec, touch, self._wrist, self._physics)
+            _add_door(spec, touch, wrist, self._physics)
         for name in robot.names:
             spec.joint(name).limited = 0  # limits are the controller's to keep
             spec.add_actuator(
@@ -249,7 +250,7 @@ def _add_surface(spec: Any, touch: Touch, wrist: Wrist, T: Array, physics: Physi
 def _add_door(spec: Any, grip: Grip, wrist: Wrist, physics: Physics) -> None:
     """A door on its hinge, tied to the tool at the points of the grip."""
     axis, moment = grip.screw[:3], grip.screw[3:]
-    if abs(axis.dot(moment)) > 1e-9 * axis.dot(axis):
+    if abs(axis.dot(moment)) > LEAST_PITCH * axis.dot(axis):
         raise BadInput("physics", "a hinge with a pitch", "pitch 0 with MuJoCo", "Run it with the ideal physics.")
     foot = np.cross(axis, moment) / axis.dot(axis)
     door = spec.worldbody.add_body(

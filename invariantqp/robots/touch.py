@@ -55,6 +55,7 @@ class Grip:
     """A tool that holds what turns about an axis.
 
     Attributes:
+        shape: "hinge".
         points: (n, 3) of the tool frame [m], each tied to the point of the door that it is on at angle 0.
         home: (4, 4) tool pose at angle 0.
         screw: (6,) twist of the door, in the base frame.
@@ -65,6 +66,7 @@ class Grip:
     home: Array
     screw: Array
     stiffness: float
+    shape: Literal["hinge"] = "hinge"
 
     def held(self, angle: float) -> Array:
         """(n, 3) where the points of the door are at an angle."""
