@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
 from invariantqp.compare.charts.loops import failed
-from invariantqp.compare.charts.style import chart, look, percent, short
+from invariantqp.compare.charts.style import chart, percent, short
 from invariantqp.compare.invariant import OURS
 from invariantqp.compare.results import Results, family, picked
 from invariantqp.geometry.arrays import Array
@@ -27,6 +26,8 @@ FAILURE = (
 # White where nothing fails, dark where everything does; told apart in grey too.
 SHADES = LinearSegmentedColormap.from_list("failures", ["#ffffff", "#f6c667", "#d55e00", "#3b0f1e"])
 WAYS = {"raised": "#000000", "not_finite": "#0072B2", "outside": "#D55E00"}
+# Letters in a line as wide as a chart.
+LINE = 135
 SAID = {"raised": "raised", "not_finite": "NaN or infinite", "outside": "further outside limits"}
 
 
@@ -133,23 +134,18 @@ def failed_chart(results: Results, file: Path) -> None:
     found = failed(results)
     some = sorted((name for name in found if sum(found[name].values()) > 0.0), key=lambda n: sum(found[n].values()))
     never = [name for name in found if name not in some]
-    with chart(file, 1, height=0.24 * len(some) + 1.9) as (_, panels):
+    with chart(file, 1, height=0.24 * len(some) + 2.0) as (figure, panels):
         axes = panels[0, 0]
         left = np.zeros(len(some))
         for way, colour in WAYS.items():
             width = 100.0 * np.array([found[name][way] for name in some])
-            axes.barh(some_short(some), width, left=left, color=colour, height=0.7, label=SAID[way])
+            axes.barh([short(name) for name in some], width, left=left, color=colour, height=0.7, label=SAID[way])
             left += width
         for row, total in enumerate(left.tolist()):
             axes.text(total, row, f" {total:.2g}", va="center", fontsize=8.0)
-        for tick, name in zip(axes.get_yticklabels(), some, strict=True):
-            tick.set_color(look(results, name).colour)
         axes.set_xlabel("failed ticks [%], mean over the hard runs")
+        axes.margins(x=0.08)
         axes.legend(loc="lower right", frameon=False)
-        none = fill("No failed tick: " + ", ".join(short(n) for n in never) + ".", 150)
-        axes.set_title(none, fontsize=8.0)
-
-
-def some_short(names: Sequence[str]) -> list[str]:
-    """Names as charts write them."""
-    return [short(name) for name in names]
+        if never:
+            said = "No failed tick: " + "; ".join(short(name) for name in never) + "."
+            figure.suptitle(fill(said, LINE, break_on_hyphens=False), x=0.01, ha="left", fontsize=8.0)
