@@ -53,6 +53,12 @@ def test_cells_are_kinds_times_tasks_times_methods(toys):
     assert [c.methods for c in by_kind["timed"]] == [("Moore-Penrose, pinv",)] * 2
     assert [c.kind for c in work[-2:]] == ["timed", "timed"]
     assert {c.seed for c in work} == {3}
+    variants = ["Moore-Penrose, pinv", "Moore-Penrose, LU", "SNS"]
+    toys["all"] = Kind(counted, variants=True)
+    work = cells(["t"], variants, quick=True)
+    assert [c.method for c in work if c.kind == "counted"] == ["Moore-Penrose, pinv", "SNS"]
+    assert [c.method for c in work if c.kind == "all"] == variants
+    assert [c.method for c in cells(["t"], variants) if c.kind == "counted"] == variants
     with pytest.raises(UnknownName, match="unknown measurement 'count'; did you mean counted"):
         cells(["t"], FEW, only=["count"])
 

@@ -14,7 +14,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 SAYS = {
     "01_follow_a_path": "micrometres off the line",
     "02_pseudoinverse": "no 0-pseudoinverse",
-    "10_speed_and_accuracy": "limits met: 60 certified states",
+    "07_speed_and_accuracy": "to do so again: invariantqp compare",
     "11_which_pitch": "h = 4 L",
     "12_tool_speed": "fastest tool 2",
     "20_stewart_platform": "",

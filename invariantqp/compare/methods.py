@@ -137,6 +137,15 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
     return {name: found[name] for name in table if name in found}
 
 
+def first_of_groups(names: Iterable[str]) -> list[str]:
+    """The names without those that share a group with one before them."""
+    table = methods()
+    firsts: dict[str, str] = {}
+    for name in names:
+        firsts.setdefault(table[name].group or name, name)
+    return list(firsts.values())
+
+
 def _split(text: str, table: dict[str, Method]) -> list[str]:
     """Names apart by commas, some of which have commas of their own."""
     parts = [part.strip() for part in text.split(",") if part.strip()]

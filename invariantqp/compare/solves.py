@@ -140,6 +140,6 @@ def has_solver(name: str) -> bool:
 
 
 KINDS: dict[str, Kind] = {
-    "error": Kind(errors, together=True, fits=has_solver),
-    "time": Kind(times, alone=True, fits=has_solver),
+    "error": Kind(errors, together=True, fits=has_solver, variants=True),
+    "time": Kind(times, alone=True, fits=has_solver, variants=True),
 }

@@ -37,7 +37,7 @@ import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 
 from invariantqp.compare.machine import machine, source_digest, versions
-from invariantqp.compare.methods import chosen
+from invariantqp.compare.methods import chosen, first_of_groups
 from invariantqp.compare.results import SCHEMA, Results
 from invariantqp.control.simulate import Progress
 from invariantqp.control.taskfile import load_task
@@ -88,6 +88,7 @@ class Kind:
         tasks: the kind's own; None for the tasks of the sweep.
         together: whether all methods of a task share a cell though they are not timed (a shared reference, say).
         fits: which methods it is for, by name; all of them by default.
+        variants: whether a quick run has all methods of a group, which differ by a setting alone, or the first.
     """
 
     measure: Callable[[Cell], dict[str, Result]]
@@ -95,6 +96,7 @@ class Kind:
     tasks: tuple[str, ...] | None = None
     together: bool = False
     fits: Callable[[str], bool] = lambda _: True
+    variants: bool = False
 
 
 class ReferenceFailure(InvariantQPError):
@@ -134,6 +136,8 @@ def cells(
         if only is not None and name not in only:
             continue
         fitting = [method for method in methods if kind.fits(method)]
+        if quick and not kind.variants:
+            fitting = first_of_groups(fitting)
         groups = [tuple(fitting)] if kind.alone or kind.together else [(method,) for method in fitting]
         places = tasks if kind.tasks is None else kind.tasks
         found += [Cell(name, task, group, seed, quick) for task in places for group in groups if group]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 from invariantqp.compare.invariant import OURS
 from invariantqp.compare.page import Table, table_markdown
@@ -34,11 +34,6 @@ def figure(value: float | None, style: str = "{:.3g}") -> str:
     return NOTHING if value is None else style.format(value)
 
 
-def error_figure(value: float | None) -> str:
-    """An error as text: its order of magnitude is what matters."""
-    return figure(value, "{:.0e}")
-
-
 def across(results: Results, kind: str, method: str, *path: str) -> float | None:
     """The median over tasks of one figure of a method; None where it has none."""
     found = []
@@ -51,35 +46,43 @@ def across(results: Results, kind: str, method: str, *path: str) -> float | None
     return median(found) if found else None
 
 
-def summary(results: Results, methods: Sequence[str] | None = None) -> Table:
-    """One row a method, figures medians over the tasks."""
-    columns = (
-        "method",
-        "free, us",
-        "error",
-        "limits met, us",
-        "error",
-        "near-singular, us",
-        "error",
-        "missed",
-        "tick, us",
-        "tracking, mm",
-        "failed ticks",
-    )
+class Column(NamedTuple):
+    """A column of the summary: its heading, the figure's kind and place in a result, how it is written."""
+
+    heading: str
+    kind: str
+    path: tuple[str, ...]
+    style: str = "{:.3g}"
+
+
+ERROR = "{:.0e}"
+FREE = (Column("free, us", "time", ("free", "median_us")), Column("error", "error", ("free", "error"), ERROR))
+LIMITED = (
+    Column("limits met, us", "time", ("limited", "median_us")),
+    Column("error", "error", ("limited", "error"), ERROR),
+)
+SINGULAR = (
+    Column("near-singular, us", "time", ("singular", "median_us")),
+    Column("error", "error", ("singular", "error"), ERROR),
+)
+MISSED = Column("missed", "error", ("limited", "missed"), "{:.2f}")
+LOOPS = (
+    Column("tick, us", "tick", ("median_us",)),
+    Column("tracking, mm", "closed_loop", ("position_mm", "max"), "{:.2g}"),
+    Column("frame", "dependence", ("frame", "median"), ERROR),
+)
+FAILED = Column("failed ticks", "closed_loop", ("failed_ticks",), "{:.1%}")
+SUMMARY = (*FREE, *LIMITED, *SINGULAR, MISSED, *LOOPS, FAILED)
+README = (*FREE, *LIMITED, *LOOPS)
+
+
+def summary(results: Results, methods: Sequence[str] | None = None, columns: Sequence[Column] = SUMMARY) -> Table:
+    """One row a method, figures medians over the tasks; a column without any is left out."""
     names = [m["name"] for m in results["methods"]] if methods is None else list(methods)
-    rows = []
-    for name in names:
-        row = [name]
-        for sort in ("free", "limited", "singular"):
-            row.append(figure(across(results, "time", name, sort, "median_us")))
-            row.append(error_figure(across(results, "error", name, sort, "error")))
-        row.append(figure(across(results, "error", name, "limited", "missed"), "{:.2f}"))
-        row.append(figure(across(results, "tick", name, "median_us")))
-        row.append(figure(across(results, "closed_loop", name, "position_mm", "max"), "{:.2g}"))
-        row.append(figure(across(results, "closed_loop", name, "failed_ticks"), "{:.1%}"))
-        rows.append(row)
-    kept = [k for k in range(len(columns)) if k == 0 or any(row[k] != NOTHING for row in rows)]
-    return Table([columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
+    found = {c: [across(results, c.kind, name, *c.path) for name in names] for c in columns}
+    kept = {c: values for c, values in found.items() if any(value is not None for value in values)}
+    rows = [[name, *(figure(values[k], c.style) for c, values in kept.items())] for k, name in enumerate(names)]
+    return Table(["method", *(c.heading for c in kept)], rows)
 
 
 def solves(results: Results, task: str) -> Table:
@@ -98,7 +101,7 @@ def solves(results: Results, task: str) -> Table:
         for sort in ("free", "limited", "singular"):
             e, t = (error or {}).get(sort, {}), (time or {}).get(sort, {})
             row += [figure(t.get("median_us")), figure(t.get("p99_us"))]
-            row += [error_figure(e.get("error")), error_figure(e.get("error_max"))]
+            row += [figure(e.get("error"), ERROR), figure(e.get("error_max"), ERROR)]
             row += [figure(e.get("missed"), "{:.2g}"), figure(e.get("failed"), "{:.0%}")]
         rows.append(row)
     return Table(columns, rows)
@@ -138,7 +141,7 @@ def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float 
 def readme_table(results: Results) -> str:
     """At most ten rows of the summary as Markdown: the README's."""
     names = [m["name"] for m in results["methods"]]
-    return table_markdown(summary(results, [name for name in README_METHODS if name in names]))
+    return table_markdown(summary(results, [name for name in README_METHODS if name in names], README))
 
 
 def with_table(readme: str, table: str) -> str:
