@@ -111,7 +111,7 @@ def test_a_run_tells_errors_speed_and_chatter_as_its_trace_has_them():
     cell = Cell("closed_loop", "ur5_wrist", ("DLS",), quick=True)
     found = tracked(cell)["DLS"]
     task = load_task("ur5_wrist")
-    trace = run_task(task, controller=closed_loop.controller_named("DLS"), dt=5.0 * task.law.dt)
+    trace = run_task(task, controller=closed_loop.controller_named("DLS"), dt=closed_loop.COARSER * task.law.dt)
     assert found["position_mm"]["p99"] == pytest.approx(1e3 * np.percentile(trace.position_error, 99))
     assert found["peak"] == pytest.approx(np.max(np.abs(trace.velocity) / trace.velocity_limit))
     steps = [np.abs(b - a).sum() for a, b in zip(trace.velocity[:-1], trace.velocity[1:], strict=True)]
