@@ -259,7 +259,7 @@ def inspect(
 def compare(
     tasks: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[TASK]...", help="Task files or names; three shipped ones if left out."),
+        typer.Argument(metavar="TASK", help="Task files or names; three shipped ones if left out."),
     ] = None,
     methods: Annotated[
         str | None,

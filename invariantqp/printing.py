@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 PLAIN_WIDTH = 100
 # Of tables there.
 WIDE = 140
+WIDEST = 180
 # How often a progress bar moves on its way.
 STEPS = 200
 
@@ -182,7 +183,7 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
     table = Table(*found.columns, box=None)
     for row in found.rows:
         table.add_row(*(_plain(cell) for cell in row))
-    console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
     for sentence in findings(results):
         console.print(f"- {sentence}", markup=False)

@@ -71,6 +71,16 @@ def test_a_toolbox_step_is_newtons_where_the_arm_is_regular():
     np.testing.assert_allclose(law.step(q, target).velocity, newton, atol=2e-4)
 
 
+@pytest.mark.parametrize("name", [name for name in SYSTEMS if "posture" not in name])
+def test_feedforward_is_the_velocity_of_the_path_where_the_error_is_none(name):
+    robot = iq.load_robot("ur5")
+    q = np.array([0.1, -1.2, 1.6, -0.6, -0.9, 0.3])
+    twist = np.array([0.02, -0.01, 0.03, 0.04, 0.02, -0.03])
+    law = methods()[name].system(robot, LawSpec(dt=0.01))
+    x = law.step(q, robot.target(robot.pose(q)), twist).velocity
+    np.testing.assert_allclose(x, np.linalg.solve(robot.jacobian(q), twist), rtol=0.02, atol=2e-4)
+
+
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_every_system_follows_a_short_task(name):
     task = load_task("ur5_wrist")
@@ -111,7 +121,7 @@ def test_a_run_tells_errors_speed_and_chatter_as_its_trace_has_them():
     cell = Cell("closed_loop", "ur5_wrist", ("DLS",), quick=True)
     found = tracked(cell)["DLS"]
     task = load_task("ur5_wrist")
-    trace = run_task(task, controller=closed_loop.controller_named("DLS"), dt=5.0 * task.law.dt)
+    trace = run_task(task, controller=closed_loop.controller_named("DLS"), dt=closed_loop.COARSER * task.law.dt)
     assert found["position_mm"]["p99"] == pytest.approx(1e3 * np.percentile(trace.position_error, 99))
     assert found["peak"] == pytest.approx(np.max(np.abs(trace.velocity) / trace.velocity_limit))
     steps = [np.abs(b - a).sum() for a, b in zip(trace.velocity[:-1], trace.velocity[1:], strict=True)]
@@ -132,6 +142,13 @@ def test_every_way_to_fail_a_tick_is_counted(law):
     assert found["raised"] == found["not_finite"] == 0.25
     assert found["outside"] >= 0.25
     assert found["failed_ticks"] == pytest.approx(found["raised"] + found["not_finite"] + found["outside"])
+
+
+def test_a_law_that_drives_on_past_its_position_limits_is_outside(law):
+    law(lambda self, q: self.robot.velocity_limit)
+    found = failures(Cell("hard", "stability/jump", ("any",)))["any"]
+    assert 0.2 < found["outside"] < 0.9
+    assert found["raised"] == found["not_finite"] == 0.0
 
 
 def test_without_speed_limits_no_law_is_told_of_them(law):

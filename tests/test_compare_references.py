@@ -65,14 +65,17 @@ def test_a_singular_arm_is_damped_by_the_rule_in_both():
     U, _ = np.linalg.qr(rng.normal(size=(6, 6)))
     V, _ = np.linalg.qr(rng.normal(size=(7, 7)))
     J = U * np.geomspace(1.0, 1e-4, 6) @ V[:6]
-    asked = Question(J, rng.normal(size=6), np.full(7, -0.1), np.full(7, 0.1))
-    free = asked._replace(lower=np.full(7, -np.inf), upper=np.full(7, np.inf))
+    s = rng.normal(size=6)
+    free = Question(J, s, np.full(7, -np.inf), np.full(7, np.inf))
+    reach = np.full(7, 0.8 * np.abs(iq.solve_velocity(J, s, form=PITCH, guard=False).velocity).max())
+    asked = free._replace(lower=-reach, upper=reach)
     for problem, question_ in (("adaptive", free), ("adaptive box", asked)):
         bounds = None if problem == "adaptive" else iq.Bounds(asked.lower, asked.upper)
         ours = iq.solve_velocity(J, asked.s, form=PITCH, bounds=bounds, guard=False)
         assert ours.damping > 0.0
         exact = reference(problem, question_, Setting(7, pitch=PITCH)).x
         np.testing.assert_allclose(ours.velocity, exact, atol=1e-8 * np.abs(exact).max())
+        assert len(ours.active) == (0 if bounds is None else 1)
 
 
 def test_references_that_disagree_stop_everything(monkeypatch):

@@ -17,7 +17,7 @@ def figures(task, name, seed=0):
 
 
 @pytest.mark.parametrize("task", ["panda_path", "so101_line", "arm_3r"])
-@pytest.mark.parametrize("name", ["invariantqp", "QP, DAQP", "h, factored", "body inertia"])
+@pytest.mark.parametrize("name", ["invariantqp", "QP, DAQP", "h, factored", "h, damped", "body inertia"])
 def test_an_invariant_law_does_not_know_where_frames_are_nor_the_unit_of_length(task, name):
     found = figures(task, name)
     assert found["frame"]["states"] == found["unit"]["states"] == 40

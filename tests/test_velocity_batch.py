@@ -64,8 +64,9 @@ def test_every_row_is_what_solve_velocity_says(seed, m, form, damping, guard, ac
     for i, solution in enumerate(found):
         one = iq.solve_velocity(J[i], s[i], bounds=boxes[i], posture=None if wanted is None else wanted[i], **options)
         size = np.linalg.norm(one.velocity)
-        conditioning = np.linalg.cond(J[i]) if i not in (2, 3) else 1.0
-        np.testing.assert_allclose(solution.velocity, one.velocity, rtol=0.0, atol=1e-13 * size * conditioning**2)
+        # What is settled together has |mu| within 1e4 of each other: twelve digits. The rest is the same computation.
+        accuracy = 0.0 if i in found.slow else 1e-11 * size
+        np.testing.assert_allclose(solution.velocity, one.velocity, rtol=0.0, atol=accuracy)
         np.testing.assert_allclose(found.residual[i], s[i] - J[i] @ found.velocity[i], atol=1e-12 * (1.0 + size))
         told = (solution.method, solution.status, solution.reason, solution.active, solution.scale, solution.guard)
         assert told == (one.method, one.status, one.reason, one.active, one.scale, one.guard)
@@ -98,6 +99,27 @@ def test_only_rows_that_meet_a_limit_are():
     assert set(found.slow) <= {1, 2, 3, 4, 6}
     assert found.method[6] == "qp"
     assert (np.abs(found.velocity[6]) <= reach[6]).all()
+
+
+def test_a_bound_that_is_all_but_met_is_told_as_one_row_tells_it():
+    _, J, s = rows(5, 4, achievable=False)
+    free = iq.solve_velocities(J, s, form=2.0, guard=False).velocity
+    reach = np.where(np.arange(4) == 2, np.abs(free) * (1.0 + 1e-9) + 1e-12, 1e6)
+    found = iq.solve_velocities(J, s, form=2.0, guard=False, bounds=(-reach, reach))
+    for i in (0, 5, 6):
+        one = iq.solve_velocity(J[i], s[i], form=2.0, guard=False, bounds=iq.Bounds(-reach[i], reach[i]))
+        assert one.active == (2,) == found.active[i]
+        assert one.reason == found.reason[i]
+
+
+def test_undamped_near_singular_rows_keep_the_digits_that_the_gram_matrix_loses():
+    rng = np.random.default_rng(6)
+    U, _, Vt = np.linalg.svd(rng.normal(size=(20, 6, 5)), full_matrices=False)
+    J = np.matmul(U * np.geomspace(1.0, 1e-4, 5), Vt)
+    s = rng.normal(size=(20, 6))
+    found = iq.solve_velocities(J, s, form=0.6, damping=0.0, guard=False)
+    expected = np.array([iq.pseudoinverse(row, 0.6) @ twist for row, twist in zip(J, s, strict=True)])
+    np.testing.assert_allclose(found.velocity, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
 
 
 def test_lists_one_twist_for_all_and_no_rows_at_all():

@@ -50,8 +50,8 @@ HARD = tuple(
     )
 )
 # Ticks so much longer in a quick run, and the runs of these kinds that are left in it.
-COARSER = 5.0
-QUICK = ("stability/ur5_wrist", "stability/outside_limits", "stability/rank_one")
+COARSER = 10.0
+QUICK = ("stability/ur5_wrist", "stability/outside_limits")
 # Stretches of consecutive ticks that are timed, and rounds: of a full run, of a quick one.
 STRETCHES, LENGTH, ROUNDS = 10, 20, 5
 QUICK_STRETCHES, QUICK_ROUNDS = 4, 2

@@ -34,7 +34,7 @@ from invariantqp.robots.load import load_robot
 # The two joints drawn over, by arm: those that make it singular.
 AXES = {"ur5": (2, 4), "so101": (2, 3)}
 # Squares along each axis, states in each: of a full map, of a quick one.
-GRID, SAMPLES = 24, 8
+GRID, SAMPLES = 20, 6
 QUICK_GRID, QUICK_SAMPLES = 12, 1
 # The motion asked for [rad/s], [m/s], and the tick [s].
 TURN, SPEED, TICK = 0.5, 0.25, 0.002

@@ -48,7 +48,7 @@ Result = dict[str, Any]
 # Seven joints whose limits bind, five joints, six joints through a singularity.
 DEFAULT_TASKS = ("panda_path", "so101_line", "ur5_wrist")
 # Of the figures kept: more than any repeats itself to.
-DIGITS = 6
+DIGITS = 4
 # What BLAS libraries read when they are loaded: times are of one thread.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -271,7 +271,7 @@ def write_results(file: Path, results: Results) -> None:
 
 
 def plain(value: Any) -> Any:
-    """The value with null for every figure that is no finite number, and six digits of every one that is."""
+    """The value with null for every figure that is no finite number, and four digits of every one that is."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

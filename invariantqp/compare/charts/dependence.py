@@ -55,12 +55,17 @@ def dependence_caption(results: Results) -> str:
     for way, words in (("frame", "with frames displaced"), ("unit", "in millimetres")):
         found = {p.method: p for p in points(results, way)}
         listed = [
-            f"{name} {found[name].y:.0e} (median {found[name].reach:.0e})"
+            f"{name} {found[name].y:.2g} (median {found[name].reach:.2g})"
             for name in (OURS, LU, "DLS", YARDSTICK, "Pink")
             if name in found
         ]
         if listed:
             said.append(f"Worst change {words}: {', '.join(listed)}.")
+    runs = picked(results, "trajectory")
+    moved = {name: max(run["change"] for (_, n), run in runs.items() if n == name) for _, name in runs}
+    if moved:
+        listed = [f"{name} {change:.2g}" for name, change in moved.items()]
+        said.append(f"A displaced tool frame changes joint positions along whole runs by [rad]: {', '.join(listed)}.")
     free = [
         task
         for (task, name), run in picked(results, "dependence").items()

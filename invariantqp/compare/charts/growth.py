@@ -50,7 +50,7 @@ def growth_chart(results: Results, file: Path) -> None:
         for axes in flat[len(there) :]:
             axes.set_axis_off()
             axes.text(0.0, 0.9, NOTE, va="top", transform=axes.transAxes, color="#555555")
-        families_legend(figure, results)
+        families_legend(figure, results, NAMED)
         ends = [_panel(axes, results, axis) for axes, axis in zip(flat, there, strict=False)]
         laid_out(figure)
         for axes, names in zip(flat, ends, strict=False):

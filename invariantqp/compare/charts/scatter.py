@@ -48,7 +48,8 @@ def scatter(
 ) -> None:
     """Panels of points on doubly logarithmic axes, with fronts, names and a legend of families."""
     corners = [_points(axes, points, results, alike) for axes, points in zip(panels, drawn, strict=True)]
-    families_legend(figure, results, [Line2D([], [], color=FRONT, linewidth=1.0, linestyle="--", label="Pareto front")])
+    edge = Line2D([], [], color=FRONT, linewidth=1.0, linestyle="--", label="Pareto front")
+    families_legend(figure, results, {p.method for points in drawn for p in points}, [edge])
     laid_out(figure)
     for axes, points, line in zip(panels, drawn, corners, strict=True):
         name_points(axes, [Named(p.x, p.y, short(p.method), is_ours(p.method)) for p in points], lines=line)

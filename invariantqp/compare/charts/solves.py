@@ -8,7 +8,7 @@ from invariantqp.compare.charts.scatter import Point, band, front, positive, sca
 from invariantqp.compare.charts.style import chart
 from invariantqp.compare.findings import residual
 from invariantqp.compare.invariant import OURS
-from invariantqp.compare.results import Results
+from invariantqp.compare.results import Results, picked
 from invariantqp.compare.tables import across
 
 # Errors below this are drawn there: less than the rounding of one number.
@@ -81,6 +81,11 @@ def main_caption(results: Results) -> str:
             f"{OURS} as commanded takes {mine.x:.0f} us there with prices and guard, which leaves its own QP's optimum "
             f"by {mine.y:.0e} where the descent guard asks for it."
         )
+    drawn = {p.method for sort in ("free", "limited") for p in points(results, sort)}
+    timed = {name for _, name in picked(results, "time")}
+    others = [m["name"] for m in results["methods"] if m["name"] in timed - drawn]
+    if others:
+        said.append(f"Not drawn, since they solve no problem that has an exact answer: {', '.join(others)}.")
     return " ".join([*said, *residual(results)])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from invariantqp.compare.invariant import OURS
-from invariantqp.compare.results import Results
+from invariantqp.compare.results import Results, family
 from invariantqp.control.picture import COLOURS
 
 # Inches; 100 dots to the inch are the width of a README.
@@ -93,8 +93,7 @@ def laid_out(figure: Figure) -> None:
 
 def look(results: Results, method: str) -> Look:
     """A method's colour and marker; grey for what has no family."""
-    families = {m["name"]: m["family"] for m in results["methods"]}
-    return LOOKS.get(families.get(method, ""), Look("#555555", "o"))
+    return LOOKS.get(family(results, method), Look("#555555", "o"))
 
 
 def short(method: str) -> str:
@@ -113,15 +112,15 @@ def is_ours(method: str) -> bool:
     return method == OURS
 
 
-def families_legend(figure: Figure, results: Results, extra: list[Line2D] | None = None) -> None:
-    """The families above the panels."""
-    there = {m["family"] for m in results["methods"]}
+def families_legend(figure: Figure, results: Results, names: Iterable[str], extra: Sequence[Line2D] = ()) -> None:
+    """The families of the named methods, and extra lines, above the panels."""
+    there = {family(results, name) for name in names}
     handles = [
         Line2D([], [], color=LOOKS[name].colour, marker=LOOKS[name].marker, linestyle="", label=TITLES[name])
         for name in LOOKS
         if name in there
     ]
-    handles += extra or []
+    handles += extra
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False, fontsize=9.0)
 
 
