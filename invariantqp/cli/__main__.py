@@ -1,0 +1,5 @@
+"""`python -m invariantqp.cli`."""
+
+from invariantqp.cli import main
+
+main()
