@@ -80,7 +80,7 @@ def print_run(trace: Trace) -> None:
 def _force_line(trace: Trace, felt: float) -> str:
     seconds = trace.time[trace.settled]
     counted = f"counted from {seconds:g} s on, when contact has had its time to settle"
-    error = f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(felt)} as read by the sensor"
+    error = f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(felt)} as the controller read it"
     return f"force error {error}; {counted}"
 
 
