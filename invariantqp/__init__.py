@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from invariantqp.compare.contact_frames import ContactFrameCheck, contact_frame_check
     from invariantqp.compare.frames import FrameCheck, frame_check
-    from invariantqp.compare.hybrid_frames import HybridFrameCheck, hybrid_frame_check
     from invariantqp.control.controller import Controller
     from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
     from invariantqp.control.hybrid import HybridController, HybridSolution
@@ -104,7 +103,6 @@ __version__ = "0.1.0"
 _HOME = {
     "compare.contact_frames": ("ContactFrameCheck", "contact_frame_check"),
     "compare.frames": ("FrameCheck", "frame_check"),
-    "compare.hybrid_frames": ("HybridFrameCheck", "hybrid_frame_check"),
     "control.controller": ("Controller",),
     "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
     "control.hybrid": ("HybridController", "HybridSolution"),

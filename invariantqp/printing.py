@@ -124,7 +124,7 @@ def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) 
 
     with progress("frames displaced", quiet) as report:
         checks = contact_frame_check(task, seed, physics, report)
-    columns = ("law", "change of joint positions, rad", "path error, mm", "displaced", "force error", "displaced")
+    columns = ("law", "change of joint velocities, rad/s", "path error, mm", "displaced", "force error", "displaced")
     table = Table(*columns, box=None)
     for c in checks:
         errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")

@@ -1,6 +1,6 @@
 """A task in contact told in displaced frames of tool, sensor and contact: what changes, ours and the textbook's.
 
-    change = max |q(t) - q'(t)|,    T_tool' = T_tool X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
+    change = max |x(t) - x'(t)|,    T_tool' = T_tool X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
 
 Nothing physical is displaced. The textbook's task frame keeps its axes along the surface, as its users would see to.
 """
@@ -39,7 +39,7 @@ class ContactFrameCheck:
 
     Attributes:
         law: its name.
-        change: largest change of a joint position along the run [rad, m].
+        change: largest change of a joint velocity along the run [rad/s, m/s].
         error_mm: largest path error after contact settled, as the task is told [mm].
         force_error: of the true force, rms over the wanted one, as the task is told.
         displaced_error_mm: in displaced frames.
@@ -128,7 +128,7 @@ def contact_frame_check(
             contact_offset=contact,
         )
         runs += 1
-        change = float(np.abs(plain.q - moved.q).max())
+        change = float(np.abs(plain.velocity - moved.velocity).max())
         errors = (1e3 * float(run.position_error[run.settled :].max()) for run in (plain, moved))
         as_told, displaced = errors
         checks.append(ContactFrameCheck(name, change, as_told, plain.force_error, displaced, moved.force_error))
