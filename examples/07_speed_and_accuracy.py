@@ -1,7 +1,7 @@
 """Speed against accuracy: the chart and the table of ten rows, from results that are kept beside this script.
 
 Every figure is in examples/comparison/results.json: machine, versions, seeds, medians. To measure it all again,
-twenty minutes, and to draw README's chart and write its table from that:
+ten minutes on two cores, and to draw README's chart and write its table from that:
 
     invariantqp compare --out examples/comparison
     python examples/07_speed_and_accuracy.py --readme

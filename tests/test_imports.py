@@ -84,6 +84,9 @@ EXTRAS = {
         "from invariantqp.compare.pink_law import PinkLaw as P; P(iq.load_robot('ur5'), iq.load_task('scara').law)",
         ["pink"],
     ),
+    "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
+    "view": ("iq.Viewer(iq.load_task('scara'))", ["viser"]),
+    "compare": ("import invariantqp.compare.references", ["mpmath"]),
 }
 ABSENT = """
 import sys

@@ -23,7 +23,7 @@ PLACES = [
     ("error", "limited", "error"),
     ("tick", "median_us"),
     ("closed_loop", "position_mm", "max"),
-    ("dependence", "frame", "median"),
+    ("dependence", "frame", "worst"),
 ]
 
 
@@ -53,7 +53,7 @@ def test_every_number_is_the_median_of_the_committed_results(row):
         if cell == "-":
             assert not found
         else:
-            digits = 1 if "e" in cell else len(re.sub(r"^0+|\D", "", cell)) or 1
+            digits = 1 if "e" in cell else len(re.sub(r"\D", "", cell).lstrip("0")) or 1
             assert float(cell) == pytest.approx(median(found), rel=0.5 * 10.0 ** (1 - digits) * 1.01)
 
 
@@ -62,5 +62,5 @@ def test_the_command_would_write_what_is_there():
 
 
 def test_the_results_are_small_enough_to_keep():
-    assert FILE.stat().st_size < 400_000
+    assert FILE.stat().st_size < 500_000
     assert not re.search(r'"/|\\\\', FILE.read_text(encoding="utf-8"))

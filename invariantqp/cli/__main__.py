@@ -1,5 +1,8 @@
 """`python -m invariantqp.cli`."""
 
+from __future__ import annotations
+
 from invariantqp.cli import main
 
-main()
+if __name__ == "__main__":
+    main()

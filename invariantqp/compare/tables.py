@@ -69,7 +69,7 @@ MISSED = Column("missed", "error", ("limited", "missed"), "{:.2f}")
 LOOPS = (
     Column("tick, us", "tick", ("median_us",)),
     Column("tracking, mm", "closed_loop", ("position_mm", "max"), "{:.2g}"),
-    Column("frame", "dependence", ("frame", "median"), ERROR),
+    Column("frame", "dependence", ("frame", "worst"), ERROR),
 )
 FAILED = Column("failed ticks", "closed_loop", ("failed_ticks",), "{:.1%}")
 SUMMARY = (*FREE, *LIMITED, *SINGULAR, MISSED, *LOOPS, FAILED)

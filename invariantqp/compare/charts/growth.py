@@ -97,7 +97,7 @@ def _spaced(sizes: list[int]) -> list[int]:
     """The sizes that can stand beside each other under a logarithmic axis."""
     kept = [sizes[-1]]
     for size in reversed(sizes[:-1]):
-        if kept[-1] / size >= (sizes[-1] / sizes[0]) ** 0.12:
+        if kept[-1] / size >= (sizes[-1] / sizes[0]) ** 0.2:
             kept.append(size)
     return kept
 
