@@ -82,8 +82,9 @@ if TYPE_CHECKING:
         system_meet,
         system_sum,
     )
-    from invariantqp.velocity.backends import BoxQP, Osqp
+    from invariantqp.velocity.backends import Osqp
     from invariantqp.velocity.batch import VelocitySolutions, solve_velocities
+    from invariantqp.velocity.boxqp import BoxQP
     from invariantqp.velocity.damping import Adaptive, Fixed, None_, PaperLambda, Selective
     from invariantqp.velocity.exact import ExactRows
     from invariantqp.velocity.guard import Guard
@@ -161,8 +162,9 @@ _HOME = {
     "systems.report": ("SystemReport", "describe"),
     "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
     "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
-    "velocity.backends": ("BoxQP", "Osqp"),
+    "velocity.backends": ("Osqp",),
     "velocity.batch": ("VelocitySolutions", "solve_velocities"),
+    "velocity.boxqp": ("BoxQP",),
     "velocity.damping": ("Adaptive", "Fixed", "None_", "PaperLambda", "Selective"),
     "velocity.exact": ("ExactRows",),
     "velocity.guard": ("Guard",),

@@ -23,7 +23,7 @@ from invariantqp.compare.rewritten import rewritten
 from invariantqp.compare.stability import INSIDE, Watched, quietly, watched_run
 from invariantqp.compare.sweep import Cell, Kind, Result
 from invariantqp.compare.timing import interleaved, spread
-from invariantqp.control.controller import Controls
+from invariantqp.control.controls import Controls
 from invariantqp.control.simulate import run_task
 from invariantqp.control.taskfile import LawSpec, Task, load_task
 from invariantqp.control.trace import Trace

@@ -20,7 +20,8 @@ from invariantqp.compare.methods import Method, methods
 from invariantqp.compare.rewritten import rewritten, stretched
 from invariantqp.compare.states import joint_range
 from invariantqp.compare.sweep import Cell, Kind, Result
-from invariantqp.control.controller import TRACKING_SHARE, Controls
+from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.controls import Controls
 from invariantqp.control.taskfile import LawSpec, load_task
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array

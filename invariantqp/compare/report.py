@@ -18,7 +18,7 @@ LEGEND = (
     "Medians over the tasks. error: relative, against the exact answer of the method's own problem; where limits are "
     "met, of the limited problem that a method solves or that its clipping stands for. missed: the share of the twist "
     "that is not met where limits are, in the tool's frame, metres and radians alike. tracking: the largest position "
-    "error of a run. frame: the change of the joint velocity when the tool frame is put elsewhere, relative."
+    "error of a run. frame: the relative change of the joint velocity, at worst, when the tool frame is put elsewhere."
 )
 AGAIN = (
     "An interrupted run is taken up where it stopped. Times are of one BLAS thread with nothing beside it; "

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.baselines import controller_named
 from invariantqp.compare.invariant import OURS, PAPER_LAMBDA
 from invariantqp.compare.pink_law import PinkLaw, has_pink
-from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.controller import Controller
+from invariantqp.control.controls import Controls
 from invariantqp.control.simulate import MakeController, Progress, our_controller, run_task
 from invariantqp.control.taskfile import LawSpec, Task, load_task, shipped_tasks
 from invariantqp.control.trace import Trace

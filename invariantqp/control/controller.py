@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,14 +42,6 @@ POSTURE_GAIN = 1.0
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
-
-
-class Controls(Protocol):
-    """Anything with a step: ours, or a law to compare it with."""
-
-    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick."""
-        ...
 
 
 class Controller:

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from invariantqp.control.contactspec import OperatorSpec
-from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.controller import Controller
+from invariantqp.control.controls import Controls
 from invariantqp.control.hybrid import HybridController
 from invariantqp.control.shared import SharedTask
 from invariantqp.errors import BadInput

@@ -22,7 +22,8 @@ from scipy.linalg import lapack
 from invariantqp.control.joint_space import JointSpace
 from invariantqp.control.pose_error import Look, PoseError
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
+from invariantqp.velocity.backends import Daqp, SolverFailure
+from invariantqp.velocity.boxqp import BoxQP
 
 # lambda at the start of a try [1 / rad^2], what a step that helped leaves of it, what one that did not makes of it, and
 # the least.

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
-from invariantqp.control.controller import Controller, Controls
+from invariantqp.control.controller import Controller
+from invariantqp.control.controls import Controls
 from invariantqp.control.demands import ExactPoint
 from invariantqp.control.hybrid import HybridController
 from invariantqp.control.log import Log, distance

@@ -18,6 +18,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.boxqp import UNBOUNDED, BoxQP, scaled
 from invariantqp.velocity.rows import Polytope
 
 # After scaling, bounds and H are O(1). An answer may leave its bounds by this much and is clipped; more is a failure.
@@ -27,10 +28,6 @@ DAQP_TOLERANCE = 1e-10
 # OSQP stops on absolute residuals; 1e-9 on a scaled problem is 1e-9 of a velocity limit.
 OSQP_TOLERANCE = 1e-9
 OSQP_ITERATIONS = 20_000
-# DAQP's stand-in for infinity.
-UNBOUNDED = 1e30
-# The least unit of a row, beside the median of all: units further apart make the problem ill-conditioned for nothing.
-SMALLEST_UNIT = 1e-2
 # qpsolvers' defaults leave errors up to 0.3 on ill-conditioned problems; these are what the solvers can be asked for.
 TIGHT: dict[str, dict[str, Any]] = {
     "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
@@ -51,24 +48,6 @@ class SolverFailure(InvariantQPError):
     def __init__(self, solver: str, reason: str, *, infeasible: bool = False) -> None:
         self.infeasible = infeasible
         super().__init__(f"{solver}: {reason}")
-
-
-class BoxQP(NamedTuple):
-    """Minimise 1/2 z'Hz - c'z over lower <= Cz <= upper; C = None is the identity. All O(1), all bounds finite or None.
-
-    Attributes:
-        H: (n, n) positive definite.
-        c: (n,).
-        lower: (k,) at least -UNBOUNDED.
-        upper: (k,) at most UNBOUNDED.
-        C: (k, n) rows, or None.
-    """
-
-    H: Array
-    c: Array
-    lower: Array
-    upper: Array
-    C: Array | None
 
 
 class Backend(Protocol):
@@ -209,31 +188,6 @@ def backend_of(backend: Backend | str) -> Backend:
     return QpSolvers(backend)
 
 
-def _scaled(H: Array, c: Array, lower: Array, upper: Array, rows: Array | None) -> tuple[BoxQP, Array]:
-    """The same problem in units of its own limits, and the factors (n,) that take its answer back."""
-    reach = np.maximum(-lower, upper)
-    if rows is not None or reach.max() >= UNBOUNDED or reach.min() <= 0.0:
-        # Where a side is open, the other one tells the size; a joint without limits, or held at zero, keeps its unit.
-        sides = np.abs(np.stack((lower, upper)))
-        reach = np.where(sides < UNBOUNDED, sides, 0.0).max(axis=0)
-        reach[reach == 0.0] = 1.0
-        if rows is not None:  # a side that is all but zero says nothing of how fast the joints are
-            length = np.linalg.norm(rows, axis=1)
-            length[length == 0.0] = 1.0
-            reach = np.maximum(reach, SMALLEST_UNIT * float(np.median(reach / length)) * length)
-        lower, upper = np.maximum(lower, -UNBOUNDED * reach), np.minimum(upper, UNBOUNDED * reach)
-    if rows is None:
-        unit, C = reach, None
-    else:
-        C = rows / reach[:, None]
-        steepest = np.abs(C).max(axis=0)
-        unit = 1.0 / np.where(steepest > 0.0, steepest, 1.0)
-        C = C * unit
-    H = (H * unit).T * unit
-    size = H.max()  # of a positive-definite matrix: on its diagonal
-    return BoxQP(H / size, c * unit / size, lower / reach, upper / reach, C), unit
-
-
 def _asked(backend: Backend, qp: BoxQP) -> Array:
     try:
         return np.asarray(backend.solve(qp), dtype=np.float64)
@@ -249,7 +203,7 @@ def answer(backend: Backend, H: Array, c: Array, limits: Polytope) -> Array:
     Raises:
         SolverFailure: it found nothing.
     """
-    qp, unit = _scaled(H, c, limits.lower, limits.upper, limits.A)
+    qp, unit = scaled(H, c, limits.lower, limits.upper, limits.A)
     return unit * _asked(backend, qp)
 
 
@@ -290,7 +244,7 @@ def minimise(backend: Backend, H: Array, c: Array, limits: Polytope) -> Solved:
         if (limits.lower > 0.0).any() or (limits.upper < 0.0).any():
             raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
         return Solved(c, "", "")
-    qp, unit = _scaled(H, c, limits.lower, limits.upper, limits.A)
+    qp, unit = scaled(H, c, limits.lower, limits.upper, limits.A)
     troubles: list[str] = []
     infeasible = False
     fallback: list[Backend] = [Daqp(), Osqp()]

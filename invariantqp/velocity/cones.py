@@ -15,7 +15,8 @@ import numpy as np
 
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import BoxQP, Solved, SolverFailure
+from invariantqp.velocity.backends import Solved, SolverFailure
+from invariantqp.velocity.boxqp import BoxQP
 from invariantqp.velocity.rows import Polytope
 
 # What Clarabel can be asked for on a problem scaled to O(1).
