@@ -20,7 +20,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.pink import Configuration, FrameTask
-from invariantqp.robots.pinocchio import ANGULAR_FIRST, chain_to
+from invariantqp.robots.pinocchio import ANGULAR_FIRST, chain_to, placement
 from invariantqp.systems.centre import centre, measured
 from invariantqp.velocity.damping import Damping, PaperLambda, Selective, damping_of
 from invariantqp.velocity.guard import Guard
@@ -85,6 +85,8 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         Raises:
             BadInput: numbers out of range, or no form.
         """
+        if not isinstance(frame, str):
+            raise BadInput("frame", repr(frame), "a frame's name")
         self.form = None if h is None else form_of(h, np.eye(6))
         self.form_reason = "" if h is None else "as asked"
         self.damping = damping_of(damping)
@@ -96,6 +98,17 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         self.cost = not_below_zero(cost, "cost", "a weight")  # one number: no frame has axes for more
         self._model: Any = None
         self._moving = np.empty(0, dtype=np.intp)
+
+    def set_target(self, transform_target_to_world: Any) -> None:
+        """The pose to be at.
+
+        Args:
+            transform_target_to_world: a `pinocchio.SE3`, or (4, 4) in the world frame.
+
+        Raises:
+            BadInput: no rigid motion with finite numbers.
+        """
+        super().set_target(placement(transform_target_to_world, "target"))
 
     def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:
         """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step.

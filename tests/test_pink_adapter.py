@@ -235,7 +235,10 @@ def test_bad_input_is_refused_by_name(arms):
     task = InvariantFrameTask(robot.tool)
     with pytest.raises(pink.exceptions.TargetNotSet):
         task.compute_qp_objective(here)
-    task.set_target(pin.SE3(np.eye(3), np.array([np.nan, 0.0, 0.0])))
+    with pytest.raises(iq.BadInput, match="target: found NaN"):
+        task.set_target(pin.SE3(np.eye(3), np.array([np.nan, 0.0, 0.0])))
+    task.set_target(robot.target(robot.pose(np.zeros(6))))
+    task.transform_target_to_world.translation = np.array([np.nan, 0.0, 0.0])
     with pytest.raises(iq.BadInput, match="target: found NaN"):
         task.compute_qp_objective(here)
     assert "h = 0.37" in repr(InvariantFrameTask("tool0", 0.37))
@@ -336,3 +339,22 @@ def test_limits_for_another_model_are_refused(arms):
     chain = iq.Chain(np.eye(6), np.eye(4))
     with pytest.raises(iq.BadInput, match="one of a URDF"):
         iq.Controller(chain, dt=DT, joint_metric=np.ones(6), limits=[VelocityLimit(arms["ur5"].model)])
+
+
+def test_a_target_may_be_an_array_and_nothing_else_is_taken_for_one(arms):
+    robot = arms["ur5"]
+    q = np.array([0.1, -1.2, 1.4, -1.0, -1.3, 0.2])
+    plain, array = (InvariantFrameTask(robot.tool) for _ in range(2))
+    target = robot.pose(q + 0.01)
+    plain.set_target(pin.SE3(target))
+    array.set_target(target)
+    configuration = pink.Configuration(robot.model, robot.model.createData(), q)
+    for one, other in zip(
+        plain.compute_qp_objective(configuration), array.compute_qp_objective(configuration), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+    for wrong in (np.eye(3), np.full((4, 4), np.nan), None):
+        with pytest.raises(iq.BadInput, match="target"):
+            array.set_target(wrong)
+    with pytest.raises(iq.BadInput, match="frame: found None"):
+        InvariantFrameTask(None)

@@ -181,3 +181,14 @@ def test_no_acceleration_limit_at_a_joint_is_the_box_there():
     for q in ([0.0, 0.0], [0.99, 5.0], [1.01, -1e9], [-3.0, 0.0]):
         lower, upper, _ = limits.at(np.array(q), np.array([2.0, -1.0]))
         np.testing.assert_allclose((lower, upper), box.at(np.array(q)), rtol=1e-12, atol=1e-9)
+
+
+def test_a_range_too_short_for_its_margin_keeps_its_middle():
+    """The middle from above and from below differ by rounding: without care the box is empty by that much."""
+    robot = iq.load_robot("panda")
+    loop = iq.Controller(robot, dt=0.002, position_margin=1.6)
+    q = np.array([0.0, -0.1, 0.0, -1.5708000000000002, 0.0, 1.8, 0.8])
+    solution = loop.step(q, robot.pose(q))
+    assert solution.status != "held"
+    solution.velocity[:] = 99.0  # the loop has a memory of its own
+    assert (np.abs(loop._before) <= robot.velocity_limit).all()

@@ -150,3 +150,52 @@ def test_standing_still_is_inside_the_limits_even_outside_them(panda):
     assert solution.status == "overload"
     assert solution.velocity[3] < 0.0
     assert not np.delete(solution.velocity, 3).any()
+
+
+def test_standing_still_keeps_the_tools_speed_on_the_way_back(panda):
+    q = READY.copy()
+    q[0] = panda.position_upper[0] + 0.02
+    task = iq.HybridTask(surface, [5.0], max_force=20.0)
+    solution = iq.HybridController(panda, task, dt=0.01, tool_speed=0.1).step(q, panda.pose(q), [0, 0, 0, 0, 0, -30.0])
+    assert solution.status == "overload"
+    assert solution.velocity[0] < 0.0
+    twist = solution.J @ solution.velocity
+    assert np.linalg.norm(twist[3:] + np.cross(twist[:3], panda.pose(q)[:3, 3])) <= 0.1 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "q", "speed"),
+    [("so101", [-0.991, -0.313, -1.182, 0.599, -1.793], 0.02), ("panda", READY, 5.0), ("panda", READY, 0.5)],
+)
+def test_a_retreat_leads_out_by_its_distance_and_no_further(name, q, speed):
+    """Five joints cannot leave straight and keep their orientation: the way out goes first."""
+    robot, dt = iq.load_robot(name), 0.005
+    task = iq.HybridTask(surface, [5.0], max_force=20.0, on_overload="retreat", retreat_speed=speed)
+    loop = iq.HybridController(robot, task, dt=dt)
+    q = np.array(q)
+    start = robot.pose(q)
+    for tick in range(400):
+        f = np.array([0.0, 0.0, -100.0 * (tick == 0)])
+        solution = loop.step(q, start, np.concatenate((np.cross(robot.pose(q)[:3, 3], f), f)))
+        q = q + dt * solution.velocity
+        assert robot.pose(q)[2, 3] > start[2, 3] - 1e-4
+    assert "standing still" in solution.reason
+    assert robot.pose(q)[2, 3] - start[2, 3] == pytest.approx(task.retreat_distance, abs=1e-3)
+
+
+def test_what_is_no_task_sensor_contact_or_press_is_told(panda):
+    with pytest.raises(iq.BadInput, match="task: found 'x'"):
+        iq.HybridController(panda, "x", dt=DT)
+    task = iq.HybridTask(surface, [5.0])
+    with pytest.raises(iq.BadInput, match="sensor: found 'x'"):
+        iq.HybridController(panda, task, dt=DT, sensor="x")
+    with pytest.raises(iq.BadInput, match="contact: found 'x'"):
+        iq.HybridController(panda, task, dt=DT).step(READY, panda.pose(READY), np.zeros(6), contact="x")
+    with pytest.raises(iq.BadInput, match="a press of -5"):
+        iq.HybridController(panda, iq.HybridTask(surface, [-5.0]), dt=DT)
+    with pytest.raises(iq.BadInput, match="unilateral"):
+        iq.ContactKind("free", np.eye(6), unilateral=True)
+    with pytest.raises(iq.BadInput, match="robot: found 'panda'"):
+        iq.Controller("panda", dt=DT)
+    with pytest.raises(iq.BadInput, match="robot: found 'panda'"):
+        iq.solve_pose("panda", np.eye(4))

@@ -58,8 +58,8 @@ class RaibertCraig:
             sensor_axes: (3, 3) of the sensor's frame, in the tool's.
         """
         self.robot = robot
-        self.selection = arrays.vector(selection, 6, "selection")
-        self.axes = arrays.matrix(axes, (3, 3), "axes")
+        self.selection: Array = arrays.vector(selection, 6, "selection")
+        self.axes: Array = arrays.matrix(axes, (3, 3), "axes")
         self._wanted = arrays.vector(wrench, 6, "wrench")
         self._gain = gain
         self._compliance = arrays.vector(compliance, 6, "compliance")

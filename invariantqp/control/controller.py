@@ -22,7 +22,7 @@ from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, Sighting, middle
+from invariantqp.robots.kinematics import Robot, Sighting, checked_robot, middle
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.braking import BrakingBox
 from invariantqp.velocity.damping import Damping, damping_of
@@ -32,8 +32,8 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import JointBox, accelerations, not_below_zero
 from invariantqp.velocity.objective import CarriedMetric, Form, form_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
-from invariantqp.velocity.solution import VelocitySolution, held
-from invariantqp.velocity.solve import solve
+from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solve import solve, standing
 from invariantqp.velocity.toolspeed import ToolSpeed
 
 # How fast an arm with joints to spare drifts to the middle of their ranges [1/s]: a second's worth of patience, slow
@@ -110,15 +110,15 @@ class Controller:
             UnknownName: no such back end.
             MissingExtra: `limits` without Pink.
         """
+        self.robot = checked_robot(robot)
         m = len(robot.names)
-        self.robot = robot
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.gain: float = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
         if self.gain * self.dt > 1.0 + 1e-9:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
-        J = robot.jacobian(mid)
+        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # the first tick is then no slower than the next
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
         if metric is None and units_mix(J):
             warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
@@ -223,10 +223,9 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
-        lower, upper, _ = self._bounds(positions, self._last(velocity))
-        solution = held(Demand(self.robot.jacobian(positions), np.zeros(6), lower, upper), reason)
-        self._before = solution.velocity
-        return solution
+        here = self.robot.target(self.robot.pose(positions))
+        state = _State(positions, self.robot.sight(positions, here), here)
+        return self._tick(state, np.zeros(6), velocity, 0.0, None, stand=reason)
 
     def _last(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last."""
@@ -246,8 +245,12 @@ class Controller:
         gain: float,
         ahead: ArrayLike | None,
         more: ExactRows | None = None,
+        stand: str | None = None,
     ) -> VelocitySolution:
-        """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`."""
+        """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`.
+
+        `stand` is why to stand still instead, None for no reason to.
+        """
         positions, sighting, target = state
         before = self._last(velocity)
         lower, upper, strained = self._bounds(positions, before)
@@ -264,12 +267,11 @@ class Controller:
         if self._tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
             demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))
-        if self._joint_rows is None:
-            solution = solve(law, demand)
-        else:
+        if self._joint_rows is not None:
             rows, trouble = self._joint_rows.at(positions, before)
-            solution = held(demand, trouble) if trouble else solve(law, demand._replace(rows=rows))
-        self._before = solution.velocity
+            demand, stand = demand._replace(rows=rows), trouble or stand
+        solution = solve(law, demand) if stand is None else standing(law, demand, stand)
+        self._before = solution.velocity.copy()
         return self._told(solution, strained) if strained else solution
 
     def _told(self, solution: VelocitySolution, strained: tuple[tuple[int, str], ...]) -> VelocitySolution:

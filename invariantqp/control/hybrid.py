@@ -111,7 +111,11 @@ class HybridController:
             BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.
         """
         self.task = task
-        self.loop = Controller(robot, dt=dt, **options)
+        if not isinstance(task, HybridTask):
+            raise BadInput("task", repr(task), "a HybridTask")
+        if not (sensor is None or isinstance(sensor, WrenchSensor)):
+            raise BadInput("sensor", repr(sensor), "a WrenchSensor, or None")
+        self.loop: Controller = Controller(robot, dt=dt, **options)
         self.sensor = sensor
         self.force_first = force_first
         self._smoothing = Smoothing.of(inf if sensor is None else sensor.cutoff, self.loop.dt)
@@ -169,6 +173,8 @@ class HybridController:
         tool = robot.pose(positions)
         if contact is None:
             contact = self.task.contact_at(tool)
+        elif not isinstance(contact, Contact):
+            raise BadInput("contact", repr(contact), "a Contact")
         split = self._split_for(contact)
         exert = split.wanted(np.asarray(self.task.wrench))
         if wanted is not None:
@@ -191,8 +197,12 @@ class HybridController:
             motion = force = np.zeros(6)
             law = loop.rest(positions, "", velocity)
         elif verdict.action == RETREAT:
-            motion, force = np.zeros(6), self.task.retreat_speed * A.dot(np.asarray(contact.kind.out))
-            law = loop.follow(positions, force, velocity, None, sighting)
+            out = A.dot(np.asarray(contact.kind.out))
+            speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
+            motion, force = np.zeros(6), speed * out
+            law = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting)
+            v = velocity_at(sighting.J.dot(law.velocity), contact.point)
+            watch = watch.further(loop.dt * float(velocity_at(out, contact.point).dot(v)))
         else:
             law = loop.follow(positions, motion + force, velocity, self._rows(contact, sighting.J, force), sighting)
         self._watch, self._smoothing = watch, smoothing
@@ -202,7 +212,7 @@ class HybridController:
             reason="; ".join(r for r in (verdict.reason, law.reason) if r),
             motion=motion,
             force=force,
-            wrench=measured,
+            wrench=measured.copy(),
             error=B.dot(error),
             intensities=parts,
             wanted=B.dot(exert),

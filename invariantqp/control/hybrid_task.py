@@ -67,6 +67,9 @@ class Split(NamedTuple):
         if found != n:
             expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
             raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
+        if self.kind.unilateral and wrench[0] < 0.0:
+            expected = "zero or more: the contact's z is the way the tool presses"
+            raise BadInput(argument, f"a press of {wrench[0]:g}", expected, "A contact that pulls is not unilateral.")
         parts: Array = W.dot(wrench)
         return parts
 
@@ -78,7 +81,8 @@ class HybridTask:
     Attributes:
         contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
         wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is the
-            press [N]), or a (6,) wrench in the contact's own frame, of which the part in S* counts.
+            press [N]), or a (6,) wrench (m; f) in the contact's own frame, of which the part in S* counts. Six numbers
+            are always a wrench.
         h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
         complement: Z itself, (6, 6-k) in the contact's own frame.
         metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance.
@@ -125,7 +129,7 @@ class HybridTask:
         if len(rules) > 1:
             raise BadInput(rules[0], " and ".join(rules), "one of h, complement, metric, or none")
         self._check_numbers()
-        object.__setattr__(self, "wrench", arrays.vector(self.wrench, None, "wrench"))
+        object.__setattr__(self, "wrench", arrays.vector(self.wrench, None, "wrench").copy())
         c = arrays.array(self.compliance, "compliance", "a number, 6 numbers or a (6, 6) matrix")
         if c.ndim == 0:
             one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)

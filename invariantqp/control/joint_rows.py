@@ -56,6 +56,8 @@ class JointRows:
             raise BadInput(
                 "rows", type(rows).__name__, "LimitRows(C, lower, upper), or a function of q that returns it"
             )
+        if not isinstance(limits, Sequence):
+            raise BadInput("limits", type(limits).__name__, "a list of Pink's limits or barriers")
         self._m = len(robot.names)
         self._rows = rows
         self._dt = dt

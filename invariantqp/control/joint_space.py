@@ -29,13 +29,13 @@ class JointSpace:
 
     def __init__(self, robot: Robot) -> None:
         """The joint space of a robot."""
-        self.lower = np.maximum(robot.position_lower, -UNBOUNDED)
-        self.upper = np.minimum(robot.position_upper, UNBOUNDED)
+        self.lower: Array = np.maximum(robot.position_lower, -UNBOUNDED)
+        self.upper: Array = np.minimum(robot.position_upper, UNBOUNDED)
         J = robot.jacobian(middle(robot))
         speed, drift = np.linalg.norm(J[:3], axis=0), np.linalg.norm(J[3:], axis=0)
         hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= HINGE * speed * drift)
-        self.turn = np.where(hinge, 2.0 * np.pi / np.where(hinge, speed, 1.0), 1.0)
-        self.whole = hinge & (self.upper - self.lower >= self.turn)
+        self.turn: Array = np.where(hinge, 2.0 * np.pi / np.where(hinge, speed, 1.0), 1.0)
+        self.whole: Array = hinge & (self.upper - self.lower >= self.turn)
         self._turning = bool(self.whole.any())
         self._half = np.where(self.whole, 0.5 * self.turn, np.inf)
         self._open = np.where(self.whole, -UNBOUNDED, self.lower), np.where(self.whole, UNBOUNDED, self.upper)

@@ -64,8 +64,8 @@ class Alone:
 
     def __init__(self, loop: Controls) -> None:
         self._loop = loop
-        self.form = loop.law.form if isinstance(loop, Controller) else None
-        self.measured = np.zeros(6)
+        self.form: Form | None = loop.law.form if isinstance(loop, Controller) else None
+        self.measured: Array = np.zeros(6)
 
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
@@ -82,7 +82,7 @@ class InTouch:
 
     def __init__(self, loop: HybridController, sensor_offset: Array) -> None:
         self._loop = loop
-        self.form = loop.loop.law.form
+        self.form: Form | None = loop.loop.law.form
         self._reading = se3.coadjoint(se3.inverted(sensor_offset))
         self.measured = np.zeros(6)
 
@@ -111,8 +111,8 @@ class Together:
         theirs = plane.freedoms
         ours = se3.carried(np.asarray(plane.pose)).dot(np.hstack((lift, tilts)))
         self._loop = loop
-        self.form = loop.law.form
-        self.measured = np.zeros(6)
+        self.form: Form | None = loop.law.form
+        self.measured: Array = np.zeros(6)
         self._shared = SharedTask(ours, theirs)
         self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
         self._beats = operator.beats

@@ -60,6 +60,8 @@ def solve_poses(
             if progress is not None:
                 progress(len(solutions), len(wanted))
         return solutions
+    if jobs == 0:
+        raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
     from joblib import Parallel, delayed
 
     pieces = [slice(i, i + CHUNK) for i in range(0, len(wanted), CHUNK)]

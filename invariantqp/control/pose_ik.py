@@ -26,7 +26,7 @@ from invariantqp.control.survey import spread
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.kinematics import Robot, checked_robot, middle
 from invariantqp.velocity.objective import Form
 
 # Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and no tool
@@ -83,7 +83,7 @@ class PoseSearch:
         seed: int = 0,
     ) -> None:
         """As `solve_pose`."""
-        self._robot = robot
+        self._robot = checked_robot(robot)
         self._space = JointSpace(robot)
         self._form = form
         self._exact = demands_of(exact)
@@ -96,10 +96,11 @@ class PoseSearch:
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
         """Joint positions for one target, from q0 first."""
-        begun = perf_counter()
         robot, space = self._robot, self._space
         error = pose_error(robot, target, self._form, self._exact)
         start = middle(robot) if q0 is None else space.inside(arrays.vector(q0, len(robot.names), "q0"))
+        error.misses(start)  # what is loaded at its first use is not this target's time
+        begun = perf_counter()
         goal = GOAL_SHARE * self._tolerance * error.least
         deadline = begun + (EXACT_SHARE if self._exact else SEARCH_SHARE) * self._time_limit
         # Joints to spare can follow a path past a limit without one of them turning over: that is tried first.

@@ -12,6 +12,8 @@ from typing import NamedTuple
 from invariantqp.control.hybrid_task import LOST_SHARE, HybridTask
 from invariantqp.errors import written
 
+# A retreat is over at this share of its distance: the rest is rounding.
+ALL_THE_WAY = 1.0 - 1e-9
 # What the controller is to do in a tick.
 FOLLOW, SLOW, HOLD, RETREAT = "follow", "slow", "hold", "retreat"
 
@@ -53,13 +55,13 @@ class Watch(NamedTuple):
         """
         force, moment = load
         if self.status == "overload":
-            return self._further(task, dt)
+            return self
         if force > task.max_force or moment > task.max_moment:
             what = f"{written(force)} N of {written(task.max_force)}" if force > task.max_force else ""
             turn = f"{written(moment)} N m of {written(task.max_moment)}" if moment > task.max_moment else ""
             return Watch(self.airborne, " and ".join(w for w in (what, turn) if w), "overload", 0.0)
         if self.status == "lost":
-            return self._further(task, dt)
+            return self
         felt, wanted = (0.0, 0.0) if press is None else press
         limit = max(0.0, LOST_SHARE * wanted) if task.lost_below is None else task.lost_below
         if press is None or felt >= limit or limit == 0.0:
@@ -69,16 +71,15 @@ class Watch(NamedTuple):
             return Watch(airborne, f"press {written(felt)} N below {written(limit)}", "lost", 0.0)
         return Watch(airborne)
 
-    def _further(self, task: HybridTask, dt: float) -> Watch:
-        retreats = (task.on_overload if self.status == "overload" else task.on_loss) == "retreat"
-        moving = retreats and self.left < task.retreat_distance
-        return self._replace(left=self.left + task.retreat_speed * dt) if moving else self
+    def further(self, moved: float) -> Watch:
+        """The watch after a tick of retreat that led the place of contact so far out [length]."""
+        return self._replace(left=self.left + max(0.0, moved))
 
     def verdict(self, task: HybridTask) -> Verdict:
         """What to do now."""
         if self.status:
             asked = task.on_overload if self.status == "overload" else task.on_loss
-            action = RETREAT if asked == "retreat" and self.left < task.retreat_distance else HOLD
+            action = RETREAT if asked == "retreat" and self.left < ALL_THE_WAY * task.retreat_distance else HOLD
             said = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
             return Verdict(action, self.status, f"{self.leaving}: {said}")
         if self.airborne <= task.lost_after:

@@ -81,6 +81,17 @@ class Robot(Protocol):
         ...
 
 
+def checked_robot(robot: Robot) -> Robot:
+    """The robot, or what was given instead of one.
+
+    Raises:
+        BadInput: no robot: a name, for instance.
+    """
+    if not hasattr(robot, "sight"):
+        raise BadInput("robot", repr(robot), "a robot, such as load_robot returns")
+    return robot
+
+
 def middle(robot: Robot) -> Array:
     """The middle of each joint's range; 0, or the limit nearest it, where the range is not bounded."""
     lower, upper = robot.position_lower, robot.position_upper

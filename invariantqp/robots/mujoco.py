@@ -108,10 +108,10 @@ class MujocoPlant:
                 biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             )
         try:
-            self.model = spec.compile()
+            self.model: Any = spec.compile()
         except ValueError as error:
             raise RobotModelError(f"{urdf.name}: MuJoCo cannot make a model of it ({error})") from error
-        self.data = mujoco.MjData(self.model)
+        self.data: Any = mujoco.MjData(self.model)
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.names])
         self._dofs = np.array([self.model.joint(name).dofadr[0] for name in robot.names])
         self._tool = self.model.body(tool).id

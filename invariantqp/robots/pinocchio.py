@@ -80,7 +80,7 @@ class PinocchioRobot:
 
     def target(self, pose: ArrayLike | pin.SE3) -> pin.SE3:
         """A target pose as the SE3 that `sight` takes."""
-        return pin.SE3(arrays.pose(pose, "target"))
+        return placement(pose, "target")
 
     def sight(self, q: Array, target: ArrayLike | pin.SE3) -> Sighting:
         """Joint twists and tool error, in the base frame."""
@@ -149,6 +149,15 @@ def load_urdf(path: Path, tool: str | None, joints: Sequence[str] | None) -> Pin
     held = [i for i, name in enumerate(model.names) if i > 0 and name not in moving]
     rest = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     return PinocchioRobot(pin.buildReducedModel(model, held, rest), tool)
+
+
+def placement(pose: ArrayLike | pin.SE3, argument: str) -> pin.SE3:
+    """A rigid motion as an SE3.
+
+    Raises:
+        BadInput: no rigid motion with finite numbers; names the argument.
+    """
+    return pin.SE3(arrays.pose(pose, argument))
 
 
 def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:

@@ -65,6 +65,8 @@ class ContactKind:
         work = np.abs(W.T.dot(S))
         if (work > DUAL_TOLERANCE * np.abs(W).T.dot(np.abs(S)).max(initial=0.0)).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
+        if self.unilateral and not W.shape[1]:
+            raise BadInput("unilateral", "True without constraints", "a contact that can be pressed")
         object.__setattr__(self, "freedoms", S)
         object.__setattr__(self, "constraints", W)
         object.__setattr__(self, "out", None if self.out is None else arrays.twist(self.out, "out"))

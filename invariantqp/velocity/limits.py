@@ -96,8 +96,9 @@ class JointBox:
     def __post_init__(self) -> None:
         if self.margin:
             kept = np.minimum(self.margin, 0.5 * (self.position_upper - self.position_lower))
-            object.__setattr__(self, "position_lower", self.position_lower + kept)
-            object.__setattr__(self, "position_upper", self.position_upper - kept)
+            lower = self.position_lower + kept
+            object.__setattr__(self, "position_lower", lower)
+            object.__setattr__(self, "position_upper", np.maximum(self.position_upper - kept, lower))
         # What the limits allow in one tick from q = 0, so that a tick subtracts and clips and nothing else.
         object.__setattr__(self, "_rate", np.full(len(self.velocity_limit), 1.0 / self.dt))
         object.__setattr__(self, "_low", self.position_lower / self.dt)

@@ -49,6 +49,15 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     return Tick(law, demand).solution(problem, x)
 
 
+def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
+    """At rest; in a box that leaves none on the way back, its joints alone, or all where other limits ask for it."""
+    still = held(demand, reason)
+    if demand.allows(still.velocity):
+        return still
+    back = solve(law, demand._replace(s=np.zeros(6), exact=None, posture=None))
+    return back._replace(status="held", reason=f"{reason}; on the way back inside the limits".removeprefix("; "))
+
+
 def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
     """[DS]'s own formula, clipped to the bounds; exact rows are beyond it."""
     if demand.exact is not None:

@@ -65,7 +65,7 @@ class Viewer:
         self._film = film_before(task)
         with redirect_stdout(io.StringIO()):  # it announces its beginning and its end
             self._server = viser.ViserServer(host="127.0.0.1", port=port, label=task.name, verbose=False)
-        self.url = f"http://localhost:{self._server.get_port()}"
+        self.url: str = f"http://localhost:{self._server.get_port()}"
         self._open = True
         self._t, self._shown, self._playing = 0.0, -1.0, False
         self._seen: list[tuple[Array, Array, Array, Array]] = []
