@@ -195,7 +195,9 @@ def solve_pose(
             target can be reached it changes the way there, and nothing else.
         exact: demands met before all else, as in `Controller`: "position" for the tool frame's origin, ExactPoint,
             ExactAxis, ExactPlane or several. For arms with fewer than six joints: position first, orientation as well
-            as the arm can. All tries are then made unless one meets the whole pose.
+            as the arm can. All tries are then made unless one meets the whole pose. On arms with more than six joints
+            rounding chooses among the postures left, so a displaced tool frame may change the answer (0.002 rad in one
+            target of ten of a Panda), and success may be said where another posture would bring the rest nearer.
         tolerance: of success, in lengths and radians.
         time_limit: [s]; inf is none.
         restarts: tries after the first, at most; 0 is Newton from q0 alone.
