@@ -19,12 +19,12 @@ import numpy as np
 
 from invariantqp.compare.pink_law import PinkLaw, has_pink
 from invariantqp.compare.toolbox import ets_of, has_toolbox
+from invariantqp.control.log import distance
 from invariantqp.control.pose_error import pose_error
 from invariantqp.control.pose_ik import RESTARTS, solve_pose
 from invariantqp.control.survey import joint_ranges, spread
 from invariantqp.control.taskfile import LawSpec
 from invariantqp.errors import BadInput
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import load_robot
@@ -142,7 +142,9 @@ def _judged(
 ) -> Outcome:
     """What the answers are worth; nobody's own word for it is taken."""
     inside = np.array([bool((robot.position_lower <= q).all() and (q <= robot.position_upper).all()) for q in answers])
-    met = np.array([_is_met(robot.pose(q), target) for q, (target, _) in zip(answers, problems, strict=True)])
+    met = np.array(
+        [max(distance(robot.pose(q), target)) <= TOLERANCE for q, (target, _) in zip(answers, problems, strict=True)]
+    )
     return Outcome(
         robot=name,
         solver=solver,
@@ -151,11 +153,6 @@ def _judged(
         p99_ms=1e3 * float(np.quantile(times, 0.99)),
         outside=int(np.count_nonzero(~inside)),
     )
-
-
-def _is_met(T: Array, target: Array) -> bool:
-    turn = se3.log(target.dot(se3.inverse(T)))[:3]
-    return bool(np.linalg.norm(target[:3, 3] - T[:3, 3]) <= TOLERANCE and np.linalg.norm(turn) <= TOLERANCE)
 
 
 def _ours(robot: Robot, time_limit: float) -> Solver:

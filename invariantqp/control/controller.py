@@ -207,25 +207,30 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.twist(twist)
-        if sighting is None:
-            sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
-        return self._tick(_State(positions, sighting, sighting.pose), s, velocity, 0.0, s, rows)
+        return self._tick(self._here(positions, sighting), s, velocity, 0.0, s, rows)
 
-    def rest(self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None) -> VelocitySolution:
+    def rest(
+        self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
+    ) -> VelocitySolution:
         """One tick of standing still, or of the way back inside limits that leave no rest.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             reason: why, for the solution.
             velocity: as in `step`.
+            sighting: as in `follow`.
 
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
-        here = self.robot.target(self.robot.pose(positions))
-        state = _State(positions, self.robot.sight(positions, here), here)
-        return self._tick(state, np.zeros(6), velocity, 0.0, None, stand=reason)
+        return self._tick(self._here(positions, sighting), np.zeros(6), velocity, 0.0, None, stand=reason)
+
+    def _here(self, positions: Array, sighting: Sighting | None) -> _State:
+        """A state whose target is where the tool is; the robot looks where it has not."""
+        if sighting is None:
+            sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
+        return _State(positions, sighting, sighting.pose)
 
     def _last(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last."""

@@ -195,7 +195,7 @@ class HybridController:
             force *= self._share(contact, force)
         if verdict.action == HOLD:
             motion = force = np.zeros(6)
-            law = loop.rest(positions, "", velocity)
+            law = loop.rest(positions, "", velocity, sighting)
         elif verdict.action == RETREAT:
             out = A.dot(np.asarray(contact.kind.out))
             speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
