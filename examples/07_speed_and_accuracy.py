@@ -12,10 +12,10 @@ Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart
 import sys
 from pathlib import Path
 
-from invariantqp.compare.findings import findings
-from invariantqp.compare.report import charts_of
+from invariantqp.compare.report.findings import findings
+from invariantqp.compare.report.report import charts_of
+from invariantqp.compare.report.tables import readme_table, write_readme
 from invariantqp.compare.results import load_results
-from invariantqp.compare.tables import readme_table, write_readme
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "comparison" / "results.json"

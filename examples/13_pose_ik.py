@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.compare.pose_ik_race import TIME_LIMIT, race
+from invariantqp.compare.measure.pose_ik_race import TIME_LIMIT, race
 from invariantqp.printing import progress
 
 # One pose of a Panda, then one that it cannot reach.

@@ -9,26 +9,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from invariantqp.compare.contact_frames import ContactFrameCheck, contact_frame_check
-    from invariantqp.compare.frames import FrameCheck, frame_check
+    from invariantqp.analysis.inspection import Inspection, inspect
+    from invariantqp.analysis.recommendation import Recommendation
+    from invariantqp.analysis.survey import Survey
+    from invariantqp.compare.measure.contact_frames import ContactFrameCheck, contact_frame_check
+    from invariantqp.compare.measure.frames import FrameCheck, frame_check
     from invariantqp.control.controller import Controller
     from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
-    from invariantqp.control.hybrid import HybridController, HybridSolution
-    from invariantqp.control.hybrid_task import HybridTask
-    from invariantqp.control.inspection import Inspection, inspect
-    from invariantqp.control.log import ContactTrace
     from invariantqp.control.own_form import own_form, tool_metric
-    from invariantqp.control.picture import picture
-    from invariantqp.control.pitch_picture import pitch_picture
-    from invariantqp.control.pose_batch import solve_poses
-    from invariantqp.control.pose_ik import PoseSolution, solve_pose
-    from invariantqp.control.recommendation import Recommendation
     from invariantqp.control.shared import SharedTask
-    from invariantqp.control.simulate import run_task
-    from invariantqp.control.survey import Survey
-    from invariantqp.control.taskfile import Task, load_task, shipped_tasks
-    from invariantqp.control.trace import Trace
-    from invariantqp.control.wrench import WrenchSensor
     from invariantqp.errors import (
         BadInput,
         BlindSystem,
@@ -40,12 +29,23 @@ if TYPE_CHECKING:
         TaskFileError,
         UnknownName,
     )
+    from invariantqp.force.hybrid import HybridController, HybridSolution
+    from invariantqp.force.hybrid_task import HybridTask
+    from invariantqp.force.wrench import WrenchSensor
     from invariantqp.geometry.forms import invariant_form, pitch_form, pitch_form_inverse
     from invariantqp.geometry.screws import axis, helical, pitch, prismatic, revolute
     from invariantqp.geometry.se3 import adjoint, bracket, coadjoint, exp, inverse, log, transform
+    from invariantqp.pictures.pitches import pitch_picture
+    from invariantqp.pictures.run import picture
+    from invariantqp.pose.batch import solve_poses
+    from invariantqp.pose.ik import PoseSolution, solve_pose
     from invariantqp.robots.chain import Chain
     from invariantqp.robots.kinematics import Robot
     from invariantqp.robots.load import load_robot
+    from invariantqp.runs.log import ContactTrace
+    from invariantqp.runs.run import run_task
+    from invariantqp.runs.taskfile import Task, load_task, shipped_tasks
+    from invariantqp.runs.trace import Trace
     from invariantqp.systems.centre import centre
     from invariantqp.systems.classification import Border, GibsonHunt, gibson_hunt
     from invariantqp.systems.contact_kinds import ContactKind
@@ -82,19 +82,19 @@ if TYPE_CHECKING:
         system_meet,
         system_sum,
     )
-    from invariantqp.velocity.backends import Osqp
     from invariantqp.velocity.batch import VelocitySolutions, solve_velocities
-    from invariantqp.velocity.boxqp import BoxQP
     from invariantqp.velocity.damping import Adaptive, Fixed, None_, PaperLambda, Selective
     from invariantqp.velocity.exact import ExactRows
+    from invariantqp.velocity.forms import CarriedMetric, Complement, PitchForm
     from invariantqp.velocity.guard import Guard
-    from invariantqp.velocity.limits import Bounds
-    from invariantqp.velocity.objective import CarriedMetric, Complement, PitchForm
+    from invariantqp.velocity.limits.box import Bounds
+    from invariantqp.velocity.limits.rows import LimitRows
+    from invariantqp.velocity.limits.toolspeed import ToolSpeed
+    from invariantqp.velocity.qp.backends import Osqp
+    from invariantqp.velocity.qp.boxqp import BoxQP
     from invariantqp.velocity.request import MethodChoice, UnitsMixed, method_for, solve_velocity
-    from invariantqp.velocity.rows import LimitRows
     from invariantqp.velocity.several import JointTask, TwistTask, solve_tasks
     from invariantqp.velocity.solution import VelocitySolution
-    from invariantqp.velocity.toolspeed import ToolSpeed
     from invariantqp.view.page import animation
     from invariantqp.view.server import Viewer
 
@@ -102,26 +102,26 @@ __version__ = "0.1.0"
 
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {
-    "compare.contact_frames": ("ContactFrameCheck", "contact_frame_check"),
-    "compare.frames": ("FrameCheck", "frame_check"),
+    "compare.measure.contact_frames": ("ContactFrameCheck", "contact_frame_check"),
+    "compare.measure.frames": ("FrameCheck", "frame_check"),
     "control.controller": ("Controller",),
     "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
-    "control.hybrid": ("HybridController", "HybridSolution"),
-    "control.hybrid_task": ("HybridTask",),
-    "control.log": ("ContactTrace",),
+    "force.hybrid": ("HybridController", "HybridSolution"),
+    "force.hybrid_task": ("HybridTask",),
+    "runs.log": ("ContactTrace",),
     "control.own_form": ("own_form", "tool_metric"),
-    "control.inspection": ("Inspection", "inspect"),
-    "control.picture": ("picture",),
-    "control.pitch_picture": ("pitch_picture",),
-    "control.pose_batch": ("solve_poses",),
-    "control.pose_ik": ("PoseSolution", "solve_pose"),
-    "control.recommendation": ("Recommendation",),
+    "analysis.inspection": ("Inspection", "inspect"),
+    "pictures.run": ("picture",),
+    "pictures.pitches": ("pitch_picture",),
+    "pose.batch": ("solve_poses",),
+    "pose.ik": ("PoseSolution", "solve_pose"),
+    "analysis.recommendation": ("Recommendation",),
     "control.shared": ("SharedTask",),
-    "control.simulate": ("run_task",),
-    "control.survey": ("Survey",),
-    "control.taskfile": ("Task", "load_task", "shipped_tasks"),
-    "control.trace": ("Trace",),
-    "control.wrench": ("WrenchSensor",),
+    "runs.run": ("run_task",),
+    "analysis.survey": ("Survey",),
+    "runs.taskfile": ("Task", "load_task", "shipped_tasks"),
+    "runs.trace": ("Trace",),
+    "force.wrench": ("WrenchSensor",),
     "errors": (
         "BadInput",
         "BlindSystem",
@@ -162,19 +162,19 @@ _HOME = {
     "systems.report": ("SystemReport", "describe"),
     "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
     "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
-    "velocity.backends": ("Osqp",),
+    "velocity.qp.backends": ("Osqp",),
     "velocity.batch": ("VelocitySolutions", "solve_velocities"),
-    "velocity.boxqp": ("BoxQP",),
+    "velocity.qp.boxqp": ("BoxQP",),
     "velocity.damping": ("Adaptive", "Fixed", "None_", "PaperLambda", "Selective"),
     "velocity.exact": ("ExactRows",),
     "velocity.guard": ("Guard",),
-    "velocity.limits": ("Bounds",),
-    "velocity.objective": ("CarriedMetric", "Complement", "PitchForm"),
+    "velocity.limits.box": ("Bounds",),
+    "velocity.forms": ("CarriedMetric", "Complement", "PitchForm"),
     "velocity.request": ("MethodChoice", "UnitsMixed", "method_for", "solve_velocity"),
-    "velocity.rows": ("LimitRows",),
+    "velocity.limits.rows": ("LimitRows",),
     "velocity.several": ("JointTask", "TwistTask", "solve_tasks"),
     "velocity.solution": ("VelocitySolution",),
-    "velocity.toolspeed": ("ToolSpeed",),
+    "velocity.limits.toolspeed": ("ToolSpeed",),
     "view.page": ("animation",),
     "view.server": ("Viewer",),
 }

@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from invariantqp.geometry.arrays import Array
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 
 # Numbers below this are written as 0 in sentences: in unit vectors, and in lengths in any unit of a machine,

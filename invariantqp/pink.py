@@ -23,10 +23,10 @@ from invariantqp.robots.pink import Configuration, FrameTask
 from invariantqp.robots.pinocchio import ANGULAR_FIRST, chain_to, placement
 from invariantqp.systems.centre import centre, measured
 from invariantqp.velocity.damping import Damping, PaperLambda, Selective, damping_of
+from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import not_below_zero
-from invariantqp.velocity.objective import CarriedMetric, Form, PitchForm, form_of
+from invariantqp.velocity.limits.box import not_below_zero
 from invariantqp.velocity.request import guard_of
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.tick import QUIET_SHARE

@@ -13,10 +13,10 @@ from rich.table import Table
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from invariantqp.compare.stability import Outcome
-    from invariantqp.control.inspection import Inspection
-    from invariantqp.control.taskfile import Task
-    from invariantqp.control.trace import Trace
+    from invariantqp.analysis.inspection import Inspection
+    from invariantqp.compare.measure.stability import Outcome
+    from invariantqp.runs.taskfile import Task
+    from invariantqp.runs.trace import Trace
 
 # Of paragraphs where no terminal says how wide it is.
 PLAIN_WIDTH = 100
@@ -106,7 +106,7 @@ def print_inspection(found: Inspection) -> None:
 
 def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
     """What a displaced tool frame changes, law by law."""
-    from invariantqp.compare.frames import frame_check
+    from invariantqp.compare.measure.frames import frame_check
 
     with progress("tool frame displaced", quiet) as report:
         checks = frame_check(task, seed, report)
@@ -120,7 +120,7 @@ def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
 
 def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) -> None:
     """What displaced frames of tool, sensor and contact change, ours and the textbook's."""
-    from invariantqp.compare.contact_frames import contact_frame_check
+    from invariantqp.compare.measure.contact_frames import contact_frame_check
 
     with progress("frames displaced", quiet) as report:
         checks = contact_frame_check(task, seed, physics, report)
@@ -176,8 +176,8 @@ def print_stability(outcomes: list[Outcome]) -> None:
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
     """A comparison's summary, what it says in sentences, and where the rest is."""
-    from invariantqp.compare.findings import findings
-    from invariantqp.compare.tables import summary
+    from invariantqp.compare.report.findings import findings
+    from invariantqp.compare.report.tables import summary
 
     found = summary(results)
     table = Table(*found.columns, box=None)

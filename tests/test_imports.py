@@ -81,12 +81,12 @@ EXTRAS = {
     "cvxpy": ("iq.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "peers": (
-        "from invariantqp.compare.pink_law import PinkLaw as P; P(iq.load_robot('ur5'), iq.load_task('scara').law)",
+        "import invariantqp.compare.laws.pink_law as p; p.PinkLaw(iq.load_robot('ur5'), iq.load_task('scara').law)",
         ["pink"],
     ),
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
     "view": ("iq.Viewer(iq.load_task('scara'))", ["viser"]),
-    "compare": ("import invariantqp.compare.references", ["mpmath"]),
+    "compare": ("import invariantqp.compare.exact.references", ["mpmath"]),
 }
 ABSENT = """
 import sys

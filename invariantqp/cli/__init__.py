@@ -51,7 +51,7 @@ def _root(
 @app.command()
 def tasks() -> None:
     """List the tasks that come with the package."""
-    from invariantqp.control.taskfile import load_task, shipped_tasks
+    from invariantqp.runs.taskfile import load_task, shipped_tasks
 
     table = Table("task", "what it is", box=None)
     for name in shipped_tasks():

@@ -50,8 +50,8 @@ def compare(
     if stability:
         _compare_stability(json_file, quiet)
         return
-    from invariantqp.compare.ranking import rank_agreement
-    from invariantqp.compare.report import write_report
+    from invariantqp.compare.report.ranking import rank_agreement
+    from invariantqp.compare.report.report import write_report
     from invariantqp.compare.results import load_results
     from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 
@@ -79,8 +79,8 @@ def compare(
 
 
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:
-    from invariantqp.compare.invariant import OURS
-    from invariantqp.compare.stability import compare_stability
+    from invariantqp.compare.laws.invariant import OURS
+    from invariantqp.compare.measure.stability import compare_stability
 
     writable(json_file)
     with progress("comparing", quiet) as report:

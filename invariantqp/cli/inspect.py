@@ -63,8 +63,9 @@ def inspect(
     ] = None,
 ) -> None:
     """Tell what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
-    from invariantqp.control.inspection import DEFAULT_SAMPLES, arm
-    from invariantqp.control.inspection import inspect as look
+    from invariantqp.analysis.inspection import DEFAULT_SAMPLES
+    from invariantqp.analysis.inspection import inspect as look
+    from invariantqp.runs.arm import arm
 
     if q is not None and samples is not None:
         raise BadInput("--q", "--samples beside it", "one of them: a state, or the range")
@@ -78,6 +79,6 @@ def inspect(
     if json_file is not None:
         json_file.write_text(json.dumps(found.as_json(), indent=1) + "\n", encoding="utf-8")
     if plot is not None:
-        from invariantqp.control.pitch_picture import pitch_picture
+        from invariantqp.pictures.pitches import pitch_picture
 
         pitch_picture(found, loaded, plot)

@@ -16,7 +16,7 @@ from invariantqp.cli.status import NOT_ACCEPTED
 from invariantqp.printing import print_contact_frame_check, print_frame_check, print_run, progress
 
 if TYPE_CHECKING:
-    from invariantqp.control.taskfile import Task
+    from invariantqp.runs.taskfile import Task
     from invariantqp.view.server import Viewer
 
 
@@ -61,8 +61,8 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
     """Run TASK in closed loop and tell how it went: 0 when its acceptance numbers are met, 1 when not."""
-    from invariantqp.control.simulate import run_task
-    from invariantqp.control.taskfile import load_task
+    from invariantqp.runs.run import run_task
+    from invariantqp.runs.taskfile import load_task
 
     problem = load_task(task)
     writable(json_file)
@@ -77,7 +77,7 @@ def run(
     if json_file is not None:
         json_file.write_text(json.dumps(trace.as_json(), indent=1) + "\n", encoding="utf-8")
     if plot is not None:
-        from invariantqp.control.picture import picture
+        from invariantqp.pictures.run import picture
 
         picture(trace, plot)
     if check_frame:

@@ -14,9 +14,9 @@ from typing import Literal
 
 import numpy as np
 
-from invariantqp.control.simulate import MakeController
 from invariantqp.errors import BadInput, UnknownName
 from invariantqp.geometry.arrays import Array
+from invariantqp.runs.run import MakeController
 
 # (J (6, m), s (6,), lower (m,), upper (m,)) to a joint velocity (m,), all in the frame that the method names.
 Solve = Callable[[Array, Array, Array, Array], Array]
@@ -24,7 +24,7 @@ Solve = Callable[[Array, Array, Array, Array], Array]
 Family = Literal["invariant", "Moore-Penrose", "damped", "QP", "system"]
 FAMILIES: tuple[Family, ...] = ("invariant", "Moore-Penrose", "damped", "QP", "system")
 
-# The exact problems of `compare.references`; "" where a rule solves none that is worth a name.
+# The exact problems of `compare.exact.references`; "" where a rule solves none that is worth a name.
 Problem = Literal[
     "",
     "pitch",
@@ -109,7 +109,7 @@ class Method:
 
 def methods() -> dict[str, Method]:
     """Every method, installed or not, ours first."""
-    from invariantqp.compare import damped, invariant, moore_penrose, qp_backends, systems
+    from invariantqp.compare.laws import damped, invariant, moore_penrose, qp_backends, systems
 
     families = (invariant.METHODS, moore_penrose.METHODS, damped.METHODS, qp_backends.METHODS, systems.METHODS)
     return {method.name: method for family in families for method in family}

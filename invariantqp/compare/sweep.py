@@ -36,12 +36,12 @@ from typing import Any
 import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 
-from invariantqp.compare.machine import machine, source_digest, versions
+from invariantqp.compare.measure.machine import machine, source_digest, versions
 from invariantqp.compare.methods import chosen, first_of_groups
 from invariantqp.compare.results import SCHEMA, Results
-from invariantqp.control.simulate import Progress
-from invariantqp.control.taskfile import load_task
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
+from invariantqp.runs.run import Progress
+from invariantqp.runs.taskfile import load_task
 
 Result = dict[str, Any]
 
@@ -109,7 +109,7 @@ class NoReference(ReferenceFailure):
 
 def kinds() -> dict[str, Kind]:
     """Every kind of measurement."""
-    from invariantqp.compare import closed_loop, dependence, failure_map, growth, solves
+    from invariantqp.compare.measure import closed_loop, dependence, failure_map, growth, solves
 
     return {**solves.KINDS, **closed_loop.KINDS, **dependence.KINDS, **failure_map.KINDS, **growth.KINDS}
 

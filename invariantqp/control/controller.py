@@ -23,18 +23,18 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, checked_robot, middle
-from invariantqp.velocity.backends import Backend, backend_of
-from invariantqp.velocity.braking import BrakingBox
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import JointBox, accelerations, not_below_zero
-from invariantqp.velocity.objective import CarriedMetric, Form, form_of
+from invariantqp.velocity.limits.box import JointBox, accelerations, not_below_zero
+from invariantqp.velocity.limits.braking import BrakingBox
+from invariantqp.velocity.limits.toolspeed import ToolSpeed
+from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve, standing
-from invariantqp.velocity.toolspeed import ToolSpeed
 
 # How fast an arm with joints to spare drifts to the middle of their ranges [1/s]: a second's worth of patience, slow
 # beside any tracking gain, and what keeps it out of its limits on long paths.

@@ -17,7 +17,7 @@ import numpy as np
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.rows import LimitRows
+from invariantqp.velocity.limits.rows import LimitRows
 
 Rows = LimitRows | Callable[[Array], LimitRows | None]
 

@@ -9,12 +9,12 @@ from math import inf
 
 import numpy as np
 
-from invariantqp.control.recommendation import recommend
-from invariantqp.control.survey import spread, survey
+from invariantqp.analysis.recommendation import recommend
+from invariantqp.analysis.survey import spread, survey
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.centre import centre
 from invariantqp.systems.report import describe
-from invariantqp.velocity.objective import CarriedMetric, Form, PitchForm
+from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm
 
 # States looked at, some 10 ms in all: a planar arm is planar in each of them, and pitches are spread wide.
 SAMPLES = 16

@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, damping_of
+from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 from invariantqp.velocity.free_rows import free_rows
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import Bounds
-from invariantqp.velocity.objective import CarriedMetric, Form, PitchForm, form_of
+from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.request import BLIND, UnitsMixed, guard_of, units_mix
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve

@@ -16,10 +16,10 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.systems.centre import WELL_POSED
 from invariantqp.systems.span import LENGTH_LIMIT
 from invariantqp.velocity.damping import SINGULAR_RATIO, Damping, PaperLambda, Selective
+from invariantqp.velocity.forms import Complement
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import ROUNDING, VelocityLaw
-from invariantqp.velocity.objective import Complement
-from invariantqp.velocity.prices import ACTIVE_TOLERANCE
+from invariantqp.velocity.qp.prices import ACTIVE_TOLERANCE
 from invariantqp.velocity.regular import ACCURATE_RATIO
 from invariantqp.velocity.solve import FACTORED_RATIO, MET_TOLERANCE
 

@@ -14,14 +14,14 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.span import span
-from invariantqp.velocity.backends import Backend, Daqp
 from invariantqp.velocity.convexify import Convexified, convexify
 from invariantqp.velocity.damping import SINGULAR_RATIO, Adaptive, Damping
 from invariantqp.velocity.exact import ExactRows, Reduction, reduce
+from invariantqp.velocity.forms import Form, GramData
 from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.objective import Form, GramData
-from invariantqp.velocity.rows import LimitRows
-from invariantqp.velocity.toolspeed import Cone
+from invariantqp.velocity.limits.rows import LimitRows
+from invariantqp.velocity.limits.toolspeed import Cone
+from invariantqp.velocity.qp.backends import Backend, Daqp
 
 # The rounding error of J'QJ relative to |J|^2 |Q|: a G smaller than that says nothing.
 ROUNDING = 1e-15

@@ -14,17 +14,17 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import Bounds
-from invariantqp.velocity.objective import CarriedMetric, Form, form_of
-from invariantqp.velocity.rows import LimitRows, named
+from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.limits.rows import LimitRows, named
+from invariantqp.velocity.limits.toolspeed import Cone, ToolSpeed
+from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import VelocitySolution, conditioning, damping_reason
 from invariantqp.velocity.solve import solve
-from invariantqp.velocity.toolspeed import Cone, ToolSpeed
 
 BLIND = "no pitch form sees all of these joints: twists are measured by diag(L^2 I, I) at their own point"
 

@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import Backend, SolverFailure, backend_of, minimise
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows, Reduction, reduce
+from invariantqp.velocity.forms import Form, form_of
 from invariantqp.velocity.law import Demand, assemble
-from invariantqp.velocity.limits import Bounds
-from invariantqp.velocity.objective import Form, form_of
-from invariantqp.velocity.rows import polytope
+from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.limits.rows import polytope
+from invariantqp.velocity.qp.backends import Backend, SolverFailure, backend_of, minimise
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
 
 

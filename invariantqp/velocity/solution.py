@@ -9,7 +9,7 @@ import numpy as np
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.convexify import Convexified, is_singular
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.prices import ACTIVE_TOLERANCE
+from invariantqp.velocity.qp.prices import ACTIVE_TOLERANCE
 
 
 class VelocitySolution(NamedTuple):

@@ -11,8 +11,8 @@ import numpy as np
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
 from invariantqp.velocity.damping import PaperLambda
+from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw
-from invariantqp.velocity.objective import PitchForm
 from invariantqp.velocity.paper import paper_velocity
 from invariantqp.velocity.regular import regular_velocity
 from invariantqp.velocity.solution import VelocitySolution, clipped, damping_reason, held

@@ -14,18 +14,18 @@ from math import hypot, sqrt
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import SolverFailure, minimise
 from invariantqp.velocity.convexify import Convexified
 from invariantqp.velocity.damping import Adaptive, Fixed
 from invariantqp.velocity.exact import Reduction
-from invariantqp.velocity.feasible import relaxed, share_in_cone, slowest
+from invariantqp.velocity.forms import gram_data
 from invariantqp.velocity.guard import Guard, Scene
 from invariantqp.velocity.law import Demand, Problem, VelocityLaw, assemble
-from invariantqp.velocity.objective import gram_data
-from invariantqp.velocity.prices import ACTIVE_TOLERANCE, prices
-from invariantqp.velocity.rows import Polytope, named, polytope
+from invariantqp.velocity.limits.rows import Polytope, named, polytope
+from invariantqp.velocity.qp.backends import SolverFailure, minimise
+from invariantqp.velocity.qp.feasible import relaxed, share_in_cone, slowest
+from invariantqp.velocity.qp.prices import ACTIVE_TOLERANCE, prices
+from invariantqp.velocity.qp.tangents import Cut, minimise_in_cone, with_plane
 from invariantqp.velocity.solution import VelocitySolution, clipped, damping_reason, held
-from invariantqp.velocity.tangents import Cut, minimise_in_cone, with_plane
 
 # Given away of the largest feasible scale, so that the slowed-down problem has an interior for a solver to find; the
 # next one where it finds none.

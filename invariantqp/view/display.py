@@ -6,7 +6,7 @@ import os
 import re
 import sys
 
-from invariantqp.control.taskfile import Task
+from invariantqp.runs.taskfile import Task
 
 # Set where nobody looks at this machine's screen, if it has one.
 ELSEWHERE = ("CI", "SSH_CONNECTION", "SSH_TTY")

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.log import ContactTrace
-from invariantqp.control.taskfile import Task
-from invariantqp.control.trace import Trace
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.log import ContactTrace
+from invariantqp.runs.taskfile import Task
+from invariantqp.runs.trace import Trace
 from invariantqp.view.surroundings import Surroundings, surroundings
 
 # States drawn of a run, at most; players fill in between. What is shown of the ticks between two is their worst.

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.control.trace import Trace
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
+from invariantqp.runs.trace import Trace
 from invariantqp.view.film import Chart, Film, colours, film_of
 
 SCRIPTS = ("painter.js", "charts.js", "player.js")

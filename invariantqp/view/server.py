@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.control.taskfile import Task
-from invariantqp.control.trace import Trace
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.touch import Truth
+from invariantqp.runs.plants.touch import Truth
+from invariantqp.runs.taskfile import Task
+from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.view.film import (
     FORCE,

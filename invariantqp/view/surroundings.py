@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.control.scene import scene_of
-from invariantqp.control.taskfile import Task
 from invariantqp.geometry import screws
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.touch import Grip
+from invariantqp.runs.plants.touch import Grip
+from invariantqp.runs.scene import scene_of
+from invariantqp.runs.taskfile import Task
 
 # Faces along each side: small ones, so that a viewer that sorts them by depth gets it right.
 SIDE = 8

@@ -1,0 +1,172 @@
+"""What a control engineer wants to know of an arm before choosing a law: one state, the joint range, and what to use.
+
+The state: rank, type, principal pitches, blind directions, distance from a singularity (`systems.report`). The range:
+the same in many states (`analysis.survey`), because a form is chosen once for all of them (`analysis.recommendation`).
+
+Reference: [DS] Sect. 3, 5.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.analysis.recommendation import Recommendation, recommend
+from invariantqp.analysis.survey import Progress, Survey, spread, survey
+from invariantqp.errors import BadInput, written
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.systems.centre import centre
+from invariantqp.systems.report import SystemReport, describe
+
+# States looked at where nobody says how many: some 50 ms, and enough to tell an arm's nature from one state's.
+DEFAULT_SAMPLES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """An arm in one state and over its range, in words (`state_words`, `range_words`) and in numbers (`as_json`).
+
+    Attributes:
+        robot: what it was asked for by.
+        tool: name of the tool frame.
+        joints: names, base first.
+        q: (m,) the state [rad, length].
+        where: which state that is, in words.
+        report: the state.
+        survey: the range.
+        own_length: the arm's own length in the middle of its range [length/rad]: inf where no joint turns, 0 where all
+            axes meet.
+        recommended: what to measure twists by.
+    """
+
+    robot: str
+    tool: str
+    joints: tuple[str, ...]
+    q: Array
+    where: str
+    report: SystemReport
+    survey: Survey
+    own_length: float
+    recommended: Recommendation
+
+    def state_words(self) -> tuple[str, ...]:
+        """The state, one fact a sentence."""
+        said = self.report.sentences()
+        most = self.survey.attainable_rank
+        if self.report.rank < most:
+            regular = _percent(self.survey.regular)
+            note = f"That is this state, not the arm: its rank is {most} in {regular} of the range."
+            said = (said[0], note, *said[1:])
+        elif self.report.singular:
+            said = (*said, "No state does better: the joints are redundant, this is no singularity.")
+        return said
+
+    def range_words(self) -> tuple[str, ...]:
+        """The range, one fact a sentence."""
+        seen = self.survey
+        ranks = Counter(seen.rank.tolist()).most_common()
+        shares = ", ".join(f"{k} in {_percent(seen.rank == k)}" for k, _ in ranks)
+        median, least = float(np.median(seen.distance)), float(seen.distance.min())
+        said = [f"Rank {shares}; {median:.2g} away from a singularity at the median, {least:.2g} at least."]
+        pitches = seen.all_pitches
+        if seen.attainable_rank < 6 and len(pitches):
+            low, middle_low, middle_high, high = np.quantile(pitches, (0.0, 0.25, 0.75, 1.0)).tolist()
+            if written(high - low, 1) == "0":
+                said.append(f"The principal pitch is {written(low)} in every state: stay away from it.")
+            else:
+                said.append(
+                    f"Principal pitches from {written(low, 3)} to {written(high, 3)}, half of them between "
+                    f"{written(middle_low, 3)} and {written(middle_high, 3)}: pitches to stay away from."
+                )
+        if seen.attainable_rank < 6 and seen.blind_share > 0.0:
+            share = f"{100.0 * seen.blind_share:.3g} % of its regular states"
+            said.append(f"No pitch works in {'any state' if seen.blind_share == 1.0 else share}.")
+        return tuple(said)
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything in numbers; SI units, screws as (omega; v)."""
+        kind, advice = self.report.type, self.recommended
+        return {
+            "robot": self.robot,
+            "tool": self.tool,
+            "joints": list(self.joints),
+            "q": self.q.tolist(),
+            "rank": self.report.rank,
+            "gibson_hunt": str(kind),
+            "named_by_reciprocal": kind.reciprocal,
+            "moduli": dict(zip(kind.modulus_names, kind.moduli, strict=True)),
+            "admits_pseudoinverse": kind.admits_pseudoinverse,
+            "principal_pitches": self.report.principal_pitches.tolist(),
+            "principal_screws": self.report.principal_screws.T.tolist(),
+            "blind_directions": self.report.blind_directions.T.tolist(),
+            "singularity_distance": self.report.singularity_distance,
+            "attainable_rank": self.survey.attainable_rank,
+            "own_length": self.own_length if isfinite(self.own_length) else None,
+            "recommended": {
+                "form": advice.form,
+                "h": advice.h,
+                "length": advice.length,
+                "reason": advice.reason,
+            },
+            "samples": self.survey.as_json(),
+        }
+
+
+def inspect(
+    robot: Robot,
+    *,
+    name: str = "robot",
+    q: ArrayLike | None = None,
+    samples: int = DEFAULT_SAMPLES,
+    jobs: int = -1,
+    progress: Progress | None = None,
+) -> Inspection:
+    """Look at an arm in one state and over its joint range.
+
+    Args:
+        robot: from `load_robot`, or anything that meets `Robot`.
+        name: what to call it.
+        q: (m,) joint positions [rad, length]; None is the middle of each range or, where that is singular, the state of
+            the range farthest from singularities.
+        samples: states of the joint range to look at.
+        jobs: processes where samples are many; -1 is one a core.
+        progress: called with (states done, states in all).
+
+    Raises:
+        BadInput: wrong number of joint positions, NaN, no samples.
+    """
+    mid = middle(robot)
+    state, where = mid, "in the middle of the joint range"
+    if q is not None:
+        state, where = arrays.vector(q, len(robot.names), "q"), "at the joint positions given"
+    if samples < 1:
+        raise BadInput("samples", str(samples), "one or more")
+    report = describe(robot.jacobian(state))
+    seen = survey(robot, spread(robot, samples), jobs=jobs, progress=progress)
+    if q is None and report.rank < seen.attainable_rank:
+        state = seen.q[int(np.where(seen.regular, seen.distance, -1.0).argmax())]
+        report = describe(robot.jacobian(state))
+        where = "in a regular state, since the middle of the joint range is singular"
+    length = centre(robot.jacobian(mid)).length
+    return Inspection(
+        robot=name,
+        tool=str(getattr(robot, "tool", "tool_point")),
+        joints=tuple(robot.names),
+        q=state,
+        where=where,
+        report=report,
+        survey=seen,
+        own_length=length,
+        recommended=recommend(robot, report, seen, length),
+    )
+
+
+def _percent(flags: Array) -> str:
+    return f"{100.0 * float(np.mean(flags)):.3g} %"

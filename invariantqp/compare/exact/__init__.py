@@ -1,0 +1,1 @@
+"""Exact answers to the problems that the methods solve."""

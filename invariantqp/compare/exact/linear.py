@@ -1,0 +1,155 @@
+"""Exact answers without a spectrum: stationary points, least squares, ridges; in 50 digits and in rational numbers.
+
+stationary   (J'QJ)^-1 J'Qs, or J'(JJ')^-1 s from six joints on   |   [[Q^-1, J], [J', 0]], [[I, J'], [J, 0]]
+ridge        J'(JJ' + lambda^2 I)^-1 s                            |   (J'J + lambda^2 I) x = J's
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+
+from invariantqp.compare.exact.box import active_set, least_index, rational_solve
+from invariantqp.compare.laws.moore_penrose import reach_of
+from invariantqp.compare.measure.states import Question
+from invariantqp.compare.methods import Setting
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.forms import pitch_form
+
+# What a question is answered with: m numbers, of mpmath or rational.
+Numbers = Any
+Way = Callable[[Question, Setting], Numbers]
+
+
+def number(x: Any) -> Any:
+    """A rational or mpmath number as mpmath's."""
+    return mp.mpf(x.numerator) / x.denominator if isinstance(x, Fraction) else mp.mpf(x)
+
+
+def fraction(x: Any) -> Fraction:
+    """Exactly the number that x is."""
+    if isinstance(x, mp.mpf):
+        sign, mantissa, exponent, _ = x._mpf_
+        value = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+        return -value if sign else value
+    return Fraction(float(x))
+
+
+def matrix(A: Array) -> Any:
+    """A float64 matrix as mpmath's, not rounded."""
+    return mp.matrix(A.tolist())
+
+
+def _rational(A: Array) -> list[list[Fraction]]:
+    return [[Fraction(v) for v in row] for row in A.tolist()]
+
+
+def _eye(n: int, scale: Fraction = Fraction(1)) -> list[list[Fraction]]:
+    return [[scale if i == j else Fraction(0) for j in range(n)] for i in range(n)]
+
+
+def _augmented(metric_inverse: list[list[Fraction]], J: list[list[Fraction]], rhs: list[Fraction]) -> list[Fraction]:
+    """[[M^-1, J], [J', 0]] [y; x] = [rhs; 0], for x."""
+    n, m = len(J), len(J[0])
+    rows = [[*metric_inverse[i], *J[i]] for i in range(n)]
+    rows += [[*(J[i][j] for i in range(n)), *[Fraction(0)] * m] for j in range(m)]
+    return rational_solve(rows, [*rhs, *[Fraction(0)] * m])[n:]
+
+
+def _shortest(J: list[list[Fraction]], s: list[Fraction]) -> list[Fraction]:
+    """The shortest x with Jx = s, from [[I, J'], [J, 0]] [x; y] = [0; s]."""
+    m = len(J[0])
+    rows = [[*row, *(J[k][i] for k in range(6))] for i, row in enumerate(_eye(m))]
+    rows += [[*J[k], *[Fraction(0)] * 6] for k in range(6)]
+    return rational_solve(rows, [*[Fraction(0)] * m, *s])[:m]
+
+
+def form_matrix(problem: str, setting: Setting) -> Array:
+    """The matrix of the form that a problem measures twists by."""
+    if problem.startswith("inertia"):
+        return np.diag(setting.inertia)
+    return pitch_form(setting.pitch)
+
+
+def stationary(problem: str) -> tuple[Way, Way]:
+    """Undamped: of the form for fewer than six joints, the shortest that meets the twist otherwise."""
+
+    def first(asked: Question, setting: Setting) -> Numbers:
+        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+        if setting.m >= 6:
+            return J.T * mp.lu_solve(J * J.T, s)
+        Q = mp.eye(6) if problem == "least squares" else matrix(form_matrix(problem, setting))
+        return mp.lu_solve(J.T * Q * J, J.T * Q * s)
+
+    def second(asked: Question, setting: Setting) -> Numbers:
+        J, s = _rational(asked.J), [Fraction(v) for v in asked.s.tolist()]
+        if setting.m >= 6:
+            return _shortest(J, s)
+        if problem == "least squares":
+            return _augmented(_eye(6), J, s)
+        Q = _rational(form_matrix(problem, setting))
+        columns = [rational_solve(Q, unit) for unit in _eye(6)]
+        return _augmented([list(row) for row in zip(*columns, strict=True)], J, s)
+
+    return first, second
+
+
+def weighted() -> tuple[Way, Way]:
+    """The shortest velocity in units of the bounds."""
+    plain = stationary("least squares")
+
+    def way(k: int) -> Way:
+        def answer(asked: Question, setting: Setting) -> Numbers:
+            reach = reach_of(asked.lower, asked.upper)
+            # The scaled Jacobian is rounded once, for both ways alike: that rounding is the method's, not the answer's.
+            x = plain[k](asked._replace(J=asked.J * reach), setting)
+            return [value * _of(value, r) for value, r in zip(x, reach.tolist(), strict=True)]
+
+        return answer
+
+    return way(0), way(1)
+
+
+def _of(like: Any, x: float) -> Any:
+    return Fraction(x) if isinstance(like, Fraction) else mp.mpf(x)
+
+
+def ridge(squared: float) -> tuple[Way, Way]:
+    """Least squares with lambda^2 |x|^2 on top."""
+
+    def first(asked: Question, _: Setting) -> Numbers:
+        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+        return J.T * mp.lu_solve(J * J.T + mp.mpf(squared) * mp.eye(6), s)
+
+    def second(asked: Question, _: Setting) -> Numbers:
+        H, c = _least_squares_qp(asked, squared)
+        return rational_solve(H, c)
+
+    return first, second
+
+
+def _least_squares_qp(asked: Question, squared: float) -> tuple[list[list[Fraction]], list[Fraction]]:
+    J, s = _rational(asked.J), [Fraction(v) for v in asked.s.tolist()]
+    m = len(J[0])
+    H = [
+        [sum((row[i] * row[j] for row in J), Fraction(squared if i == j else 0.0)) for j in range(m)] for i in range(m)
+    ]
+    return H, [sum((row[i] * v for row, v in zip(J, s, strict=True)), Fraction(0)) for i in range(m)]
+
+
+def ridge_box(squared: float) -> tuple[Way, Way]:
+    """The same inside the bounds."""
+
+    def first(asked: Question, setting: Setting) -> Numbers:
+        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+        H = J.T * J + mp.mpf(squared) * mp.eye(setting.m)
+        return active_set(H, J.T * s, asked.lower.tolist(), asked.upper.tolist())
+
+    def second(asked: Question, _: Setting) -> Numbers:
+        return least_index(*_least_squares_qp(asked, squared), asked.lower.tolist(), asked.upper.tolist())
+
+    return first, second

@@ -1,0 +1,76 @@
+"""Any method as a control loop with the same `step` as ours: J and s in its frame, its answer clipped to the limits.
+
+T -> s = gain log(T_target T^-1) + feedforward,    x = clip(solve(J, s, lower, upper))
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.compare.laws.peers import pose_of
+from invariantqp.compare.methods import Method, Setting, Solve, methods
+from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.own_form import own_form
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays, se3
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.runs.run import MakeController
+from invariantqp.runs.taskfile import LawSpec
+from invariantqp.systems.centre import centre
+from invariantqp.velocity.forms import PitchForm
+from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.solution import VelocitySolution
+
+
+class MethodLaw:
+    """A method for J and s in the tool's frame or the base's, its answer clipped to the limits."""
+
+    def __init__(self, robot: Robot, law: LawSpec, method: Method, solve: Solve) -> None:
+        """`law` gives dt and gain; nothing else of it is used."""
+        self._robot = robot
+        self._gain = TRACKING_SHARE / law.dt if law.gain is None else law.gain
+        self._solve = solve
+        self._at_tool = method.frame == "tool"
+        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, law.dt)
+        self._name = method.name
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick."""
+        positions = arrays.vector(q, len(self._robot.names), "q")
+        sighting = self._robot.sight(positions, target)
+        s = self._gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
+        lower, upper = self._box.at(positions)
+        if self._at_tool:
+            to_tool = se3.carried_back(pose_of(sighting.pose))
+            x = self._solve(to_tool.dot(sighting.J), to_tool.dot(s), lower, upper)
+        else:
+            x = self._solve(sighting.J, s, lower, upper)
+        clipped = np.minimum(np.maximum(x, lower), upper)
+        active = tuple(np.flatnonzero(clipped != x).tolist())
+        residual = s - sighting.J.dot(clipped)
+        return VelocitySolution(clipped, self._name, "ok", "", active, residual, 1.0, 0.0, 0.0, "")
+
+
+def setting_of(robot: Robot, dt: float) -> Setting:
+    """What methods may know of an arm: its recommended pitch, or its own length where no pitch form sees all of it."""
+    form, _ = own_form(robot)
+    pitch = form.h if isinstance(form, PitchForm) else centre(robot.jacobian(middle(robot))).length
+    return Setting(len(robot.names), dt, pitch)
+
+
+def controller_of(method: Method) -> MakeController:
+    """A method's loop: its own where it is a system, otherwise one made of its solver."""
+    if method.system is not None:
+        return method.system
+    make = method.make
+    if make is None:
+        raise BadInput("method", f"{method.name}, which has neither a solver nor a loop", "one of them")
+    return lambda robot, law: MethodLaw(robot, law, method, make(setting_of(robot, law.dt)))
+
+
+def controller_named(name: str) -> MakeController:
+    """The loop of a method by its name."""
+    return controller_of(methods()[name])

@@ -1,0 +1,60 @@
+"""One step a tick of the Robotics Toolbox's numerical inverse kinematics.
+
+Its QP,   minimise kj |x|^2 + 1 / sum|e| |e - Jx|^2,   or its Levenberg-Marquardt,   (J'WJ + E I)^-1 J'We
+
+The toolbox has solvers to a pose, no velocity loop: here a solver's single step goes to a target that lies a tick's
+share of the way ahead. It knows no velocity limits, and neither solver's defaults keep position limits; what it asks
+for is clipped to both.
+
+Reference: Corke & Haviland, Robotics Toolbox for Python; Haviland & Corke 2022.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.compare.laws.peers import led, pose_of, share_of
+from invariantqp.compare.laws.toolbox import ets_of, toolbox
+from invariantqp.geometry import arrays, se3
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.solution import VelocitySolution
+
+Step = Literal["QP", "LM"]
+
+
+class RoboticsToolboxLaw:
+    """A step of IK_QP or IK_LM a tick, on an ETS of the robot's joints, clipped."""
+
+    def __init__(self, robot: Robot, law: LawSpec, step: Step = "QP") -> None:
+        """`law` gives dt and gain; nothing else of it is used.
+
+        Raises:
+            MissingExtra: the Robotics Toolbox is not installed.
+            RobotModelError: a robot with helical joints.
+        """
+        rtb = toolbox()
+        self._robot = robot
+        self._dt = law.dt
+        self._share = share_of(law)
+        self._ets = ets_of(robot)
+        self._solver = rtb.IK_QP() if step == "QP" else rtb.IK_LM()
+        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, law.dt)
+        self._name = f"roboticstoolbox {step}"
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; the toolbox's exceptions get out as they are."""
+        positions = arrays.vector(q, len(self._robot.names), "q")
+        wanted = led(pose_of(target), feedforward, self._dt / self._share)
+        here = np.asarray(self._ets.eval(positions))
+        ahead = se3.motion(self._share * se3.displacement(wanted.dot(se3.inverted(here)))).dot(here)
+        _, reached = self._solver.step(self._ets, ahead, positions.copy())
+        x = (reached - positions) / self._dt
+        lower, upper = self._box.at(positions)
+        clipped = np.minimum(np.maximum(x, lower), upper)
+        active = tuple(np.flatnonzero(clipped != x).tolist())
+        return VelocitySolution(clipped, self._name, "ok", "", active, np.full(6, np.nan), 1.0, 0.0, 0.0, "")

@@ -1,0 +1,66 @@
+"""The Robotics Toolbox, and an arm in its own words from joint screws: the one file that imports it.
+
+    T(q) = A_1 Z(q_1) A_1^-1 A_2 Z(q_2) A_2^-1 ... T(0),    z of A_i along joint i at q = 0
+
+Reference: Corke & Haviland, Robotics Toolbox for Python.
+"""
+
+from __future__ import annotations
+
+import warnings
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from invariantqp.analysis.survey import joint_ranges
+from invariantqp.compare.laws.peers import Joint, joints_of
+from invariantqp.errors import MissingExtra
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+
+
+def has_toolbox() -> bool:
+    """Whether the Robotics Toolbox is installed."""
+    return find_spec("roboticstoolbox") is not None
+
+
+def toolbox() -> Any:
+    """The Robotics Toolbox.
+
+    Raises:
+        MissingExtra: it is not installed.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # its imports warn of their own syntax
+            import roboticstoolbox
+    except ImportError as error:
+        raise MissingExtra("roboticstoolbox-python", "peers") from error
+    return roboticstoolbox
+
+
+def ets_of(robot: Robot) -> Any:
+    """The elementary transforms (ETS) of a robot, with its limits; one turn, or unit, where a joint has none.
+
+    Raises:
+        MissingExtra: the Robotics Toolbox is not installed.
+        RobotModelError: a helical joint, which it does not have.
+    """
+    rtb = toolbox()
+    pieces: list[Any] = []
+    before = np.eye(4)
+    for joint, low, high in zip(joints_of(robot), *joint_ranges(robot), strict=True):
+        frame = _frame(joint)
+        pieces.append(rtb.ET.SE3(se3.inverse(before).dot(frame)))
+        pieces.append((rtb.ET.tz if joint.slides else rtb.ET.Rz)(qlim=np.array([low, high])))
+        before = frame
+    home = robot.pose(np.zeros(len(robot.names)))
+    return rtb.ETS([*pieces, rtb.ET.SE3(se3.inverse(before).dot(home))])
+
+
+def _frame(joint: Joint) -> Array:
+    """A (4, 4) frame on the joint's axis whose z is along it."""
+    across = np.linalg.svd(joint.axis.reshape(1, 3))[2][1]
+    return se3.transform(np.column_stack((across, np.cross(joint.axis, across), joint.axis)), joint.point)

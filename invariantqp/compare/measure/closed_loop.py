@@ -1,0 +1,174 @@
+"""Every method as a controller: what it tracks, what it asks of the joints, how often it fails, and what a tick costs.
+
+closed_loop   the task as it is: tracking errors, total variation of the velocity, share of failed ticks
+singular      through a singularity by an arm without speed limits: the largest speed over the limit that it has
+hard          what breaks velocity control: the share of failed ticks alone
+tick          median and 99th percentile of a whole tick, in states of the task's own run
+
+A tick has failed when the law raises, when its answer is not finite, or when the arm is further outside its limits
+after it than before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from invariantqp.compare.laws.baselines import controller_named
+from invariantqp.compare.measure.rewritten import rewritten
+from invariantqp.compare.measure.stability import INSIDE, Watched, quietly, watched_run
+from invariantqp.compare.measure.timing import interleaved, spread
+from invariantqp.compare.sweep import Cell, Kind, Result
+from invariantqp.control.controls import Controls
+from invariantqp.errors import InvariantQPError
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.run import run_task
+from invariantqp.runs.taskfile import LawSpec, Task, load_task
+from invariantqp.runs.trace import Trace
+
+# Runs through singularities of the elbow, the shoulder and the wrist, six joints and seven.
+SINGULAR = tuple(f"stability/{arm}_{where}" for arm in ("ur5", "panda") for where in ("wrist", "elbow", "shoulder"))
+# Where ticks fail: targets out of reach, starts outside limits, jumps, lost rank.
+HARD = tuple(
+    f"stability/{name}"
+    for name in (
+        "five_joints_out_of_reach",
+        "jump",
+        "limit_all_along",
+        "out_of_reach_fast",
+        "outside_limits",
+        "panda_wrist",
+        "pitch_crossing",
+        "rank_one",
+        "repeated_joints",
+    )
+)
+# Ticks so much longer in a quick run, and the runs of these kinds that are left in it.
+COARSER = 10.0
+QUICK = ("stability/ur5_wrist", "stability/outside_limits")
+# Stretches of consecutive ticks that are timed, and rounds: of a full run, of a quick one.
+STRETCHES, LENGTH, ROUNDS = 10, 20, 5
+QUICK_STRETCHES, QUICK_ROUNDS = 4, 2
+
+
+def task_of(cell: Cell) -> Task:
+    """The cell's task, its ticks longer in a quick run."""
+    task = load_task(cell.task)
+    if not cell.quick:
+        return task
+    return task.model_copy(update={"law": task.law.model_copy(update={"dt": COARSER * task.law.dt})})
+
+
+def tracked(cell: Cell) -> dict[str, Result]:
+    """The task in closed loop."""
+    watched, trace = watched_run(task_of(cell), controller_named(cell.method))
+    figures = trace.summary()
+    return {
+        cell.method: {
+            "position_mm": figures["position_error_mm"],
+            "orientation_deg": figures["orientation_error_deg"],
+            "final_position_mm": figures["final_position_error_mm"],
+            "limits_active": figures["limits_active"],
+            **_motion(trace),
+            **_failures(watched, trace),
+        }
+    }
+
+
+def without_speed_limits(cell: Cell) -> dict[str, Result]:
+    """Through a singularity by the same arm without speed limits."""
+    if cell.quick and cell.task not in QUICK:
+        return {}
+    make = controller_named(cell.method)
+
+    def unhurried(robot: Robot, law: LawSpec) -> Controls:
+        return make(rewritten(robot, speed_limits=False), law)
+
+    watched, trace = watched_run(load_task(cell.task), unhurried)
+    stopped = (watched.exceptions + watched.not_finite) / len(trace.velocity)
+    return {
+        cell.method: {**_motion(trace), "stopped": stopped, "final_position_mm": 1e3 * float(trace.position_error[-1])}
+    }
+
+
+def failures(cell: Cell) -> dict[str, Result]:
+    """The share of failed ticks."""
+    if cell.quick and cell.task not in QUICK:
+        return {}
+    return {cell.method: _failures(*watched_run(load_task(cell.task), controller_named(cell.method)))}
+
+
+def _motion(trace: Trace) -> dict[str, float]:
+    """Largest joint speed over its limit, and the total variation of the joint velocities [rad/s, m/s]."""
+    return {
+        "peak": float((np.abs(trace.velocity) / trace.velocity_limit).max()),
+        "variation": float(np.abs(np.diff(trace.velocity, axis=0)).sum()),
+    }
+
+
+def _failures(watched: Watched, trace: Trace) -> dict[str, Any]:
+    low, high = trace.position_limits
+    outside = np.maximum(np.maximum(low - trace.q, trace.q - high), 0.0)
+    left = (np.diff(outside, axis=0) > INSIDE) | (np.abs(trace.velocity) - trace.velocity_limit > INSIDE)
+    ticks = len(trace.velocity)
+    ways = {
+        "raised": watched.exceptions / ticks,
+        "not_finite": watched.not_finite / ticks,
+        "outside": float(left.any(axis=1).mean()),
+    }
+    return {"ticks": ticks, **ways, "failed_ticks": sum(ways.values())}
+
+
+def ticked(cell: Cell) -> dict[str, Result]:
+    """Times of whole ticks, side by side, in stretches of consecutive ticks of the task's own run under our law."""
+    task = task_of(cell)
+    robot = task.load_robot()
+    stretches = QUICK_STRETCHES if cell.quick else STRETCHES
+    inputs = _inputs(task, robot, stretches)
+    calls: dict[str, Callable[[int], object]] = {}
+    found: dict[str, Result] = {}
+    for name in cell.methods:
+        try:
+            calls[name] = partial(_tick, controller_named(name)(robot, task.law), inputs)
+        except InvariantQPError as error:
+            found[name] = {"failed": str(error)}
+    with quietly():
+        taken = interleaved(calls, len(inputs), QUICK_ROUNDS if cell.quick else ROUNDS)
+    return found | {name: spread(times) for name, times in taken.items()}
+
+
+def _inputs(task: Task, robot: Robot, stretches: int) -> list[tuple[Array, Any, Array]]:
+    """(q, target, feedforward) of ticks in stretches spread over a run."""
+    dt = task.law.dt
+    q = run_task(task).q
+    pose = task.path.along(robot, task.start())
+    length = min(LENGTH, (len(q) - 1) // stretches)
+    firsts = np.linspace(0, len(q) - 1 - length, stretches).astype(int).tolist()
+    inputs = []
+    for first in firsts:
+        wanted = [pose(dt * k) for k in range(first, first + length + 1)]
+        for i, (now, then) in enumerate(pairwise(wanted)):
+            ahead = np.zeros(6) if task.path.jumps else se3.log(then.dot(se3.inverse(now))) / dt
+            inputs.append((q[first + i], robot.target(now), ahead))
+    return inputs
+
+
+def _tick(loop: Controls, inputs: list[tuple[Array, Any, Array]], i: int) -> object:
+    try:
+        return loop.step(*inputs[i])
+    except Exception:  # noqa: BLE001 (failures are counted where runs are)
+        return None
+
+
+KINDS = {
+    "closed_loop": Kind(tracked),
+    "singular": Kind(without_speed_limits, tasks=SINGULAR),
+    "hard": Kind(failures, tasks=HARD),
+    "tick": Kind(ticked, alone=True),
+}

@@ -1,0 +1,147 @@
+"""How much a joint velocity depends on how the problem was written down: on where frames are, on the unit of length.
+
+    |x - x'| / |x|,    x' the answer to the same physical question with tool frame and base frame displaced, or in mm
+
+States are drawn over the joint range, with the limits on; each law is asked through its own loop, as shipped. Numbers
+that people give in metres (a length, an inertia) are converted; damping in mixed units cannot be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from invariantqp.compare.laws.baselines import MethodLaw, controller_of, setting_of
+from invariantqp.compare.measure.closed_loop import task_of
+from invariantqp.compare.measure.frames import frame_check, random_displacement
+from invariantqp.compare.measure.rewritten import rewritten, stretched
+from invariantqp.compare.measure.states import joint_range
+from invariantqp.compare.methods import Method, methods
+from invariantqp.compare.sweep import Cell, Kind, Result
+from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.controls import Controls
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.taskfile import LawSpec, load_task
+
+# Displacements, and states for each: of a full run, of a quick one.
+DISPLACEMENTS, QUICK_DISPLACEMENTS = 10, 2
+STATES = 20
+# Standard deviation of each component of the twists asked for [rad/s, m/s]: fast enough to meet limits now and then.
+TWIST = 0.5
+MILLIMETRES = 1000.0
+# Methods whose whole trajectories are run twice as well.
+TRAJECTORIES = ("invariantqp", "Moore-Penrose, pinv", "DLS", "least-squares QP", "Pink", "mink")
+
+
+class Writing(NamedTuple):
+    """One way to write an arm and its targets down.
+
+    Attributes:
+        base: (4, 4) pose of the old base frame in the new one.
+        tool: (4, 4) pose of the new tool frame in the old one, in the new unit.
+        unit: how many of the new units of length make a metre.
+    """
+
+    base: Array
+    tool: Array
+    unit: float = 1.0
+
+    def target(self, pose: Array) -> Array:
+        """A (4, 4) target as written here."""
+        return np.asarray(self.base.dot(stretched(pose, self.unit)).dot(self.tool))
+
+    def loop(self, method: Method, robot: Robot, law: LawSpec) -> tuple[Controls, Robot]:
+        """A method's loop for the arm as written here, and that arm."""
+        moved = rewritten(robot, base=self.base, unit=self.unit).with_tool(self.tool)
+        back = se3.inverse(self.tool)
+        point = back.dot([*(self.unit * np.asarray(law.point)), 1.0])[:3]
+        law = law.model_copy(update={"point": tuple(point.tolist())})
+        if method.system is not None or method.make is None:
+            return controller_of(method)(moved, law), moved
+        setting = setting_of(moved, law.dt)
+        inertia = setting.inertia * np.repeat((self.unit**2, 1.0), 3)
+        setting = replace(setting, inertia=inertia, body=back, unit=self.unit)
+        return MethodLaw(moved, law, method, method.make(setting)), moved
+
+
+def dependence(cell: Cell) -> dict[str, Result]:
+    """Frame and unit dependence of one method over the joint range of a task's arm."""
+    method = methods()[cell.method]
+    task = load_task(cell.task)
+    robot, law = task.load_robot(), task.law
+    rng = np.random.default_rng([cell.seed, 2])
+    plain = Writing(np.eye(4), np.eye(4))
+    frames, units = _Changes(), _Changes()
+    for i in range(QUICK_DISPLACEMENTS if cell.quick else DISPLACEMENTS):
+        base, tool = (random_displacement(1000 * cell.seed + 2 * i + k) for k in range(2))
+        q, poses = _drawn(robot, law, rng)
+        before = _answers(plain, method, robot, law, q, poses)
+        frames.add(before, _answers(Writing(base, tool), method, robot, law, q, poses))
+        in_mm = Writing(np.eye(4), np.eye(4), MILLIMETRES)
+        units.add(before, _answers(in_mm, method, robot, law, q, poses))
+    return {cell.method: {"frame": frames.figures(), "unit": units.figures()}}
+
+
+def _drawn(robot: Robot, law: LawSpec, rng: np.random.Generator) -> tuple[Array, list[Array]]:
+    """Joint positions (n, m), and target poses that ask for a random twist about the tool."""
+    low, high = joint_range(robot)
+    q = rng.uniform(low, high, (STATES, len(low)))
+    gain = TRACKING_SHARE / law.dt if law.gain is None else law.gain
+    return q, [robot.pose(x).dot(se3.motion(TWIST / gain * rng.standard_normal(6))) for x in q]
+
+
+def _answers(
+    writing: Writing, method: Method, robot: Robot, law: LawSpec, q: Array, poses: list[Array]
+) -> list[Array | None]:
+    loop, arm = writing.loop(method, robot, law)
+    return [_answer(loop, x, arm.target(writing.target(T))) for x, T in zip(q, poses, strict=True)]
+
+
+def _answer(loop: Controls, q: Array, target: Any) -> Array | None:
+    try:
+        x = np.asarray(loop.step(q, target).velocity, dtype=np.float64)
+    except Exception:  # noqa: BLE001 (failures are counted, here as a state left out)
+        return None
+    return x if np.isfinite(x).all() else None
+
+
+class _Changes:
+    """Relative changes, and how many states had no answer to compare."""
+
+    def __init__(self) -> None:
+        self._found: list[float] = []
+        self._left_out = 0
+
+    def add(self, before: list[Array | None], after: list[Array | None]) -> None:
+        for x, y in zip(before, after, strict=True):
+            if x is None or y is None or not x.any():
+                self._left_out += 1
+            else:
+                self._found.append(float(np.linalg.norm(x - y) / np.linalg.norm(x)))
+
+    def figures(self) -> Result:
+        if not self._found:
+            return {"median": None, "p99": None, "worst": None, "states": 0, "left_out": self._left_out}
+        return {
+            "median": float(np.median(self._found)),
+            "p99": float(np.percentile(self._found, 99.0)),
+            "worst": max(self._found),
+            "states": len(self._found),
+            "left_out": self._left_out,
+        }
+
+
+def trajectory(cell: Cell) -> dict[str, Result]:
+    """How far the task's whole joint trajectory moves when the tool frame is put elsewhere."""
+    (check,) = frame_check(task_of(cell), cell.seed, laws={cell.method: controller_of(methods()[cell.method])})
+    return {cell.method: {"change": check.change, "worst_error_mm": check.worst_error_mm}}
+
+
+KINDS = {
+    "dependence": Kind(dependence),
+    "trajectory": Kind(trajectory, fits=TRAJECTORIES.__contains__),
+}

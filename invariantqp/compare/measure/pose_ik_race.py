@@ -1,0 +1,214 @@
+"""Inverse kinematics to a pose, ours and what people have, on the same random reachable targets from the same starts.
+
+    target = T(q),   q and the start drawn evenly from the joint range      met: 1e-6 m, 1e-6 rad, inside limits
+
+Newton by the pseudoinverse and Pink know no restarts: they get the same ones as ours, from a loop a script would have.
+The Robotics Toolbox's ik_LM runs with its defaults but for the tolerance and brings its own restarts (100 of 30 steps,
+random in the joint range); it ignores limits on the way and throws a solution outside of them away. A joint without
+limits has one turn there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from invariantqp.analysis.survey import joint_ranges, spread
+from invariantqp.compare.laws.pink_law import PinkLaw, has_pink
+from invariantqp.compare.laws.toolbox import ets_of, has_toolbox
+from invariantqp.errors import BadInput
+from invariantqp.geometry.arrays import Array
+from invariantqp.pose.error import pose_error
+from invariantqp.pose.ik import RESTARTS, solve_pose
+from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.load import load_robot
+from invariantqp.runs.log import distance
+from invariantqp.runs.taskfile import LawSpec
+
+Progress = Callable[[int, int], None]
+# A target (4, 4) and a start (m,) to joint positions (m,), found or not.
+Solver = Callable[[Array, Array], Array]
+# A robot and a time limit [s] to its solver.
+Contestant = Callable[[Robot, float], Solver]
+# A state q to the step that is to be taken from it.
+Step = Callable[[Array], Array]
+
+ROBOTS = ("panda", "ur5", "xarm7", "kinova", "so101")
+OURS = "invariantqp solve_pose"
+TOLERANCE = 1e-6
+TIME_LIMIT = 0.05
+# ik_LM stops at 1/2 e'e: this is a residual e of the same 1e-6.
+LM_TOLERANCE = 0.5 * TOLERANCE**2
+# The loop around a step: so many of them in a try, which is given up where this many have not halved the error.
+STEPS, STALLED = 100, 10
+# Targets solved before the clock counts, for what is imported or compiled at first use.
+WARM_UP = 3
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One solver on one robot.
+
+    Attributes:
+        robot: its name.
+        solver: its name.
+        success: share of the targets met inside limits and within the time limit.
+        median_ms: time for a target, met or not [ms].
+        p99_ms: likewise.
+        outside: answers outside the joint limits, met or not.
+    """
+
+    robot: str
+    solver: str
+    success: float
+    median_ms: float
+    p99_ms: float
+    outside: int
+
+
+def contestants() -> dict[str, Contestant]:
+    """Those that are installed, ours first."""
+    found: dict[str, Contestant] = {OURS: _ours}
+    if has_toolbox():
+        found["roboticstoolbox ik_LM (C++)"] = _toolbox
+    if has_pink():
+        found["Pink, DAQP, iterated"] = _pink
+    found["pinv Newton, clipped"] = _pinv
+    return found
+
+
+def race(
+    count: int,
+    robots: tuple[str, ...] = ROBOTS,
+    at_limits: int = 0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> list[Outcome]:
+    """Every contestant on `count` targets of every robot.
+
+    Args:
+        count: targets a robot.
+        robots: names or URDF files.
+        at_limits: joints of a target's q that are put at one of their limits.
+        seed: of targets and starts.
+        progress: called with (targets done, targets in all).
+
+    Raises:
+        BadInput: no targets.
+    """
+    if count < 1:
+        raise BadInput("count", str(count), "one target or more")
+    outcomes = []
+    field = contestants()
+    done = 0
+    for name in robots:
+        robot = load_robot(name)
+        problems = _problems(robot, count, at_limits, np.random.default_rng(seed))
+        for solver, make in field.items():
+            solve = make(robot, TIME_LIMIT)
+            for target, start in problems[:WARM_UP]:
+                solve(target, start)
+            answers, times = [], []
+            for target, start in problems:
+                before = perf_counter()
+                answers.append(solve(target, start))
+                times.append(perf_counter() - before)
+                done += 1
+                if progress is not None:
+                    progress(done, count * len(robots) * len(field))
+            outcomes.append(_judged(robot, name, solver, problems, answers, np.array(times)))
+    return outcomes
+
+
+def _problems(robot: Robot, count: int, at_limits: int, rng: np.random.Generator) -> list[tuple[Array, Array]]:
+    """Targets and starts."""
+    low, high = joint_ranges(robot)
+    limited = np.flatnonzero(np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper))
+    problems = []
+    for _ in range(count):
+        q, start = low + rng.random((2, len(low))) * (high - low)
+        for joint in rng.permutation(limited)[:at_limits]:
+            q[joint] = (low if rng.random() < 0.5 else high)[joint]
+        problems.append((robot.pose(q), start))
+    return problems
+
+
+def _judged(
+    robot: Robot, name: str, solver: str, problems: list[tuple[Array, Array]], answers: list[Array], times: Array
+) -> Outcome:
+    """What the answers are worth; nobody's own word for it is taken."""
+    inside = np.array([bool((robot.position_lower <= q).all() and (q <= robot.position_upper).all()) for q in answers])
+    met = np.array(
+        [max(distance(robot.pose(q), target)) <= TOLERANCE for q, (target, _) in zip(answers, problems, strict=True)]
+    )
+    return Outcome(
+        robot=name,
+        solver=solver,
+        success=float(np.mean(met & inside & (times <= TIME_LIMIT))),
+        median_ms=1e3 * float(np.median(times)),
+        p99_ms=1e3 * float(np.quantile(times, 0.99)),
+        outside=int(np.count_nonzero(~inside)),
+    )
+
+
+def _ours(robot: Robot, time_limit: float) -> Solver:
+    return lambda target, start: solve_pose(robot, target, q0=start, tolerance=TOLERANCE, time_limit=time_limit).q
+
+
+def _toolbox(robot: Robot, _time_limit: float) -> Solver:
+    ets = ets_of(robot)
+    return lambda target, start: np.asarray(ets.ik_LM(target, q0=start, tol=LM_TOLERANCE).q)
+
+
+def _pinv(robot: Robot, time_limit: float) -> Solver:
+    def solve(target: Array, start: Array) -> Array:
+        wanted = robot.target(target)
+
+        def step(q: Array) -> Array:
+            sighting = robot.sight(q, wanted)
+            return np.asarray(np.linalg.pinv(sighting.J).dot(sighting.error))
+
+        return _tried(robot, wanted, start, step, time_limit)
+
+    return solve
+
+
+def _pink(robot: Robot, time_limit: float) -> Solver:
+    law = PinkLaw(robot, LawSpec.model_validate({"dt": 1.0, "gain": 1.0}))  # a step is what it would do in a second
+
+    def solve(target: Array, start: Array) -> Array:
+        wanted: Any = robot.target(target)
+        return _tried(robot, wanted, start, lambda q: law.step(q, wanted).velocity, time_limit)
+
+    return solve
+
+
+def _tried(robot: Robot, target: Any, start: Array, step: Step, time_limit: float) -> Array:
+    """Steps from the start, then from others spread over the joint range; where it ended if nothing met the target."""
+    deadline = perf_counter() + time_limit
+    error = pose_error(robot, target, None, ())
+    q = start
+    for state in _starts(robot, start):
+        q, past = state, [np.inf] * STALLED
+        for _ in range(STEPS):
+            misses = error.misses(q)
+            if max(misses) <= TOLERANCE or perf_counter() > deadline:
+                return q
+            past.append(sum(misses))
+            if past[-1] > 0.5 * past[-1 - STALLED]:
+                break
+            try:
+                x = step(q)
+            except Exception:  # noqa: BLE001 (a peer's own trouble ends its try)
+                break
+            q = np.minimum(np.maximum(q + x, robot.position_lower), robot.position_upper)
+    return q
+
+
+def _starts(robot: Robot, start: Array) -> Iterator[Array]:
+    yield start
+    yield from spread(robot, RESTARTS)

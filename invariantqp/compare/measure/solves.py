@@ -1,0 +1,145 @@
+"""Single solves: the error against the exact answer, and the time, in states that are free, limited and near-singular.
+
+error    |x - x*| / |x*|,   x* the exact answer of the method's own problem, or with limits met, of what it stands for
+missed   |s - Jx| / |s|     in the tool's frame, metres and radians alike: what Moore-Penrose minimises
+
+result: {"free": {"error", "error_max", "missed", "failed", "agreement"}, "limited": {...}, "singular": {...}}
+        {"free": {"median_us", "p99_us"}, "limited": {...}, "singular": {...}}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from invariantqp.compare.laws.baselines import setting_of
+from invariantqp.compare.measure.states import SORTS, Question, State, states
+from invariantqp.compare.measure.timing import interleaved, spread
+from invariantqp.compare.methods import Method, Setting, Solve, methods
+from invariantqp.compare.sweep import Cell, Kind, NoReference, Result
+from invariantqp.geometry.arrays import Array
+from invariantqp.runs.taskfile import load_task
+
+# States of each sort, and rounds in which they are timed: of a full run, of a quick one.
+COUNT, QUICK_COUNT = 20, 4
+ROUNDS, QUICK_ROUNDS = 50, 6
+
+
+def _arm(cell: Cell) -> tuple[Setting, dict[str, list[State]]]:
+    task = load_task(cell.task)
+    robot = task.load_robot()
+    setting = setting_of(robot, task.law.dt)
+    count = QUICK_COUNT if cell.quick else COUNT
+    return setting, {kind: states(robot, kind, count, cell.seed, setting) for kind in SORTS}
+
+
+def _solver(method: Method, setting: Setting) -> Solve:
+    if method.make is None:
+        raise TypeError(f"{method.name} is a system: it has no single solve")
+    return method.make(setting)
+
+
+def answered(solve: Solve, asked: Question) -> Array | None:
+    """A method's velocity inside the limits; None where it raises or answers with what is not finite."""
+    try:
+        with np.errstate(all="ignore"):
+            x = np.asarray(solve(*asked), dtype=np.float64)
+    except Exception:  # noqa: BLE001 (whatever a solver throws is a failure to be counted)
+        return None
+    return np.minimum(np.maximum(x, asked.lower), asked.upper) if np.isfinite(x).all() else None
+
+
+def errors(cell: Cell) -> dict[str, Result]:
+    """Every method's error, against references that are shared."""
+    setting, drawn = _arm(cell)
+    exact = _Exact(setting)
+    table = methods()
+    return {
+        name: {kind: _error(table[name], kind, drawn[kind], setting, exact) for kind in SORTS} for name in cell.methods
+    }
+
+
+class _Exact:
+    """Exact answers, each made once for all methods that have the same problem in the same frame."""
+
+    def __init__(self, setting: Setting) -> None:
+        self._setting = setting
+        self._kept: dict[tuple[str, str, int], Any] = {}
+
+    def of(self, method: Method, kind: str, state: State) -> Any:
+        """The reference, or None where the method has no problem or the problem no unique answer here."""
+        from invariantqp.compare.exact.references import reference
+
+        problem = method.limited if kind == "limited" else method.problem
+        if not problem:
+            return None
+        key = (problem, method.frame, id(state))
+        if key not in self._kept:
+            try:
+                self._kept[key] = reference(problem, state.asked(method), self._setting)
+            except NoReference:
+                self._kept[key] = None
+        return self._kept[key]
+
+
+def _error(method: Method, kind: str, drawn: list[State], setting: Setting, exact: _Exact) -> Result:
+    solve = _solver(method, setting)
+    found, missed, agreements, failed = [], [], [], 0
+    for state in drawn:
+        x = answered(solve, state.asked(method))
+        truth = exact.of(method, kind, state)
+        if truth is not None:
+            agreements.append(truth.agreement)
+        if x is None:
+            failed += 1
+            continue
+        s = state.to_tool.dot(state.s)
+        missed.append(float(np.linalg.norm(s - state.to_tool.dot(state.J).dot(x)) / np.linalg.norm(s)))
+        if truth is not None:
+            found.append(float(np.linalg.norm(x - truth.x) / np.linalg.norm(truth.x)))
+    return {
+        "error": float(np.median(found)) if found else None,
+        "error_max": max(found) if found else None,
+        "missed": float(np.median(missed)) if missed else None,
+        "failed": failed / max(1, len(drawn)),
+        "agreement": max(agreements) if agreements else None,
+    }
+
+
+def times(cell: Cell) -> dict[str, Result]:
+    """Every method's time of a solve, side by side."""
+    setting, drawn = _arm(cell)
+    table = methods()
+    rounds = QUICK_ROUNDS if cell.quick else ROUNDS
+    found: dict[str, Result] = {name: {} for name in cell.methods}
+    for kind in SORTS:
+        calls = {name: _call(table[name], drawn[kind], setting) for name in cell.methods}
+        for name, taken in interleaved(calls, len(drawn[kind]), rounds).items():
+            found[name][kind] = spread(taken)
+    return found
+
+
+def _call(method: Method, drawn: list[State], setting: Setting) -> Callable[[int], object]:
+    solve = _solver(method, setting)
+    asked = [state.asked(method) for state in drawn]
+
+    def call(i: int) -> object:
+        try:
+            return solve(*asked[i])
+        except Exception:  # noqa: BLE001 (failures are counted where errors are)
+            return None
+
+    return call
+
+
+def has_solver(name: str) -> bool:
+    """Whether a method is a function of J and s."""
+    return methods()[name].make is not None
+
+
+KINDS: dict[str, Kind] = {
+    "error": Kind(errors, together=True, fits=has_solver, variants=True),
+    "time": Kind(times, alone=True, fits=has_solver, variants=True),
+}

@@ -1,0 +1,1 @@
+"""Force and motion at once: contacts' tasks, wrench sensors, the hybrid controller."""

@@ -1,0 +1,212 @@
+"""A force/motion task as a value: what the contact allows, the wrench to exert on it, and how softly to answer.
+
+    s = P s_motion + (I - P) C (I - P)' (W_d - W)            P* = (I - P)'
+
+Motion keeps to S and force to S*: a wrench error never moves the tool along S, and a motion never asks for force.
+C is a compliance, twist per wrench, carried by the contact as a tensor (Ad C Ad'), so that no frame is preferred.
+
+    intensities w of the constraints:   dw/dt = K W'C W (w_d - w)     on a contact of stiffness K
+
+Stable for dt c k < 2 with one stiffness k [force/length] and C = c [length/s/force]; without overshoot below 1; a
+low-pass in between with time constant T wants c k T < 1/4 as well.
+
+Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass, replace
+from math import inf
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.systems.contact_kinds import ContactKind
+from invariantqp.systems.contacts import Contact
+from invariantqp.systems.projectors import DualProjectors, dual_projectors
+from invariantqp.velocity.limits.box import not_below_zero
+
+OnLoss = Literal["approach", "hold", "retreat", "continue"]
+OnOverload = Literal["hold", "retreat"]
+
+# Share of the wanted press below which the contact is taken as lost: above the noise of a sensor in the air.
+LOST_SHARE = 0.1
+
+
+class Split(NamedTuple):
+    """The task's constants for one kind of contact, in the contact's own frame.
+
+    Attributes:
+        kind: of contact.
+        projectors: P and P*.
+        admittance: (6, 6) (I - P) C (I - P)', a wrench error to the twist that mends it.
+        intensities: (6-k, 6) a wrench to its parts in the constraints.
+    """
+
+    kind: ContactKind
+    projectors: DualProjectors
+    admittance: Array
+    intensities: Array
+
+    def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
+        """(6,) W_d in S* for what a task or a tick asks: parts in the constraints, or a wrench.
+
+        Raises:
+            BadInput: neither as many numbers as constraints, nor six.
+        """
+        W = np.asarray(self.kind.constraints)
+        n, found = W.shape[1], len(wrench)
+        if found == 6:
+            whole: Array = self.projectors.force.dot(wrench)
+            return whole
+        if found != n:
+            expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
+            raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
+        if self.kind.unilateral and wrench[0] < 0.0:
+            expected = "zero or more: the contact's z is the way the tool presses"
+            raise BadInput(argument, f"a press of {wrench[0]:g}", expected, "A contact that pulls is not unilateral.")
+        parts: Array = W.dot(wrench)
+        return parts
+
+
+@dataclass(frozen=True, eq=False)
+class HybridTask:
+    """Move as the contact allows, press as it resists.
+
+    Attributes:
+        contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
+        wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is the
+            press [N]), or a (6,) wrench (m; f) in the contact's own frame, of which the part in S* counts. Six numbers
+            are always a wrench.
+        h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
+        complement: Z itself, (6, 6-k) in the contact's own frame.
+        metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance.
+            With none of the three Z follows from the compliance, Z = C W: it exists for every contact.
+        compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6) in
+            the contact's own frame.
+        size: over what length the contact spreads, which weighs moments against forces [length].
+        lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
+        lost_after: for how long [s].
+        on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until it
+            is felt again; "retreat" leaves; "continue" only says so. Before the first touch it is "approach".
+        approach_speed: the most that the force law moves the place of contact in the air [length/s].
+        max_force: force [N] at which "overload" is said; inf is never.
+        max_moment: moment about the place of contact likewise [N length].
+        on_overload: "hold" or "retreat", until `HybridController.reset`.
+        retreat_speed: along the contact's way out [length/s].
+        retreat_distance: then stand still [length].
+
+    Raises:
+        BadInput: more than one of h, complement and metric, NaN, shapes, a contact that cannot be left and "retreat".
+        NoProjectors: h does not do for this contact; names its type.
+    """
+
+    contact: Contact | Callable[[Array], Contact]
+    wrench: ArrayLike
+    _: KW_ONLY
+    h: float | None = None
+    complement: ArrayLike | None = None
+    metric: ArrayLike | None = None
+    compliance: ArrayLike = 1e-3
+    size: float = 0.05
+    lost_below: float | None = None
+    lost_after: float = 0.1
+    on_loss: OnLoss = "approach"
+    approach_speed: float = 0.02
+    max_force: float = inf
+    max_moment: float = inf
+    on_overload: OnOverload = "hold"
+    retreat_speed: float = 0.02
+    retreat_distance: float = 0.02
+
+    def __post_init__(self) -> None:
+        rules = [n for n in ("h", "complement", "metric") if getattr(self, n) is not None]
+        if len(rules) > 1:
+            raise BadInput(rules[0], " and ".join(rules), "one of h, complement, metric, or none")
+        self._check_numbers()
+        object.__setattr__(self, "wrench", arrays.vector(self.wrench, None, "wrench").copy())
+        c = arrays.array(self.compliance, "compliance", "a number, 6 numbers or a (6, 6) matrix")
+        if c.ndim == 0:
+            one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
+            c = np.repeat((one / self.size**2, one), 3)
+        object.__setattr__(self, "compliance", arrays.positive_definite(c, 6, "compliance"))
+        if self.metric is not None:
+            object.__setattr__(self, "metric", arrays.positive_definite(self.metric, 6, "metric"))
+        if self.complement is not None:
+            object.__setattr__(self, "complement", arrays.system(self.complement, "complement"))
+        if isinstance(self.contact, Contact):
+            self.split(self.contact.kind)
+        elif not callable(self.contact):
+            raise BadInput("contact", repr(self.contact), "a Contact, or a function of the tool's pose that gives one")
+
+    def _check_numbers(self) -> None:
+        for name in ("size", "approach_speed", "retreat_speed", "retreat_distance"):
+            arrays.number(getattr(self, name), name, positive=True)
+        for name in ("max_force", "max_moment"):
+            if getattr(self, name) != inf:
+                arrays.number(getattr(self, name), name, "a number, or inf", positive=True)
+        not_below_zero(self.lost_after, "lost_after", "a time in seconds")
+        if self.lost_below is not None:
+            not_below_zero(self.lost_below, "lost_below", "a force")
+        for name, allowed in (("on_loss", get_args(OnLoss)), ("on_overload", get_args(OnOverload))):
+            if getattr(self, name) not in allowed:
+                raise BadInput(name, repr(getattr(self, name)), " or ".join(repr(a) for a in allowed))
+
+    def contact_at(self, tool: Array) -> Contact:
+        """The contact with the tool at a (4, 4) pose.
+
+        Raises:
+            BadInput: the function gave something else.
+        """
+        if isinstance(self.contact, Contact):
+            return self.contact
+        contact = self.contact(tool)
+        if not isinstance(contact, Contact):
+            raise BadInput("contact", f"a function that gave {contact!r}", "one that gives a Contact")
+        return contact
+
+    def split(self, kind: ContactKind) -> Split:
+        """P, P* and the admittance for a kind of contact, in its own frame.
+
+        Raises:
+            BadInput, NoProjectors: the task does not fit this contact.
+        """
+        if kind.out is None and "retreat" in (self.on_loss, self.on_overload):
+            raise BadInput("contact", f"a {kind.name} and a retreat", "a contact that can be left", "Hold instead.")
+        S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), np.asarray(self.compliance)
+        complement: Any = self.complement
+        if self.h is None and self.metric is None and complement is None:
+            complement = C.dot(W)
+        projectors = dual_projectors(S, h=self.h, complement=complement, metric=self.metric)
+        Z, F = projectors.complement, projectors.force
+        parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
+        split = Split(kind, projectors, F.T.dot(C).dot(F), parts)
+        split.wanted(np.asarray(self.wrench))
+        return split
+
+    def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
+        """The same task told in other frames: the contact's displaced by `offset` in itself, the tool's by its own.
+
+        Raises:
+            BadInput: not finite (4, 4) rigid motions.
+        """
+        X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
+        back = se3.inverted(X)
+        untold = np.eye(4) if tool_offset is None else se3.inverse(tool_offset)
+        A, B = se3.carried(back), se3.carried_wrenches(back)
+        given = self.contact
+        contact = given.relabelled(X) if isinstance(given, Contact) else lambda T: given(T.dot(untold)).relabelled(X)
+        M, Z, w = self.metric, self.complement, np.asarray(self.wrench)
+        return replace(
+            self,
+            contact=contact,
+            wrench=B.dot(w) if len(w) == 6 else w,
+            complement=None if Z is None else A.dot(np.asarray(Z)),
+            metric=None if M is None else B.dot(np.asarray(M)).dot(B.T),
+            compliance=A.dot(np.asarray(self.compliance)).dot(A.T),
+        )

@@ -1,0 +1,1 @@
+"""Pictures of runs, contacts and pitches."""

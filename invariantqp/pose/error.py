@@ -1,0 +1,168 @@
+"""How far a tool is from where it should be, in one definite measure, and how the joints change that.
+
+    r = F (omega; p_d - p),    f(q) = 1/2 |r|^2,    F'F = W,    grad f = -A'r
+
+omega is the rotation vector that is missing, p and p_d where a point c of the last link is and should be. By default
+W = diag(L^2 I, I) with the arm's own length L, and c is at the arm's own point in the middle of its range: neither
+depends on where the tool frame is, so no step and no answer does. Exact demands, C x = b, are counted beside it.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt, tan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from invariantqp.control.demands import Exact, ExactJoints, ExactPoint, View, rows_of
+from invariantqp.errors import BadInput
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.systems.centre import centre
+from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
+
+STILL = np.zeros(6)
+# Joint displacement for differences of the gradient: they keep seven digits, and Newton asks for one.
+DIFFERENCE = 1e-7
+
+
+class Look(NamedTuple):
+    """One state of the arm against its target.
+
+    Attributes:
+        q: (m,) joint positions.
+        A: (6, m) what the joints do to r, to first order: r -> r - A x.
+        r: (6,) [length].
+        f: half of |r|^2.
+        C: (k, m) rows of the exact demands, or None.
+        b: (k,) what is missing there, or None.
+    """
+
+    q: Array
+    A: Array
+    r: Array
+    f: float
+    C: Array | None = None
+    b: Array | None = None
+
+    @property
+    def descent(self) -> Array:
+        """-grad f, A'r."""
+        descent: Array = self.r.dot(self.A)
+        return descent
+
+    @property
+    def unmet(self) -> float:
+        """|b|, 0 without exact demands."""
+        return 0.0 if self.b is None else sqrt(self.b.dot(self.b))
+
+    @property
+    def distance(self) -> float:
+        """|r| and |b| together."""
+        return sqrt(2.0 * self.f) + self.unmet
+
+
+class PoseError(NamedTuple):
+    """The measure for one arm and one target.
+
+    Attributes:
+        robot: the arm.
+        target: as `robot.target` returned it.
+        root: (6, 6) F.
+        point: (3,) c, in the tool frame [length].
+        even: whether W counts turns about every axis alike; r then needs no derivative of the logarithm for f to have
+            its true gradient.
+        exact: demands to be met exactly.
+    """
+
+    robot: Robot
+    target: Any
+    root: Array
+    point: Array
+    even: bool
+    exact: tuple[Exact, ...] = ()
+
+    @property
+    def least(self) -> float:
+        """The smallest singular value of F, at most 1: |r| below this share of a tolerance keeps omega within it."""
+        return min(1.0, float(np.linalg.svd(self.root, compute_uv=False)[-1]))
+
+    def at(self, q: Array) -> Look:
+        """The state q (m,)."""
+        sighting = self.robot.sight(q, self.target)
+        omega, J = sighting.error[:3], sighting.J
+        here, there = self.robot.points(sighting, self.target, self.point)
+        turning = J[:3] if self.even else _logarithmic(omega).dot(J[:3])
+        A = self.root.dot(np.concatenate((turning, se3.velocity_at(J, here))))
+        r = self.root.dot(np.concatenate((omega, there - here)))
+        look = Look(q, A, r, 0.5 * float(r.dot(r)))
+        if not self.exact:
+            return look
+        rows, _ = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, STILL))
+        return look if rows is None else look._replace(C=np.asarray(rows.A), b=np.asarray(rows.b))
+
+    def curvature(self, look: Look) -> Array:
+        """The (m, m) second derivative of f, the signs of its spectrum taken off, by differences of grad f."""
+        q, m = look.q, len(look.q)
+        h = np.where(q + DIFFERENCE > self.robot.position_upper, -DIFFERENCE, DIFFERENCE)
+        H = np.array([(look.descent - self.at(q + h[i] * e).descent) / h[i] for i, e in enumerate(np.eye(m))])
+        mu, V = np.linalg.eigh(0.5 * (H + H.T))
+        definite: Array = (V * np.abs(mu)).dot(V.T)
+        return definite
+
+    def misses(self, q: Array) -> tuple[float, float]:
+        """Distance of the tool frame's origin [length] and angle [rad] from the target."""
+        sighting = self.robot.sight(q, self.target)
+        here, there = self.robot.points(sighting, self.target, np.zeros(3))
+        omega, d = sighting.error[:3], there - here
+        return sqrt(d.dot(d)), sqrt(omega.dot(omega))
+
+
+def pose_error(robot: Robot, target: Any, form: Form | float | None, exact: tuple[Exact, ...]) -> PoseError:
+    """The measure meant by `form`; exact demands on a point take c there.
+
+    Raises:
+        BadInput: a target that is no pose, a form that measures nothing, demands that no pose has.
+    """
+    wanted = robot.target(target)
+    mid = middle(robot)
+    J = robot.jacobian(mid)
+    if any(isinstance(demand, ExactJoints) for demand in exact):
+        raise BadInput("exact", "ExactJoints", "demands on the pose", "Joint velocities are the controller's business.")
+    here = robot.pose(mid)
+    place, L = centre(J)
+    L = L if 0.0 < L < inf else 1.0
+    if form is not None:
+        form = form_of(form, J)
+        if isinstance(form, CarriedMetric):
+            T = se3.motion(robot.sight(mid, wanted).error).dot(here)  # the target as a matrix
+            return _carried(robot, wanted, form.at(T) if form.follows_tool else form, T, exact)
+        if not isinstance(form, PitchForm) or form.h == 0.0:
+            found = "h = 0" if isinstance(form, PitchForm) else "a complement"
+            raise BadInput("form", f"{found}, which cannot say what is near", "a pitch other than 0, or CarriedMetric")
+        L = abs(form.h)
+    anchors = [np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)]
+    point = anchors[0] if anchors else here[:3, :3].T.dot(place - here[:3, 3])
+    return PoseError(robot, wanted, np.diag(np.repeat((L, 1.0), 3)), point, even=True, exact=exact)
+
+
+def _carried(robot: Robot, wanted: Any, metric: CarriedMetric, T: Array, exact: tuple[Exact, ...]) -> PoseError:
+    """The measure of a metric whose pose, in the base frame, is on the target's body."""
+    pose = np.asarray(metric.pose)
+    W = np.asarray(metric.matrix)
+    turn = np.kron(np.eye(2), pose[:3, :3].T)
+    point = T[:3, :3].T.dot(pose[:3, 3] - T[:3, 3])
+    return PoseError(robot, wanted, np.linalg.cholesky(W).T.dot(turn), point, even=False, exact=exact)
+
+
+def _logarithmic(omega: Array) -> Array:
+    """The (3, 3) matrix K of log(exp(omega) exp(-t)) = omega - K t + ..."""
+    theta = sqrt(omega.dot(omega))
+    W = se3.cross_matrix(omega)
+    if theta < se3.SMALL_ANGLE:
+        c = (1.0 + theta * theta / 60.0) / 12.0
+    else:
+        c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
+    K: Array = np.eye(3) + 0.5 * W + c * W.dot(W)
+    return K

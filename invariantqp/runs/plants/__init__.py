@@ -1,0 +1,1 @@
+"""What a controller is run against: an ideal arm, or MuJoCo's."""

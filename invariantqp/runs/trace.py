@@ -1,0 +1,152 @@
+"""What happened in a run: trajectory, errors, methods, times; its figures, and whether they are good enough."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.runs.log import ContactTrace
+from invariantqp.runs.taskfile import Task
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What happened in a run.
+
+    Attributes:
+        task: the task.
+        names: joint names.
+        time: (n + 1,) [s].
+        q: (n + 1, m) joint positions [rad, m].
+        velocity: (n, m) commanded [rad/s, m/s].
+        position_error: (n,) distance of the tool point from the path after each tick [m].
+        orientation_error: (n,) [rad].
+        position_limits: (2, m), lower and upper.
+        velocity_limit: (m,).
+        methods: (n,) names.
+        statuses: (n,) names.
+        bound: (n,) whether a limit was active.
+        tick_ns: (n,) time of each tick of the controller [ns].
+        wanted: (n + 1, 4, 4) tool poses that were asked for.
+        form: what twists were measured by, "" where the controller does not say.
+        warnings: what a person should know.
+        physics: the plant, "ideal" or "mujoco".
+        settled: the first tick whose errors count, 0 without contact.
+        contact: forces and the curve drawn; None without contact.
+    """
+
+    task: Task
+    names: tuple[str, ...]
+    time: Array
+    q: Array
+    velocity: Array
+    position_error: Array
+    orientation_error: Array
+    position_limits: Array
+    velocity_limit: Array
+    methods: list[str]
+    statuses: list[str]
+    bound: list[bool]
+    tick_ns: Array
+    wanted: Array
+    form: str = ""
+    warnings: list[str] = field(default_factory=list)
+    physics: str = "ideal"
+    settled: int = 0
+    contact: ContactTrace | None = None
+
+    @property
+    def limit_violation(self) -> float:
+        """Largest excess over a position [rad, m] or velocity [rad/s, m/s] limit; 0 when inside."""
+        low, high = self.position_limits
+        excess = [low - self.q[1:], self.q[1:] - high, np.abs(self.velocity) - self.velocity_limit]
+        return max(0.0, *(float(e.max()) for e in excess))
+
+    @property
+    def acceleration_violation(self) -> float | None:
+        """Largest excess over the task's acceleration limit [rad/s^2, m/s^2], from rest; None where it has none."""
+        limit = self.task.law.acceleration
+        if limit is None:
+            return None
+        jumps = np.diff(self.velocity, axis=0, prepend=np.zeros((1, len(self.names))))
+        return max(0.0, float((np.abs(jumps) / self.task.law.dt - np.asarray(limit)).max()))
+
+    @property
+    def shortfalls(self) -> list[str]:
+        """The acceptance numbers that were missed, in words; empty when the task is passed."""
+        accept = self.task.accept
+        if self.physics == "mujoco" and self.task.accept_mujoco is not None:
+            accept = self.task.accept_mujoco
+        mm, deg = self._counted
+        asked = [
+            ("largest position error", float(mm.max()), accept.position_error_mm, "mm"),
+            ("largest orientation error", float(deg.max()), accept.orientation_error_deg, "deg"),
+            ("final position error", float(mm[-1]), accept.final_position_error_mm, "mm"),
+            ("final orientation error", float(deg[-1]), accept.final_orientation_error_deg, "deg"),
+            ("limit violation", self.limit_violation, accept.limit_violation, "rad or m (/s)"),
+            ("force error, rms,", self.force_error or 0.0, accept.force_error, "of the wanted force"),
+        ]
+        return [
+            f"{what} {got:.3g} {unit}, at most {limit:g} {unit} asked"
+            for what, got, limit, unit in asked
+            if limit is not None and not got <= limit
+        ]
+
+    @property
+    def force_error(self) -> float | None:
+        """Force error, root mean square since the contact settled over the wanted force; None without one."""
+        return None if self.contact is None else self.contact.relative_rms(self.settled)
+
+    @property
+    def _counted(self) -> tuple[Array, Array]:
+        """Errors [mm] and [deg] since the contact settled."""
+        return 1e3 * self.position_error[self.settled :], np.degrees(self.orientation_error[self.settled :])
+
+    @property
+    def passed(self) -> bool:
+        """Whether the task's own acceptance numbers are met."""
+        return not self.shortfalls
+
+    def summary(self) -> dict[str, Any]:
+        """The run's figures; SI units unless a key says otherwise."""
+        n = len(self.velocity)
+        mm, deg = self._counted
+        felt = None if self.contact is None else self.contact.relative_rms(self.settled, measured=True)
+        return {
+            "task": self.task.name,
+            "physics": self.physics,
+            "passed": self.passed,
+            "ticks": n,
+            "position_error_mm": _spread(mm),
+            "orientation_error_deg": _spread(deg),
+            "final_position_error_mm": 1e3 * float(self.position_error[-1]),
+            "final_orientation_error_deg": float(np.degrees(self.orientation_error[-1])),
+            "limit_violation": self.limit_violation,
+            "acceleration_violation": self.acceleration_violation,
+            "peak_speed": float(np.abs(self.velocity).max()),
+            "limits_active": sum(self.bound) / n,
+            "methods": {name: count / n for name, count in Counter(self.methods).items()},
+            "form": self.form,
+            "statuses": {name: count / n for name, count in Counter(self.statuses).items()},
+            "tick_us": _spread(1e-3 * self.tick_ns),
+            "force_error_relative_rms": self.force_error,
+            "force_error_relative_rms_measured": felt,
+            "shortfalls": self.shortfalls,
+            "warnings": self.warnings,
+        }
+
+    def as_json(self) -> dict[str, Any]:
+        """The summary and the joint trajectory."""
+        return {**self.summary(), "joints": list(self.names), "dt": self.task.law.dt, "q": self.q.tolist()}
+
+
+def _spread(values: Array) -> dict[str, float]:
+    return {
+        "median": float(np.median(values)),
+        "p99": float(np.percentile(values, 99)),
+        "max": float(values.max()),
+    }

@@ -1,0 +1,1 @@
+"""Quadratic programs and the solvers they are given to."""

@@ -1,0 +1,242 @@
+import json
+import time
+
+import joblib
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+from typer.testing import CliRunner
+
+from invariantqp.cli import app
+from invariantqp.compare import sweep as module
+from invariantqp.compare.measure.growth import slope
+from invariantqp.compare.measure.timing import interleaved, spread
+from invariantqp.compare.report.ranking import rank_agreement
+from invariantqp.compare.results import load_results, picked
+from invariantqp.compare.sweep import Cell, Kind, ReferenceFailure, attempt, cells, plain, sweep
+from invariantqp.errors import BadInput, UnknownName
+
+FEW = ["DLS", "Moore-Penrose, pinv"]
+MEASURED = []
+
+
+def counted(cell):
+    MEASURED.append(cell)
+    return {name: {"seed": cell.seed, "nothing": float("nan")} for name in cell.methods}
+
+
+def stumbling(cell):
+    if cell.method == "DLS":
+        raise ValueError("no such thing")
+    return counted(cell)
+
+
+def disagreeing(cell):
+    raise ReferenceFailure("two references differ by 1e-3")
+
+
+@pytest.fixture
+def toys(monkeypatch):
+    table = {"counted": Kind(counted), "together": Kind(counted, together=True), "own": Kind(counted, tasks=("a", "b"))}
+    monkeypatch.setattr(module, "kinds", lambda: table)
+    MEASURED.clear()
+    return table
+
+
+def test_cells_are_kinds_times_tasks_times_methods(toys):
+    toys["timed"] = Kind(counted, alone=True, fits=lambda name: name != "DLS")
+    work = cells(["t", "u"], FEW, seed=3, quick=True)
+    by_kind = {kind: [c for c in work if c.kind == kind] for kind in toys}
+    assert [(c.task, c.methods) for c in by_kind["counted"]] == [(t, (m,)) for t in "tu" for m in FEW]
+    assert [(c.task, c.methods) for c in by_kind["together"]] == [("t", tuple(FEW)), ("u", tuple(FEW))]
+    assert {c.task for c in by_kind["own"]} == {"a", "b"}
+    assert [c.methods for c in by_kind["timed"]] == [("Moore-Penrose, pinv",)] * 2
+    assert [c.kind for c in work[-2:]] == ["timed", "timed"]
+    assert {c.seed for c in work} == {3}
+    variants = ["Moore-Penrose, pinv", "Moore-Penrose, LU", "SNS"]
+    toys["all"] = Kind(counted, variants=True)
+    work = cells(["t"], variants, quick=True)
+    assert [c.method for c in work if c.kind == "counted"] == ["Moore-Penrose, pinv", "SNS"]
+    assert [c.method for c in work if c.kind == "all"] == variants
+    assert [c.method for c in cells(["t"], variants) if c.kind == "counted"] == variants
+    with pytest.raises(UnknownName, match="unknown measurement 'count'; did you mean counted"):
+        cells(["t"], FEW, only=["count"])
+
+
+def test_an_interrupted_sweep_takes_up_what_it_has(toys, tmp_path):
+    seen = []
+    first = sweep(["panda_path"], FEW, tmp_path, progress=lambda *k: seen.append(k))
+    assert seen[-1] == (7, 7)
+    assert len(MEASURED) == 7
+    again = sweep(["panda_path"], FEW, tmp_path)
+    assert len(MEASURED) == 7
+    assert again == first == load_results(tmp_path / "results.json")
+    files = sorted((tmp_path / "cells").glob("*.json"))
+    files[0].unlink()
+    files[1].write_text('{"half of a', encoding="utf-8")
+    assert sweep(["panda_path"], FEW, tmp_path) == first
+    assert len(MEASURED) == 9
+    sweep(["panda_path"], FEW, tmp_path, seed=1)  # other settings are other cells
+    assert len(MEASURED) == 16
+
+
+def test_a_changed_package_is_measured_again(toys, tmp_path, monkeypatch):
+    sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    monkeypatch.setattr(module, "source_digest", lambda: "other")
+    sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    assert len(MEASURED) == 4
+
+
+def test_results_have_their_schema(toys, tmp_path):
+    results = sweep(["so101_line"], FEW, tmp_path, seed=2, quick=True)
+    assert set(results) == {"schema", "machine", "versions", "seed", "quick", "tasks", "methods", "cells"}
+    assert results["methods"][0].keys() >= {"name", "family", "limits", "why", "frame", "problem"}
+    assert all(set(cell) == {"kind", "task", "method", "result"} for cell in results["cells"])
+    assert results["cells"][0]["result"]["nothing"] is None
+    assert results["versions"]["numpy"] == np.__version__
+    assert "NaN" not in (tmp_path / "results.json").read_text(encoding="utf-8")
+
+
+def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys, tmp_path):
+    toys["counted"] = Kind(stumbling)
+    results = sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    (failed,) = [c for c in results["cells"] if "failed" in c["result"]]
+    assert failed["method"] == "DLS"
+    assert failed["result"]["failed"] == "ValueError: no such thing"
+    assert list(picked(results, "counted")) == [("panda_path", "Moore-Penrose, pinv")]
+
+
+def test_references_that_disagree_end_it(toys, tmp_path):
+    toys["counted"] = Kind(disagreeing)
+    with pytest.raises(ReferenceFailure, match="counted, panda_path: two references differ"):
+        sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    assert not (tmp_path / "results.json").exists()
+
+
+def test_wrong_settings_are_told_before_the_work(toys, tmp_path):
+    with pytest.raises(UnknownName, match="task 'panda_pat'"):
+        sweep(["panda_pat"], FEW, tmp_path)
+    with pytest.raises(UnknownName, match="method"):
+        sweep(["panda_path"], ["pinf"], tmp_path)
+    assert not MEASURED
+    for text in ("{}", "[]", "no json"):
+        file = tmp_path / "other.json"
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(BadInput, match=r"other\.json"):
+            load_results(file)
+
+
+def test_a_figure_that_is_none_is_null():
+    assert plain({"a": [1.0, float("inf"), (2, float("nan"))], 3: None}) == {"a": [1.0, None, [2, None]], "3": None}
+
+
+def test_a_dask_cluster_gives_the_same_figures(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    cell = Cell("error", "so101_line", tuple(FEW), quick=True)
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster),
+        joblib.parallel_config(backend="dask"),
+    ):
+        results = sweep(["so101_line"], FEW, tmp_path, quick=True, only=["error"])
+        assert len(cluster.scheduler.transition_log) > 0
+    assert {c["method"]: c["result"] for c in results["cells"]} == plain(attempt(cell)[1])
+
+
+def test_rounds_go_through_all_in_turn():
+    order = []
+    calls = {name: lambda i, name=name: order.append((name, i)) for name in "ab"}
+    taken = interleaved(calls, 2, 5)
+    assert order[:4] == [("a", 0), ("a", 1), ("b", 0), ("b", 1)]
+    assert {name: len(t) for name, t in taken.items()} == {"a": 10, "b": 10}
+    assert spread(np.arange(101.0)) == {"median_us": 50.0, "p99_us": 99.0}
+    slow = interleaved({"fast": lambda _: None, "slow": lambda _: time.sleep(2e-3)}, 1, 3)
+    assert np.median(slow["slow"]) > np.median(slow["fast"])
+
+
+def test_the_slope_is_the_exponent_of_the_larger_half():
+    size = [1, 2, 4, 8, 16, 32]
+    assert slope(size, [100.0, 100.0, 100.0, 3.0 * 8**2, 3.0 * 16**2, 3.0 * 32**2]) == pytest.approx(2.0)
+
+
+def timed(medians):
+    cells = [
+        {"kind": "time", "task": "t", "method": m, "result": {"free": {"median_us": x}}} for m, x in medians.items()
+    ]
+    return {"cells": cells}
+
+
+def test_two_runs_ranks_are_compared():
+    a = {"m": 1.0, "n": 2.0, "o": 3.0, "p": 4.0}
+    b = {"m": 1.1, "n": 3.1, "o": 3.0, "p": 9.0, "only here": 2.0}
+    expected = spearmanr([1, 2, 3, 4], [1, 3, 2, 4]).statistic
+    assert rank_agreement(timed(a), timed(b)) == {"time, t, free": pytest.approx(expected)}
+    assert rank_agreement(timed({"m": 1.0}), timed(a)) == {}
+
+
+@pytest.fixture(scope="module")
+def small_run(tmp_path_factory):
+    """One real run of the command: single solves of three methods."""
+    out = tmp_path_factory.mktemp("comparison")
+    words = ["compare", "so101_line", "--quick", "--only", "error,time", "--jobs", "1", "--out", str(out)]
+    chosen = "invariantqp,invariantqp, no guard,Moore-Penrose, pinv,DLS"
+    done = CliRunner().invoke(app, [*words, "--methods", chosen])
+    assert done.exit_code == 0, done.output
+    return out, done.output, words, chosen
+
+
+def test_the_command_writes_everything(small_run):
+    out, output, _, _ = small_run
+    results = load_results(out / "results.json")
+    errors, times = picked(results, "error"), picked(results, "time")
+    assert set(errors) == set(times) == {("so101_line", m["name"]) for m in results["methods"]}
+    ours, theirs = (errors["so101_line", name] for name in ("invariantqp, no guard", "Moore-Penrose, pinv"))
+    assert ours["free"]["error"] < 1e-11
+    assert ours["limited"]["error"] < 1e-11
+    assert theirs["free"]["error"] < 1e-12
+    assert theirs["limited"]["error"] > 1e-3
+    assert theirs["free"]["missed"] < ours["free"]["missed"]
+    assert all(sort["agreement"] <= 1e-12 for sort in ours.values())
+    assert all(0.0 < t[sort]["median_us"] <= t[sort]["p99_us"] for t in times.values() for sort in t)
+    html = (out / "report.html").read_text(encoding="utf-8")
+    assert "Moore-Penrose, pinv leaves less of it" in html
+    assert (out / "report.md").is_file()
+    assert "Where limits are met" in output
+
+
+def test_two_runs_are_told_apart_by_rank(small_run, tmp_path):
+    out, _, words, chosen = small_run
+    against = ["--methods", chosen, "--against", str(out / "results.json")]
+    done = CliRunner().invoke(app, [*words, *against])
+    assert "ranks by time, time, so101_line, free: Spearman 1.000" in done.output
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--jobs", "0"], "--jobs: found 0"),
+        (["--jobs", "-3"], "--jobs: found -3"),
+        (["--json", "x.json"], "--json"),
+        (["nope"], "unknown task 'nope'"),
+        (["--methods", "pinf"], "unknown method 'pinf'"),
+        (["--only", "errors"], "unknown measurement 'errors'; did you mean error"),
+        (["--against", "nowhere.json"], "nowhere.json: found FileNotFoundError"),
+    ],
+)
+def test_wrong_words_are_told(words, said, tmp_path):
+    done = CliRunner().invoke(app, ["compare", "--out", str(tmp_path / "out"), *words])
+    assert said in str(done.exception)
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_a_place_that_is_no_folder_is_told(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("", encoding="utf-8")
+    done = CliRunner().invoke(app, ["compare", "--out", str(file)])
+    assert isinstance(done.exception, BadInput)
+    assert "--out" in str(done.exception)
+
+
+def test_results_are_json(small_run):
+    text = (small_run[0] / "results.json").read_text(encoding="utf-8")
+    assert json.loads(text)["schema"] == 1

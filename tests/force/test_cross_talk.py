@@ -1,0 +1,96 @@
+"""A step in force moves nothing along S, a step in motion asks for no force: in every tick, and in closed loops."""
+
+import numpy as np
+import pytest
+from support.spring_plane import DT, PANDA, SO101, Bench, carried, circle, gantry, pen
+
+import invariantqp as iq
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return iq.load_robot("panda")
+
+
+@pytest.fixture(scope="module")
+def so101():
+    return iq.load_robot("so101")
+
+
+@pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])
+def test_neither_part_touches_the_other_in_any_tick(panda, rule):
+    """Joint velocities, limits not met: a step in force adds nothing along S, one in motion nothing in S*."""
+    bench = Bench(panda, PANDA, pen(**rule), depth=3e-4)
+    other = iq.HybridController(panda, pen(**rule), dt=DT)
+    path = circle(bench.start, 0.03, 2.0)
+    for k in range(100):
+        q, W = bench.q.copy(), bench.wrench()
+        target, ahead = path(k * DT)
+        elsewhere = iq.exp([0.02, 0.01, -0.02, 0.004, -0.003, 0.002]) @ target
+        plain = bench.tick(target, ahead)
+        pressed = other.step(q, target, W, ahead, wanted=[8.0])
+        steered = other.step(q, elsewhere, W, ahead)
+        split = iq.dual_projectors(plain.contact.freedoms, **carried(rule, plain.contact))
+        J = plain.J
+        assert np.abs(split.motion @ J @ (pressed.velocity - plain.velocity)).max() < 1e-9
+        assert np.linalg.norm(pressed.force - plain.force) > 1e-4
+        assert np.abs(plain.contact.constraints.T @ J @ (steered.velocity - plain.velocity)).max() < 1e-9
+        assert np.abs(steered.error - plain.error).max() < 1e-9
+        assert np.linalg.norm(steered.motion - plain.motion) > 1e-4
+
+
+def test_five_joints_keep_the_two_apart_at_the_tip(so101):
+    """All six freedoms are not to be had with five joints; where the tip goes and how it presses are."""
+    options = {"dt": 5e-3, "exact": "position"}
+    bench = Bench(so101, SO101, pen(2.0), stiffness=2e3, **options)
+    other = iq.HybridController(so101, pen(2.0), **options)
+    path = circle(bench.start, 0.02, 3.0)
+    for k in range(60):
+        q, W, (target, ahead) = bench.q.copy(), bench.wrench(), path(k * 5e-3)
+        elsewhere = iq.exp([0.0, 0.0, 0.0, 0.001, -0.002, 0.001]) @ target
+        plain = bench.tick(target, ahead)
+        pressed, steered = other.step(q, target, W, ahead, wanted=[3.0]), other.step(q, elsewhere, W, ahead)
+        p = so101.pose(q)[:3, 3]
+        J = plain.J[3:] + np.cross(plain.J[:3].T, p).T
+        assert np.abs((J @ (pressed.velocity - plain.velocity))[:2]).max() < 1e-9
+        assert abs((J @ (steered.velocity - plain.velocity))[2]) < 1e-9
+        assert np.linalg.norm((J @ (steered.velocity - plain.velocity))[:2]) > 1e-3
+
+
+def stepped(robot, q, dt, *, press=5.0, aside=0.0, **options):
+    """Places and presses of a loop whose wanted press or target steps after half a second."""
+    bench = Bench(robot, q, pen(), depth=5e-4, dt=dt, gain=10.0, **options)
+    path, places, presses = circle(bench.start, 0.03, 2.0), [], []
+    for k in range(round(1.0 / dt)):
+        target, ahead = path(k * dt)
+        late = k * dt > 0.5
+        target[0, 3] += aside * late
+        solution = bench.tick(target, ahead, wanted=[press if late else 5.0])
+        places.append(bench.robot.pose(bench.q)[:3, 3])
+        presses.append(solution.intensities[0])
+    return np.array(places), np.array(presses)
+
+
+def test_a_step_in_one_leaves_the_other_alone_in_the_whole_closed_loop():
+    options = {"joint_metric": np.ones(6)}
+    plain, harder, aside = (stepped(gantry(), np.zeros(6), 5e-3, **options, **s) for s in STEPS)
+    assert np.abs(harder[0] - plain[0])[:, :2].max() < 1e-9
+    assert harder[1][-1] == pytest.approx(8.0, rel=0.01)
+    assert np.abs(aside[1] - plain[1]).max() < 1e-9
+    assert np.abs(aside[0] - plain[0])[:, 0].max() > 4e-3
+
+
+STEPS = ({}, {"press": 8.0}, {"aside": 0.005})
+
+
+def test_what_is_left_on_an_arm_is_the_tick(panda):
+    """Joint velocities are held for a tick while the Jacobian turns: of first order in dt, and nothing else."""
+    left = []
+    for dt in (2e-3, 1e-3):
+        plain, harder, aside = (stepped(panda, PANDA, dt, **s) for s in STEPS)
+        left.append((np.abs(harder[0] - plain[0])[:, :2].max(), np.abs(aside[1] - plain[1]).max()))
+    (place, press), (place_half, press_half) = left
+    assert place_half < 1e-7
+    assert press_half < 0.01
+    assert place_half == pytest.approx(0.5 * place, rel=0.1)
+    assert press_half == pytest.approx(0.5 * press, rel=0.1)

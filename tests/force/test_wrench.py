@@ -1,0 +1,141 @@
+"""A sensor's reading becomes the wrench the tool exerts; Pinocchio's own force transport is the reference."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.random_systems import motion
+
+import invariantqp as iq
+from invariantqp.force.wrench import Smoothing, soft
+
+G = np.array([0.0, 0.0, -9.80665])
+
+
+def stacked(force):
+    return np.concatenate((force.angular, force.linear))
+
+
+def reading_by_pinocchio(tool, mount, world, mass, centre, bias):
+    """What a wrist sensor shows when the world does `world` (linear, angular; base frame) to the tool."""
+    sensor = pin.SE3(tool @ mount)
+    hangs = sensor.translation + sensor.rotation @ centre
+    weight = pin.Force(mass * G, np.cross(hangs, mass * G))
+    return stacked(sensor.actInv(world) + sensor.actInv(weight)) + bias
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**31), opposite=st.booleans())
+def test_weight_bias_and_transport_against_pinocchio(seed, opposite):
+    rng = np.random.default_rng(seed)
+    tool, mount, centre, bias = motion(rng), motion(rng, 0.2), 0.1 * rng.normal(size=3), rng.normal(size=6)
+    world = pin.Force(rng.normal(size=3) * 10, rng.normal(size=3))
+    sensor = iq.WrenchSensor(
+        mount=mount,
+        mass=1.3,
+        centre=centre,
+        bias=-bias if opposite else bias,
+        reads="action" if opposite else "reaction",
+    )
+    reading = reading_by_pinocchio(tool, mount, world, 1.3, centre, bias)
+    measured = sensor.measured(-reading if opposite else reading, tool)
+    np.testing.assert_allclose(measured, -stacked(world), atol=1e-11)
+    nothing = reading_by_pinocchio(tool, mount, pin.Force.Zero(), 1.3, centre, bias)
+    np.testing.assert_allclose(sensor.unloaded(tool), -nothing if opposite else nothing, atol=1e-12)
+
+
+def test_moments_are_carried_along():
+    """100 mm off the tip, 5 N across make half a newton metre that the tip does not feel."""
+    mount = iq.transform(translation=[0.0, 0.0, -0.1])  # the tool frame is the tip
+    reading = np.array([0.0, 0.5, 0.0, 5.0, 0.0, 0.0])  # m = c x f with c = (0, 0, 0.1)
+    measured = iq.WrenchSensor(mount=mount).measured(reading, np.eye(4))
+    np.testing.assert_allclose(measured, [0.0, 0.0, 0.0, -5.0, 0.0, 0.0], atol=1e-15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_another_name_for_the_frames_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    tool, mount, X, Y = motion(rng), motion(rng, 0.2), motion(rng, 0.2), motion(rng, 0.2)
+    sensor = iq.WrenchSensor(
+        mount=mount,
+        mass=0.8,
+        centre=[0.01, 0.02, 0.05],
+        bias=[0.1, 0.2, 0.3, 1, 2, 3],
+        force_deadband=0.5,
+        moment_deadband=0.2,
+        origin=[0.0, 0.01, 0.02],
+    )
+    reading = rng.normal(size=6) * 3
+    told = sensor.relabelled(X, Y)
+    there = iq.coadjoint(iq.inverse(X)) @ reading
+    np.testing.assert_allclose(told.measured(there, tool @ Y), sensor.measured(reading, tool), atol=1e-11)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(-10, 10), min_size=6, max_size=6), st.floats(0, 3))
+def test_the_deadband_is_soft_continuous_and_keeps_direction(numbers, width):
+    a, b = np.array(numbers[:3]), np.array(numbers[3:])
+    assert np.linalg.norm(soft(a, width) - soft(b, width)) <= np.linalg.norm(a - b) * (1 + 1e-12)
+    assert np.linalg.norm(soft(a, width)) == pytest.approx(max(0.0, np.linalg.norm(a) - width), abs=1e-12)
+    assert np.linalg.norm(np.cross(soft(a, width), a)) <= 1e-12 * (1 + a @ a)
+
+
+def test_forces_and_moments_have_deadbands_of_their_own():
+    sensor = iq.WrenchSensor(force_deadband=1.0, moment_deadband=0.1, reads="action")
+    measured = sensor.measured([0.3, 0, 0, 0, 0.9, 0], np.eye(4))
+    np.testing.assert_allclose(measured, [0.2, 0, 0, 0, 0, 0], atol=1e-15)
+    measured = sensor.measured([0.05, 0, 0, 0, 3.0, 0], np.eye(4))
+    np.testing.assert_allclose(measured, [0, 0, 0, 0, 2.0, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize(("cutoff", "dt"), [(10.0, 1e-3), (50.0, 2e-3), (0.5, 0.01)])
+def test_the_low_pass_is_first_order_with_its_cutoff(cutoff, dt):
+    state, unit = Smoothing.of(cutoff, dt), np.ones(6)
+    first, state = state.after(np.zeros(6))
+    np.testing.assert_array_equal(first, 0.0)
+    answers = []
+    for _ in range(200):
+        value, state = state.after(unit)
+        answers.append(value[0])
+    time = dt * np.arange(1, 201)
+    np.testing.assert_allclose(answers, 1.0 - np.exp(-2 * np.pi * cutoff * time), atol=1e-12)
+
+
+def test_the_first_reading_is_taken_as_it_is_and_no_cutoff_is_none():
+    value, state = Smoothing.of(5.0, 0.01).after(np.arange(6.0))
+    np.testing.assert_array_equal(value, np.arange(6.0))
+    value, _ = Smoothing.of(np.inf, 0.01)._replace(value=np.zeros(6)).after(np.arange(6.0))
+    np.testing.assert_array_equal(value, np.arange(6.0))
+    assert state.value is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "argument"),
+    [
+        ({"mass": -1.0}, "mass"),
+        ({"mass": np.nan}, "mass"),
+        ({"cutoff": 0.0}, "cutoff"),
+        ({"cutoff": np.nan}, "cutoff"),
+        ({"force_deadband": -0.1}, "force_deadband"),
+        ({"moment_deadband": np.nan}, "moment_deadband"),
+        ({"bias": [1, 2, 3]}, "bias"),
+        ({"mount": np.ones((4, 4))}, "mount"),
+        ({"reads": "both"}, "reads"),
+        ({"centre": [0, 0, np.inf]}, "centre"),
+    ],
+)
+def test_sensors_that_cannot_be(options, argument):
+    with pytest.raises(iq.BadInput) as caught:
+        iq.WrenchSensor(**options)
+    assert caught.value.argument == argument
+
+
+def test_a_reading_that_is_none():
+    sensor = iq.WrenchSensor()
+    for bad in (np.full(6, np.nan), np.ones(5), "word"):
+        with pytest.raises(iq.BadInput, match="wrench"):
+            sensor.measured(bad, np.eye(4))
+    with pytest.raises(iq.BadInput, match="tool"):
+        sensor.measured(np.zeros(6), np.full((4, 4), np.nan))

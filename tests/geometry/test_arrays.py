@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from support.random_systems import motion
+
+import invariantqp as iq
+from invariantqp.geometry import arrays
+
+NAN, INF = float("nan"), float("inf")
+SHEARED = np.eye(4)
+SHEARED[0, 1] = 1e-3
+MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
+
+# what is called, the argument blamed, and a piece of what is said to have been found
+REFUSED = {
+    "text": (lambda: arrays.twist("abc"), "twist", "not numeric"),
+    "ragged": (lambda: arrays.columns([[1.0], [1.0, 2.0]]), "J", "not numeric"),
+    "none": (lambda: arrays.vector(None, 3, "q"), "q", "shape ()"),
+    "short twist": (lambda: arrays.twist([1.0] * 5), "twist", "shape (5,)"),
+    "nan twist": (lambda: arrays.twist([0, 0, NAN, 0, 0, 0]), "twist", "index 2"),
+    "inf in a column": (lambda: arrays.columns(np.full((6, 2), INF)), "J", "index (0, 0)"),
+    "transposed": (lambda: arrays.columns(np.zeros((4, 6))), "J", "shape (4, 6)"),
+    "no columns": (lambda: arrays.columns(np.zeros((6, 0))), "J", "shape (6, 0)"),
+    "three axes": (lambda: arrays.columns(np.zeros((6, 2, 2))), "J", "shape (6, 2, 2)"),
+    "matrix": (lambda: arrays.matrix(np.eye(2), (3, 3), "rotation"), "rotation", "shape (2, 2)"),
+    "asymmetric": (lambda: arrays.positive_definite([[1.0, 0.5], [0.0, 1.0]], 2, "M"), "M", "not symmetric"),
+    "indefinite": (lambda: arrays.positive_definite([1.0, -2.0], 2, "M"), "M", "smallest eigenvalue -2"),
+    "semidefinite": (lambda: arrays.positive_definite([1.0, 0.0], 2, "M"), "M", "smallest eigenvalue 0"),
+    "long diagonal": (lambda: arrays.positive_definite([1.0, 2.0, 3.0], 2, "M"), "M", "shape (3, 3)"),
+    "nan metric": (lambda: arrays.positive_definite([[1.0, NAN], [NAN, 1.0]], 2, "M"), "M", "NaN"),
+    "sheared": (lambda: arrays.pose(SHEARED), "pose", "not a rotation"),
+    "mirrored": (lambda: arrays.pose(MIRROR), "pose", "not a rotation"),
+    "scaled": (lambda: arrays.pose(np.diag([2.0, 2.0, 2.0, 1.0])), "pose", "not a rotation"),
+    "last row": (lambda: arrays.pose(np.eye(4) + np.eye(4)[:, [3]] * np.array([0, 0, 0, 1e-3])), "pose", "last row"),
+    "nan pose": (lambda: arrays.pose(np.eye(4) * NAN), "pose", "NaN"),
+    "pose of text": (lambda: arrays.pose("tool"), "pose", "not numeric"),
+    "word for a number": (lambda: arrays.number("fast", "dt"), "dt", "'fast'"),
+    "no number": (lambda: arrays.number(None, "dt"), "dt", "None"),
+    "nan number": (lambda: arrays.number(NAN, "dt"), "dt", "nan"),
+    "zero tick": (lambda: arrays.number(0.0, "dt", positive=True), "dt", "0.0"),
+    "pitch nan": (lambda: iq.pitch_form(NAN), "h", "nan"),
+    "pitch word": (lambda: iq.pitch_form("long"), "h", "'long'"),
+    "pitch inf inverted": (lambda: iq.pitch_form_inverse(INF), "h", "inf"),
+    "pitch -inf inverted": (lambda: iq.pitch_form_inverse(-INF), "h", "-inf"),
+    "pencil": (lambda: iq.invariant_form(1.0, INF), "beta", "inf"),
+    "zero axis": (lambda: iq.revolute((0, 0, 0)), "axis", "zero vector"),
+    "nan axis": (lambda: iq.prismatic((0, NAN, 0)), "axis", "NaN"),
+    "nan point": (lambda: iq.revolute((0, 0, 1), (0, 0, NAN)), "point", "NaN"),
+    "nan pitch": (lambda: iq.helical((0, 0, 1), pitch=NAN), "pitch", "nan"),
+    "no pitch": (lambda: iq.helical((0, 0, 1), pitch="steep"), "pitch", "'steep'"),
+    "pitch of rest": (lambda: iq.pitch(np.zeros(6)), "twist", "zero twist"),
+    "axis of a slide": (lambda: iq.axis([0, 0, 0, 1, 0, 0]), "twist", "omega = 0"),
+    "exp": (lambda: iq.exp([NAN] * 6), "twist", "NaN"),
+    "log": (lambda: iq.log(np.eye(3)), "pose", "shape (3, 3)"),
+    "bracket": (lambda: iq.bracket(np.zeros(6), np.zeros(3)), "second", "shape (3,)"),
+    "transform": (lambda: iq.transform(2.0 * np.eye(3)), "rotation", "not a rotation"),
+    "adjoint": (lambda: iq.adjoint(np.zeros((4, 4))), "pose", "not a rotation"),
+    "coadjoint": (lambda: iq.coadjoint(np.full((4, 4), INF)), "pose", "NaN or infinity"),
+    "inverse": (lambda: iq.inverse(SHEARED), "pose", "not a rotation"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_every_refusal_says_what_was_found_and_what_was_expected(case):
+    call, argument, found = REFUSED[case]
+    with pytest.raises(iq.BadInput) as caught:
+        call()
+    error = caught.value
+    assert error.argument == argument
+    assert found in error.found
+    assert error.expected
+    assert str(error).startswith(f"{argument}: found {error.found}; expected {error.expected}.")
+    assert isinstance(error, ValueError)
+    assert isinstance(error, iq.InvariantQPError)
+
+
+def test_a_transposed_jacobian_is_told_so():
+    with pytest.raises(iq.BadInput, match=r"Transpose it\."):
+        arrays.columns(np.zeros((4, 6)))
+
+
+def test_lists_integers_and_a_single_twist_are_accepted():
+    assert arrays.columns([1, 0, 0, 0, 0, 0]).shape == (6, 1)
+    assert arrays.columns([[1, 2]] * 6).dtype == np.float64
+    assert arrays.positive_definite([1, 2], 2, "M").tolist() == [[1.0, 0.0], [0.0, 2.0]]
+    assert arrays.number(np.float32(0.5), "x") == 0.5
+
+
+def test_large_finite_numbers_are_not_taken_for_infinite():
+    assert arrays.twist([1e200] * 6).tolist() == [1e200] * 6  # the sum of squares overflows
+
+
+def test_a_pose_with_six_digits_passes():
+    T = iq.exp([0.3, -0.2, 0.5, 1.0, 2.0, 3.0])
+    assert arrays.pose(np.round(T, 6)).shape == (4, 4)
+
+
+def test_rounding_does_not_make_a_metric_asymmetric():
+    """R diag R' has entries that are rounding alone; relative to themselves they differ by anything."""
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        R = motion(rng)[:3, :3]
+        M = R @ np.diag([1.0, 1.0, 1.0 + 1e-14]) @ R.T
+        assert arrays.positive_definite(M, 3, "M") is not None
+    M = np.array([[1.0, 3e-17], [-1e-17, 1.0]])
+    assert arrays.positive_definite(M, 2, "M").tolist() == M.tolist()
+
+
+def test_a_small_entry_is_judged_by_its_own_rows():
+    """Entries in millimetres beside entries in metres: an asymmetry of the small ones is one."""
+    with pytest.raises(iq.BadInput, match="not symmetric"):
+        arrays.positive_definite([[1e12, 0, 0], [0, 1.0, 0.5], [0, 0.2, 1.0]], 3, "M")
+
+
+def test_names_are_shortened():
+    assert arrays.names(["a", "b"]) == "a, b"
+    assert arrays.names(list("abcdefgh")) == "a, b, c, d, e, f, ... (8)"

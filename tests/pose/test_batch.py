@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.analysis.survey import joint_ranges
+
+NO_LIMIT = {"time_limit": np.inf}  # the same in every run, however busy the machine
+PANDA = iq.load_robot("panda")
+
+
+def states(robot, count, seed):
+    low, high = joint_ranges(robot)
+    return low + np.random.default_rng(seed).random((count, len(low))) * (high - low)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
+def test_along_a_path_each_pose_is_found_from_the_one_before(name):
+    robot = iq.load_robot(name)
+    ends = 0.4 * states(robot, 2, 30) + 0.6 * 0.5 * (robot.position_lower + robot.position_upper)
+    way = np.linspace(*ends, 60)
+    found = iq.solve_poses(robot, [robot.pose(q) for q in way], q0=way[0], along=True, restarts=0, **NO_LIMIT)
+    assert all(one.success for one in found)
+    q = np.array([one.q for one in found])
+    assert np.abs(np.diff(q, axis=0)).max() < 3.0 * np.abs(np.diff(way, axis=0)).max()
+
+
+def test_a_batch_is_the_single_answers_on_any_number_of_processes():
+    targets = [PANDA.pose(q) for q in states(PANDA, 6, 50)]
+    starts = states(PANDA, 6, 51)
+    calls = []
+    single = [iq.solve_pose(PANDA, t, q0=q, **NO_LIMIT) for t, q in zip(targets, starts, strict=True)]
+    batch = iq.solve_poses(PANDA, targets, q0=starts, progress=lambda *a: calls.append(a), **NO_LIMIT)
+    spread = iq.solve_poses(PANDA, targets, q0=starts, jobs=2, **NO_LIMIT)
+    for one, two, three in zip(single, batch, spread, strict=True):
+        np.testing.assert_array_equal(one.q, two.q)
+        np.testing.assert_array_equal(one.q, three.q)
+        assert one._replace(q=None) == two._replace(q=None) == three._replace(q=None)
+    assert calls == [(i, 6) for i in range(1, 7)]
+    assert iq.solve_poses(PANDA, []) == []
+
+
+T = PANDA.pose(np.zeros(7))
+WRONG = {
+    "one of many targets": (lambda: iq.solve_poses(PANDA, [T, T * np.nan]), "targets[1]"),
+    "starts": (lambda: iq.solve_poses(PANDA, [T, T], q0=np.zeros((3, 7))), "q0"),
+    "a path on two": (lambda: iq.solve_poses(PANDA, [T], along=True, jobs=2), "jobs"),
+    "starts along a path": (lambda: iq.solve_poses(PANDA, [T], along=True, q0=np.zeros((1, 7))), "q0"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_input_is_named(case):
+    call, argument = WRONG[case]
+    with pytest.raises(iq.BadInput, match=r": found .*; expected ") as caught:
+        call()
+    assert caught.value.argument == argument

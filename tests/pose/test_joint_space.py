@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.pose.joint_space import JointSpace
+
+NO_LIMIT = {"time_limit": np.inf}
+UR5 = iq.load_robot("ur5")
+
+
+def test_only_hinges_whose_range_holds_a_turn_turn_over():
+    screws = np.column_stack(
+        [
+            iq.revolute([0, 0, 2.0]),
+            2.0 * iq.revolute([0, 1, 0]),
+            iq.helical([0, 0, 1], pitch=0.1),
+            iq.prismatic([1, 0, 0]),
+        ]
+    )
+    wide = JointSpace(iq.Chain(screws, np.eye(4), (), -4.0, 4.0))
+    assert wide.whole.tolist() == [True, True, False, False]
+    np.testing.assert_allclose(wide.turn[:2], [2.0 * np.pi, np.pi])  # the second screw is twice a unit one
+    assert not JointSpace(iq.Chain(screws, np.eye(4), (), -1.5, 1.5)).whole.any()
+
+
+@pytest.mark.parametrize("q", [[0.0] * 6, [7.0] * 6, [-40.0, 40.0, 3.0, -9.0, 1e3, 6.5]])
+def test_shifts_end_inside_and_move_no_tool(q):
+    space = JointSpace(UR5)
+    inside = space.inside(np.array(q))
+    assert (inside >= UR5.position_lower).all()
+    assert (inside <= UR5.position_upper).all()
+    free = np.array(q)
+    free[2] = inside[2]  # the elbow's range is one turn; 7 rad are shifted into it as well
+    np.testing.assert_allclose(UR5.pose(inside), UR5.pose(free), atol=1e-9)
+
+
+def test_a_hinge_that_can_turn_over_is_shifted_by_whole_turns():
+    q = np.array([6.2, -1.0, 1.0, 0.5, 1.0, 6.0])
+    past = q + np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.5])  # both beyond 2 pi
+    found = iq.solve_pose(UR5, UR5.pose(past), q0=q, restarts=0, **NO_LIMIT)
+    assert found.success
+    np.testing.assert_allclose(found.q, past - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, 1]), atol=1e-6)
+
+
+def test_the_nearest_of_equal_states_is_inside_too():
+    space = JointSpace(UR5)
+    q = np.array([5.0, -5.0, 1.0, 0.5, 1.0, -5.0])
+    start = np.array([-1.0, 1.0, -3.0, 40.0, 1.5, -5.5])
+    turns = 2.0 * np.pi * np.array([-1, 1, 0, 0, 0, 0])  # 0.5 + 2 pi is beyond the limit, 1 - 2 pi beyond the elbow's
+    np.testing.assert_allclose(space.near(q, start), q + turns)
+
+
+def test_of_equal_states_the_one_nearest_the_start_is_chosen():
+    q = np.array([5.0, -1.0, 1.0, 0.5, 1.0, -5.0])
+    for start in (q, q - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, -1])):
+        found = iq.solve_pose(UR5, UR5.pose(q), q0=start, **NO_LIMIT)
+        np.testing.assert_allclose(found.q, start, atol=1e-6)
+    kinova = iq.load_robot("kinova")  # its first joint has no limits at all
+    far = np.array([40.0, 3.0, 2.0, -30.0, 3.0, 20.0])
+    found = iq.solve_pose(kinova, kinova.pose(far + 0.05), q0=far, **NO_LIMIT)
+    assert np.abs(found.q - far).max() < 1.0

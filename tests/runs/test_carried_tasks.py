@@ -1,0 +1,69 @@
+"""Arms on which no pitch form works, run with the metric carried by the tool."""
+
+import numpy as np
+import pytest
+from support.random_systems import motion
+
+import invariantqp as iq
+from invariantqp.runs.taskfile import task_from
+
+ARMS = ["planar_3r", "scara"]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_they_pass_undamped_and_unguarded(name):
+    trace = iq.run_task(iq.load_task(name))
+    assert trace.passed, trace.shortfalls
+    assert set(trace.methods) == {"closed-form"}
+    assert set(trace.statuses) == {"ok"}
+    assert trace.warnings == []
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_displaced_tool_frame_changes_nothing(name):
+    task = iq.load_task(name)
+    offset = motion(np.random.default_rng(4), reach=0.2)
+    plain, displaced = iq.run_task(task, dt=0.01), iq.run_task(task, dt=0.01, tool_offset=offset)
+    assert np.abs(plain.q - displaced.q).max() < 1e-12
+
+
+def test_a_pitch_form_is_blind_there_and_says_so():
+    trace = iq.run_task(iq.load_task("planar_3r"), form="pitch", dt=0.01)
+    assert any("no pitch form sees all of this arm" in w for w in trace.warnings)
+    assert not trace.passed
+
+
+def test_the_metric_is_that_of_the_arms_own_length_at_the_tool():
+    robot = iq.load_task("planar_3r").load_robot()
+    metric = iq.tool_metric(robot)
+    length = iq.centre(robot.jacobian([0.0, 1.4, 0.0])).length
+    np.testing.assert_allclose(metric.matrix, np.diag(np.repeat((length**2, 1.0), 3)))
+    assert metric.follows_tool
+
+
+def content(**law):
+    screws = [{"axis": [0.0, 0.0, 1.0]}, {"axis": [0.0, 0.0, 1.0], "pitch": np.inf}]
+    robot = {"screws": screws, "start": [0.0, 0.0]}
+    return {"name": "x", "robot": robot, "path": {"kind": "line", "duration": 0.1}, "law": {"dt": 0.01, **law}}
+
+
+def test_a_joint_metric_settles_mixed_units():
+    assert iq.run_task(task_from(content(form="carried", joint_metric=[1.0, 9.0]), "x")).passed
+    with pytest.warns(iq.UnitsMixed):
+        iq.run_task(task_from(content(form="carried"), "x"))
+    with pytest.raises(iq.BadInput, match="joint_metric"):
+        iq.run_task(task_from(content(joint_metric=[1.0]), "x"))
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        ({"form": "carried", "pitch": 0.3}, r"\$\.law\.pitch: .*a carried metric has no pitch"),
+        ({"form": "caried"}, r"\$\.law\.form: .*'pitch' or 'carried'"),
+        ({"joint_metric": [1.0, 0.0]}, r"\$\.law\.joint_metric\[1\]: .*greater than 0"),
+        ({"joint_metrics": [1.0, 1.0]}, r"did you mean 'joint_metric'"),
+    ],
+)
+def test_what_the_law_does_not_take(law, said):
+    with pytest.raises(iq.TaskFileError, match=said):
+        task_from(content(**law), "x")

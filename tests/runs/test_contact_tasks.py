@@ -1,0 +1,168 @@
+"""Tasks in contact, in closed loop on both plants, judged by what is so and not by what a sensor says."""
+
+import numpy as np
+import pytest
+from support.random_systems import motion
+from support.task_files import content, pen
+
+import invariantqp as iq
+from invariantqp.runs.scene import scene_of
+from invariantqp.runs.taskfile import shipped_tasks, task_from
+
+IN_CONTACT = [n for n in shipped_tasks() if iq.load_task(n).contact is not None]
+# What the product promises, whatever a task file says: path [mm] and force, rms over the wanted one.
+PROMISES = {"ideal": (0.5, 0.02), "mujoco": (1.5, 0.1)}
+
+
+def short(name="pen_on_paper", duration=0.6, settle=0.5, **sections):
+    """A shipped task cut short, with keys of its sections changed."""
+    task = iq.load_task(name)
+    changed = {"path": {"duration": duration}, "contact": {"settle": settle}}
+    for section, keys in sections.items():
+        changed[section] = {**changed.get(section, {}), **keys}
+    return task.model_copy(update={s: getattr(task, s).model_copy(update=keys) for s, keys in changed.items()})
+
+
+def judged(trace):
+    """Path error [mm] and force error after settling by first principles: across the normal, and along it."""
+    first = trace.settled
+    n = np.asarray(trace.task.contact.normal)
+    apart = trace.contact.drawn[first:] - trace.contact.asked[first:]
+    path = np.linalg.norm(apart - np.outer(apart @ n, n), axis=1)
+    press = -trace.contact.wrench[first:, 3:] @ n
+    return 1e3 * path.max(), np.sqrt(np.mean((press / trace.task.force.press - 1.0) ** 2))
+
+
+def test_six_tasks_are_shipped():
+    assert set(IN_CONTACT) == {"pen_on_paper", "wipe_table", "edge_follow", "hinged_door", "so101_pen"}
+    assert iq.load_task("shared_surface").operator is not None
+
+
+@pytest.mark.parametrize("name", IN_CONTACT)
+@pytest.mark.parametrize("physics", PROMISES)
+def test_path_and_force_hold_after_contact_has_settled(name, physics):
+    if physics == "mujoco":
+        pytest.importorskip("mujoco")
+    trace = iq.run_task(iq.load_task(name), physics=physics)
+    path, force = PROMISES[physics]
+    figures = trace.summary()
+    assert trace.passed, trace.shortfalls
+    assert figures["position_error_mm"]["max"] < path
+    assert 0.0 < figures["force_error_relative_rms"] < force
+    assert trace.limit_violation == 0.0
+    assert {"ok", "lost"} >= set(trace.statuses)
+    assert set(trace.statuses[trace.settled :]) == {"ok"}
+    if trace.task.contact.kind != "hinge":
+        by_hand = judged(trace)
+        assert by_hand[0] < path
+        assert by_hand[1] < force
+        assert by_hand[1] <= figures["force_error_relative_rms"] * (1.0 + 1e-9)  # which counts moments too
+    if name in ("pen_on_paper", "so101_pen"):
+        assert by_hand == pytest.approx((figures["position_error_mm"]["max"], figures["force_error_relative_rms"]))
+
+
+def test_a_door_is_swung_along_its_arc():
+    trace = iq.run_task(short("hinged_door", duration=1.5))
+    angle, radius = trace.task.path.angle, 0.35
+    way = trace.contact.drawn[-1] - trace.contact.drawn[0]
+    assert np.linalg.norm(way) == pytest.approx(2.0 * radius * np.sin(angle / 2.0), rel=5e-3)
+    pull = trace.contact.wrench[-1, 3:]
+    off_axis = trace.contact.drawn[-1] - (trace.contact.asked[0] + [radius, 0.0, 0.0])
+    assert pull @ off_axis / radius == pytest.approx(20.0, rel=0.05)
+
+
+@pytest.mark.parametrize("physics", ["ideal", "mujoco"])
+def test_an_operator_moves_on_the_plane_and_cannot_leave_it(physics):
+    if physics == "mujoco":
+        pytest.importorskip("mujoco")
+    task = iq.load_task("shared_surface")
+    trace = iq.run_task(task, physics=physics)
+    assert trace.passed, trace.shortfalls
+    robot = task.load_robot()
+    poses = [robot.pose(q) for q in trace.q]
+    heights = np.array([T[2, 3] for T in poses]) - poses[0][2, 3]
+    limit = {"ideal": 1e-5, "mujoco": 1e-3}[physics]
+    assert np.abs(heights).max() < limit  # though 50 mm/s were pushed off the plane
+    assert max(np.hypot(*T[:2, 3] - poses[0][:2, 3]) for T in poses) > 0.1
+    if physics == "ideal":
+        moved = iq.run_task(task, tool_offset=motion(np.random.default_rng(0), 0.25))
+        np.testing.assert_allclose(moved.q, trace.q, atol=1e-9)
+    alone = task.model_copy(update={"operator": task.operator.model_copy(update={"strays": 0.0, "tilts": 0.0})})
+    np.testing.assert_allclose(iq.run_task(alone, physics=physics).q, trace.q, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "form", [{"form": "pitch", "pitch": 0.3}, {"form": "complement", "complement": [(0, 0, 0, 0, 0, 1)]}]
+)
+def test_other_complements_press_as_well(form):
+    trace = iq.run_task(short(force=form))
+    assert trace.contact.press[-1] == pytest.approx(5.0, rel=0.05)
+
+
+def test_no_pitch_does_for_a_face():
+    with pytest.raises(iq.NoProjectors, match="metric=M"):
+        iq.run_task(short("wipe_table", force={"form": "pitch", "pitch": 0.3}))
+
+
+def test_a_pen_follows_a_round_bar():
+    task = short(duration=2.0, contact={"radius": 0.15, "along": (0.0, 1.0, 0.0), "tilt": (0.0, 0.0, 0.0)})
+    trace = iq.run_task(task)
+    assert np.ptp(trace.contact.drawn[:, 2]) > 0.004  # over the top and down the side
+    assert trace.summary()["position_error_mm"]["max"] < 0.5
+    last = trace.contact.wrench[-1, 3:]
+    assert np.linalg.norm(last) == pytest.approx(5.0, rel=0.02)
+
+
+def test_what_is_believed_differs_from_what_is_by_the_tilt():
+    task = iq.load_task("pen_on_paper")
+    T = task.load_robot().pose(task.start())
+    scene = scene_of(task.contact, task.force, T)
+    n, m = scene.surface.normal, scene.touch.surface.normal
+    assert np.arccos(n @ m) == pytest.approx(np.hypot(0.003, 0.003), rel=1e-6)
+    np.testing.assert_allclose(scene.touch.surface.point, T[:3, 3] - [0.0, 0.0, 0.003])
+    np.testing.assert_allclose(scene.drop(T)[:3, 3], T[:3, 3] - [0.0, 0.0, 0.003], atol=1e-15)
+
+
+def test_an_overload_stops_the_tool():
+    task = short(force={"max_force": 3.0, "on_overload": "hold"})
+    trace = iq.run_task(task)
+    assert trace.statuses[-1] == "overload"
+    assert not trace.velocity[-1].any()
+
+
+def test_without_force_wanted_there_is_no_relative_error():
+    trace = iq.run_task(short("hinged_door", duration=0.3, settle=0.2, force={"press": 0.0}))
+    assert trace.summary()["force_error_relative_rms"] is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"contact": {"along": [0.0, 0.0, 1.0]}}, "contact.along: found .* along the normal"),
+        ({"contact": {"kind": "hinge", "size": [0.1, 0.1], "point": [0.0, 0.0, 0.2]}}, "the tool on the axis"),
+        ({"force": {"form": "complement", "complement": [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]}}, "complement"),
+    ],
+)
+def test_contacts_that_are_none(changes, said):
+    with pytest.raises(iq.BadInput, match=said):
+        iq.run_task(task_from(content(**pen(**changes)), "t.toml"))
+
+
+def test_displaced_frames_change_nothing_of_ours_and_much_of_the_textbooks():
+    """Tool, sensor and contact frames, on an arm that feels contact through a wrist sensor: joint velocities."""
+    ours, textbook = iq.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
+    assert 0.0 < ours.change < 1e-9
+    assert ours.displaced_force_error == pytest.approx(ours.force_error, rel=1e-6)
+    assert textbook.force_error == pytest.approx(ours.force_error, rel=0.1)  # as told it is as good
+    assert textbook.change > 1e-2
+    assert textbook.displaced_error_mm > 10.0 * textbook.error_mm
+    assert textbook.displaced_force_error > 5.0 * textbook.force_error
+
+
+def test_a_missing_engine_is_named(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    monkeypatch.delitem(sys.modules, "invariantqp.runs.plants.mujoco", raising=False)
+    with pytest.raises(iq.MissingExtra, match=r"pip install 'invariantqp\[sim\]'"):
+        iq.run_task(short(), physics="mujoco")

@@ -1,0 +1,125 @@
+"""MuJoCo's model of an arm and a contact, against Pinocchio, a spring's law and statics."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.geometry.surfaces import Cylinder, Plane
+from invariantqp.robots.load import KNOWN, urdf_of
+from invariantqp.runs.plants.touch import Grip, Physics, Touch, Wrist
+
+mujoco = pytest.importorskip("mujoco")
+from invariantqp.runs.plants.mujoco import MujocoPlant  # noqa: E402
+
+READY = np.array([0.0, 0.1, 0.0, -2.2, 0.0, 2.3, 0.785])
+SILENT = Physics(force_noise=0.0, moment_noise=0.0)
+DT = 0.002
+FACE = np.array([[-0.03, -0.02, 0.0], [0.03, -0.02, 0.0], [0.03, 0.02, 0.0], [-0.03, 0.02, 0.0]])
+
+
+def panda(touch=None, wrist=None, physics=SILENT):
+    robot = iq.load_robot("panda")
+    return robot, MujocoPlant(urdf_of("panda"), robot, READY, DT, touch, wrist, physics)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_two_readers_of_a_urdf_agree(name):
+    robot = iq.load_robot(name)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(np.maximum(robot.position_lower, -2.0), np.minimum(robot.position_upper, 2.0))
+    plant = MujocoPlant(urdf_of(name), robot, q, DT, None)
+    np.testing.assert_allclose(plant.truth().pose, robot.pose(q), atol=1e-12)
+    np.testing.assert_allclose(plant.jacobian(), robot.jacobian(q), atol=1e-12)
+
+
+def test_a_joint_held_at_a_limit_that_is_not_zero():
+    joints = [f"panda_joint{i}" for i in (1, 2, 3, 5, 6, 7)]  # the fourth is held at -0.0698, its upper limit
+    robot = iq.load_robot("panda", joints=joints)
+    q = np.delete(READY, 3)
+    plant = MujocoPlant(urdf_of("panda"), robot, q, DT, None)
+    np.testing.assert_allclose(plant.truth().pose, robot.pose(q), atol=1e-12)
+
+
+def touches(T):
+    """Each kind of contact half a millimetre into what the tool at pose T touches."""
+    into = T[:3, 3] + [0.0, 0.0, 0.0005]
+    up = np.array([0.0, 0.0, 1.0])
+    strained = T.copy()
+    strained[:3, 3] += [0.0004, 0.0, 0.0003]
+    return {
+        "point": Touch("point", np.zeros((1, 3)), Plane(into, up), 2e4),
+        "edge": Touch("edge", FACE[:2] - FACE[:2].mean(axis=0), Plane(into, up), 2e4),
+        "face": Touch("face", FACE, Plane(into, up), 1e4),
+        "bar": Touch("point", np.zeros((1, 3)), Cylinder(into - 0.3 * up, np.array([0.0, 1.0, 0.0]), 0.3), 2e4),
+        "hinge": Grip(FACE, strained, iq.revolute([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0]), 2e4),
+    }
+
+
+@pytest.mark.parametrize("kind", ["point", "edge", "face", "bar", "hinge"])
+def test_at_rest_the_contact_is_the_spring_and_the_sensor_feels_it(kind):
+    robot = iq.load_robot("panda")
+    touch = touches(robot.pose(READY))[kind]
+    wrist = Wrist(iq.transform(translation=[0.02, 0.0, -0.12]), 0.3, (0.01, 0.0, 0.05))
+    _, plant = panda(touch, wrist, SILENT._replace(friction=0.0, hinge_friction=0.0))
+    for _ in range(400):
+        plant.command(np.zeros(7))
+    now = plant.truth()
+    spring = touch.wrench(now.pose, touch.angle(now.pose, 0.0)) if kind == "hinge" else touch.wrench(now.pose)
+    assert np.linalg.norm(spring[3:]) > 2.0
+    np.testing.assert_allclose(now.wrench, spring, atol=2e-3)
+    felt = iq.coadjoint(now.pose @ wrist.pose) @ plant.sense().wrench
+    weight = np.array([0.0, 0.0, -0.3 * 9.80665])
+    at = (now.pose @ wrist.pose @ [0.01, 0.0, 0.05, 1.0])[:3]
+    np.testing.assert_allclose(felt, now.wrench + np.concatenate((np.cross(at, weight), weight)), atol=2e-3)
+
+
+def test_a_velocity_loop_lags_as_asked_and_carries_its_load():
+    robot, plant = panda(physics=SILENT._replace(lag=0.02))
+    speed = 0.2
+    travelled = []
+    for _ in range(100):
+        plant.command(np.full(7, speed))
+        travelled.append(plant.truth().q - READY)
+    t = DT * np.arange(1, 101)
+    first_order = speed * (t - 0.02 * (1.0 - np.exp(-t / 0.02)))
+    np.testing.assert_allclose(np.array(travelled), np.tile(first_order[:, None], 7), atol=1.2 * speed * 1e-3)
+    assert robot.names == tuple(mujoco.mj_id2name(plant.model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) for i in range(7))
+
+
+def test_sliding_meets_friction_and_no_more():
+    robot = iq.load_robot("panda")
+    T = robot.pose(READY)
+    touch = touches(T)["point"]
+    _, plant = panda(touch, physics=SILENT._replace(friction=0.3))
+    sideways = np.linalg.pinv(robot.jacobian(READY)) @ [*np.cross(T[:3, 3], [0.0, 0.02, 0.0]), 0.0, 0.02, 0.0]
+    for _ in range(250):
+        plant.command(sideways)
+    force = plant.truth().wrench[3:]
+    assert force[2] > 2.0
+    np.testing.assert_allclose(force[1], -0.3 * force[2], rtol=0.02)  # against the motion, at the cone's edge
+
+
+def test_noise_is_what_was_asked_and_can_be_had_again():
+    def readings(seed):
+        _, plant = panda(physics=Physics(force_noise=1.0, moment_noise=0.1, seed=seed))
+        return np.array([plant.sense().wrench for _ in range(2000)])
+
+    once = readings(3)
+    np.testing.assert_allclose(once.std(axis=0), [0.1, 0.1, 0.1, 1.0, 1.0, 1.0], rtol=0.1)
+    np.testing.assert_array_equal(once, readings(3))
+    assert not np.array_equal(once, readings(4))
+
+
+def test_what_has_no_model_is_refused():
+    robot = iq.load_robot("panda")
+    T = robot.pose(READY)
+    bar = Cylinder(T[:3, 3] - [0.0, 0.0, 0.3], np.array([0.0, 1.0, 0.0]), 0.3)
+    with pytest.raises(iq.BadInput, match="a face on a surface that is not flat"):
+        panda(Touch("face", FACE, bar, 1e4))
+    with pytest.raises(iq.BadInput, match="a hinge with a pitch"):
+        panda(Grip(FACE, T, iq.helical([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0], 0.05), 1e4))
+    task = iq.load_task("arm_3r")
+    with pytest.raises(iq.BadInput, match="found a robot from joint screws"):
+        iq.run_task(task, physics="mujoco")
+    with pytest.raises(iq.BadInput, match='expected "ideal" or "mujoco"'):
+        iq.run_task(task, physics="bullet")

@@ -1,0 +1,181 @@
+import json
+
+import numpy as np
+import pytest
+from support.random_systems import motion
+from support.task_files import content
+
+import invariantqp as iq
+from invariantqp.runs.path import eased
+from invariantqp.runs.taskfile import shipped_tasks, task_from
+
+READY = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
+
+
+def panda(**changes):
+    return task_from(content(**changes), "t.toml")
+
+
+# Those in contact have a file of their own, test_contact_tasks.
+ALONE = [name for name in shipped_tasks() if iq.load_task(name).contact is None]
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_shipped_tasks_are_accepted(name):
+    task = iq.load_task(name)
+    trace = iq.run_task(task)
+    assert trace.passed, trace.shortfalls
+    assert trace.limit_violation <= 1e-9
+    assert "held" not in trace.statuses
+    shorter = task.path.model_copy(update={"duration": 0.3 * task.path.duration})
+    hurried = iq.run_task(task.model_copy(update={"path": shorter}), dt=0.01)  # limits bind, and hold
+    assert hurried.limit_violation <= 1e-9
+    assert "held" not in hurried.statuses
+
+
+def test_the_trace_is_what_happened():
+    done = []
+    trace = iq.run_task(panda(), progress=lambda k, n: done.append((k, n)))
+    n = 25
+    assert done == [(k + 1, n) for k in range(n)]
+    assert trace.q.shape == (n + 1, 7)
+    np.testing.assert_array_equal(trace.q[0], READY)
+    np.testing.assert_allclose(np.diff(trace.q, axis=0), 0.002 * trace.velocity, atol=1e-15)
+    np.testing.assert_allclose(trace.time, 0.002 * np.arange(n + 1))
+    robot = iq.load_robot("panda")
+    moved = robot.pose(trace.q[-1])[:3, 3] - robot.pose(READY)[:3, 3]
+    np.testing.assert_allclose(moved, [0.001, 0, 0], atol=1e-6)
+    assert trace.passed
+    assert trace.shortfalls == []
+
+
+def test_the_figures_of_a_run():
+    trace = iq.run_task(panda())
+    figures = json.loads(json.dumps(trace.as_json()))
+    asked = {
+        "task",
+        "passed",
+        "ticks",
+        "position_error_mm",
+        "orientation_error_deg",
+        "limit_violation",
+        "peak_speed",
+        "methods",
+        "statuses",
+        "tick_us",
+        "force_error_relative_rms",
+        "q",
+    }
+    assert asked <= set(figures)
+    for key in ("position_error_mm", "orientation_error_deg"):
+        assert set(figures[key]) == {"median", "p99", "max"}
+    assert {"median", "p99"} <= set(figures["tick_us"])
+    assert sum(figures["methods"].values()) == pytest.approx(1.0)
+    assert sum(figures["statuses"].values()) == pytest.approx(1.0)
+    assert figures["force_error_relative_rms"] is None
+    assert figures["ticks"] == len(figures["q"]) - 1 == 25
+    assert figures["peak_speed"] == pytest.approx(np.abs(trace.velocity).max())
+    assert figures["position_error_mm"]["max"] == pytest.approx(1e3 * trace.position_error.max())
+
+
+def test_what_was_missed_is_said():
+    trace = iq.run_task(panda(accept__position_error_mm=1e-9))
+    assert not trace.passed
+    assert "largest position error" in trace.shortfalls[0]
+    assert "at most 1e-09 mm asked" in trace.shortfalls[0]
+
+
+BAD = {
+    "dt": -0.001,
+    "gain": 0.0,
+    "pitch": float("nan"),
+    "damping": -1.0,
+    "exact": "tool",
+    "guard": "yes",
+    "backend": 3,
+}
+
+
+@pytest.mark.parametrize("key", BAD)
+def test_overrides_are_checked_as_the_file_is(key):
+    with pytest.raises(iq.BadInput, match=f"^{key}: found .*; expected ") as caught:
+        iq.run_task(panda(), **{key: BAD[key]})
+    assert caught.value.argument == key
+
+
+def test_overrides_and_arguments_that_do_not_exist():
+    with pytest.raises(iq.BadInput, match="overrides: found pitches; expected some of dt, gain, form, pitch"):
+        iq.run_task(panda(), pitches=0.3)
+    with pytest.raises(iq.UnknownName, match="did you mean daqp"):
+        iq.run_task(panda(), backend="dapq")
+    with pytest.raises(iq.BadInput, match="tool_offset: found"):
+        iq.run_task(panda(), tool_offset=np.eye(3))
+    with pytest.raises(iq.BadInput, match=r"path\.waypoints\[0\]: found 2 joints; expected 7"):
+        iq.run_task(panda(path={"kind": "joints", "duration": 1.0, "waypoints": [[0.0, 0.1]]}))
+    with pytest.raises(iq.BadInput, match="a zero centre or normal"):
+        iq.run_task(panda(path={"kind": "circle", "duration": 1.0, "centre": [0.0, 0.0, 0.0]}))
+    with pytest.raises(iq.BadInput, match="at most 1/dt"):
+        iq.run_task(panda(law__gain=501.0))
+
+
+def limited_panda():
+    """A fast swing with a start near limits: velocity and position limits bind."""
+    far = [2.85, 1.2, 0.0, -0.6, 0.0, 2.5, 0.8]
+    return panda(
+        robot__start=[2.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8],
+        path={"kind": "joints", "duration": 1.2, "waypoints": [far, READY]},
+        law={"dt": 0.01},
+    )
+
+
+@pytest.mark.parametrize("exact", [None, "position"])
+def test_a_displaced_tool_frame_changes_no_joint(exact):
+    """The same physical motion, asked of another frame on the same body, under active limits."""
+    task = limited_panda()
+    plain = iq.run_task(task, exact=exact)
+    assert np.mean(plain.bound) > 0.1
+    if exact is None:
+        for seed in range(3):
+            X = motion(np.random.default_rng(seed), 0.25)
+            displaced = iq.run_task(task, tool_offset=X)
+            assert np.abs(plain.q - displaced.q).max() < 1e-8
+            assert displaced.methods == plain.methods
+    else:  # the exact point is the tool's: turned frames at the same point
+        X = motion(np.random.default_rng(0), 0.0)
+        assert np.abs(plain.q - iq.run_task(task, tool_offset=X, exact=exact).q).max() < 1e-8
+
+
+def test_the_usual_laws_do_change():
+    rows = iq.frame_check(limited_panda(), seed=1)
+    assert [r.law for r in rows] == ["invariantqp", "Moore-Penrose, clipped", "DLS, clipped"]
+    assert rows[0].change < 1e-8
+    assert rows[2].change > 1e-3
+
+
+def test_a_start_outside_the_limits_recovers():
+    start = [2.8973 + 0.2, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
+    path = {"kind": "line", "duration": 0.5, "move": [0.0, 0.0, 0.0]}
+    trace = iq.run_task(panda(robot__start=start, path=path))
+    assert np.abs(trace.velocity).max() <= iq.load_robot("panda").velocity_limit.max() + 1e-12
+    assert (np.diff(trace.q[:40, 0]) < 0.0).all()
+    assert trace.q[-1, 0] <= 2.8973 + 1e-9
+    assert "held" not in trace.statuses
+
+
+def test_a_near_principal_pitch_is_warned_of():
+    task = iq.load_task("so101_line")
+    near = iq.principal_pitches(task.load_robot().jacobian(task.start()))
+    h = float(near[np.abs(near).argmax()]) * 1.02
+    trace = iq.run_task(task, dt=0.05, pitch=h)
+    assert any("principal pitch" in w for w in trace.warnings)
+
+
+def test_motion_starts_and_ends_at_rest():
+    u = np.linspace(-0.5, 1.5, 2001)
+    sigma = np.array([eased(x) for x in u])
+    assert sigma[0] == 0.0
+    assert sigma[-1] == 1.0
+    assert (np.diff(sigma) >= 0.0).all()
+    rate = np.gradient(sigma, u)
+    assert abs(rate[np.abs(u).argmin()]) < 1e-4
+    assert abs(rate[np.abs(u - 1.0).argmin()]) < 1e-4

@@ -1,0 +1,196 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.random_systems import CLASSES, admits, distance, motion, reciprocal_of, sample
+
+import invariantqp as iq
+from invariantqp.systems.classification import CLASS_TOLERANCE, NEAR_BORDER
+from invariantqp.systems.normal_form import MODULUS_NAMES, normal_form
+
+EXAMPLE = {"h": 0.3, "h_a": -0.5, "h_b": 0.25, "h_c": 0.75, "p": 0.4}
+IDS = [f"{k}-{n}" for k, n in CLASSES]
+
+
+def example_moduli(key):
+    return tuple(EXAMPLE[n] for n in MODULUS_NAMES[key])
+
+
+@pytest.mark.parametrize("key", CLASSES, ids=IDS)
+def test_normal_forms_have_their_own_type(key):
+    values = example_moduli(key)
+    S = normal_form(*key, values)
+    kind = iq.gibson_hunt(S)
+    assert (str(kind), kind.dimension, kind.reciprocal) == (key[1], key[0], False)
+    assert kind.moduli == pytest.approx(values, abs=1e-14)
+    assert kind.modulus_names == MODULUS_NAMES[key]
+    assert kind.admits_pseudoinverse is admits(key[1])
+    assert kind.margin > 1e5
+
+
+@pytest.mark.parametrize("key", [c for c in CLASSES if c[0] < 3], ids=[i for i in IDS if i[0] != "3"])
+def test_four_and_five_systems_are_named_by_their_reciprocals(key):
+    kind = iq.gibson_hunt(reciprocal_of(normal_form(*key, example_moduli(key))))
+    assert (str(kind), kind.dimension, kind.reciprocal) == (key[1], 6 - key[0], True)
+    assert kind.moduli == pytest.approx(example_moduli(key), abs=1e-14)
+    assert kind.admits_pseudoinverse is admits(key[1])
+
+
+def test_ten_thousand_noisy_moved_mixed_systems():
+    rng = np.random.default_rng(20161)
+    cases = [(key, False) for key in CLASSES] + [(key, True) for key in CLASSES if key[0] < 3]
+    wrong = []
+    for i in range(10_000):
+        key, upper = cases[i % len(cases)]
+        J, values = sample(rng, key, upper=upper, noise=1e-9, extra=(i // len(cases)) % 3)
+        kind = iq.gibson_hunt(J)
+        if (kind.name, kind.dimension) != (key[1], 6 - key[0] if upper else key[0]):
+            wrong.append((key, upper, kind.name, kind.near_border))
+        else:
+            # Moduli are as good as the columns are independent: 1e-9 times their condition, squared in a pitch.
+            assert kind.moduli == pytest.approx(values, abs=1e-3)
+    assert len(wrong) <= 1, wrong
+    assert all(near for *_, near in wrong), wrong
+
+
+@pytest.mark.parametrize("key", CLASSES, ids=IDS)
+def test_the_motion_takes_the_system_to_its_normal_form(key):
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        J, values = sample(rng, key)
+        kind = iq.gibson_hunt(J)
+        assert distance(kind.normal_form, iq.adjoint(kind.motion) @ J) < 1e-9
+        np.testing.assert_allclose(kind.normal_form, normal_form(*key, values), atol=1e-9)
+        np.testing.assert_allclose(kind.motion[:3, :3] @ kind.motion[:3, :3].T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(kind.motion) == pytest.approx(1.0)
+
+
+def test_the_motion_takes_a_reciprocal_there_too():
+    rng = np.random.default_rng(8)
+    for key in [c for c in CLASSES if c[0] < 3]:
+        J, _ = sample(rng, key, upper=True)
+        kind = iq.gibson_hunt(J)
+        assert distance(reciprocal_of(kind.normal_form), iq.adjoint(kind.motion) @ J) < 1e-9
+
+
+# One way out of each special class into the next more general one, (special, general, columns at a distance d).
+WAYS_OUT = [
+    ("IIA", "IA", lambda d: [(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, 0.5 + d, 0)]),
+    ("IIB", "IB", lambda d: [(1, 0, 0, 0.5, 0, 0), (0, 0, 0, d, 1, 0)]),
+    ("IIC", "IB", lambda d: [(0, 0, 0, 1, 0, 0), (d, 0, 0, 0, 1, 0)]),
+    ("IIC", "IIB", lambda d: [(0, 0, 0, 1, 0, 0), (0, 0, d, 0, 1, 0)]),
+    ("h=inf", "h", lambda d: [(d, 0, 0, 1, 0, 0)]),
+    ("IA2", "IA1", lambda d: [(1, 0, 0, -0.5, 0, 0), (0, 1, 0, 0, 0.5, 0), (0, 0, 1, 0, 0, 0.5 + d)]),
+    ("IIA", "IA2", lambda d: [(1, 0, 0, 0.5 + d, 0, 0), (0, 1, 0, 0, 0.5, 0), (0, 0, 1, 0, 0, 0.5)]),
+    ("IB3", "IB0", lambda d: [(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, -0.5, 0), (0, 0, 0, d, 0, 1)]),
+    ("IB3", "IA1", lambda d: [(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, -0.5, 0), (0, 0, d, 0, 0, 1)]),
+    ("IIB", "IB3", lambda d: [(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, 0.5 + d, 0), (0, 0, 0, 0, 0, 1)]),
+    ("IB0", "IA1", lambda d: [(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, 0.5, 0), (0, 0, d, 1, 0, 0.5)]),
+    ("IIC", "IC", lambda d: [(1, 0, 0, 0.5, 0, 0), (0, 0, 0, d, 1, 0), (0, 0, 0, 0, 0, 1)]),
+    ("IC", "IB0", lambda d: [(1, 0, 0, 0, 0, 0), (0, 0, d, 0, 1, 0), (0, 0, 0, 1, 0, 0.5)]),
+    ("IID", "IIC", lambda d: [(d, 0, 0, 1, 0, 0), (0, 0, 0, 0, 1, 0), (0, 0, 0, 0, 0, 1)]),
+]
+
+
+@pytest.mark.parametrize(("special", "general", "columns"), WAYS_OUT, ids=[f"{a}-to-{b}" for a, b, _ in WAYS_OUT])
+def test_a_border_is_crossed_once_and_never_silently(special, general, columns):
+    rng = np.random.default_rng(3)
+    Ad = iq.adjoint(motion(rng))
+    names, kinds = [], []
+    for exponent in np.arange(-14.0, -1.0, 0.125):
+        S = Ad @ np.array(columns(10.0**exponent), dtype=float).T
+        kinds.append(iq.gibson_hunt(S @ rng.normal(size=(S.shape[1], S.shape[1]))))
+        names.append(str(kinds[-1]))
+    assert names[0] == special
+    assert names[-1] == general
+    for before, after in pairwise(kinds):
+        if str(before) != str(after):
+            assert before.near_border or after.near_border
+    for kind in kinds:
+        if str(kind) not in {special, general}:
+            assert kind.near_border
+    # Exactly on the border the answer is the special class, and beyond doubt.
+    exact = iq.gibson_hunt(Ad @ np.array(columns(0.0), dtype=float).T)
+    assert str(exact) == special
+    assert exact.margin > 1e5
+    close = iq.gibson_hunt(np.array(columns(CLASS_TOLERANCE * 3.0), dtype=float).T)
+    assert close.near_border
+
+
+def test_near_a_border_the_other_side_is_named():
+    S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, 0.5 + 4e-7, 0)], dtype=float).T
+    kind = iq.gibson_hunt(S)
+    assert (str(kind), kind.next) == ("IA", "IIA")
+    assert 1.0 < kind.margin < NEAR_BORDER
+    assert kind.borders[0].quantity == "pitch difference"
+    other = iq.gibson_hunt(S, tolerance=1e-6)
+    assert (str(other), other.next) == ("IIA", "IA")
+    assert str(iq.gibson_hunt(S, tolerance=1e-12)) == "IA"
+
+
+def test_a_nearly_dependent_column_is_a_border_of_dimension():
+    rng = np.random.default_rng(5)
+    S = rng.normal(size=(6, 3))
+    S[:, 2] = S[:, 0] + S[:, 1] + 1e-7 * rng.normal(size=6)
+    kind = iq.gibson_hunt(S)
+    assert kind.near_border
+    assert any(b.quantity == "dimension" and b.margin < NEAR_BORDER for b in kind.borders)
+    assert (kind.dimension, iq.gibson_hunt(S, 1e-6).dimension, iq.gibson_hunt(S, 1e-9).dimension) in {
+        (2, 2, 3),
+        (3, 2, 3),
+    }
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**31), key=st.sampled_from(CLASSES), unit=st.sampled_from([1e-2, 1.0, 1e3]))
+def test_no_frame_no_basis_and_no_unit_matters(seed, key, unit):
+    rng = np.random.default_rng(seed)
+    J, values = sample(rng, key, extra=seed % 2)
+    scaled = iq.adjoint(motion(rng)) @ J
+    scaled[3:] *= unit
+    kind = iq.gibson_hunt(scaled)
+    if kind.near_border:
+        return
+    assert str(kind) == key[1]
+    expected = [x * (1.0 if n == "p" else unit) for x, n in zip(values, kind.modulus_names, strict=True)]
+    assert kind.moduli == pytest.approx(expected, abs=1e-6 * unit)
+
+
+def test_axes_through_one_point_with_noise():
+    # A wrist: no length to measure by but the distance from the origin.
+    rng = np.random.default_rng(11)
+    for reach in (0.0, 0.3, 1.0, 1000.0):
+        p = rng.normal(size=3) * reach
+        J = np.array([iq.revolute(rng.normal(size=3), p) for _ in range(3)]).T
+        J[:3] += 1e-9 * rng.normal(size=(3, 3))
+        J[3:] += 1e-9 * max(1.0, np.abs(J[3:]).max()) * rng.normal(size=(3, 3))
+        kind = iq.gibson_hunt(J)
+        assert (str(kind), kind.moduli[0]) == ("IIA", pytest.approx(0.0, abs=1e-6 * max(reach, 1.0)))
+
+
+def test_a_pitch_is_trusted_as_far_as_its_axis_is_near():
+    # The axes meet a thousand units away: noise of 1e-9 moves the second pitch by 1e-3, which tells it from nothing.
+    rng = np.random.default_rng(12)
+    S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1e-3, 0, 0, 0.5e-3, 1)]).T
+    for _ in range(20):
+        assert str(iq.gibson_hunt(S + 1e-9 * rng.normal(size=S.shape))) == "IIA"
+
+
+def test_six_system():
+    rng = np.random.default_rng(1)
+    kind = iq.gibson_hunt(rng.normal(size=(6, 7)))
+    assert (str(kind), kind.dimension, kind.moduli, kind.admits_pseudoinverse) == ("SE3", 6, (), True)
+    assert kind.normal_form.shape == (6, 0)
+
+
+def test_bad_input_is_told():
+    with pytest.raises(iq.BadInput, match="at least one non-zero twist"):
+        iq.gibson_hunt(np.zeros((6, 2)))
+    with pytest.raises(iq.BadInput, match="Transpose"):
+        iq.gibson_hunt(np.ones((3, 6)))
+    with pytest.raises(iq.BadInput, match="NaN"):
+        iq.gibson_hunt(np.full((6, 2), np.nan))
+    with pytest.raises(iq.BadInput, match="tolerance"):
+        iq.gibson_hunt(np.eye(6)[:, :2], tolerance=0.0)

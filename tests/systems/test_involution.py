@@ -1,0 +1,206 @@
+from math import inf
+
+import numpy as np
+import pytest
+from support.random_systems import distance, motion
+
+import invariantqp as iq
+
+Q0 = iq.pitch_form(0.0)
+
+
+def line(rng):
+    return iq.revolute(rng.normal(size=3), rng.normal(size=3))
+
+
+def transversals_by_the_line_equations(lines):
+    """Lines that meet four given ones: through x = a1 + t d1 the one that meets lines 2 and 3, made to meet line 4."""
+    points, directions = zip(*((iq.axis(s)[1], iq.axis(s)[0]) for s in lines.T), strict=True)
+
+    def through(t):
+        x = points[0] + t * directions[0]
+        n2, n3 = (np.cross(points[i] - x, directions[i]) for i in (1, 2))
+        return x, np.cross(n2, n3)
+
+    def miss(t):
+        x, u = through(t)
+        return np.dot(np.cross(u, directions[3]), points[3] - x)
+
+    nodes = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    cubic = np.polyfit(nodes, [miss(t) for t in nodes], 3)
+    assert abs(cubic[0]) < 1e-9 * np.abs(cubic).max()  # the cubic term cancels
+    return [iq.revolute(through(t)[1], through(t)[0]) for t in np.roots(cubic[1:]) if abs(t.imag) < 1e-12]
+
+
+def test_four_lines_have_the_transversals_that_the_line_equations_give():
+    rng = np.random.default_rng(1861)
+    counts = set()
+    for _ in range(60):
+        J = np.array([line(rng) for _ in range(4)]).T
+        found = iq.involution(J)
+        expected = [np.real(s) for s in transversals_by_the_line_equations(J)]
+        assert found.transversal_count == len(expected)
+        assert found.transversals.shape == (6, len(expected))
+        assert not found.holds
+        assert not found.double
+        counts.add(len(expected))
+        for s in expected:
+            assert min(distance(t[:, None], s[:, None]) for t in found.transversals.T) < 1e-7
+    assert counts == {0, 2}
+
+
+@pytest.mark.parametrize("m", [2, 3, 4, 5, 6])
+def test_generic_lines_are_not_in_involution(m):
+    rng = np.random.default_rng(m)
+    J = np.array([line(rng) for _ in range(m)]).T
+    found = iq.involution(J)
+    assert not found.holds
+    assert found.joint_forces is None
+    assert found.equilibrium_wrench is None
+    assert found.determinant == pytest.approx(np.linalg.det(J.T @ Q0 @ J))
+    assert found.transversal_count == {2: inf, 3: inf, 4: found.transversal_count, 5: 0, 6: 0}[m]
+
+
+def check(J, found):
+    """What every involution must satisfy."""
+    assert found.holds
+    W, forces = found.equilibrium_wrench, found.joint_forces
+    np.testing.assert_allclose(J.T @ W, 0.0, atol=1e-10)
+    np.testing.assert_allclose(Q0 @ J @ forces, W, atol=1e-10)
+    assert np.linalg.norm(forces) == pytest.approx(1.0)
+    assert W[:3] @ W[3:] == pytest.approx(
+        0.0, abs=1e-10
+    )  # a force along a line, or a couple: not a wrench of finite pitch
+    for t in found.transversals.T:
+        np.testing.assert_allclose(J.T @ Q0 @ t, 0.0, atol=1e-9)
+        assert iq.pitch(t) == pytest.approx(0.0, abs=1e-9)
+        assert np.linalg.norm(t[:3]) == pytest.approx(1.0)
+    assert np.linalg.matrix_rank(found.transversals) == found.transversals.shape[1]
+    for t in found.at_infinity.T:
+        np.testing.assert_allclose(J.T @ Q0 @ t, 0.0, atol=1e-9)
+
+
+def pencil(rng, n, *, parallel=False):
+    """n lines of a plane pencil, concurrent or parallel."""
+    p, a, b = rng.normal(size=(3, 3))
+    if parallel:
+        return [iq.revolute(a, p + t * b) for t in rng.normal(size=n)]
+    return [iq.revolute(a + t * b, p) for t in rng.normal(size=n)]
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_two_lines_are_in_involution_where_they_are_coplanar(parallel):
+    J = np.array(pencil(np.random.default_rng(2), 2, parallel=parallel)).T
+    found = iq.involution(J)
+    check(J, found)
+    assert found.transversal_count == inf
+    assert str(iq.gibson_hunt(J)) == ("IIB" if parallel else "IIA")
+
+
+def test_three_lines_are_in_involution_where_two_are_coplanar():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        J = np.array([*pencil(rng, 2), line(rng)]).T
+        check(J, iq.involution(J))
+        K = np.array([line(rng) for _ in range(3)]).T
+        found = iq.involution(K)
+        product = 2.0 * (K[:, 0] @ Q0 @ K[:, 1]) * (K[:, 1] @ Q0 @ K[:, 2]) * (K[:, 2] @ Q0 @ K[:, 0])
+        assert found.determinant == pytest.approx(product)
+        assert not found.holds
+
+
+def test_four_lines_that_all_meet_a_pencil():
+    # Two in a plane, two through a point of it: reciprocal to a plane pencil (IIA with h = 0).
+    rng = np.random.default_rng(4)
+    p, a, b = rng.normal(size=(3, 3))
+    J = np.array(
+        [
+            iq.revolute(a, p + 0.7 * b),
+            iq.revolute(b - 0.3 * a, p + 0.4 * a),
+            iq.revolute(rng.normal(size=3), p),
+            iq.revolute(rng.normal(size=3), p),
+        ]
+    ).T
+    found = iq.involution(J)
+    check(J, found)
+    assert (found.rank, found.transversal_count, found.double) == (4, inf, False)
+    assert found.transversals.shape == (6, 2)
+    kind = iq.gibson_hunt(J)
+    assert (str(kind), kind.moduli) == ("IIA", (pytest.approx(0.0, abs=1e-9),))
+
+
+@pytest.mark.parametrize("q", [0.3, 1.0, -2.0])
+def test_four_lines_with_one_double_transversal(q):
+    J = np.array([(1, 0, 1, 0, 0, 0), (0, 0, 1, 0, 0, 0), (0, 1, 1, 0, -q, q), (0, -1, 1, 0, q, q)], dtype=float).T
+    J = iq.adjoint(motion(np.random.default_rng(5))) @ J
+    found = iq.involution(J)
+    check(J, found)
+    assert (found.rank, found.transversal_count, found.double) == (4, 1, True)
+    kind = iq.gibson_hunt(J)
+    assert str(kind) == "IA"
+    assert min(abs(h) for h in kind.moduli) < 1e-9
+
+
+def test_four_lines_with_one_transversal_and_one_at_infinity():
+    # Reciprocal to an IB system: [DS] counts the single finite transversal.
+    rng = np.random.default_rng(6)
+    lines = []
+    for _ in range(4):  # meets the x axis, and across (1, 0.5, 0)
+        u = rng.normal(size=3)
+        u[0] = -0.5 * u[1]
+        lines.append(iq.revolute(u, (rng.normal(), 0.0, 0.0)))
+    J = np.array(lines).T
+    found = iq.involution(J)
+    assert not found.holds
+    assert (found.transversal_count, found.double, found.at_infinity.shape) == (1, False, (6, 1))
+    np.testing.assert_allclose(np.abs(found.transversals[:, 0]), [1, 0, 0, 0, 0, 0], atol=1e-12)
+    assert str(iq.gibson_hunt(J)) == "IB"
+
+
+def test_five_lines_are_in_involution_where_they_share_a_transversal():
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        t = line(rng)
+        u, p = iq.axis(t)
+        J = np.array([iq.revolute(rng.normal(size=3), p + rng.normal() * u) for _ in range(5)]).T
+        found = iq.involution(J)
+        check(J, found)
+        assert (found.rank, found.transversal_count) == (5, 1)
+        assert distance(found.transversals, t[:, None]) < 1e-9
+        assert distance((Q0 @ found.equilibrium_wrench)[:, None], t[:, None]) < 1e-9
+
+
+def test_six_lines_are_in_involution_where_they_are_dependent():
+    rng = np.random.default_rng(8)
+    u, p = np.array([0.0, 0.6, 0.8]), rng.normal(size=3)
+    J = np.array([iq.revolute(rng.normal(size=3), p + rng.normal() * u) for _ in range(6)]).T
+    found = iq.involution(J)
+    check(J, found)
+    assert found.rank == 5
+    np.testing.assert_allclose(J @ found.joint_forces, 0.0, atol=1e-12)
+    assert not found.equilibrium_wrench.any()
+
+
+def test_no_frame_matters():
+    rng = np.random.default_rng(9)
+    J = np.array([line(rng) for _ in range(4)]).T
+    Ad = iq.adjoint(motion(rng))
+    here, there = iq.involution(J), iq.involution(Ad @ J)
+    assert there.determinant == pytest.approx(here.determinant)
+    assert there.transversal_count == here.transversal_count
+
+
+def test_what_is_not_a_line_is_refused():
+    rng = np.random.default_rng(10)
+    a = line(rng)
+    for other, words in [
+        (iq.prismatic((0, 0, 1)), "column 1 of pitch inf"),
+        (iq.helical((0, 0, 1), pitch=0.1), "column 1 of pitch 0.1"),
+        (np.zeros(6), "zero column 1"),
+    ]:
+        with pytest.raises(iq.BadInput, match=words):
+            iq.involution(np.column_stack((a, other)))
+    with pytest.raises(iq.BadInput, match="1 columns"):
+        iq.involution(a)
+    with pytest.raises(iq.BadInput, match="7 columns"):
+        iq.involution(np.column_stack([line(rng) for _ in range(7)]))

@@ -1,0 +1,200 @@
+"""Dual projectors: what is asked of P and P* in [DS] Sect. 6, and what is refused, with the reason."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from support.random_systems import CLASSES, distance, motion, sample
+
+import invariantqp as iq
+
+FACE = np.eye(6)[:, [2, 3, 4]]  # turns about z, slides along x and y
+LENGTHS = np.repeat([1.0, 1e3], 3)  # metres to millimetres
+
+
+def rules(rng, k):
+    R = rng.normal(size=(6, 6))
+    return [{"h": 0.4}, {"metric": R @ R.T + np.eye(6)}, {"complement": rng.normal(size=(6, 6 - k))}]
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**31), k=st.integers(0, 6), which=st.integers(0, 2))
+def test_they_split_twists_and_wrenches(seed, k, which):
+    rng = np.random.default_rng(seed)
+    S = rng.normal(size=(6, k))
+    rule = rules(rng, k)[which]
+    split = iq.dual_projectors(S, **rule)
+    assume(split.norm < 1e3)
+    P, F, size = split.motion, split.force, 1e-13 * max(1.0, split.norm) ** 2
+    np.testing.assert_allclose(F, (np.eye(6) - P).T, atol=10 * size)
+    np.testing.assert_allclose(P @ P, P, atol=10 * size)
+    np.testing.assert_allclose(P @ S, S, atol=10 * size * (1 + np.abs(S).max(initial=0.0)))
+    np.testing.assert_allclose(P @ split.complement, 0.0, atol=10 * size)
+    np.testing.assert_allclose(F @ split.constraints, split.constraints, atol=10 * size)
+    assert split.freedoms.shape == (6, k)
+    assert split.complement.shape == split.constraints.shape == (6, 6 - k)
+    assert split.power_leak <= 1e-14
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**31), k=st.integers(1, 5), which=st.integers(0, 2))
+def test_moved_projectors_are_those_of_the_moved_system(seed, k, which):
+    rng = np.random.default_rng(seed)
+    S, T = rng.normal(size=(6, k)), motion(rng)
+    A, B = iq.adjoint(T), iq.coadjoint(T)
+    rule = rules(rng, k)[which]
+    split = iq.dual_projectors(S, **rule)
+    assume(split.norm < 100)
+    there = dict(rule)
+    if "metric" in rule:
+        there["metric"] = B @ rule["metric"] @ B.T
+    if "complement" in rule:
+        there["complement"] = A @ rule["complement"]
+    expected, moved = iq.dual_projectors(A @ S, **there), split.moved(T)
+    np.testing.assert_allclose(moved.motion, expected.motion, atol=1e-9 * split.norm)
+    np.testing.assert_allclose(moved.force, expected.force, atol=1e-9 * split.norm)
+    np.testing.assert_allclose(moved.motion, A @ split.motion @ np.linalg.inv(A), atol=1e-9)
+    np.testing.assert_allclose(moved.force, B @ split.force @ np.linalg.inv(B), atol=1e-9)
+    assert distance(moved.freedoms, expected.freedoms) < 1e-9
+    assert distance(moved.complement, expected.complement) < 1e-9
+    assert distance(moved.constraints, expected.constraints) < 1e-9
+
+
+@pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
+@pytest.mark.parametrize("upper", [False, True])
+def test_the_force_projector_is_the_papers_formula_wherever_that_exists(key, upper):
+    """W (W'Q_h^-1 W)^-1 W'Q_h^-1 in fifty digits, for every Gibson-Hunt type and its reciprocals."""
+    rng = np.random.default_rng(len(key[1]))
+    for _ in range(4):
+        S, _ = sample(rng, key, upper=upper)
+        h = rng.uniform(1.5, 3.0)  # the types' pitches are in [-1, 1]
+        if not iq.has_pseudoinverse(S, h):
+            with pytest.raises(iq.NoProjectors) as refused:
+                iq.dual_projectors(S, h=h)
+            assert "No h works for this type" in str(refused.value)
+            assert f"of type {key[1]}" in str(refused.value)
+            continue
+        split = iq.dual_projectors(S, h=h)
+        with mpmath.workdps(50):
+            exact = mpmath.matrix(iq.screw_system(S).tolist())
+            # W from S in the same digits: the annihilator's rounding must not enter the reference.
+            null = exact_annihilator(exact)
+            Q = mpmath.matrix(iq.pitch_form_inverse(h).tolist())
+            printed = null * (null.T * Q * null) ** -1 * null.T * Q
+            reference = np.array(printed.tolist(), dtype=float)
+        np.testing.assert_allclose(split.force, reference, atol=1e-12 * split.norm**2)
+
+
+def exact_annihilator(S):
+    """W = Q_0 S^perp by Gauss-Jordan in the working digits: rows S' = [A | B] after a choice of pivots."""
+    k = S.cols
+    M, pivots = S.T, []
+    for i in range(k):
+        r, c = max(((r, c) for r in range(i, k) for c in range(6)), key=lambda rc: abs(M[rc[0], rc[1]]))
+        for j in range(6):
+            M[i, j], M[r, j] = M[r, j], M[i, j]
+        M[i, :] = M[i, :] / M[i, c]
+        for row in range(k):
+            if row != i:
+                M[row, :] = M[row, :] - M[i, :] * M[row, c]
+        pivots.append(c)
+    free = [c for c in range(6) if c not in pivots]
+    W = mpmath.zeros(6, 6 - k)
+    for n, c in enumerate(free):
+        W[c, n] = 1
+        for i, p in enumerate(pivots):
+            W[p, n] = -M[i, c]
+    return W
+
+
+def test_wrenches_say_the_same_as_the_freedoms_they_leave():
+    rng = np.random.default_rng(4)
+    W = rng.normal(size=(6, 2)) @ rng.normal(size=(2, 3))  # dependent columns
+    by_wrenches = iq.dual_projectors(wrenches=W, h=0.7)
+    by_twists = iq.dual_projectors(iq.annihilator(W), h=0.7)
+    np.testing.assert_allclose(by_wrenches.motion, by_twists.motion, atol=1e-12)
+    assert distance(by_wrenches.constraints, W) < 1e-12
+    np.testing.assert_array_equal(iq.dual_projectors(wrenches=np.eye(6), h=1.0).motion, np.zeros((6, 6)))
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_a_change_of_the_unit_of_length_changes_units_only(which):
+    rng = np.random.default_rng(8)
+    S = rng.normal(size=(6, 3))
+    rule = rules(rng, 3)[which]
+    there = {
+        "h": lambda h: 1e3 * h,
+        "metric": lambda M: M / np.outer(LENGTHS, LENGTHS),
+        "complement": lambda Z: Z * LENGTHS[:, None],
+    }
+    split = iq.dual_projectors(S, **rule)
+    scaled = iq.dual_projectors(S * LENGTHS[:, None], **{k: there[k](v) for k, v in rule.items()})
+    np.testing.assert_allclose(scaled.motion, split.motion * np.outer(LENGTHS, 1 / LENGTHS), rtol=1e-9, atol=1e-9)
+
+
+def test_the_metric_makes_z_the_compliance_of_the_wrenches():
+    """The twists by which a contact of stiffness M yields to its constraint wrenches are M^-1 W."""
+    rng = np.random.default_rng(6)
+    R = rng.normal(size=(6, 6))
+    M = R @ R.T + np.eye(6)
+    split = iq.dual_projectors(FACE, metric=M)
+    assert distance(split.complement, np.linalg.solve(M, split.constraints)) < 1e-12
+    carried = iq.CarriedMetric(M, iq.transform(translation=[0.1, 0.2, 0.3]))
+    B = iq.coadjoint(iq.transform(translation=[0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(
+        iq.dual_projectors(FACE, metric=carried).motion,
+        iq.dual_projectors(FACE, metric=B @ M @ B.T).motion,
+        atol=1e-12,
+    )
+
+
+def test_the_flat_face_is_refused_at_every_pitch_and_told_what_is_left():
+    for h in (-2.0, 0.0, 0.3, 50.0):
+        rng = np.random.default_rng(int(abs(h)))
+        with pytest.raises(iq.NoPseudoinverse) as caught:  # a NoProjectors is one
+            iq.dual_projectors(iq.adjoint(motion(rng)) @ FACE, h=h)
+        error = caught.value
+        assert isinstance(error, iq.NoProjectors)
+        assert (error.h, error.rank, error.gram_rank) == (h, 3, 1 if h else 0)
+        assert len(error.principal_pitches) == 0
+        assert error.system == "a 3-system of type IIC"
+        for said in ("type IIC", "No h works", "metric=", "complement="):
+            assert said in str(error)
+    for rule in ({"metric": np.ones(6)}, {"complement": np.eye(6)[:, [0, 1, 5]]}):
+        assert iq.dual_projectors(FACE, **rule).norm == pytest.approx(1.0)
+
+
+def test_a_principal_pitch_is_named_and_the_others_work():
+    S = np.random.default_rng(2).normal(size=(6, 3))
+    h = iq.principal_pitches(S)[1]
+    with pytest.raises(iq.NoProjectors, match="Choose h away from the principal pitches") as caught:
+        iq.dual_projectors(S, h=h)
+    z = caught.value.self_reciprocal
+    np.testing.assert_allclose(z @ iq.pitch_form(h) @ S, 0.0, atol=1e-10)
+    assert caught.value.gram_rank == 2
+    assert iq.dual_projectors(S, h=h + 0.5).power_leak <= 1e-14
+
+
+@pytest.mark.parametrize(
+    ("arguments", "rule", "argument", "said"),
+    [
+        ((), {"h": 1.0}, "S", "neither S nor wrenches"),
+        ((FACE,), {"h": 1.0, "wrenches": FACE}, "S", "both S and wrenches"),
+        ((FACE,), {}, "h", "no rule for the complement"),
+        ((FACE,), {"h": 1.0, "metric": np.ones(6)}, "h", "h and metric"),
+        ((FACE,), {"h": np.nan}, "h", "nan"),
+        ((FACE,), {"h": np.inf}, "h", "Killing"),
+        ((FACE,), {"complement": FACE}, "complement", "shares the twist"),
+        ((FACE,), {"complement": np.eye(6)[:, :2]}, "complement", "rank 2"),
+        ((FACE,), {"complement": np.eye(6)}, "complement", "rank 6"),
+        ((FACE,), {"metric": -np.ones(6)}, "metric", "eigenvalue -1"),
+        ((FACE,), {"metric": iq.CarriedMetric(np.ones(6))}, "form", "Use .at"),
+        ((FACE * np.nan,), {"h": 1.0}, "S", "NaN"),
+        ((np.eye(5),), {"h": 1.0}, "S", "shape"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(arguments, rule, argument, said):
+    with pytest.raises(iq.BadInput, match=said) as caught:
+        iq.dual_projectors(*arguments, **rule)
+    assert caught.value.argument == argument

@@ -1,0 +1,218 @@
+import numpy as np
+import pytest
+import qpsolvers
+from support.velocity_reference import box_minimum, convex_form, regular_problem, tight_box
+
+import invariantqp as iq
+from invariantqp.velocity.qp import backends
+
+# Relative to the largest joint velocity. Interior-point and proximal solvers stop on residuals: along null directions,
+# which cost 1e-6 of the others, a residual of 1e-10 is 1e-4 of a velocity.
+AGREEMENT = {"daqp": 1e-12, "quadprog": 1e-10, "osqp": 1e-6, "scs": 1e-6, "clarabel": 1e-5}
+LOOSEST = 3e-4
+INSTALLED = sorted({"daqp", "osqp", *qpsolvers.available_solvers})
+
+
+class Solver:
+    """A back end that does what it is told."""
+
+    name = "custom"
+
+    def __init__(self, answer):
+        self.answer = answer
+        self.calls = 0
+
+    def solve(self, qp):
+        self.calls += 1
+        return self.answer(qp)
+
+
+def limited(seed, *, m=7, opened=0.0, rows=False):
+    """Arguments of a problem whose limits bind; some sides left open, rows on the linear part."""
+    rng = np.random.default_rng(seed)
+    J, s, h = regular_problem(rng, m)
+    free = iq.solve_velocity(J, s, form=h).velocity
+    bounds = tight_box(rng, m, free)
+    lower, upper = np.array(bounds.lower), np.array(bounds.upper)
+    lower[rng.random(m) < opened] = -np.inf
+    upper[rng.random(m) < opened] = np.inf
+    if lower[0] == -np.inf and upper[0] == np.inf:
+        lower[0] = -0.1
+    exact = iq.ExactRows(J[3:], 0.05 * s[3:]) if rows else None
+    return (J, s), {"form": h, "bounds": iq.Bounds(lower, upper), "exact": exact, "guard": False}
+
+
+@pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
+@pytest.mark.parametrize("opened", [0.0, 0.3], ids=["closed", "half-open"])
+@pytest.mark.parametrize("name", INSTALLED)
+def test_every_back_end_agrees_with_daqp(name, opened, rows):
+    own = 0
+    for seed in range(8):
+        arguments, options = limited(seed, opened=opened, rows=rows)
+        reference = iq.solve_velocity(*arguments, **options)
+        solution = iq.solve_velocity(*arguments, **options, backend=name)
+        size = np.abs(reference.velocity).max()
+        difference = np.abs(solution.velocity - reference.velocity).max() / size
+        assert difference <= AGREEMENT.get(name, LOOSEST)
+        assert solution.method == reference.method
+        if solution.status == reference.status:
+            own += 1
+        else:  # a solver that gives up is replaced, and that is told
+            assert solution.status == "degraded"
+            assert solution.reason.startswith(f"{name}: ")
+    assert own >= (8 if name in AGREEMENT and name != "scs" else 4)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 4])
+def test_the_optimum_by_exact_enumeration_of_active_sets(m):
+    rng = np.random.default_rng(m)
+    hit = 0
+    for damping in (0.0, 0.0, 0.1, 0.5):
+        J, s, h = regular_problem(rng, m)
+        free = iq.solve_velocity(J, s, form=h, damping=damping, guard=False).velocity
+        bounds = tight_box(rng, m, free, share=0.9)
+        solution = iq.solve_velocity(J, s, form=h, damping=damping, bounds=bounds, guard=False)
+        H, c = convex_form(J, s, h, damping)
+        exact = box_minimum(H, c, bounds.lower, bounds.upper)
+        np.testing.assert_allclose(solution.velocity, exact, rtol=0.0, atol=1e-11 * np.linalg.norm(free))
+        hit += solution.method == "qp"
+    assert hit >= 2
+
+
+@pytest.mark.parametrize("metric", [False, True], ids=["identity", "joint metric"])
+@pytest.mark.parametrize("m", [3, 5, 6])
+def test_the_optimum_by_another_solver_on_another_construction(m, metric):
+    quadprog = pytest.importorskip("quadprog")
+    rng = np.random.default_rng(10 + m)
+    for k in range(20):
+        J, s, h = regular_problem(rng, m)
+        damping = (0.0, 0.02, 0.3)[k % 3]
+        A = rng.normal(size=(m, m))
+        M = A @ A.T + 0.5 * np.eye(m) if metric else None
+        free = iq.solve_velocity(J, s, form=h, damping=damping, joint_metric=M, guard=False).velocity
+        bounds = tight_box(rng, m, free)
+        solution = iq.solve_velocity(J, s, form=h, damping=damping, bounds=bounds, joint_metric=M, guard=False)
+        H, c = convex_form(J, s, h, damping, M)
+        sides = np.concatenate((bounds.lower, -np.asarray(bounds.upper)))
+        other = quadprog.solve_qp(0.5 * (H + H.T), c, np.hstack((np.eye(m), -np.eye(m))), sides)[0]
+        np.testing.assert_allclose(solution.velocity, other, rtol=0.0, atol=1e-9 * np.linalg.norm(other))
+
+
+TROUBLES = {
+    "raises": (lambda _: 1 / 0, "ZeroDivisionError"),
+    "nan": (lambda qp: np.full(len(qp.c), np.nan), "answer that is not finite"),
+    "infinite": (lambda qp: np.full(len(qp.c), np.inf), "answer that is not finite"),
+    "infeasible": (lambda qp: np.full(len(qp.c), 50.0), "outside its scaled bounds"),
+    "none": (lambda _: None, "shape ()"),
+    "too short": (lambda qp: qp.c[1:], "shape (6,), not (7,)"),
+    "a column": (lambda qp: np.zeros((len(qp.c), 1)), "shape (7, 1)"),
+    "words": (lambda _: "optimal", "ValueError"),
+}
+
+
+@pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
+@pytest.mark.parametrize("case", TROUBLES)
+def test_a_solver_that_fails_is_replaced_and_the_status_says_so(case, rows):
+    answer, said = TROUBLES[case]
+    arguments, options = limited(3, rows=rows)
+    solver = Solver(answer)
+    options["guard"] = True
+    reference = iq.solve_velocity(*arguments, **options)
+    solution = iq.solve_velocity(*arguments, **options, backend=solver)
+    assert solver.calls >= 1
+    assert solution.status == "degraded"
+    assert solution.backend == "daqp"
+    assert rows or said in solution.reason
+    assert solution.reason.count("solved by daqp") == 1
+    np.testing.assert_array_equal(solution.velocity, reference.velocity)
+
+
+def broken(self, qp):
+    raise RuntimeError("licence expired")
+
+
+def test_when_daqp_fails_osqp_answers(monkeypatch):
+    arguments, options = limited(1)
+    reference = iq.solve_velocity(*arguments, **options)
+    monkeypatch.setattr(backends.Daqp, "solve", broken)
+    solution = iq.solve_velocity(*arguments, **options)
+    assert (solution.status, solution.backend) == ("degraded", "osqp")
+    assert "daqp: RuntimeError: licence expired; solved by osqp" in solution.reason
+    np.testing.assert_allclose(solution.velocity, reference.velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize("guard", [False, True])
+def test_when_all_fail_the_arm_stands_still(monkeypatch, guard):
+    arguments, options = limited(1)
+    options["guard"] = guard
+    monkeypatch.setattr(backends.Daqp, "solve", broken)
+    monkeypatch.setattr(backends.Osqp, "solve", broken)
+    solution = iq.solve_velocity(*arguments, **options, backend=Solver(lambda _: 1 / 0))
+    assert (solution.method, solution.status) == ("hold", "held")
+    np.testing.assert_array_equal(solution.velocity, np.zeros(7))
+    np.testing.assert_array_equal(solution.residual, arguments[1])
+    for name in ("custom: ZeroDivisionError", "daqp: RuntimeError", "osqp: RuntimeError"):
+        assert name in solution.reason
+
+
+def test_standing_still_is_as_near_to_zero_as_the_bounds_allow(monkeypatch):
+    monkeypatch.setattr(backends.Daqp, "solve", broken)
+    monkeypatch.setattr(backends.Osqp, "solve", broken)
+    bounds = iq.Bounds([0.2] * 3, [0.3] * 3)  # outside its position limits, on the way back
+    solution = iq.solve_velocity(np.random.default_rng(0).normal(size=(6, 3)), np.ones(6), form=0.4, bounds=bounds)
+    assert solution.status == "held"
+    np.testing.assert_array_equal(solution.velocity, [0.2] * 3)
+
+
+def test_a_kept_workspace_answers_as_a_fresh_one():
+    """Sizes change, rows come and go, limits come and go: one Osqp object, sixty ticks."""
+    kept = iq.Osqp()
+    worst = 0.0
+    for k in range(60):
+        arguments, options = limited(k // 3, m=(5, 7, 7)[k % 3], opened=0.3 * (k % 2), rows=k % 5 == 4)
+        fresh = iq.solve_velocity(*arguments, **options)
+        solution = iq.solve_velocity(*arguments, **options, backend=kept)
+        assert solution.status == fresh.status
+        worst = max(worst, np.abs(solution.velocity - fresh.velocity).max() / np.abs(fresh.velocity).max())
+    assert worst < 1e-6
+
+
+def test_a_workspace_survives_a_tick_without_an_answer(monkeypatch):
+    arguments, options = limited(2)
+    reference = iq.solve_velocity(*arguments, **options)
+    kept = iq.Osqp()
+    monkeypatch.setattr(backends, "OSQP_ITERATIONS", 1)
+    first = iq.solve_velocity(*arguments, **options, backend=kept)
+    assert (first.status, first.backend) == ("degraded", "daqp")
+    assert "maximum iterations" in first.reason
+    monkeypatch.undo()
+    second = iq.solve_velocity(*arguments, **options, backend=kept)
+    assert (second.status, second.backend) == ("ok", "osqp")
+    np.testing.assert_allclose(second.velocity, reference.velocity, atol=1e-6)
+
+
+def test_no_solver_sees_an_indefinite_matrix_or_large_numbers():
+    seen = []
+
+    def watch(qp):
+        seen.append(qp)
+        return backends.Daqp().solve(qp)
+
+    for seed in range(30):
+        arguments, options = limited(seed, m=1 + seed % 8, opened=0.2)
+        options["bounds"] = iq.Bounds(1e-4 * options["bounds"].lower, 1e-4 * options["bounds"].upper)
+        iq.solve_velocity(*arguments, **options, backend=Solver(watch))
+    assert len(seen) >= 25
+    for qp in seen:
+        assert np.linalg.eigvalsh(qp.H).min() > 0.0
+        assert np.abs(qp.H).max() == pytest.approx(1.0)
+        finite = np.concatenate((qp.lower[qp.lower > -1e29], qp.upper[qp.upper < 1e29]))
+        assert np.abs(finite).max() <= 1.0 + 1e-12
+
+
+def test_names_of_back_ends():
+    with pytest.raises(iq.UnknownName, match=r"unknown QP back end 'dapq'; did you mean daqp") as caught:
+        iq.solve_velocity(np.ones((6, 1)), np.ones(6), backend="dapq")
+    assert "daqp" in caught.value.near
+    with pytest.raises(iq.BadInput, match="backend: found int"):
+        iq.solve_velocity(np.ones((6, 1)), np.ones(6), backend=3)

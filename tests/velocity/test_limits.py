@@ -1,0 +1,194 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import invariantqp as iq
+from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.limits.braking import BrakingBox, braking_speed
+
+INF = np.inf
+EXAMPLES = settings(deadline=None, derandomize=True, max_examples=100)
+
+BAD = {
+    "crossed": (([0.0, 1.0], [1.0, 0.5]), "lower", "lower 1 above upper 0.5 at joint 1"),
+    "nan below": (([np.nan, 0.0], [1.0, 1.0]), "lower", "NaN at index 0"),
+    "nan above": (([0.0, 0.0], [1.0, np.nan]), "upper", "NaN at index 1"),
+    "lengths": (([0.0], [1.0, 1.0]), "upper", "2 limits"),
+    "empty": (([], []), "lower", "shape (0,)"),
+    "one number": ((-1.0, 1.0), "lower", "shape ()"),
+    "text": ((["a"], ["b"]), "lower", "not numeric"),
+    "lower at +inf": (([INF], [INF]), "lower", "+inf"),
+    "upper at -inf": (([-INF], [-INF]), "lower", "-inf"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bounds_that_are_none(case):
+    arguments, argument, found = BAD[case]
+    with pytest.raises(iq.BadInput) as caught:
+        iq.Bounds(*arguments)
+    assert caught.value.argument == argument
+    assert found in caught.value.found
+    assert caught.value.expected
+
+
+def test_a_point_and_an_open_box_are_boxes():
+    assert iq.Bounds([0.0, -INF], [0.0, INF]).lower.tolist() == [0.0, -INF]
+
+
+@EXAMPLES
+@given(
+    st.floats(-2.0, 0.0),
+    st.floats(0.0, 2.0),
+    st.floats(0.01, 5.0),
+    st.sampled_from([1e-3, 1e-2, 0.1]),
+    st.floats(-4, 4),
+)
+def test_the_box_is_what_its_formula_says_and_leads_back(low, high, speed, dt, q):
+    box = JointBox(np.array([low]), np.array([high]), np.array([speed]), dt)
+    (lower,), (upper,) = box.at(np.array([q]))
+    assert lower == pytest.approx(np.clip((low - q) / dt, -speed, speed), rel=1e-12, abs=1e-9)
+    assert upper == pytest.approx(np.clip((high - q) / dt, -speed, speed), rel=1e-12, abs=1e-9)
+    assert -speed <= lower <= upper <= speed
+    if low <= q <= high:
+        assert lower <= 1e-12
+        assert upper >= -1e-12
+    else:
+        back = 1.0 if q < low else -1.0
+        slowest = min(back * lower, back * upper)
+        outside = low - q if q < low else q - high
+        assert slowest == pytest.approx(min(speed, outside / dt), rel=1e-9, abs=1e-9)
+
+
+def test_without_limits_there_is_no_box():
+    box = JointBox(np.array([-INF]), np.array([INF]), np.array([INF]), 0.01)
+    assert box.at(np.array([1e6])) == (-INF, INF)
+
+
+def test_a_margin_shrinks_the_range_at_most_to_its_middle():
+    box = JointBox(np.array([-1.0, 0.0, -INF]), np.array([1.0, 0.1, INF]), np.full(3, 9.0), 0.1, margin=0.2)
+    lower, upper = box.at(np.array([0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(lower, [-8.0, 0.5, -9.0])
+    np.testing.assert_allclose(upper, [8.0, 0.5, 9.0])
+
+
+def distance(x, a, dt):
+    """What a joint travels at x for one tick and braking at a from then on, tick by tick."""
+    total = 0.0
+    while x > 0.0:
+        total += x * dt
+        x -= a * dt
+    return total
+
+
+@EXAMPLES
+@given(st.floats(0.0, 3.0), st.floats(0.05, 50.0), st.sampled_from([1e-3, 1e-2, 0.1]))
+def test_braking_speed_is_the_largest_that_stops_in_the_room(room, a, dt):
+    (x,) = braking_speed(np.array([room]), np.array([a]), dt)
+    assert distance(x, a, dt) == pytest.approx(room, rel=1e-9, abs=1e-12)
+
+
+def test_braking_speed_without_limits():
+    free, late = braking_speed(np.array([INF, 0.5]), np.array([1.0, INF]), 0.01)
+    assert free == INF
+    assert late == pytest.approx(50.0)  # nothing to wait for: up to the limit in one tick
+
+
+def braking_box(rng, m, dt):
+    low, high = -rng.uniform(0.0, 2.0, m), rng.uniform(0.0, 2.0, m)
+    speed, a = rng.uniform(0.05, 5.0, m), 10.0 ** rng.uniform(-1.0, 3.0, m)
+    return BrakingBox(JointBox(low, high, speed, dt), a)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
+def test_from_rest_all_three_limits_hold_for_ever(dt):
+    """Four hundred joints pushed to the edges of their boxes, 300 ticks."""
+    rng = np.random.default_rng(0)
+    limits = braking_box(rng, 400, dt)
+    box = limits.box
+    q = box.position_lower + (box.position_upper - box.position_lower) * rng.random(400)
+    x = np.zeros(400)
+    for k in range(300):
+        lower, upper, strained = limits.at(q, x)
+        assert strained == ()
+        assert (lower <= upper).all()
+        new = (lower, upper, np.where(rng.random(400) < 0.5, lower, upper))[(k // 40) % 3]
+        assert (np.abs(new - x) <= limits.acceleration * dt * (1.0 + 1e-9) + 1e-12).all()
+        assert (np.abs(new) <= box.velocity_limit).all()
+        x, q = new, q + dt * new
+        assert max((box.position_lower - q).max(), (q - box.position_upper).max()) < 1e-12
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
+def test_started_too_fast_acceleration_gives_way_and_is_named(dt):
+    rng = np.random.default_rng(1)
+    limits = braking_box(rng, 400, dt)
+    box = limits.box
+    q = box.position_lower + (box.position_upper - box.position_lower) * rng.random(400)
+    x = rng.uniform(-1.0, 1.0, 400) * box.velocity_limit
+    first = limits.at(q, x).strained
+    assert len(first) > 20
+    assert all("acceleration" in what for _, what in first)
+    for _ in range(300):
+        lower, upper, _ = limits.at(q, x)
+        x = np.where(rng.random(400) < 0.5, lower, upper)
+        assert (np.abs(x) <= box.velocity_limit).all()
+        q = q + dt * x
+        assert max((box.position_lower - q).max(), (q - box.position_upper).max()) < 1e-12
+
+
+def test_the_deceleration_of_late_braking_is_constant_and_the_least_that_stops():
+    """w^2 / (2 room) in continuous time: nothing is gained by braking harder first."""
+    limits = BrakingBox(JointBox(np.array([-1.0]), np.array([0.1]), np.array([5.0]), 1e-3), np.array([10.0]))
+    q, x, used = np.zeros(1), np.array([4.0]), []
+    while x[0] > 0.0:
+        _, upper, _ = limits.at(q, x)
+        used.append((x[0] - upper[0]) / 1e-3)
+        x = upper
+        q = q + 1e-3 * x
+    assert q[0] == pytest.approx(0.1, abs=1e-12)
+    np.testing.assert_allclose(used[:-1], used[0], rtol=1e-6)  # the last tick has less than a tick's worth left
+    assert used[0] == pytest.approx(4.0**2 / 0.2, rel=0.03)
+
+
+def test_outside_a_limit_the_way_back_is_as_smooth_as_acceleration_asks():
+    limits = BrakingBox(JointBox(np.array([-1.0]), np.array([1.0]), np.array([2.0]), 0.01), np.array([5.0]))
+    q, x, seen = np.array([1.5]), np.zeros(1), []
+    for _ in range(200):
+        _, upper, strained = limits.at(q, x)
+        assert bool(strained) == (q[0] > 1.0 + 1e-9)
+        assert upper[0] - x[0] >= -0.05 - 1e-12
+        x = upper  # no further back than it has to
+        q = q + 0.01 * x
+        seen.append(x[0])
+    assert min(seen) == pytest.approx(-2.0)  # the velocity limit
+    assert q[0] <= 1.0 + 1e-12
+    (out,) = limits.at(np.array([1.5]), np.array([1.0])).upper  # moving out: stopped at once
+    assert out == 0.0
+
+
+def test_faster_than_the_velocity_limit_is_the_velocity_limit():
+    limits = BrakingBox(JointBox(np.full(2, -9.0), np.full(2, 9.0), np.ones(2), 0.01), np.full(2, 1.0))
+    lower, upper, strained = limits.at(np.zeros(2), np.array([3.0, 0.0]))
+    assert (lower[0], upper[0]) == (1.0, 1.0)
+    assert [i for i, _ in strained] == [0]
+
+
+def test_no_acceleration_limit_at_a_joint_is_the_box_there():
+    box = JointBox(np.array([-1.0, -INF]), np.array([1.0, INF]), np.array([3.0, INF]), 0.01)
+    limits = BrakingBox(box, np.full(2, INF))
+    for q in ([0.0, 0.0], [0.99, 5.0], [1.01, -1e9], [-3.0, 0.0]):
+        lower, upper, _ = limits.at(np.array(q), np.array([2.0, -1.0]))
+        np.testing.assert_allclose((lower, upper), box.at(np.array(q)), rtol=1e-12, atol=1e-9)
+
+
+def test_a_range_too_short_for_its_margin_keeps_its_middle():
+    """The middle from above and from below differ by rounding: without care the box is empty by that much."""
+    robot = iq.load_robot("panda")
+    loop = iq.Controller(robot, dt=0.002, position_margin=1.6)
+    q = np.array([0.0, -0.1, 0.0, -1.5708000000000002, 0.0, 1.8, 0.8])
+    solution = loop.step(q, robot.pose(q))
+    assert solution.status != "held"
+    solution.velocity[:] = 99.0  # the loop has a memory of its own
+    assert (np.abs(loop._before) <= robot.velocity_limit).all()

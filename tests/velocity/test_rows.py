@@ -1,0 +1,242 @@
+"""Limits on combinations of joints, what every limit costs, and which of them are in the way."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from support.velocity_reference import convex_form, regular_problem, tight_box
+
+import invariantqp as iq
+from invariantqp.velocity.qp.prices import ACTIVE_TOLERANCE
+
+BAD = {
+    "one row": (([1.0, 2.0], [0.0], [1.0]), "C", "shape (2,)"),
+    "crossed": ((np.eye(2), [0.0, 1.0], [1.0, 0.5]), "lower", "lower 1 above upper 0.5 at row 1"),
+    "nan": (([[np.nan, 0.0]], [0.0], [1.0]), "C", "NaN"),
+    "nan limit": (([[1.0, 0.0]], [np.nan], [1.0]), "lower", "NaN at index 0"),
+    "lengths": ((np.eye(2), [0.0], [1.0]), "lower", "1 limits"),
+    "words": (("rows", [0.0], [1.0]), "C", "not numeric"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_rows_that_are_none(case):
+    arguments, argument, found = BAD[case]
+    with pytest.raises(iq.BadInput) as caught:
+        iq.LimitRows(*arguments)
+    assert caught.value.argument == argument
+    assert found in caught.value.found
+
+
+def test_rows_for_other_joints_are_refused():
+    J, s = np.eye(6), np.ones(6)
+    for rows in (iq.LimitRows([[1.0] * 5], [0.0], [1.0]), np.eye(6)):
+        with pytest.raises(iq.BadInput, match="rows"):
+            iq.solve_velocity(J, s, form=0.4, rows=rows)
+
+
+def limited(rng, m, k=3):
+    """A problem whose box and rows both bind, zero inside them."""
+    J, s, h = regular_problem(rng, m)
+    free = iq.solve_velocity(J, s, form=h, guard=False).velocity
+    C = rng.normal(size=(k, m))
+    reach = np.abs(C @ free) * rng.uniform(0.2, 1.5, k)
+    return J, s, h, free, tight_box(rng, m, free, share=0.4), iq.LimitRows(C, -reach, reach)
+
+
+def inside(x, bounds, rows, tolerance=1e-9):
+    y = np.asarray(rows.C) @ x
+    return (
+        (x >= bounds.lower).all()
+        and (x <= bounds.upper).all()
+        and (y >= rows.lower - tolerance).all()
+        and (y <= rows.upper + tolerance).all()
+    )
+
+
+@pytest.mark.parametrize("m", [3, 5, 6])
+def test_the_optimum_by_another_solver_on_another_construction(m):
+    quadprog = pytest.importorskip("quadprog")
+    rng = np.random.default_rng(m)
+    bound = 0
+    for _ in range(25):
+        J, s, h, free, bounds, rows = limited(rng, m)
+        solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows, guard=False)
+        H, c = convex_form(J, s, h, 0.0)
+        normals = np.hstack((np.eye(m), -np.eye(m), rows.C.T, -rows.C.T))
+        sides = np.concatenate((bounds.lower, -bounds.upper, rows.lower, -rows.upper))
+        other = quadprog.solve_qp(0.5 * (H + H.T), c, normals, sides)[0]
+        np.testing.assert_allclose(solution.velocity, other, rtol=0.0, atol=1e-8 * np.linalg.norm(free))
+        assert inside(solution.velocity, bounds, rows)
+        bound += bool(solution.method == "qp" and np.any(solution.row_multipliers))
+    assert bound >= 10
+
+
+@pytest.mark.parametrize("rows", [False, True], ids=["box", "box and rows"])
+@pytest.mark.parametrize("metric", [False, True], ids=["identity", "joint metric"])
+@pytest.mark.parametrize("backend", ["daqp", "osqp", "quadprog"])
+def test_multipliers_balance_the_objective(backend, metric, rows):
+    """H x - c + y + C'w = 0 on a second construction of H and c; signs by side, zero away from limits."""
+    if backend == "quadprog":
+        pytest.importorskip("quadprog")
+    rng = np.random.default_rng(5)
+    loose = 1e-4 if backend == "osqp" else 1e-7
+    bound = 0
+    for m in (3, 3, 4, 4, 6, 6, 6):
+        J, s, h, _, bounds, limits = limited(rng, m)
+        M = np.diag(rng.uniform(0.5, 2.0, m)) if metric else None
+        chosen = limits if rows else None
+        solution = iq.solve_velocity(
+            J, s, form=h, bounds=bounds, rows=chosen, damping=0.05, joint_metric=M, guard=False, backend=backend
+        )
+        if solution.method != "qp":
+            assert solution.multipliers is None
+            continue
+        bound += 1
+        H, c = convex_form(J, s, h, 0.05, M)
+        x, y = solution.velocity, solution.multipliers
+        left = H @ x - c + y
+        if rows:
+            w = solution.row_multipliers
+            left += limits.C.T @ w
+            value = limits.C @ x
+            assert (np.abs(value - limits.upper)[w > loose] < 1e-5).all()
+            assert (np.abs(value - limits.lower)[w < -loose] < 1e-5).all()
+        else:
+            assert solution.row_multipliers is None
+        assert np.abs(left).max() < loose * np.abs(c).max()
+        at = np.zeros(m, dtype=bool)
+        at[list(solution.active)] = True
+        assert (y[~at] == 0.0).all()
+        assert (np.abs(x - bounds.upper)[y > loose] < 1e-5).all()
+        assert (np.abs(x - bounds.lower)[y < -loose] < 1e-5).all()
+    assert bound >= 4
+
+
+def test_a_price_is_what_loosening_the_limit_gains():
+    rng = np.random.default_rng(6)
+    J, s, h, _, bounds, rows = limited(rng, 5)
+    solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows, guard=False)
+    H, c = convex_form(J, s, h, 0.0)
+    i = int(np.abs(solution.multipliers).argmax())
+    e = 1e-6
+    lower, upper = np.array(bounds.lower), np.array(bounds.upper)
+    lower[i], upper[i] = lower[i] - e, upper[i] + e
+    x, looser = (
+        solution.velocity,
+        iq.solve_velocity(J, s, form=h, bounds=iq.Bounds(lower, upper), rows=rows, guard=False),
+    )
+
+    def cost(z):
+        return 0.5 * z @ H @ z - c @ z
+
+    gain = (cost(x) - cost(looser.velocity)) / e
+    assert gain == pytest.approx(abs(solution.multipliers[i]), rel=1e-3)
+
+
+def test_where_no_limit_is_met_rows_change_nothing_and_have_no_price():
+    rng = np.random.default_rng(7)
+    J, s, h = regular_problem(rng, 6)
+    far = iq.LimitRows(rng.normal(size=(2, 6)), [-1e3, -np.inf], [1e3, np.inf])
+    free, solution = (iq.solve_velocity(J, s, form=h, rows=r) for r in (None, far))
+    np.testing.assert_array_equal(solution.velocity, free.velocity)
+    assert solution.method == "closed-form"
+    assert solution.multipliers is None
+    choice = iq.method_for(J, s, form=h, rows=iq.LimitRows(far.C, [-1e-3] * 2, [1e-3] * 2))
+    assert choice.method == "qp"
+    assert "rows 0, 1 past their limits" in choice.reason
+
+
+@pytest.mark.parametrize("m", [3, 6, 7])
+def test_rows_that_contradict_the_box_give_way_by_the_least_squares(m):
+    rng = np.random.default_rng(10 + m)
+    for _ in range(15):
+        J, s, h = regular_problem(rng, m)
+        bounds = iq.Bounds(-rng.uniform(0.1, 1.0, m), rng.uniform(0.1, 1.0, m))
+        C = rng.normal(size=(2, m))
+        want = C @ np.where(rng.random(m) < 0.5, bounds.lower, bounds.upper) + 5.0 * rng.choice([-1, 1], 2)
+        rows = iq.LimitRows(C, want, want)
+        least = lsq_linear(C, want, (bounds.lower, bounds.upper), tol=1e-14)
+        solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows)
+        x = solution.velocity
+        assert solution.status == "degraded"
+        assert "row 0 by" in solution.reason or "row 1 by" in solution.reason
+        assert "bounds of joint" in solution.reason
+        assert ((x >= bounds.lower) & (x <= bounds.upper)).all()
+        assert np.linalg.norm(C @ x - want) <= np.linalg.norm(C @ least.x - want) * (1.0 + 1e-4)
+
+
+def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
+    J, s, h = regular_problem(np.random.default_rng(20), 4)
+    bounds = iq.Bounds([-1.0] * 4, [1.0, 1.0, 0.5, 1.0])
+    rows = iq.LimitRows([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]], [-0.2, 1.5], [0.2, 9.0])
+    solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows)
+    assert solution.status == "degraded"
+    assert "rows contradict the bounds of joint 2: row 1 by 0.5 over" in solution.reason
+    assert solution.velocity[2] == pytest.approx(0.5, abs=1e-6)
+    assert abs(solution.velocity[0]) <= 0.2 + 1e-9  # a row that is in nobody's way does not give way
+
+
+def test_rows_that_contradict_each_other():
+    J, s, h = regular_problem(np.random.default_rng(21), 4)
+    rows = iq.LimitRows([[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]], [1.0, -np.inf], [np.inf, 0.0])
+    solution = iq.solve_velocity(J, s, form=h, rows=rows)
+    assert "rows contradict each other: row 0 by 0.5, row 1 by 0.5 over" in solution.reason
+    assert solution.velocity[:2].sum() == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("side", [0.0, 5e-18, 1e-12, -1e-12])
+def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
+    """A bound of no size says nothing of how fast the joints are, and must not scale the problem."""
+    rng = np.random.default_rng(24)
+    for _ in range(20):
+        J, s = rng.normal(size=(6, 7)), rng.normal(size=6)
+        bounds = iq.Bounds(np.full(7, -0.4), np.full(7, 0.4))
+        C = np.vstack((np.eye(7), rng.normal(size=(1, 7))))
+        upper = np.full(8, 0.06)
+        upper[rng.permutation(8)[:4]] = side
+        at_zero, near = (
+            iq.solve_velocity(J, s, form=0.4, bounds=bounds, rows=iq.LimitRows(C, np.full(8, -np.inf), u), guard=False)
+            for u in (np.where(upper == side, 0.0, upper), upper)
+        )
+        assert (near.status, at_zero.status) == ("ok", "ok"), near.reason
+        # All of a velocity is shortened by what rounding is over a row, relative to it: ACTIVE_TOLERANCE at most.
+        np.testing.assert_allclose(near.velocity, at_zero.velocity, rtol=ACTIVE_TOLERANCE, atol=1e-9)
+        assert (C @ near.velocity <= upper + 1e-12).all()
+
+
+def test_what_slows_exact_rows_down_is_named():
+    J, s, h = regular_problem(np.random.default_rng(22), 5)
+    bounds = iq.Bounds([-9.0] * 5, [9.0, 9.0, 0.25, 9.0, 9.0])
+    exact = iq.ExactRows([[0.0, 0.0, 1.0, 0.0, 0.0]], [1.0])
+    solution = iq.solve_velocity(J, s, form=h, bounds=bounds, exact=exact)
+    assert solution.status == "scaled"
+    assert "limits allow 0.25 of the exact rows' speed (held by joint 2)" in solution.reason
+    rows = iq.LimitRows([[0.0, 0.0, 1.0, 0.0, 0.0]], [-0.1], [0.1])
+    solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows, exact=exact)
+    assert "limits allow 0.1 of the exact rows' speed (held by row 0)" in solution.reason
+    assert solution.scale == pytest.approx(0.1, rel=1e-8)
+
+
+def test_what_leaves_exact_rows_no_velocity_is_named():
+    J, s, h = regular_problem(np.random.default_rng(23), 4)
+    bounds = iq.Bounds([-1.0, -1.0, 0.2, -1.0], [1.0, 1.0, 0.5, 1.0])
+    solution = iq.solve_velocity(J, s, form=h, bounds=bounds, exact=iq.ExactRows([[0.0, 0.0, 1.0, 0.0]], [-1.0]))
+    assert "the limits (joint 2) leave no velocity along the exact rows" in solution.reason
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_guard_rows_exact_rows_and_box_together_stay_inside(seed):
+    rng = np.random.default_rng(100 + seed)
+    seen = set()
+    for k in range(60):
+        m = 3 + k % 6
+        J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+        lower, upper = -rng.uniform(0.0, 1.0, m), rng.uniform(0.0, 1.0, m)
+        C = rng.normal(size=(1 + k % 3, m))
+        rows = iq.LimitRows(C, -rng.uniform(0.0, 0.3, len(C)), rng.uniform(0.0, 0.3, len(C)))
+        exact = iq.ExactRows(J[3:4], s[3:4]) if k % 4 == 0 else None
+        solution = iq.solve_velocity(J, s, form=0.4, bounds=iq.Bounds(lower, upper), rows=rows, exact=exact)
+        assert solution.status in {"ok", "guarded", "scaled"}, solution.reason
+        assert inside(solution.velocity, iq.Bounds(lower, upper), rows)
+        seen.add(solution.status)
+    assert {"ok", "guarded", "scaled"} <= seen

@@ -1,0 +1,184 @@
+"""The page and the server as a person sees them: in a real Chromium, without a screen and without a network."""
+
+import re
+import shutil
+import threading
+import time
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib import image
+from support.views import TASK
+
+import invariantqp as iq
+from invariantqp.runs.taskfile import task_from
+from invariantqp.view import server
+from invariantqp.view.film import film_of
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium; it comes with the extra 'test'")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="no Chromium with its chromedriver on the PATH")
+# Software WebGL where there is no graphics card.
+FLAGS = "--headless=new --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=1000,700"
+# What a picture that is not blank has of different colours, at least.
+COLOURFUL = 50
+
+
+@pytest.fixture(scope="module")
+def browser():
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in FLAGS.split():
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    chromium = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    yield chromium
+    chromium.quit()
+
+
+@pytest.fixture(scope="module")
+def trace():
+    return iq.run_task(task_from(TASK, "short"))
+
+
+@pytest.fixture
+def opened(browser, trace, tmp_path):
+    """The page, standing still at half a second."""
+    file = iq.animation(trace, tmp_path / "short.html")
+    browser.get("about:blank")
+    browser.get_log("browser"), browser.get_log("performance")
+    browser.get(f"{file.as_uri()}#0.5")
+    return browser
+
+
+def until(condition, patience=60.0):
+    """Whether a condition comes true in good time."""
+    end = time.monotonic() + patience
+    while not (met := condition()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return met
+
+
+def errors(browser):
+    return [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
+
+
+def pixels(png):
+    """(n, 3) of a picture, 0 to 255."""
+    return (255 * image.imread(BytesIO(png))[..., :3]).astype(int).reshape(-1, 3)
+
+
+def colours(png):
+    """How many different colours a picture has."""
+    return len(np.unique(pixels(png) @ (65536, 256, 1)))
+
+
+def clock(browser):
+    return float(browser.find_element("id", "clock").text.split()[0])
+
+
+def test_the_page_shows_robot_curves_and_joints(opened, trace):
+    film = film_of(trace)
+    assert errors(opened) == []
+    assert clock(opened) == 0.5
+    for canvas in opened.find_elements("css selector", "canvas"):
+        assert colours(canvas.screenshot_as_png) > COLOURFUL
+    seen = pixels(opened.find_element("id", "view").screenshot_as_png)
+    for drawn in ((230, 159, 0), (0, 114, 178), (47, 98, 214), (74, 87, 100)):  # paths, z axis of the tool, a joint
+        assert np.abs(seen - drawn).max(axis=1).min() < 40
+    assert len(opened.find_elements("css selector", "canvas")) == 1 + len(film.charts)
+    rows = [row.text for row in opened.find_elements("css selector", "#joints tr")[1:]]
+    assert [row.split()[0] for row in rows] == list(film.joints)
+    assert rows[1].split()[-1] == f"{np.degrees(film.q[50, 1]):.1f}°"
+    assert "error" in opened.find_element("id", "told").text
+
+
+def test_the_page_asks_nothing_of_a_network(opened):
+    asked = [line["message"] for line in opened.get_log("performance") if "requestWillBeSent" in line["message"]]
+    assert asked
+    assert not [message for message in asked if "http://" in message or "https://" in message]
+
+
+def set_speed(browser, power):
+    """Play at 2^power."""
+    slide = "const s = document.getElementById('speed'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
+    browser.execute_script(slide, power)
+
+
+def test_play_and_pause_and_the_end(opened):
+    button = opened.find_element("id", "play")
+    assert button.text == "Play"
+    set_speed(opened, -4)
+    button.click()
+    assert button.text == "Pause"
+    assert until(lambda: 0.5 < clock(opened) < 1.0)
+    button.click()
+    assert button.text == "Play"
+    stood = clock(opened)
+    time.sleep(0.2)
+    assert clock(opened) == stood
+    set_speed(opened, 3)
+    button.click()
+    assert until(lambda: button.text == "Play")
+    assert clock(opened) == 1.0
+    set_speed(opened, -4)
+    button.click()  # from the start again
+    assert clock(opened) < 1.0
+    assert errors(opened) == []
+
+
+def test_time_can_be_dragged_and_the_picture_follows(opened):
+    view = opened.find_element("id", "view")
+    before = view.screenshot_as_png
+    slide = "const t = document.getElementById('time'); t.value = 0.9; t.dispatchEvent(new Event('input'))"
+    opened.execute_script(slide)
+    assert clock(opened) == 0.9
+    assert view.screenshot_as_png != before
+    set_speed(opened, -2)
+    assert opened.find_element("id", "rate").text == "0.25 x"
+    chart = opened.find_element("css selector", ".chart")
+    webdriver.ActionChains(opened).move_to_element(chart).click().perform()
+    assert 0.3 < clock(opened) < 0.7
+    turned = view.screenshot_as_png
+    webdriver.ActionChains(opened).drag_and_drop_by_offset(view, 80, 30).perform()
+    assert view.screenshot_as_png != turned
+    assert errors(opened) == []
+
+
+def test_the_served_page_plays_and_pauses(browser, monkeypatch):
+    monkeypatch.setattr(server, "PICTURES", 5)  # software draws each of them
+    monkeypatch.setattr(server, "PLOTS", 1)
+    task = task_from({**TASK, "path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}, "a minute")
+    viewer = iq.Viewer(task, port=0)
+    serving = threading.Thread(target=viewer.play, args=(iq.run_task(task, observer=viewer.watch),))
+    try:
+        serving.start()
+        browser.set_window_size(500, 350)
+        browser.get_log("browser")
+        browser.get(viewer.url)
+
+        def said():
+            return browser.find_element("tag name", "body").text
+
+        def seconds():
+            found = re.search(r"([\d.]+) s: error", said())
+            return float(found[1]) if found else 0.0
+
+        assert until(lambda: seconds() > 0.0), said()
+        for title in ("tracking error", "joint position / range", "joint velocity / limit", "panda_joint7"):
+            assert title in said()
+        button = browser.find_element("xpath", "//button[contains(., 'Pause')]")
+        before = seconds()
+        assert until(lambda: seconds() > before)
+        button.click()
+        assert until(lambda: button.text == "Play")
+        assert until(lambda: seconds() == (time.sleep(0.5), seconds())[1])
+        assert seconds() < 60.0
+        assert until(lambda: colours(browser.find_element("css selector", "canvas").screenshot_as_png) > COLOURFUL)
+        assert errors(browser) == []
+    finally:
+        viewer.close()
+        serving.join(timeout=5.0)
+    assert not serving.is_alive()

@@ -1,0 +1,119 @@
+"""`invariantqp run --view`: where a run is shown, what is refused, and how it is left."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from support.views import TASK, read
+
+from invariantqp import cli
+from invariantqp.runs.taskfile import task_from
+from invariantqp.view.display import has_display, page_name
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """`invariantqp run` in an empty folder, of a task file in it, where nobody has a display."""
+    law = "".join(f"{k} = {json.dumps(v)}\n" for k, v in TASK["law"].items())
+    tables = "".join(
+        f"[{name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in TASK[name].items()) for name in ("robot", "path")
+    )
+    (tmp_path / "short.toml").write_text(f'name = "a short/one"\n{tables}[law]\n{law}', encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "CI", "SSH_CONNECTION", "SSH_TTY"):
+        monkeypatch.delenv(name, raising=False)
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["invariantqp", "run", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        captured = capsys.readouterr()
+        return left.value.code or 0, captured.out, captured.err
+
+    return command
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("short.toml", "--view", "seen.html"), ("--view", "seen.html", "short.toml"), ("short.toml", "--view=seen.html")],
+    ids=["after", "before", "equals"],
+)
+def test_the_view_goes_to_a_file(run, tmp_path, arguments):
+    assert run(*arguments, "--quiet") == (0, "", "")
+    assert read((tmp_path / "seen.html").read_text(encoding="utf-8")).tags[0][0] == "html"
+
+
+@pytest.mark.parametrize("arguments", [("short.toml", "--view"), ("--view", "short.toml")], ids=["after", "before"])
+def test_without_a_display_the_view_is_written(run, tmp_path, arguments):
+    status, out, err = run(*arguments)
+    assert status == 0
+    assert "accepted" in out
+    assert err == "no display: the view is written to a_short_one.html\n"
+    assert (tmp_path / "a_short_one.html").stat().st_size > 50_000
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("seen.gif", "found the ending '.gif'; expected one of .html"),
+        ("no/seen.html", "a folder that does not exist"),
+        ("folder.html", "found a folder; expected the name of a file"),
+    ],
+)
+def test_a_place_that_cannot_be_written_to_is_told_before_the_run(run, tmp_path, monkeypatch, file, said):
+    (tmp_path / "folder.html").mkdir()
+    monkeypatch.setattr("invariantqp.runs.run.run_task", lambda *a, **k: pytest.fail("it ran"))
+    status, _, err = run("short.toml", "--view", file)
+    assert status == 2
+    assert said in err
+
+
+def test_without_viser_the_extra_is_named(run, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":7")
+    monkeypatch.setitem(sys.modules, "viser", None)
+    status, _, err = run("short.toml", "--view")
+    assert (status, err) == (2, "error: viser is not installed. Run: pip install 'invariantqp[view]'\n")
+
+
+@pytest.mark.parametrize(
+    ("platform", "environment", "display"),
+    [
+        ("linux", {}, False),
+        ("linux", {"DISPLAY": ":0"}, True),
+        ("linux", {"WAYLAND_DISPLAY": "wayland-0"}, True),
+        ("linux", {"DISPLAY": "localhost:10.0", "SSH_CONNECTION": "a 1 b 22"}, False),
+        ("linux", {"DISPLAY": ":99", "CI": "true"}, False),
+        ("darwin", {}, True),
+        ("darwin", {"SSH_TTY": "/dev/ttys1"}, False),
+        ("win32", {}, True),
+    ],
+)
+def test_where_a_browser_would_be_seen(monkeypatch, platform, environment, display):
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(os, "environ", environment)
+    assert has_display() is display
+
+
+def test_a_pages_name_is_a_files_name():
+    assert page_name(task_from(TASK, "short").model_copy(update={"name": "../a b/ü"})) == ".._a_b_.html"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C cannot be sent to a child there")
+def test_ctrl_c_leaves_cleanly(run, tmp_path):
+    environment = {**os.environ, "DISPLAY": ":7", "BROWSER": "echo open %s"}
+    command = [sys.executable, "-u", "-m", "invariantqp.cli", "run", "short.toml", "--view"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as viewing:
+        said = [viewing.stderr.readline(), viewing.stderr.readline()]
+        viewing.send_signal(signal.SIGINT)
+        out, err = viewing.communicate(timeout=10)
+    assert (viewing.returncode, err) == (0, "")
+    url = re.fullmatch(r"the view is at (http://localhost:\d+)\n", said[0])[1]
+    assert said[1] == "playing; Ctrl-C leaves\n"
+    assert f"open {url}\n" in out
+    assert "accepted" in out

@@ -1,0 +1,323 @@
+"""What a viewer is given to draw, the page that draws it alone, and the command."""
+
+import base64
+import json
+import re
+import socket
+import threading
+import urllib.request
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.views import TASK, read
+
+import invariantqp as iq
+from invariantqp.robots.load import KNOWN
+from invariantqp.runs.scene import scene_of
+from invariantqp.runs.taskfile import task_from
+from invariantqp.view.film import farthest, film_before, film_of, posture
+from invariantqp.view.page import page
+from invariantqp.view.widgets import joint_bars, paragraph, with_cursor
+
+
+@pytest.fixture(scope="module")
+def task():
+    return task_from(TASK, "short")
+
+
+@pytest.fixture(scope="module")
+def trace(task):
+    return iq.run_task(task)
+
+
+@pytest.fixture(scope="module")
+def film(trace):
+    return film_of(trace)
+
+
+def states(robot, n=5):
+    low, high = np.maximum(robot.position_lower, -3.0), np.minimum(robot.position_upper, 3.0)
+    return np.random.default_rng(0).uniform(low, high, size=(n, len(low)))
+
+
+# Where the joints are
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_joints_are_where_pinocchio_places_them(name):
+    robot = iq.load_robot(name)
+    data = robot.model.createData()
+    for q in states(robot):
+        pin.computeJointJacobians(robot.model, data, q)
+        seen = posture(robot, q)
+        np.testing.assert_array_equal(seen.points[1:-1], [M.translation for M in data.oMi[1:]])
+        np.testing.assert_array_equal(seen.points[-1], robot.pose(q)[:3, 3])
+        for i, axis in enumerate(seen.axes):
+            local = pin.getJointJacobian(robot.model, data, i + 1, pin.ReferenceFrame.LOCAL)[:, i]
+            direction = data.oMi[i + 1].rotation @ (local[3:] if local[3:].any() else local[:3])
+            np.testing.assert_allclose(axis, direction, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_the_joints_of_a_chain_are_on_their_axes_and_its_links_keep_their_lengths(name):
+    arm = iq.load_robot(name)
+    zero = np.zeros(len(arm.names))
+    chain = iq.Chain(arm.jacobian(zero), arm.pose(zero))
+    turning = arm.jacobian(zero)[:3].any(axis=0)
+    lengths = []
+    for q in states(arm):
+        points = chain.origins(q)
+        for p, joint in zip(points[turning], chain.jacobian(q).T[turning], strict=True):
+            np.testing.assert_allclose(np.cross(p, joint[:3]), joint[3:], atol=1e-12)  # v = p x omega
+        lengths.append(np.linalg.norm(np.diff(points, axis=0), axis=1))
+    rigid = turning[:-1]  # a link after a slide changes its length, as drawn
+    np.testing.assert_allclose(np.ptp(np.array(lengths)[:, rigid], axis=0), 0.0, atol=1e-12)
+
+
+def test_a_chain_is_drawn_as_it_is_built():
+    planar = iq.load_task("planar_3r").load_robot()
+    np.testing.assert_allclose(planar.origins([0.0, 0.0, 0.0]), [[0, 0, 0], [0.4, 0, 0], [0.75, 0, 0]], atol=1e-15)
+    raised = iq.Chain(
+        np.column_stack((iq.revolute([0, 1, 0], [0, 0, 0.3]), iq.revolute([0, 0, 1], [0.5, 0, 0]))), np.eye(4)
+    )
+    np.testing.assert_allclose(raised.origins([0.0, 0.0]), [[0, 0, 0.3], [0.5, 0, 0.3]], atol=1e-15)
+    scara = iq.load_task("scara").load_robot()  # the slide is drawn where the flange turns
+    np.testing.assert_allclose(
+        scara.origins([0.0, np.pi / 2, -0.1, 0.0]),
+        [[0, 0, 0], [0.325, 0, 0], [0.325, 0.275, 0], [0.325, 0.275, -0.1]],
+        atol=1e-15,
+    )
+    gantry = iq.Chain(np.eye(6)[:, 3:], iq.transform(translation=(1.0, 2.0, 3.0)))
+    np.testing.assert_allclose(gantry.origins([0.1, 0.2, 0.3]), [[1, 2, 3], [1.1, 2, 3], [1.1, 2.2, 3]])
+
+
+# The film
+
+
+def test_a_film_shows_the_run(film, trace, task):
+    robot = task.load_robot()
+    along = task.path.along(robot, task.start())
+    assert film.force is None
+    assert film.joints == robot.names
+    assert len(film.time) == 101
+    for i in (0, 37, 100):
+        np.testing.assert_array_equal(film.q[i], trace.q[i])
+        np.testing.assert_array_equal(film.tool[i], robot.pose(trace.q[i]))
+        np.testing.assert_array_equal(film.wanted[i], along(trace.time[i]))
+    errors = film.charts[0].values
+    np.testing.assert_allclose(errors[0, 1:], np.maximum(1e3 * trace.position_error, 1e-9))
+    np.testing.assert_allclose(errors[1, 1:], np.maximum(np.degrees(trace.orientation_error), 1e-9))
+    low, high = trace.position_limits
+    np.testing.assert_allclose(film.charts[1].values.T, (trace.q - low) / (high - low))
+    np.testing.assert_allclose(film.charts[2].values[:, 1:].T, trace.velocity / trace.velocity_limit)
+
+
+def test_a_short_film_leaves_no_extreme_out(trace):
+    spoilt = replace(
+        trace,
+        velocity=trace.velocity.copy(),
+        position_error=trace.position_error.copy(),
+        bound=[k == 51 for k in range(100)],
+        statuses=["guarded" if k == 73 else "ok" for k in range(100)],
+    )
+    spoilt.velocity[44, 2] = -9.0
+    spoilt.position_error[66] = 0.5
+    film = film_of(spoilt, frames=11)
+    assert film.time.tolist() == pytest.approx(np.arange(11) / 10)
+    assert film.speed[:, 2].min() == -9.0
+    assert film.speed[5, 2] == -9.0
+    assert film.charts[0].values[0].argmax() == 7
+    assert film.charts[0].values[0].max() == 500.0
+    assert film.bound == [i == 6 for i in range(11)]
+    assert film.status == ["guarded" if i == 8 else "ok" for i in range(11)]
+
+
+def test_the_farthest_of_each_frames_ticks():
+    values = np.random.default_rng(1).normal(size=(40, 3))
+    ends = np.array([0, 1, 7, 40])
+    found = farthest(values, ends)
+    for row, block in zip(found, (values[:1], values[:1], values[1:7], values[7:]), strict=True):
+        assert row.tolist() == [max(column, key=abs) for column in block.T]
+
+
+def test_before_the_run_the_path_is_there(task):
+    film = film_before(task)
+    np.testing.assert_array_equal(film.tool[0], task.load_robot().pose(task.start()))
+    np.testing.assert_allclose(film.wanted[-1, :3, 3] - film.wanted[0, :3, 3], [0.1, 0.2, 0.05], atol=1e-12)
+    assert film.size > 0.0
+
+
+def test_an_observer_sees_every_tick_and_changes_none(task, trace):
+    seen = []
+    again = iq.run_task(task, observer=lambda k, truth, solution: seen.append((k, truth.q, solution.velocity)))
+    assert [k for k, _, _ in seen] == list(range(100))
+    np.testing.assert_array_equal([q for _, q, _ in seen], trace.q[1:])
+    np.testing.assert_array_equal([x for _, _, x in seen], trace.velocity)
+    np.testing.assert_array_equal(again.q, trace.q)
+
+
+# What is touched
+
+
+TOUCH = {**TASK, "force": {"press": 5.0}, "path": {"kind": "circle", "duration": 0.5, "centre": [0.03, 0.0, 0.0]}}
+
+
+def touched(**contact):
+    return task_from({**TOUCH, "contact": {"settle": 0.3, "gap": 0.001, **contact}}, "touched")
+
+
+def distances(surface, points):
+    """Of points from a surface."""
+    return np.array([surface.depth(p)[0] for p in points.reshape(-1, 3)])
+
+
+@pytest.mark.parametrize("shape", [{}, {"radius": 0.2}, {"normal": [0.3, -0.2, 1.0]}], ids=["plane", "bar", "slope"])
+def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
+    task = touched(kind="point", tilt=[0.02, -0.01, 0.0], **shape)
+    robot = task.load_robot()
+    trace = iq.run_task(task)
+    film = film_of(trace)
+    surface = scene_of(task.contact, task.force, robot.pose(task.start())).touch.surface
+    faces = film.surroundings.faces
+    assert faces.shape[1:] == (4, 3)
+    np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
+    for p in trace.contact.drawn:  # beside each point of the path there is a corner, and corners all round
+        from_here = (faces.reshape(-1, 3) - p)[:, :2]
+        assert np.linalg.norm(from_here, axis=1).min() < 0.05
+        assert (from_here.min(axis=0) < -0.03).all()
+        assert (from_here.max(axis=0) > 0.03).all()
+
+
+def test_a_doors_axis_is_the_hinges():
+    task = touched(kind="hinge", axis=[0.0, 0.0, 1.0], point=[0.0, 0.4, 0.0], size=[0.1, 0.1])
+    T = task.load_robot().pose(task.start())
+    a, b = film_before(task).surroundings.axis
+    for end in (a, b):
+        np.testing.assert_allclose(end[:2], T[:2, 3] + [0.0, 0.4], atol=1e-12)
+    assert a[2] < T[2, 3] < b[2]
+
+
+def test_the_force_of_a_film_is_the_runs():
+    trace = iq.run_task(touched(kind="point"))
+    film = film_of(trace, frames=9)
+    ends = (film.time / 0.01).round().astype(int)
+    np.testing.assert_array_equal(film.force[1:], trace.contact.wrench[ends[1:] - 1, 3:])
+    assert film.force[-1, 2] == pytest.approx(-5.0, abs=0.5)
+    chart = film.charts[1]
+    assert (chart.title, chart.levels) == ("contact force [N]", (5.0,))
+    for i, (a, b) in enumerate(pairwise(ends), 1):
+        expected = [
+            max(x[a:b], key=lambda f: abs(f - 5.0)) for x in (trace.contact.measured_press, trace.contact.press)
+        ]
+        np.testing.assert_allclose(chart.values[:, i], expected)
+    run = json.loads(read(page(film)).scripts[0])
+    np.testing.assert_array_equal(unpacked(run["arrays"]["force"]), film.force.astype("f4"))
+    np.testing.assert_array_equal(unpacked(run["arrays"]["faces"]), film.surroundings.faces.astype("f4"))
+
+
+def test_before_a_run_in_touch_the_path_waits():
+    film = film_before(touched(kind="point"))
+    assert film.time[-1] == 0.8
+    np.testing.assert_array_equal(film.wanted[film.time < 0.3], np.broadcast_to(film.tool[0], (224 + 1, 4, 4)))
+
+
+# The page
+
+
+def unpacked(packed):
+    return np.frombuffer(base64.b64decode(packed["data"]), dtype="<f4").reshape(packed["shape"])
+
+
+def test_a_page_needs_nothing_from_anywhere(film):
+    text = page(film)
+    reader = read(text)
+    for tag, attributes in reader.tags:
+        for name in ("src", "href", "srcset", "action", "data"):
+            assert attributes.get(name, "data:").startswith("data:"), (tag, attributes)
+    assert not re.search(r"https?://|//cdn|@import|url\(|\bfetch\(|XMLHttpRequest|WebSocket|import\(", text)
+    policy = [a["content"] for tag, a in reader.tags if tag == "meta" and "http-equiv" in a]
+    assert policy[0].startswith("default-src 'none'")
+    assert "@" not in re.sub(r"@media", "", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL))
+
+
+def test_a_page_has_all_of_the_film(film):
+    run = json.loads(read(page(film)).scripts[0])
+    for name in ("time", "points", "axes", "tool", "wanted", "q", "limits", "speed", "speed_limit"):
+        np.testing.assert_array_equal(unpacked(run["arrays"][name]), getattr(film, name).astype("f4"))
+    assert [c["title"] for c in run["charts"]] == [c.title for c in film.charts]
+    for packed, chart in zip(run["charts"], film.charts, strict=True):
+        np.testing.assert_array_equal(unpacked(packed["values"]), chart.values.astype("f4"))
+    assert (tuple(run["joints"]), run["status"], run["bound"]) == (film.joints, film.status, film.bound)
+
+
+def test_the_longest_film_is_a_small_file(tmp_path):
+    long = iq.run_task(iq.load_task("panda_path"), dt=0.005)
+    assert len(film_of(long).time) == 600
+    assert iq.animation(long, tmp_path / "long.html").stat().st_size < 450_000
+
+
+def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
+    evil = '</script><img src="http://evil/x" onerror="alert(1)">'
+    tags = read(page(replace(film, title=evil, about=evil, joints=(evil, *film.joints[1:])))).tags
+    assert not [t for t, _ in tags if t == "img"]
+    assert len([t for t, _ in tags if t == "script"]) == 2
+
+
+def test_joints_without_limits_are_drawn_without(tmp_path):
+    bare = {**TASK, "robot": {"screws": [{"axis": [0, 0, 1.0]}], "start": [0.3], "tool_point": [0.5, 0, 0]}}
+    bare["path"] = {"kind": "joints", "duration": 0.1, "waypoints": [[0.5]]}
+    bare["law"] = {"dt": 0.01, "form": "carried"}
+    film = film_of(iq.run_task(task_from(bare, "bare")))
+    assert [c.title for c in film.charts] == ["tracking error"]
+    run = json.loads(read(page(film)).scripts[0])
+    assert unpacked(run["arrays"]["limits"]).tolist() == [[-np.inf], [np.inf]]
+
+
+def test_a_page_that_cannot_be_written_says_so(trace, tmp_path):
+    with pytest.raises(iq.BadInput, match="expected a file that can be written"):
+        iq.animation(trace, tmp_path)
+
+
+# The server
+
+
+def test_a_cursor_is_an_upright_line_among_the_curves(film):
+    chart = film.charts[1]
+    time, *curves, cursor = with_cursor(film.time, chart, 0.333)
+    assert (np.diff(time) >= 0.0).all()
+    upright = np.isfinite(cursor)
+    assert time[upright].tolist() == [0.333, 0.333]
+    assert cursor[upright].tolist() == list(chart.span)
+    for curve, values in zip(curves, chart.values, strict=True):
+        np.testing.assert_array_equal(curve[~upright], values)
+        np.testing.assert_allclose(curve[upright], np.interp(0.333, film.time, values))
+
+
+def test_words_and_names_are_not_markup(film):
+    assert paragraph("a < b & {c}").count("<") == 2
+    bars = joint_bars(replace(film, joints=("<img>", *film.joints[1:])), 50)
+    assert [tag for tag, _ in read(bars).tags if tag == "img"] == []
+    assert f"{np.degrees(film.q[50, 6]):.1f}°" in bars
+
+
+def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
+    viewer = iq.Viewer(task, port=0)
+    port = int(viewer.url.rsplit(":", 1)[1])
+    try:
+        iq.run_task(task, observer=viewer.watch)
+        with urllib.request.urlopen(viewer.url) as answer:
+            assert answer.status == 200
+            assert b"<title>Viser</title>" in answer.read()
+        viewer.show(film)
+        serving = threading.Thread(target=viewer.serve)
+        serving.start()
+    finally:
+        viewer.close()
+    serving.join(timeout=5.0)
+    assert not serving.is_alive()
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", port)) != 0
+    assert capfd.readouterr() == ("", "")
