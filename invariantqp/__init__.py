@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from invariantqp.compare.measure.frames import FrameCheck, frame_check
     from invariantqp.control.controller import Controller
     from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
-    from invariantqp.control.own_form import own_form, tool_metric
+    from invariantqp.control.measure import tool_metric
     from invariantqp.control.shared import SharedTask
     from invariantqp.errors import (
         BadInput,
@@ -83,7 +83,7 @@ if TYPE_CHECKING:
         system_sum,
     )
     from invariantqp.velocity.batch import VelocitySolutions, solve_velocities
-    from invariantqp.velocity.damping import Adaptive, Fixed, None_, PaperLambda, Selective
+    from invariantqp.velocity.damping import Adaptive, Fixed, PaperLambda, Selective
     from invariantqp.velocity.exact import ExactRows
     from invariantqp.velocity.forms import CarriedMetric, Complement, PitchForm
     from invariantqp.velocity.guard import Guard
@@ -91,8 +91,8 @@ if TYPE_CHECKING:
     from invariantqp.velocity.limits.rows import LimitRows
     from invariantqp.velocity.limits.toolspeed import ToolSpeed
     from invariantqp.velocity.qp.backends import Osqp
-    from invariantqp.velocity.qp.boxqp import BoxQP
-    from invariantqp.velocity.request import MethodChoice, UnitsMixed, method_for, solve_velocity
+    from invariantqp.velocity.qp.scaling import BoxQP
+    from invariantqp.velocity.request import MethodChoice, method_for, solve_velocity
     from invariantqp.velocity.several import JointTask, TwistTask, solve_tasks
     from invariantqp.velocity.solution import VelocitySolution
     from invariantqp.view.page import animation
@@ -109,7 +109,7 @@ _HOME = {
     "force.hybrid": ("HybridController", "HybridSolution"),
     "force.hybrid_task": ("HybridTask",),
     "runs.log": ("ContactTrace",),
-    "control.own_form": ("own_form", "tool_metric"),
+    "control.measure": ("tool_metric",),
     "analysis.inspection": ("Inspection", "inspect"),
     "pictures.run": ("picture",),
     "pictures.pitches": ("pitch_picture",),
@@ -164,13 +164,13 @@ _HOME = {
     "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
     "velocity.qp.backends": ("Osqp",),
     "velocity.batch": ("VelocitySolutions", "solve_velocities"),
-    "velocity.qp.boxqp": ("BoxQP",),
-    "velocity.damping": ("Adaptive", "Fixed", "None_", "PaperLambda", "Selective"),
+    "velocity.qp.scaling": ("BoxQP",),
+    "velocity.damping": ("Adaptive", "Fixed", "PaperLambda", "Selective"),
     "velocity.exact": ("ExactRows",),
     "velocity.guard": ("Guard",),
     "velocity.limits.box": ("Bounds",),
     "velocity.forms": ("CarriedMetric", "Complement", "PitchForm"),
-    "velocity.request": ("MethodChoice", "UnitsMixed", "method_for", "solve_velocity"),
+    "velocity.request": ("MethodChoice", "method_for", "solve_velocity"),
     "velocity.limits.rows": ("LimitRows",),
     "velocity.several": ("JointTask", "TwistTask", "solve_tasks"),
     "velocity.solution": ("VelocitySolution",),

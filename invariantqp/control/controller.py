@@ -1,29 +1,30 @@
 """The loop body: measured joint positions and a target in, a joint velocity inside the limits out.
 
-    s = gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q))
+    s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q))
 
-The error twist is taken in the base frame, where it is the same whatever frame the tool has.
+The error twist is taken in the base frame, where it is the same whatever frame the tool has; b slows the approach down
+where acceleration limits need room to brake (`approach`).
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
-from dataclasses import replace
 from math import inf
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.demands import Exact, View, demands_of, rows_of
+from invariantqp.control.approach import braking_share, same_way
+from invariantqp.control.convergence import Convergence
+from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, rows_of
 from invariantqp.control.joint_rows import JointRows, Rows
-from invariantqp.control.own_form import own_form
+from invariantqp.control.measure import ToolMeasure
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, checked_robot, middle
-from invariantqp.velocity.damping import Damping, damping_of
+from invariantqp.velocity.damping import Adaptive, Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
@@ -31,8 +32,9 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.box import JointBox, accelerations, not_below_zero
 from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
+from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
-from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
@@ -42,6 +44,8 @@ POSTURE_GAIN = 1.0
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
+# The most of the error removed within a told delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
+DELAY_SHARE = 0.25
 
 
 class Controller:
@@ -49,15 +53,13 @@ class Controller:
 
     Attributes:
         robot: the arm.
-        law: form, damping, guard, metric and solver, fixed for the loop.
+        law: form, damping, guard, joint metric and solver, fixed for the loop.
+        measure: where twists are measured that cannot be achieved.
         dt: tick [s].
         gain: [1/s].
         posture_gain: [1/s], 0 where the null space has no posture.
-        exact: what is met exactly while the form judges the rest.
-        form_reason: why twists are measured as they are, in words.
+        exact: what is met exactly.
     """
-
-    form_reason: str
 
     def __init__(
         self,
@@ -65,14 +67,17 @@ class Controller:
         *,
         dt: float,
         gain: float | None = None,
-        form: Form | float | Literal["auto"] | None = None,
-        damping: Damping | float | None = None,
+        form: Form | CarriedMetric | float | None = None,
+        damping: Damping | PaperLambda | float | None = None,
         guard: Guard | bool = True,
         posture: float | bool = True,
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
-        exact: Exact | Sequence[Exact] | Literal["position"] | None = None,
+        exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None = None,
+        point: ArrayLike | Literal["own"] | None = None,
+        length: float | None = None,
         acceleration_limit: ArrayLike | None = None,
+        delay: float = 0.0,
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
         rows: Rows | None = None,
@@ -83,19 +88,23 @@ class Controller:
         Args:
             robot: from `load_robot`, or anything that meets `Robot`.
             dt: tick [s].
-            gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick.
-            form: as in `solve_velocity`; None or "auto" is what `invariantqp inspect` recommends: a pitch of the order
-                of the arm's own length, away from principal pitches, or the metric carried by the tool if none works.
+            gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick, or less where a
+                delay is told.
+            form: as in `solve_velocity`; None leaves what cannot be achieved to least squares at the point.
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
             posture: gain [1/s] of the null-space motion to the middle of the joint ranges, for arms with more than six
                 joints; True is 1/s, False switches it off.
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
-            exact: what is met exactly while the form judges the rest: "position" for the tool frame's origin, an
-                ExactPoint, ExactAxis, ExactPlane or ExactJoints, or several of them.
+            exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
+                ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
+            point: (3,) in the tool frame, the physical point where accuracy is asked for; None is the point met exactly
+                or, without one, the tool frame's origin; "own" is the arm's own point, for those who name none.
+            length: as in `solve_velocity`, by default the arm's reach to the point.
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
-                also keeps room to brake before its position limits. None is none.
+                also keeps room to brake before its position limits, and the tool before its target. None is none.
+            delay: dead time between a command and its effect on the next measurement, beyond one tick [s].
             position_margin: distance kept from position limits [rad, length].
             tool_speed: the most that a point of the tool may move at [length/s], 0.25 m/s beside a person; a number is
                 for the tool frame's origin.
@@ -113,47 +122,44 @@ class Controller:
         self.robot = checked_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
-        self.gain: float = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
+        late = not_below_zero(delay, "delay", "a dead time in seconds")
+        usual = TRACKING_SHARE / self.dt if late == 0.0 else min(TRACKING_SHARE / self.dt, DELAY_SHARE / late)
+        self.gain: float = usual if gain is None else arrays.number(gain, "gain", positive=True)
         if self.gain * self.dt > 1.0 + 1e-9:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
         J = robot.sight(mid, robot.target(robot.pose(mid))).J  # the first tick is then no slower than the next
-        metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
-        if metric is None and units_mix(J):
-            warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
-        if form is None or form == "auto":
-            chosen, self.form_reason = own_form(robot)
-            blind = isinstance(chosen, CarriedMetric)
-        else:
-            chosen, self.form_reason, blind = form_of(form, J), "as asked", False
+        chosen = form_of(form)
+        carried = chosen if isinstance(chosen, CarriedMetric) else None
+        anchor = next((d.point for d in self.exact if isinstance(d, ExactPoint)), None) if point is None else point
+        self.measure: ToolMeasure = ToolMeasure(robot, anchor, length, carried)
         self.law: VelocityLaw = VelocityLaw(
-            form=chosen,
-            damping=damping_of(damping),
+            form=None if isinstance(chosen, CarriedMetric) else chosen,
+            damping=damping_of(damping, limited=bool(np.isfinite(robot.velocity_limit).all())),
             guard=guard_of(guard),
-            metric=metric,
+            metric=metric_of(joint_metric, J, self.measure.length),
             backend=backend_of(backend),
             dt=self.dt,
-            note="no pitch form sees all of this arm: twists are measured at the tool" if blind else "",
         )
         self.posture_gain: float = _posture_gain(posture) if m > 6 else 0.0
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
-        self._follows_tool = isinstance(self.law.form, CarriedMetric) and self.law.form.follows_tool
         self._middle = mid
         self._pull = np.where(bounded, self.posture_gain, 0.0)
-        self._gains = np.full(6, self.gain)
         margin = not_below_zero(position_margin, "position_margin", "a distance kept from position limits")
         self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
-        self._braking = None
+        self._braking: BrakingBox | None = None
         if acceleration_limit is not None:
             self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
-        self._before = np.zeros(m)
         self._joint_rows = JointRows(robot, rows, limits, self.dt) if rows is not None or len(limits) else None
         if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
             tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
         self._tool_speed = tool_speed
         given = None if tool_speed is None else tool_speed.point
         self._limited_point = np.zeros(3) if given is None else np.asarray(given)
+        root = self.measure.root(robot, robot.sight(mid, robot.target(robot.pose(mid))), robot.pose(mid))
+        self._fastest = float(np.linalg.norm(root.dot(J) * robot.velocity_limit))  # what the arm can do at full speed
+        self._memory = _Memory(np.zeros(m), None, Convergence())
 
     def step(
         self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
@@ -174,13 +180,25 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
+        before = self._last(velocity)
         sighting = self.robot.sight(positions, target)
-        s = sighting.error * self._gains
-        if feedforward is not None:
-            s += arrays.vector(feedforward, 6, "feedforward")
+        ahead = None if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
+        error = same_way(sighting.error, self._memory.turn)
+        s = self.gain * error if ahead is None else self.gain * error + ahead
         if not s.dot(s) < inf:  # a target made elsewhere has not been looked at
             raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
-        return self._tick(_State(positions, sighting, target), s, velocity, self.gain, feedforward)
+        root = self.measure.root(self.robot, sighting, target)
+        share = 1.0
+        if self._braking is not None:
+            share = self._braking_share(sighting.J, error, root)
+            s -= (1.0 - share) * self.gain * error
+        state = _State(positions, sighting, target, root, before)
+        watch = self._memory.convergence.seen(root.dot(error))
+        solution = self._tick(state, s, share * self.gain, ahead)
+        change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
+        watch = watch.commanded(root.dot(error), root.dot(change), share * self.gain / self._fastest)
+        self._memory = self._memory._replace(turn=error[:3].copy(), convergence=watch)
+        return _troubled(solution, watch.trouble) if watch.trouble else solution
 
     def follow(
         self,
@@ -189,6 +207,7 @@ class Controller:
         velocity: ArrayLike | None = None,
         rows: ExactRows | None = None,
         sighting: Sighting | None = None,
+        at: ArrayLike | None = None,
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; what is met exactly is then met for that twist.
 
@@ -198,6 +217,7 @@ class Controller:
             velocity: as in `step`.
             rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
             sighting: what the robot saw at q in this tick, if it has looked already.
+            at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -207,7 +227,8 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.twist(twist)
-        return self._tick(self._here(positions, sighting), s, velocity, 0.0, s, rows)
+        where = None if at is None else arrays.vector(at, 3, "at")
+        return self._tick(self._here(positions, sighting, self._last(velocity), where), s, 0.0, s, rows)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -224,31 +245,35 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
-        return self._tick(self._here(positions, sighting), np.zeros(6), velocity, 0.0, None, stand=reason)
+        state = self._here(positions, sighting, self._last(velocity), None)
+        return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
 
-    def _here(self, positions: Array, sighting: Sighting | None) -> _State:
+    def _here(self, positions: Array, sighting: Sighting | None, before: Array, at: Array | None) -> _State:
         """A state whose target is where the tool is; the robot looks where it has not."""
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
-        return _State(positions, sighting, sighting.pose)
+        root = self.measure.root(self.robot, sighting, sighting.pose, at)
+        return _State(positions, sighting, sighting.pose, root, before)
 
     def _last(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last."""
-        return self._before if velocity is None else arrays.vector(velocity, len(self._middle), "velocity")
+        return self._memory.velocity if velocity is None else arrays.vector(velocity, len(self._middle), "velocity")
 
-    def _bounds(self, positions: Array, before: Array) -> tuple[Array, Array, tuple[tuple[int, str], ...]]:
-        """The box of this tick, and the joints whose limits contradict each other."""
-        if self._braking is None:
-            return *self._box.at(positions), ()
-        return self._braking.at(positions, before)
+    def _braking_share(self, J: Array, error: Array, root: Array) -> float:
+        """How much of the gain the joints can brake from before the target."""
+        if self._braking is None or isinstance(self.law.damping, PaperLambda):
+            return 1.0
+        T = self.law.to_joint
+        A = root.dot(J) if T is None else root.dot(J).dot(T)
+        way = least_squares(A, root.dot(error), None, Adaptive()).centre()
+        return braking_share(way if T is None else T.dot(way), self._braking.acceleration, self.gain)
 
     def _tick(
         self,
         state: _State,
         s: Array,
-        velocity: ArrayLike | None,
         gain: float,
-        ahead: ArrayLike | None,
+        ahead: Array | None,
         more: ExactRows | None = None,
         stand: str | None = None,
     ) -> VelocitySolution:
@@ -256,39 +281,29 @@ class Controller:
 
         `stand` is why to stand still instead, None for no reason to.
         """
-        positions, sighting, target = state
-        before = self._last(velocity)
-        lower, upper, strained = self._bounds(positions, before)
+        positions, sighting, target, root, before = state
+        if self._braking is None:
+            (lower, upper), strained = self._box.at(positions), ()
+        else:
+            lower, upper, strained = self._braking.at(positions, before)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None
-        exact, point = (None, None) if not self.exact else self._rows(state, gain, ahead)
-        if more is not None:
-            exact = more if exact is None else exact.with_rows(more)
-        law = self.law
-        if self._follows_tool:
-            pose = self.robot.pose(positions)
-            law = replace(law, form=law.form.at(pose))  # type: ignore[union-attr]
-            point = pose[:3, 3] if point is None else point  # the guard measures where the form does
-        demand = Demand(sighting.J, s, lower, upper, exact, posture, point, implied=exact is not None and exact is more)
+        exact = more
+        if self.exact:
+            twist = np.zeros(6) if ahead is None else ahead
+            exact = rows_of(self.exact, View(self.robot, sighting, target, gain, twist))
+            exact = exact if more is None else exact.with_rows(more)
+        demand = Demand(sighting.J, s, root, lower, upper, exact, posture)
         if self._tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
             demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))
         if self._joint_rows is not None:
             rows, trouble = self._joint_rows.at(positions, before)
             demand, stand = demand._replace(rows=rows), trouble or stand
-        solution = solve(law, demand) if stand is None else standing(law, demand, stand)
-        self._before = solution.velocity.copy()
-        return self._told(solution, strained) if strained else solution
-
-    def _told(self, solution: VelocitySolution, strained: tuple[tuple[int, str], ...]) -> VelocitySolution:
-        """The solution with the joints named whose limits contradict each other."""
-        said = [f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained]
-        reason = "; ".join([*said, solution.reason] if solution.reason else said)
-        return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
-
-    def _rows(self, state: _State, gain: float, ahead: ArrayLike | None) -> tuple[ExactRows | None, Array | None]:
-        """The exact demands of this tick, and the point that they fix."""
-        twist = np.zeros(6) if ahead is None else np.asarray(ahead, dtype=np.float64)
-        return rows_of(self.exact, View(self.robot, state.sighting, state.target, gain, twist))
+        solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
+        self._memory = self._memory._replace(velocity=solution.velocity.copy())
+        if not strained:
+            return solution
+        return _troubled(solution, "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained))
 
 
 class _State(NamedTuple):
@@ -297,6 +312,22 @@ class _State(NamedTuple):
     positions: Array
     sighting: Sighting
     target: Any
+    root: Array
+    before: Array
+
+
+class _Memory(NamedTuple):
+    """What a loop keeps from tick to tick: the velocity commanded last, which way the error turned, how it converges."""
+
+    velocity: Array
+    turn: Array | None
+    convergence: Convergence
+
+
+def _troubled(solution: VelocitySolution, trouble: str) -> VelocitySolution:
+    """The solution with something said that is not as asked."""
+    reason = "; ".join(filter(None, (trouble, solution.reason)))
+    return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
 
 
 def _posture_gain(posture: float | bool) -> float:

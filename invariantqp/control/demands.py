@@ -48,10 +48,10 @@ class View(NamedTuple):
 
 
 class Exact(Protocol):
-    """A demand; `anchor` is the point (3,) whose motion it fixes, if there is one."""
+    """A demand that is met exactly; implement it to bring one."""
 
-    def rows(self, view: View) -> tuple[ExactRows, Array | None]:
-        """The rows of this tick, and the anchor."""
+    def rows(self, view: View) -> ExactRows:
+        """The rows of this tick."""
         ...
 
     def moved(self, offset: Array) -> Exact:
@@ -72,11 +72,11 @@ class ExactPoint:
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", arrays.vector(self.point, 3, "point"))
 
-    def rows(self, view: View) -> tuple[ExactRows, Array | None]:
+    def rows(self, view: View) -> ExactRows:
         """The velocity of the point, three rows."""
         here, there = view.robot.points(view.sighting, view.target, np.asarray(self.point))
         b = view.gain * (there - here) + velocity_at(view.feedforward, there)
-        return ExactRows(velocity_at(view.sighting.J, here), b), here
+        return ExactRows.point(view.sighting.J, here, b)
 
     def moved(self, offset: Array) -> ExactPoint:
         """The same point of the tool in the displaced frame."""
@@ -96,7 +96,7 @@ class ExactAxis:
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis", arrays.direction(self.axis, "axis"))
 
-    def rows(self, view: View) -> tuple[ExactRows, Array | None]:
+    def rows(self, view: View) -> ExactRows:
         """The angular velocity across the axis, two rows."""
         origin, axis = np.zeros(3), np.asarray(self.axis)
         roots = view.robot.points(view.sighting, view.target, origin)
@@ -108,7 +108,7 @@ class ExactAxis:
             turn *= np.arctan2(sine, cosine) / sine
         elif cosine < 0.0:  # opposite: any half turn will do, about a fixed one of the axes across
             turn = np.pi * np.linalg.svd(here.reshape(1, 3))[2][1]
-        return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3]), None
+        return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3])
 
     def moved(self, offset: Array) -> ExactAxis:
         """The same direction of the tool in the displaced frame."""
@@ -131,12 +131,12 @@ class ExactPlane:
         object.__setattr__(self, "normal", arrays.direction(self.normal, "normal"))
         object.__setattr__(self, "point", arrays.vector(self.point, 3, "point"))
 
-    def rows(self, view: View) -> tuple[ExactRows, Array | None]:
+    def rows(self, view: View) -> ExactRows:
         """The speed of the point along the normal, one row."""
         n = np.asarray(self.normal)
         here, there = view.robot.points(view.sighting, view.target, np.asarray(self.point))
         speed = n.dot(view.gain * (there - here) + velocity_at(view.feedforward, there))
-        return ExactRows.plane(view.sighting.J, here, n, float(speed)), None
+        return ExactRows.plane(view.sighting.J, here, n, float(speed))
 
     def moved(self, offset: Array) -> ExactPlane:
         """The same point of the tool in the displaced frame."""
@@ -163,7 +163,7 @@ class ExactJoints:
         object.__setattr__(self, "A", checked.A)
         object.__setattr__(self, "b", checked.b)
 
-    def rows(self, view: View) -> tuple[ExactRows, Array | None]:
+    def rows(self, view: View) -> ExactRows:
         """The rows as they are.
 
         Raises:
@@ -172,36 +172,36 @@ class ExactJoints:
         m = len(view.robot.names)
         if np.shape(self.A)[1] != m:
             raise BadInput("exact", f"rows on {np.shape(self.A)[1]} joints", f"rows on {m}, one for each joint")
-        return ExactRows(self.A, self.b), None
+        return ExactRows(self.A, self.b)
 
     def moved(self, offset: Array) -> ExactJoints:  # noqa: ARG002 (joints know nothing of tool frames)
         """Itself."""
         return self
 
 
-def demands_of(exact: Exact | Sequence[Exact] | Literal["position"] | None) -> tuple[Exact, ...]:
-    """The demands meant: "position" is the tool frame's origin.
+def demands_of(
+    exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None,
+) -> tuple[Exact, ...]:
+    """The demands meant: "position" is the tool frame's origin, rows are fixed ones on the joints.
 
     Raises:
         BadInput: something that has no rows.
     """
     if exact is None:
         return ()
-    if exact == "position":
+    if isinstance(exact, str) and exact == "position":
         return (ExactPoint(),)
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
+    several = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in several)
     for one in several:
         if not hasattr(one, "rows"):
             raise BadInput("exact", repr(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
     return several
 
 
-def rows_of(demands: tuple[Exact, ...], view: View) -> tuple[ExactRows | None, Array | None]:
-    """All rows of one tick together, and the first anchor."""
-    together: ExactRows | None = None
-    anchor: Array | None = None
-    for demand in demands:
-        rows, point = demand.rows(view)
-        together = rows if together is None else together.with_rows(rows)
-        anchor = point if anchor is None else anchor
-    return together, anchor
+def rows_of(demands: tuple[Exact, ...], view: View) -> ExactRows:
+    """All rows of one tick together; there is at least one demand."""
+    together = demands[0].rows(view)
+    for demand in demands[1:]:
+        together = together.with_rows(demand.rows(view))
+    return together

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from invariantqp.control.controller import Controller
 from invariantqp.control.controls import Controls
 from invariantqp.control.demands import ExactPoint
-from invariantqp.control.own_form import tool_metric
+from invariantqp.control.measure import tool_metric
 from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.force.hybrid import HybridController
 from invariantqp.geometry import arrays, se3
@@ -33,7 +33,7 @@ from invariantqp.runs.taskfile import LawSpec, Task
 from invariantqp.runs.trace import Trace
 from invariantqp.systems.centre import centre
 from invariantqp.systems.gram import principal_pitches
-from invariantqp.velocity.forms import Form, PitchForm
+from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.solution import VelocitySolution
 
@@ -48,7 +48,7 @@ NEAR_PITCH = 0.1
 PITCH_SAMPLES = 200
 
 
-def law_form(robot: Robot, law: LawSpec) -> Form | float | None:
+def law_form(robot: Robot, law: LawSpec) -> Form | CarriedMetric | float | None:
     """The form that a task's [law] asks for."""
     if law.form == "carried":
         return tool_metric(robot)
@@ -69,6 +69,7 @@ def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
         "joint_metric": law.joint_metric,
         "backend": law.backend,
         "exact": None if law.exact is None else ExactPoint(law.point),
+        "point": law.point,
         "acceleration_limit": law.acceleration,
         "position_margin": law.margin,
         "tool_speed": None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),

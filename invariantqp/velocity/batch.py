@@ -1,17 +1,14 @@
 """Many twists at once: what is free of limits is solved for all rows together, the rest row by row as a tick is.
 
-    x_i = x_p + J_i'(J_i J_i')^-1 (s_i - J_i x_p)     six joints or more, far from singular
-    x_i = V_i diag(1 / mu_i) V_i'g_i                  otherwise, where nothing is damped
-
-A row that meets a limit, needs damping, or whose guard has to act goes through `solve` by itself, so every row is what
+A row that meets a limit, needs damping, or whose form has a say goes through `solve` by itself, so every row is what
 `solve_velocity` says of it, to rounding: for maps over joint ranges, and rollouts.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,16 +16,20 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import Damping, damping_of
-from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
-from invariantqp.velocity.free_rows import free_rows
-from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.damping import damping_of
+from invariantqp.velocity.forms import CarriedMetric, form_of
+from invariantqp.velocity.free_rows import free_rows, measures
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.box import Bounds
-from invariantqp.velocity.qp.backends import Backend, backend_of
-from invariantqp.velocity.request import BLIND, UnitsMixed, guard_of, units_mix
+from invariantqp.velocity.problem import guard_of, measure_of, metric_of
+from invariantqp.velocity.qp.backends import backend_of
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from invariantqp.velocity.problem import VelocityOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,68 +87,62 @@ class VelocitySolutions:
         return [self.slow[i].active if i in self.slow else () for i in range(len(self))]
 
 
-def solve_velocities(
-    J: ArrayLike,
-    twist: ArrayLike,
-    *,
-    form: Form | float | None = None,
-    damping: Damping | float | None = None,
-    bounds: Bounds | tuple[ArrayLike, ArrayLike] | None = None,
-    joint_metric: ArrayLike | None = None,
-    backend: Backend | str = "daqp",
-    guard: Guard | bool = True,
-    posture: ArrayLike | None = None,
-) -> VelocitySolutions:
-    """`solve_velocity` for N Jacobians and twists at once; rows that meet no limit cost a few microseconds each.
+# What is for one row at a time, and why.
+REFUSED = ("exact", "rows", "tool_speed")
 
-    Exact rows, limit rows and tool-speed limits are for `solve_velocity`, one row at a time. With fewer than six joints
-    and no form named, each row's own form is looked for by itself, which takes as long as `solve_velocity`.
+
+def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> VelocitySolutions:
+    """`solve_velocity` for N Jacobians and twists at once; rows that meet no limit cost a few microseconds each.
 
     Args:
         J: (N, 6, m) joint twists (omega; v) as columns, each in any frame.
         twist: (N, 6) wanted twists in the frames of J; (6,) is the same for all.
-        form: as in `solve_velocity`; None is each row's own.
-        damping: as in `solve_velocity`.
-        bounds: one Bounds for all rows, or (lower, upper) arrays of shape (N, m).
-        joint_metric: as in `solve_velocity`.
-        backend: as in `solve_velocity`.
-        guard: as in `solve_velocity`.
-        posture: (m,) or (N, m) joint velocity wanted where the twist leaves joints free.
+        options: as `VelocityOptions` tells. `bounds` may be (lower, upper) of shape (N, m), `posture` (N, m), `point`
+            (N, 3). exact, rows and tool_speed are for `solve_velocity`, one row at a time.
 
     Returns:
         VelocitySolutions: velocity (N, m) inside the bounds, with method and status of every row.
 
     Raises:
-        BadInput: NaN, shapes that do not fit (the row is named), crossed bounds.
+        BadInput: NaN, shapes that do not fit (the row is named), crossed bounds, an option that is refused.
         UnknownName: no such back end.
     """
+    for name in REFUSED:
+        if options.get(name) is not None:
+            raise BadInput(name, "given for a batch", "None", "Solve these rows one by one with solve_velocity.")
     twists = _stack(J)
     n, _, m = twists.shape
     s = _rows(twist, (n, 6), "twist", "one twist a Jacobian")
-    lower, upper = _box(bounds, n, m)
-    metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
+    lower, upper = _box(options.get("bounds"), n, m)
+    posture, point, length = options.get("posture"), options.get("point"), options.get("length")
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
-    if metric is None and any(units_mix(row) for row in _mixed(twists)):
-        warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
-    fixed = None if form is None else form_of(form, np.empty((6, 0)))
+    form = form_of(options.get("form"))
+    where = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
+    first = measure_of(np.eye(6), np.zeros(6), form, "own" if where is None else where[0], length if n else 1.0)
+    limited = bool(np.isfinite(lower).all() and np.isfinite(upper).all())
+    metric = options.get("joint_metric")
     law = VelocityLaw(
-        form=fixed or PitchForm(1.0),
-        damping=damping_of(damping),
-        guard=guard_of(guard),
-        metric=metric,
-        backend=backend_of(backend),
+        form=first.form,
+        damping=damping_of(options.get("damping"), limited=limited),
+        guard=guard_of(options.get("guard", True)),
+        metric=None if metric is None else arrays.positive_definite(metric, m, "joint_metric"),
+        backend=backend_of(options.get("backend", "daqp")),
     )
-    done, x = free_rows(law, twists, s, (lower, upper), wanted, own_form=fixed is None)
+    if isinstance(form, CarriedMetric):
+        roots = np.broadcast_to(first.root, (n, 6, 6))
+    else:
+        roots = measures(twists, s, where, None if length is None else float(length))
+    A, b = np.matmul(roots, twists), np.matmul(roots, s[:, :, None])[:, :, 0]
+    sliding = metric is None and n > 0 and metric_of(None, twists[0], first.length) is not None
+    done, x = (np.zeros(n, dtype=bool), np.zeros((n, m))) if sliding else free_rows(law, A, b, (lower, upper), wanted)
     residual = s - np.einsum("nij,nj->ni", twists, x)
     method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
     scale, lambdas, blends = np.ones(n), np.zeros(n), np.zeros(n)
     slow: dict[int, VelocitySolution] = {}
     for i in np.flatnonzero(~done).tolist():
-        row = twists[i], s[i], lower[i], upper[i]
-        solution = solve(
-            law if fixed is not None else _own_law(law, row[0], row[1]),
-            Demand(*row, posture=None if wanted is None else wanted[i]),
-        )
+        demand = Demand(twists[i], s[i], roots[i], lower[i], upper[i], posture=None if wanted is None else wanted[i])
+        L = measure_of(twists[i], s[i], None, "own" if where is None else where[i], length).length if sliding else 1.0
+        solution = solve(replace(law, metric=metric_of(None, twists[i], L)) if sliding else law, demand)
         slow[i] = solution
         x[i], residual[i], method[i], status[i] = (
             solution.velocity,
@@ -157,11 +152,6 @@ def solve_velocities(
         )
         scale[i], lambdas[i], blends[i] = solution.scale, solution.damping, solution.guard
     return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, slow, law.note)
-
-
-def _own_law(law: VelocityLaw, J: Array, s: Array) -> VelocityLaw:
-    own = form_of(None, J, s)
-    return replace(law, form=own, note=BLIND if isinstance(own, CarriedMetric) else "")
 
 
 def _stack(J: ArrayLike) -> Array:
@@ -212,9 +202,3 @@ def _box(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, n: int, m: int) ->
         found = f"lower {low[i, j]:g} and upper {high[i, j]:g} in row {i}, joint {j}"
         raise BadInput("bounds", found, "lower <= upper, -inf and inf where there is no limit")
     return low, high
-
-
-def _mixed(twists: Array) -> Array:
-    """The rows in which some joint does not turn: the only ones whose units can mix."""
-    still = (twists[:, :3] == 0.0).all(axis=1).any(axis=1)
-    return np.asarray(twists[still])

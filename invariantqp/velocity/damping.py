@@ -1,19 +1,16 @@
-"""How much of each direction is given up near a singularity: lambda, chosen from the spectrum |mu| of the Gram matrix.
+"""How much of each direction is given up near a singularity: lambda, from the singular values sigma of A = root J.
 
-    x = V diag(mu / (mu^2 + lambda^2)) V'g
+    x = sum over i of  sigma_i / (sigma_i^2 + lambda_i^2)  v_i (u_i'b)  +  lambda_i^2 / (sigma_i^2 + lambda_i^2)  v_i (v_i'x_p)
 
-The closed-loop gains mu^2 / (mu^2 + lambda^2) lie in [0, 1): never negative, never above one, whatever the signs of mu.
-This is [DS]'s damped formula (6.4) with Lambda = lambda^2 G^-1; its Lambda = lambda I is not damping where mu < 0.
-
-Proof. The map from a twist to the twist it gets is P = J V f(mu) V'J'Q, f(mu) = mu / (mu^2 + lambda^2). Its eigenvalues
-other than zero are those of f(mu) V'(J'QJ)V = f(mu) diag(mu) = diag(mu^2 / (mu^2 + lambda^2)), since AB and BA share
-theirs. That holds direction by direction, so a lambda of its own for each direction (`Selective`) changes nothing.
+which minimises |A x - b|^2 + sum of lambda_i^2 (v_i'(x - x_p))^2: the weaker a direction, the more of it goes to the
+posture x_p, and a direction that moves nothing goes to it whole. Each gain sigma^2 / (sigma^2 + lambda^2) lies in
+[0, 1). lambda is relative to the largest sigma, so no unit enters.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,30 +19,39 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
-# |mu| ~ sigma(J)^2: the ratio 1e-4 is where the smallest singular value of J (in the arm's own length) is about two
-# hundredths of the largest, the usual place for adaptive damping to set in; about 5 % of a Panda's states lie below.
-DEFAULT_THRESHOLD = 1e-4
+# Damping sets in where a direction needs a thousand times the joint speed of the easiest one, and allows none to take
+# more than five thousand times. Limits keep velocities small long before; `examples/14_defaults.py` measures what other
+# values cost.
+DEFAULT_THRESHOLD = 1e-3
 DEFAULT_CEILING = 1e-4
+# The same where some joint has no velocity limit: nothing else then keeps it from 50 times the speed.
+UNLIMITED_THRESHOLD = 1e-2
+UNLIMITED_CEILING = 1e-2
 
-# Below this ratio mu is rounding and no closed form exists, whatever the policy says.
-SINGULAR_RATIO = 1e-12
-FLOOR_RATIO = 1e-8
 
-
+@runtime_checkable
 class Damping(Protocol):
-    """A policy: the damping lambda [unit of G] from the smallest and largest |mu|."""
+    """A policy; implement it to bring one."""
 
-    def __call__(self, smallest: float, largest: float) -> float:
-        """Lambda >= 0."""
+    @property
+    def threshold(self) -> float:
+        """The share of the largest singular value above which nothing is ever damped; inf where that is not certain."""
+        ...
+
+    def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
+        """(n,) lambda_i^2 >= 0.
+
+        Args:
+            sigma: (n,) singular values, 0 for directions that move nothing.
+            wanted: (n,) u_i'b, what is asked of each direction, measured as sigma is.
+            largest: the largest singular value.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Fixed:
-    """The same lambda everywhere [unit of the Gram matrix: length for a pitch form]; 0 is no damping at all.
-
-    Undamped, a Gram matrix singular to rounding still gets lambda = 1e-8 max|mu|, and the solution says so.
-    """
+    """The same lambda everywhere [length; unit of root J]; 0 is no damping at all."""
 
     value: float
 
@@ -55,18 +61,21 @@ class Fixed:
             raise BadInput("damping", f"{value:g}", "a number not below zero")
         object.__setattr__(self, "value", value)
 
-    def __call__(self, smallest: float, largest: float) -> float:
-        """The fixed value, or the floor where it is zero and G is singular."""
-        if self.value == 0.0 and smallest <= SINGULAR_RATIO * largest:
-            return FLOOR_RATIO * largest
-        return self.value
+    @property
+    def threshold(self) -> float:
+        """0 without damping."""
+        return 0.0 if self.value == 0.0 else np.inf
+
+    def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:  # noqa: ARG002 (a policy's signature)
+        """The fixed value."""
+        return np.full(len(sigma), self.value**2)
 
 
 @dataclass(frozen=True)
 class Adaptive:
-    """No damping while |mu|_min / |mu|_max >= threshold; below, it grows smoothly to ceiling |mu|_max at a singularity.
+    """No damping of directions with sigma >= threshold sigma_max; below, it grows smoothly to ceiling sigma_max.
 
-    lambda = ceiling |mu|_max (1 - (r / threshold)^2), r = |mu|_min / |mu|_max. Relative, so no unit enters.
+    lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2), r_i = sigma_i / sigma_max.
     """
 
     threshold: float = DEFAULT_THRESHOLD
@@ -76,47 +85,42 @@ class Adaptive:
         for name in ("threshold", "ceiling"):
             object.__setattr__(self, name, arrays.number(getattr(self, name), name, positive=True))
 
-    def __call__(self, smallest: float, largest: float) -> float:
+    def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:  # noqa: ARG002 (a policy's signature)
         """Zero away from singularities."""
-        if smallest >= self.threshold * largest:
-            return 0.0
-        ratio = smallest / (largest * self.threshold)
-        return self.ceiling * largest * (1.0 - ratio * ratio)
+        share = np.minimum(sigma / (self.threshold * largest), 1.0)
+        left = self.ceiling * largest * (1.0 - share * share)
+        return left * left
 
 
 @dataclass(frozen=True)
 class Selective:
-    """Each direction damped by itself: near zero as `Adaptive`, and so that it contributes at most a given speed.
+    """Each direction damped so that it contributes at most a given speed, and as `Adaptive` near zero.
 
-    lambda_i^2 = max(adaptive(|mu_i|)^2, |mu_i| (|v_i'g| / speed - |mu_i|)), hence |x_i| <= speed along every v_i:
-    the invariant analogue of selectively damped least squares.
+    lambda_i^2 = max(adaptive_i^2, sigma_i (|u_i'b| / speed - sigma_i)), hence |v_i'x| <= speed along every v_i.
 
     Attributes:
-        speed: what one direction of the spectrum may contribute [rad/s].
-        threshold: as in `Adaptive`, for each direction.
-        ceiling: likewise.
+        speed: what one direction may contribute [rad/s].
+        adaptive: what is damped at least.
 
     Reference: Buss & Kim 2005 (SDLS).
     """
 
     speed: float = 1.0
-    threshold: float = DEFAULT_THRESHOLD
-    ceiling: float = DEFAULT_CEILING
+    adaptive: Adaptive = Adaptive()
 
     def __post_init__(self) -> None:
-        for name in ("speed", "threshold", "ceiling"):
-            object.__setattr__(self, name, arrays.number(getattr(self, name), name, positive=True))
+        object.__setattr__(self, "speed", arrays.number(self.speed, "speed", positive=True))
+        if not isinstance(self.adaptive, Adaptive):
+            raise BadInput("adaptive", repr(self.adaptive), "Adaptive(threshold, ceiling)")
 
-    def __call__(self, smallest: float, largest: float) -> float:
-        """What the direction of the smallest |mu| gets at least."""
-        return Adaptive(self.threshold, self.ceiling)(smallest, largest)
+    @property
+    def threshold(self) -> float:
+        """It looks at each direction."""
+        return np.inf
 
-    def squares(self, mu: Array, g: Array, largest: float) -> Array:
-        """(n,) lambda_i^2 for eigenvalues mu (n,) and g in eigenvector coordinates (n,)."""
-        size = np.abs(mu)
-        share = np.minimum(size / (self.threshold * largest), 1.0)
-        near_zero = (self.ceiling * largest * (1.0 - share * share)) ** 2
-        return np.maximum(near_zero, size * (np.abs(g) / self.speed - size))
+    def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
+        """The larger of both for each direction."""
+        return np.maximum(self.adaptive.squares(sigma, wanted, largest), sigma * (np.abs(wanted) / self.speed - sigma))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +129,12 @@ class PaperLambda:
 
     An eigenvalue of G in (-lambda, 0) gets the closed-loop gain mu / (mu + lambda) < 0 and mu = -lambda is a pole. The
     solution's status is "degraded" wherever a gain is negative or above one, and its reason lists them; bounds clip it,
-    since G + Lambda is no Hessian.
+    since G + Lambda is no Hessian. It goes with a pitch form.
 
     Attributes:
         matrix: (m, m) Lambda, symmetric; a (m,) vector is its diagonal, a number a multiple of I [unit of G].
 
-    Reference: [DS] (6.4).
+    Reference: [DS] Sect. 6.3, the damped formula.
     """
 
     matrix: ArrayLike
@@ -141,11 +145,7 @@ class PaperLambda:
             raise BadInput("matrix", "NaN or infinity", "finite numbers")
         if Lambda.ndim > 2 or (Lambda.ndim == 2 and not np.allclose(Lambda, Lambda.T, rtol=1e-9, atol=0.0)):
             raise BadInput("matrix", f"shape {Lambda.shape} or no symmetry", "a symmetric (m, m) matrix")
-        object.__setattr__(self, "matrix", Lambda)
-
-    def __call__(self, smallest: float, largest: float) -> float:  # noqa: ARG002 (a policy's signature)
-        """No filter of ours: this one has its own path."""
-        return 0.0
+        object.__setattr__(self, "matrix", Lambda.copy())
 
     def of_size(self, m: int) -> Array:
         """Lambda as an (m, m) matrix.
@@ -160,18 +160,18 @@ class PaperLambda:
         return Lambda
 
 
-# No damping at all, by name.
-None_: Fixed = Fixed(0.0)
-
-
-def damping_of(damping: Damping | float | None) -> Damping:
-    """The policy meant: None is `Adaptive()`, a number is `Fixed`.
+def damping_of(damping: Damping | PaperLambda | float | None, *, limited: bool) -> Damping | PaperLambda:
+    """The policy meant: a number is `Fixed`; None is `Adaptive()`, stronger unless every joint's speed is `limited`.
 
     Raises:
         BadInput: neither a number nor a policy.
     """
     if damping is None:
-        return Adaptive()
-    if callable(damping):
+        return Adaptive() if limited else Adaptive(UNLIMITED_THRESHOLD, UNLIMITED_CEILING)
+    if isinstance(damping, (Damping, PaperLambda)):
         return damping
-    return Fixed(damping)
+    if isinstance(damping, bool) or not isinstance(damping, (int, float, np.number)):
+        raise BadInput(
+            "damping", repr(damping), "a number, Adaptive(), Fixed(...), Selective(...) or a policy of yours"
+        )
+    return Fixed(float(damping))

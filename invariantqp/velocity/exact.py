@@ -1,9 +1,10 @@
-"""Exact demands on the joint velocity, A x = b, removed before anything is minimised: x = x0 + B z.
+"""Exact demands on the joint velocity, C x = e, removed before anything is minimised: x = a x0 + B z.
 
-    x0 = M^-1 A'(A M^-1 A')^-1 b,    A B = 0,    B'MB = I
+    x0 = M^-1 C'(C M^-1 C')^-1 e,    C B = 0,    B'MB = I,    0 <= a <= 1 the share of the demanded speed
 
-What is left is a problem in z alone, in which the rows hold by construction. A joint metric M enters here and nowhere
-else: z is a coordinate in which M is the identity.
+What is left is a problem in z alone, in which the rows hold by construction, along their direction at the share of
+their speed that limits allow (`share`). A joint metric M enters here and nowhere else: z is a coordinate in which M is
+the identity.
 """
 
 from __future__ import annotations
@@ -17,9 +18,12 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import velocity_at
+from invariantqp.velocity.damping import Damping
+from invariantqp.velocity.measure import root_at
 
-# A singular value of A M^-1/2 below this fraction of the largest is a dependent row.
+# What a row near a singularity that is all but exact weighs beside the twist, its root: relative to |A|.
+SOFT_WEIGHT = 1e3
+# Rows dependent to this share of the largest are one row; a demand that needs joints this much faster cannot be met.
 ROW_TOLERANCE = 1e-10
 
 
@@ -30,6 +34,8 @@ class ExactRows:
     Attributes:
         A: (k, m) rows on the joint velocity, for instance the velocity of a point, v + omega x p.
         b: (k,) demands.
+        of_twist: (k, 6) D where the rows are parts of the twist, A = D J, zero for a row that is not; None for none.
+            Rows in several units are then weighed by what they say of the twist, not by how they are written.
 
     Raises:
         BadInput: shapes that do not fit, NaN.
@@ -37,6 +43,7 @@ class ExactRows:
 
     A: ArrayLike
     b: ArrayLike
+    of_twist: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         A = arrays.array(self.A, "A", "a (k, m) matrix")
@@ -44,6 +51,8 @@ class ExactRows:
             raise BadInput("A", f"shape {A.shape}", "(k, m), one row a demand")
         object.__setattr__(self, "A", arrays.matrix(A, (None, A.shape[1]), "A"))
         object.__setattr__(self, "b", arrays.vector(self.b, len(A), "b"))
+        if self.of_twist is not None:
+            object.__setattr__(self, "of_twist", arrays.matrix(self.of_twist, (len(A), 6), "of_twist"))
 
     def with_rows(self, others: ExactRows) -> ExactRows:
         """These rows and others, of the same joints.
@@ -54,12 +63,24 @@ class ExactRows:
         A, B = np.asarray(self.A), np.asarray(others.A)
         if A.shape[1] != B.shape[1]:
             raise BadInput("others", f"rows on {B.shape[1]} joints", f"rows on {A.shape[1]}")
-        return ExactRows(np.vstack((A, B)), np.concatenate((np.asarray(self.b), np.asarray(others.b))))
+        told = None
+        if self.of_twist is not None or others.of_twist is not None:
+            told = np.vstack([np.zeros((len(r.A), 6)) if r.of_twist is None else r.of_twist for r in (self, others)])
+        return ExactRows(np.vstack((A, B)), np.concatenate((np.asarray(self.b), np.asarray(others.b))), told)
+
+    @classmethod
+    def of(cls, J: Array, told: Array, b: ArrayLike) -> ExactRows:
+        """Parts of the twist: D J x = b for joint twists J (6, m) and D (k, 6)."""
+        return cls(told.dot(J), b, told)
+
+    def on(self, to_joint: Array | None) -> ExactRows:
+        """The same rows on y, x = T y."""
+        return self if to_joint is None else ExactRows(np.asarray(self.A).dot(to_joint), self.b, self.of_twist)
 
     @classmethod
     def point(cls, J: ArrayLike, point: ArrayLike, velocity: ArrayLike) -> ExactRows:
         """The velocity (3,) of the body point now at `point` (3,), v + omega x p, for joint twists J (6, m)."""
-        return cls(velocity_at(arrays.columns(J), arrays.vector(point, 3, "point")), velocity)
+        return cls.of(arrays.columns(J), _velocity_of(arrays.vector(point, 3, "point")), velocity)
 
     @classmethod
     def axis(cls, J: ArrayLike, axis: ArrayLike, omega: ArrayLike) -> ExactRows:
@@ -69,7 +90,8 @@ class ExactRows:
             BadInput: a zero axis.
         """
         across = np.linalg.svd(arrays.direction(axis, "axis").reshape(1, 3))[2][1:]
-        return cls(across.dot(arrays.columns(J)[:3]), across.dot(arrays.vector(omega, 3, "omega")))
+        told = np.hstack((across, np.zeros((2, 3))))
+        return cls.of(arrays.columns(J), told, across.dot(arrays.vector(omega, 3, "omega")))
 
     @classmethod
     def plane(cls, J: ArrayLike, point: ArrayLike, normal: ArrayLike, speed: float) -> ExactRows:
@@ -79,56 +101,87 @@ class ExactRows:
             BadInput: a zero normal.
         """
         n = arrays.direction(normal, "normal")
-        moves = velocity_at(arrays.columns(J), arrays.vector(point, 3, "point"))
-        return cls(n.dot(moves).reshape(1, -1), [arrays.number(speed, "speed")])
+        told = n.dot(_velocity_of(arrays.vector(point, 3, "point"))).reshape(1, 6)
+        return cls.of(arrays.columns(J), told, [arrays.number(speed, "speed")])
+
+
+def _velocity_of(point: Array) -> Array:
+    """(3, 6) D with D s = v + omega x p."""
+    return root_at(point, 1.0)[3:]
 
 
 class Reduction(NamedTuple):
-    """x = x0 + B z.
+    """y = start + a (full - start) + B z, a in [0, 1] the share of the demanded speed.
 
     Attributes:
-        origin: (m,) x0, the M-shortest velocity that meets the rows; empty where basis is None.
-        basis: (m, n) B, or None for the identity.
-        dual: (n, m) B'M, which gives z = B'M (x - x0); None for the identity.
-        unmet: the part of |b| that no velocity can meet, relative.
+        full: (m,) y0, the shortest velocity that meets the rows.
+        basis: (m, n) B, orthonormal: the velocities that the rows leave free.
+        soft: (j, m) velocities v'y that rows near a singularity ask to be v'y0, weighed: B holds them, too.
+        effort: how far the joints go for the rows' demand, beside what the best-placed demand of its size would take.
+        unmet: the part of the demand that is not met at full speed, relative.
+        start: (m,) the velocity at share 0; zero is standing still.
     """
 
-    origin: Array
-    basis: Array | None
-    dual: Array | None
-    unmet: float = 0.0
+    full: Array
+    basis: Array
+    soft: Array
+    effort: float
+    unmet: float
+    start: Array
 
-    def joint(self, z: Array) -> Array:
-        """The joint velocity x0 + B z."""
-        return z if self.basis is None else self.origin + self.basis.dot(z)
+    def origin(self, share: float) -> Array:
+        """(m,) where z = 0."""
+        y: Array = self.start + share * (self.full - self.start)
+        return y
 
-    def reduced(self, x: Array) -> Array:
-        """The z of the solution nearest x."""
-        return x if self.dual is None else self.dual.dot(x - self.origin)
-
-    def scaled(self, alpha: float) -> Reduction:
-        """The same rows with demand alpha b."""
-        return self._replace(origin=alpha * self.origin)
-
-
-# Nothing demanded, nothing weighted: z is x.
-FREE = Reduction(np.empty(0), None, None)
+    def fixed(self, y: Array) -> Array:
+        """(m,) the shortest velocity with the same rows as y."""
+        p: Array = y - self.basis.dot(y.dot(self.basis))
+        return p
 
 
-def reduce(m: int, exact: ExactRows | None, metric: Array | None) -> Reduction:
-    """Solve the rows and find what is left free; `metric` (m, m) is M or None for the identity."""
-    if exact is None and metric is None:
-        return FREE
-    M = np.eye(m) if metric is None else metric
-    to_joint = np.linalg.inv(np.linalg.cholesky(M)).T  # x = to_joint y; M is the identity in y
-    if exact is None:
-        return Reduction(np.zeros(m), to_joint, to_joint.T.dot(M))
-    A, b = np.asarray(exact.A), np.asarray(exact.b)
-    U, sigma, Vt = np.linalg.svd(A.dot(to_joint))
-    r = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
-    reachable = U[:, :r].T.dot(b)
-    unmet = b - U[:, :r].dot(reachable)
-    scale = float(np.linalg.norm(b))
-    y0 = Vt[:r].T.dot(reachable / sigma[:r])
-    B = to_joint.dot(Vt[r:].T)
-    return Reduction(to_joint.dot(y0), B, B.T.dot(M), float(np.linalg.norm(unmet)) / scale if scale > 0.0 else 0.0)
+def reduce(exact: ExactRows, root: Array, damping: Damping) -> Reduction:
+    """Solve the rows and find what is left free.
+
+    Rows that are parts of the twist are told apart and weighed as such: orthonormal ones in the measure. So no frame
+    and no choice of rows decides what counts as dependent. Near a singularity of theirs rows are damped as the twist
+    is, and let go of the joints as smoothly: a row that holds to the share g = sigma^2 / (sigma^2 + lambda^2) weighs g^2
+    of one that is all but exact. So rows that a singularity takes, or that an arm never had, leave without a jump.
+
+    Args:
+        exact: the rows on y.
+        root: (6, 6) of the measure.
+        damping: the policy near singularities.
+    """
+    C, e = np.asarray(exact.A), np.asarray(exact.b)
+    whitened, wanted = C, e
+    if exact.of_twist is not None:
+        told = np.linalg.solve(root.T, np.asarray(exact.of_twist).T).T
+        joints = ~told.any(axis=1)
+        sizes, mix = np.linalg.eigh(told.dot(told.T) + np.diag(np.where(joints, (C * C).sum(axis=1), 0.0)))
+        apart = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), np.finfo(float).tiny)
+        whiten = (mix[:, apart] / np.sqrt(sizes[apart])).T
+        whitened, wanted = whiten.dot(C), whiten.dot(e)
+    U, sigma, Vt = np.linalg.svd(whitened)
+    m, k = len(Vt), len(sigma)
+    largest = float(sigma.max(initial=0.0))
+    met = wanted.dot(U[:, :k])
+    squares = damping.squares(sigma, met, largest) if largest > 0.0 else np.ones(k)
+    squares[sigma <= ROW_TOLERANCE * largest] = largest * largest
+    total = sigma * sigma + squares
+    kept = sigma * sigma / total
+    y = sigma * met / total
+    hard = np.zeros(m, dtype=bool)
+    hard[:k] = squares == 0.0
+    weak = np.flatnonzero(~hard[:k] & (kept > 0.0))
+    full = Vt[:k].T.dot(y)
+    size, left = float(np.linalg.norm(e)), e - C.dot(full)
+    asked = float(np.linalg.norm(kept * met))
+    return Reduction(
+        full=full,
+        basis=Vt[~hard].T,
+        soft=SOFT_WEIGHT * kept[weak, None] * Vt[weak],
+        effort=float(np.linalg.norm(sigma) * np.linalg.norm(y)) / asked if asked > 0.0 else 1.0,
+        unmet=float(np.linalg.norm(left)) / size if size > 0.0 else 0.0,
+        start=np.zeros(m),
+    )

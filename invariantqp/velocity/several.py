@@ -1,10 +1,11 @@
-"""Several tasks at once: a weighted sum of convex objectives within a level, and strict priority between levels.
+"""Several tasks at once: a weighted sum of objectives within a level, and strict priority between levels.
 
-    level 1:  x_1 = argmin sum_i w_i 1/2 (x - x_i*)'H_i(x - x_i*)      inside the bounds, with the exact rows
+    level 1:  x_1 = argmin sum_i w_i 1/2 |K_i (x - x_i*)|^2      inside the bounds, with the exact rows
     level 2:  likewise among the x with J_1 x = J_1 x_1, and so on
 
-Each twist task brings the (H_i, c_i) that `convexify` makes of its form, so the sum is as invariant as its terms. A
-joint task asks for a joint velocity: the way to a posture, or zero for little motion.
+Each twist task brings the objective that it would have alone, measured at its point, so the sum is as invariant as its
+terms. A joint task asks for a joint velocity: the way to a posture, or zero for little motion. What a level has
+achieved is removed before the next is solved, x = x_1 + B z with J_1 B = 0, so no lower level disturbs it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,14 +22,32 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
-from invariantqp.velocity.exact import ExactRows, Reduction, reduce
-from invariantqp.velocity.forms import Form, form_of
-from invariantqp.velocity.law import Demand, assemble
-from invariantqp.velocity.limits.box import Bounds
-from invariantqp.velocity.limits.rows import polytope
-from invariantqp.velocity.qp.backends import Backend, SolverFailure, backend_of, minimise
+from invariantqp.velocity.attempt import attempted
+from invariantqp.velocity.damping import PaperLambda
+from invariantqp.velocity.exact import ROW_TOLERANCE, reduce
+from invariantqp.velocity.forms import CarriedMetric, Form, form_of
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits.cone import minimise_in_cone
+from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.problem import VelocityProblem, measure_of
+from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.qp.quadratic import Quadratic, weighted
+from invariantqp.velocity.share import share_of
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
+from invariantqp.velocity.stages import given_way
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from invariantqp.velocity.problem import VelocityOptions
+
+# What belongs to a task, or watches one error where several have none in common.
+REFUSED = {
+    "form": "Give each TwistTask its own form.",
+    "posture": "Add a JointTask of the last priority.",
+    "point": "Give each TwistTask its own point.",
+    "length": "Give each TwistTask its own point.",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +60,21 @@ class TwistTask:
         form: as in `solve_velocity`.
         weight: share in its level's sum [1], positive.
         priority: level, 0 first.
+        point: as in `solve_velocity`.
     """
 
     J: ArrayLike
     twist: ArrayLike
-    form: Form | float | None = None
+    form: Form | CarriedMetric | float | None = None
     weight: float = 1.0
     priority: int = 0
+    point: ArrayLike | str | None = None
 
     def __post_init__(self) -> None:
         J, twist = arrays.columns(self.J), arrays.twist(self.twist)
-        checked = {"J": J, "twist": twist, "form": form_of(self.form, J, twist), "weight": _weight(self.weight)}
+        form = form_of(self.form)
+        measure = measure_of(J, twist, form, self.point, None)
+        checked = {"J": J, "twist": twist, "form": form, "weight": _weight(self.weight), "_measure": measure}
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -60,7 +85,7 @@ class JointTask:
 
     Attributes:
         velocity: (m,) wanted [rad/s, length/s].
-        weight: share in its level's sum, positive [unit of the Gram matrices beside it: length for pitch forms].
+        weight: share in its level's sum, positive [length^2: a radian counts as that length does at the tasks' points].
         priority: level, 0 first.
     """
 
@@ -77,102 +102,119 @@ def _weight(weight: float) -> float:
     return arrays.number(weight, "weight", positive=True)
 
 
-def solve_tasks(
-    tasks: Sequence[TwistTask | JointTask],
-    *,
-    damping: Damping | float | None = None,
-    bounds: Bounds | None = None,
-    exact: ExactRows | None = None,
-    joint_metric: ArrayLike | None = None,
-    backend: Backend | str = "daqp",
-) -> VelocitySolution:
-    """Joint velocities for several tasks; lower levels never disturb what a higher one achieves inside the bounds.
+def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[VelocityOptions]) -> VelocitySolution:
+    """Joint velocities for several tasks; lower levels never disturb what a higher one achieves inside the limits.
 
     There is no descent guard here: it watches one twist, and several have no common error.
 
     Args:
         tasks: of one arm, any order; those of one priority are weighed against each other.
-        damping: as in `solve_velocity`, for every twist task.
-        bounds: joint velocity limits.
-        exact: rows met before anything else; where the bounds forbid them the answer is "held".
-        joint_metric: as in `solve_velocity`.
-        backend: as in `solve_velocity`.
+        options: damping, bounds, exact, joint_metric, backend, rows, tool_speed as `VelocityOptions` tells. form, point,
+            length and posture belong to a task.
 
     Returns:
         VelocitySolution; residual is that of the first twist task of the highest level, zero where there is none.
 
     Raises:
-        BadInput: no tasks, different numbers of joints, NaN, PaperLambda (which has no convex objective).
+        BadInput: no tasks, different numbers of joints, NaN, an option that is refused, PaperLambda.
     """
-    if not tasks:
-        raise BadInput("tasks", "none", "at least one TwistTask or JointTask")
-    m = _joints(tasks[0])
+    if not isinstance(tasks, Sequence) or not tasks:
+        raise BadInput(
+            "tasks", "none" if isinstance(tasks, Sequence) else repr(tasks), "a list of TwistTask, JointTask"
+        )
+    for name, remedy in REFUSED.items():
+        if options.get(name) is not None:
+            raise BadInput(name, "given for several tasks", "None", remedy)
+    m = _joints(tasks[0], 0)
     for i, task in enumerate(tasks):
-        if _joints(task) != m:
-            raise BadInput(f"tasks[{i}]", f"{_joints(task)} joints", f"{m}, as in tasks[0]")
-    policy = damping_of(damping)
-    if isinstance(policy, PaperLambda):
-        raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
-    lower = np.full(m, -np.inf) if bounds is None else np.asarray(bounds.lower)
-    upper = np.full(m, np.inf) if bounds is None else np.asarray(bounds.upper)
-    if len(lower) != m:
-        raise BadInput("bounds", f"{len(lower)} limits", f"{m}, one a joint")
-    metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
+        if _joints(task, i) != m:
+            raise BadInput(f"tasks[{i}]", f"{_joints(task, i)} joints", f"{m}, as in tasks[0]")
     levels = [list(g) for _, g in groupby(sorted(tasks, key=lambda t: t.priority), key=lambda t: t.priority)]
     first = next((t for level in levels for t in level if isinstance(t, TwistTask)), None)
     J, s = (np.zeros((6, m)), np.zeros(6)) if first is None else (np.asarray(first.J), np.asarray(first.twist))
-    demand = Demand(J, s, lower, upper, exact)
-    solver = backend_of(backend)
-    x, fixed, bounded = np.zeros(m), exact, False
+    problem = VelocityProblem.of(J, s, **options)
+    law, demand = problem.law, problem.demand
+    if isinstance(law.damping, PaperLambda):
+        raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
     try:
-        for level in levels:
-            reduction = reduce(m, fixed, metric)
-            x, met = _level(level, reduction, demand, policy, solver)
-            bounded = bounded or met
-            fixed = _with_rows(fixed, level, x)
+        return _solved(levels, law, demand)
     except SolverFailure as failure:
         return held(demand, f"no velocity found: {failure}")
-    x, active = clipped(demand, x)
-    reason = f"at the limits of joints {', '.join(map(str, active))}" if active else ""
-    method = "qp" if bounded else "closed-form"
-    return VelocitySolution(
-        x, method, "ok", reason, active, s - J.dot(x), 1.0, 0.0, 0.0, solver.name if bounded else ""
-    )
 
 
-def _joints(task: TwistTask | JointTask) -> int:
-    return np.shape(task.J)[1] if isinstance(task, TwistTask) else len(np.asarray(task.velocity))
+def _joints(task: TwistTask | JointTask, i: int) -> int:
+    if isinstance(task, TwistTask):
+        return np.shape(task.J)[1]
+    if isinstance(task, JointTask):
+        return len(np.asarray(task.velocity))
+    raise BadInput(f"tasks[{i}]", repr(task), "a TwistTask or a JointTask")
 
 
-def _level(
-    level: list[TwistTask | JointTask], reduction: Reduction, demand: Demand, damping: Damping, backend: Backend
-) -> tuple[Array, bool]:
-    """The best velocity of one level, and whether a bound was met."""
-    basis = reduction.basis
-    n = len(demand.lower) if basis is None else basis.shape[1]
-    if n == 0:
-        return reduction.joint(np.empty(0)), False
-    H, c = np.zeros((n, n)), np.zeros(n)
+def _solved(levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand: Demand) -> VelocitySolution:
+    m = len(demand.lower)
+    T = np.eye(m) if law.to_joint is None else law.to_joint
+    limits = given_way(law, demand)
+    origin, B, share, troubles = np.zeros(m), np.eye(m), 1.0, list(limits.troubles)
+    if demand.exact is not None:
+        reduction = reduce(demand.exact.on(law.to_joint), demand.root, law.damping)
+        share = share_of(reduction, limits.polytope, limits.cone, limits.inside, 0.0, law.backend).value
+        origin, B = reduction.origin(share), reduction.basis
+    bounded, backend = False, ""
+    for level in levels:
+        if not B.shape[1]:
+            break
+        cone = None if limits.cone is None else limits.cone.on(origin, B)
+        found = minimise_in_cone(
+            law.backend, _sum(level, origin, B, T, law, share), limits.polytope.on(origin, B), cone
+        )
+        origin = origin + B.dot(found.z)
+        B = B.dot(_left(level, T.dot(B)))
+        bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend
+        if found.trouble:
+            troubles.append(found.trouble)
+    x, active = clipped(demand, T.dot(origin))
+    said = [*troubles]
+    if share < 1.0:
+        said.append(f"limits allow {share:.3g} of the exact rows' speed")
+    if active:
+        said.append(f"at the limits of joints {', '.join(map(str, active))}")
+    status = "degraded" if troubles else "scaled" if share < 1.0 else "ok"
+    method = "qp" if bounded or share < 1.0 else "closed-form"
+    residual = demand.s - demand.J.dot(x)
+    return VelocitySolution(x, method, status, "; ".join(said), active, residual, share, 0.0, 0.0, backend)
+
+
+def _sum(
+    level: list[TwistTask | JointTask], origin: Array, B: Array, T: Array, law: VelocityLaw, share: float
+) -> Quadratic:
+    """The weighted sum of a level's objectives over z."""
+    n = B.shape[1]
+    roots, wanted = [], []
     for task in level:
+        weight = sqrt(task.weight)
         if isinstance(task, TwistTask):
-            own = demand._replace(J=np.asarray(task.J), s=np.asarray(task.twist))
-            data = form_of(task.form, own.J).gram_data(own.J, own.s)
-            h, g = assemble(data, reduction, own, damping).convex.qp()
-            H += task.weight * h
-            c += task.weight * g
+            measure = task._measure  # type: ignore[attr-defined]  # noqa: SLF001 (set by itself, once)
+            A = measure.root.dot(np.asarray(task.J)).dot(T)
+            b = measure.root.dot(np.asarray(task.twist))
+            if measure.form is not None:
+                b = attempted(measure.form, np.linalg.inv(measure.root), A, b, law.damping, None)  # type: ignore[arg-type]
+            objective = least_squares(A.dot(B), share * b - A.dot(origin), None, law.damping)  # type: ignore[arg-type]
+            K = objective.root()
+            roots.append(weight * K)
+            wanted.append(weight * K.dot(objective.centre()))
         else:
-            H += task.weight * np.eye(n)
-            c += task.weight * reduction.reduced(np.asarray(task.velocity))
-    x = reduction.joint(np.asarray(np.linalg.solve(H, c), dtype=np.float64))
-    if demand.allows(x):
-        return x, False
-    limits = polytope(demand.lower, demand.upper, None, reduction)
-    return reduction.joint(minimise(backend, H, c, limits).z), True
+            roots.append(weight * np.eye(n))
+            wanted.append(weight * B.T.dot(np.linalg.solve(T, np.asarray(task.velocity)) - origin))
+    return weighted(np.vstack(roots), np.concatenate(wanted))
 
 
-def _with_rows(fixed: ExactRows | None, level: list[TwistTask | JointTask], x: Array) -> ExactRows:
-    """What a level has achieved, as rows for the levels below."""
-    m = len(x)
-    rows = [np.asarray(t.J) if isinstance(t, TwistTask) else np.eye(m) for t in level]
-    achieved = ExactRows(np.vstack(rows), np.concatenate([r.dot(x) for r in rows]))
-    return achieved if fixed is None else fixed.with_rows(achieved)
+def _left(level: list[TwistTask | JointTask], B: Array) -> Array:
+    """(n, k) what of z the level leaves free: it moves none of its bodies."""
+    n = B.shape[1]
+    told = [t._measure.root.dot(np.asarray(t.J)).dot(B) for t in level if isinstance(t, TwistTask)]  # type: ignore[attr-defined]  # noqa: SLF001
+    if len(told) < len(level):  # a joint task says it all
+        return np.empty((n, 0))
+    _, sigma, Vt = np.linalg.svd(np.vstack(told))
+    rank = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
+    free: Array = Vt[rank:].T
+    return free

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.convexify import Convexified, is_singular
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.qp.prices import ACTIVE_TOLERANCE
+from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
 
 
 class VelocitySolution(NamedTuple):
@@ -17,18 +16,18 @@ class VelocitySolution(NamedTuple):
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the bounds.
-        method: "closed-form" (the undamped stationary point), "damped" (the filter acted), "qp" (a bound did), "hold".
-        status: "ok", "scaled" (exact rows slowed down), "guarded" (the descent guard blended in least squares),
-            "degraded" (something was not as asked: see the reason), "held" (no usable answer; standing still).
+        method: "closed-form" (no limit is met), "damped" (likewise, and damping acted), "qp" (a limit is met), "hold".
+        status: "ok" (the error falls as asked), "scaled" (exact rows slowed down), "guarded" (the descent guard blended
+            in least squares), "degraded" (something was not as asked: see the reason), "held" (standing still).
         reason: in words, "" where there is nothing to say.
         active: joints at a bound.
-        residual: (6,) s - J x in the frame of J.
-        scale: share of the exact rows' speed that was possible, 1 unless scaled.
-        damping: lambda used [unit of G].
+        residual: (6,) s - J x in the frame of J: what is not achieved of the twist.
+        scale: share of the exact rows' speed that was possible, in [0, 1], 1 unless scaled.
+        damping: lambda used [length; unit of root J].
         guard: t, share of least squares blended in by the guard; 0 when it did not act.
         backend: the solver that answered, "" without one.
-        multipliers: (m,) what each joint's bound costs in the law's own convex objective: positive at the upper bound,
-            negative at the lower, 0 away from them; before the guard. None where the law met no limit.
+        multipliers: (m,) what each joint's bound costs in the objective: positive at the upper bound, negative at the
+            lower, 0 away from them. None where no limit is met.
         row_multipliers: (k,) the same for the rows of `LimitRows`.
     """
 
@@ -44,17 +43,6 @@ class VelocitySolution(NamedTuple):
     backend: str
     multipliers: Array | None = None
     row_multipliers: Array | None = None
-
-
-def damping_reason(convex: Convexified) -> str:
-    """Why lambda is not zero."""
-    what = "the form is singular on these joints" if is_singular(convex) else "near a singularity or principal pitch"
-    return f"{what}: |mu| ratio {conditioning(convex):.1e}, damped with lambda = {convex.damping:.3g}"
-
-
-def conditioning(convex: Convexified) -> float:
-    """Smallest |mu| over largest: the distance from a singularity or a principal pitch, in [0, 1]."""
-    return convex.smallest / convex.largest if convex.largest > 0.0 else 0.0
 
 
 def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:

@@ -1,7 +1,11 @@
-"""One tick of the law: closed form where it exists and no bound is met, otherwise the convex QP with the same optimum.
+"""One tick of the law: closed form where no limit is met, otherwise the optimum of the same problem inside them.
 
-no bound met and the twist met            -> closed form, or damped: done
-otherwise                                 -> the slow path (`velocity.tick`)
+    six joints or more, far from singular, no limit met    one Cholesky factor (`regular`)
+    no limit met                                           the spectrum, filtered (`objective`)
+    otherwise                                              stage by stage (`stages`)
+
+Continuity. Each answer is the optimum of one strictly convex problem whose data are continuous in (J, s, limits): the
+first two are its optimum without limits, which is the third's wherever it is inside them.
 """
 
 from __future__ import annotations
@@ -9,44 +13,48 @@ from __future__ import annotations
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
-from invariantqp.velocity.damping import PaperLambda
+from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.forms import PitchForm
-from invariantqp.velocity.law import Demand, Problem, VelocityLaw
-from invariantqp.velocity.paper import paper_velocity
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.objective import Objective
+from invariantqp.velocity.posed import Posed, posed
+from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, named
 from invariantqp.velocity.regular import regular_velocity
-from invariantqp.velocity.solution import VelocitySolution, clipped, damping_reason, held
-from invariantqp.velocity.tick import UNMET_TOLERANCE, Tick
+from invariantqp.velocity.solution import VelocitySolution, clipped, held
+from invariantqp.velocity.stages import Answer, answered
+from invariantqp.velocity.stationary import printed
 
-# A twist missed by less than this fraction of itself is met: no guard can find anything to gain there.
+# A twist missed by less than this fraction of itself is achieved ...
 MET_TOLERANCE = 1e-9
 # ... and so is one missed by what rounding leaves of x in J x: an arm rests on its target while its null space moves.
 PRODUCT_ROUNDING = 1e-14
-# Below this |mu| ratio an undamped solution is computed from the factored J, which keeps the digits that G lost.
-FACTORED_RATIO = 1e-4
+# Damping that takes more than this share of a twist that the joints could do is said.
+LOSS_TOLERANCE = 1e-6
+# Less than this share of what is asked is no progress: the loop is at rest short of its target.
+PROGRESS_SHARE = 1e-4
+# Exact rows that cannot be met by more than this, relative, are reported.
+UNMET_TOLERANCE = 1e-9
 
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     """The joint velocity for a checked demand."""
-    if isinstance(law.damping, PaperLambda):
-        return _as_printed(law, law.damping, demand)
-    x = regular_velocity(law, demand)
-    if x is not None and demand.allows(x):
-        residual = _missed(demand, x)
-        if residual is not None:
-            return VelocitySolution(x, "closed-form", "ok", law.note, (), residual, 1.0, 0.0, 0.0, "")
-    problem = law.build(demand)
-    convex = problem.convex
-    x = problem.unconstrained()
-    if convex.damping == 0.0 and convex.smallest < FACTORED_RATIO * convex.largest:
-        x = _factored(law, demand, problem, x)
-    if problem.reduction.unmet <= UNMET_TOLERANCE and demand.allows(x):
-        residual = _missed(demand, x)
-        if residual is not None:
-            damped = convex.damping > 0.0
-            method, reason = ("damped", damping_reason(convex)) if damped else ("closed-form", law.note)
-            return VelocitySolution(x, method, "ok", reason, (), residual, 1.0, convex.damping, 0.0, "")
-    return Tick(law, demand).solution(problem, x)
+    damping = law.damping
+    if isinstance(damping, PaperLambda):
+        return _as_printed(law, damping, demand)
+    A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
+    if law.metric is None and not _is_convexified(law):
+        x = regular_velocity(A, b, demand.posture, damping.threshold)
+        if x is not None and demand.allows(x) and demand.achieves(x):
+            residual = demand.s - demand.J.dot(x)
+            if _is_rounding(A, b, x):
+                return VelocitySolution(x, "closed-form", "ok", law.note, (), residual, 1.0, 0.0, 0.0, "")
+    try:
+        return _general(law, demand, damping)
+    except SolverFailure as failure:
+        return held(demand, f"no velocity found: {failure}")
+    except np.linalg.LinAlgError as failure:
+        return held(demand, f"the numbers are beyond any scale: {failure}")
 
 
 def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
@@ -58,41 +66,112 @@ def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
     return back._replace(status="held", reason=f"{reason}; on the way back inside the limits".removeprefix("; "))
 
 
+def damping_reason(objective: Objective) -> str:
+    """Why lambda is not zero, "" where it is."""
+    if objective.damping == 0.0:
+        return ""
+    return f"near a singularity: the weakest direction has {objective.ratio:.1e} of the strongest, damped"
+
+
+def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution:
+    problem = posed(law, demand, damping)
+    answer = answered(law, demand, problem)
+    if law.to_joint is not None:
+        answer = answer._replace(y=law.to_joint.dot(answer.y))
+    return _told(law, demand, problem, answer)
+
+
+def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution:
+    """The answer as it may be commanded, with its status and reason."""
+    met = answer.multipliers is not None or answer.share < 1.0
+    method = "qp" if met else "damped" if answer.objective.damping > 0.0 else "closed-form"
+    x, active = clipped(demand, _shortened(demand, answer.y))
+    residual = demand.s - demand.J.dot(x)
+    troubles = list(answer.troubles)
+    objective = answer.objective
+    unmet = 0.0 if problem.reduction is None else problem.reduction.unmet
+    if unmet > UNMET_TOLERANCE:
+        troubles.append(f"{unmet:.1e} of the exact rows is beyond these joints")
+    wanted, missed = demand.root.dot(demand.s), demand.root.dot(residual)
+    size = float(np.linalg.norm(wanted))
+    lost = objective.lost > LOSS_TOLERANCE * size
+    rows_met = demand.exact is not None and answer.share == 1.0
+    stuck = (
+        not rows_met
+        and wanted.dot(wanted - missed) < PROGRESS_SHARE * size * size
+        and not _is_rounding(demand.root.dot(demand.J), wanted, x)
+    )
+    if stuck:
+        troubles.append("no way to reduce the error: it is at its least for these joints and limits")
+    said = [law.note, *troubles] if law.note else troubles[:]
+    if answer.share < 1.0:
+        by = f" (held by {answer.held_by})" if answer.held_by else ""
+        said.append(f"limits allow {answer.share:.3g} of the exact rows' speed{by}")
+    if answer.blended > 0.0:
+        said.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
+    if objective.damping > 0.0:
+        said.append(
+            damping_reason(objective) + (f": {objective.lost / size:.2g} of the twist is given up" if lost else "")
+        )
+    if active:
+        said.append(f"at the limits of {named(list(active), len(demand.lower))}")
+    status = "degraded" if troubles or lost else "scaled" if answer.share < 1.0 else "ok"
+    m, k = len(x), 0 if demand.rows is None else len(np.asarray(demand.rows.C))
+    costs = answer.multipliers
+    return VelocitySolution(
+        velocity=x,
+        method=method,
+        status="guarded" if status == "ok" and answer.blended > 0.0 else status,
+        reason="; ".join(said),
+        active=active,
+        residual=residual,
+        scale=answer.share,
+        damping=objective.damping,
+        guard=answer.blended,
+        backend=answer.backend,
+        multipliers=None if costs is None else costs[:m],
+        row_multipliers=None if costs is None or not k else costs[m : m + k],
+    )
+
+
+def _is_convexified(law: VelocityLaw) -> bool:
+    return isinstance(law.form, PitchForm) and law.form.convexified
+
+
+def _is_rounding(A: Array, b: Array, x: Array) -> bool:
+    """Whether what x leaves of the twist is rounding."""
+    r = b - A.dot(x)
+    missed = float(r.dot(r))
+    return missed <= MET_TOLERANCE**2 * b.dot(b) or missed <= PRODUCT_ROUNDING**2 * np.vdot(A, A) * x.dot(x)
+
+
+def _shortened(demand: Demand, x: Array) -> Array:
+    """The velocity shortened by what rounding is over rows and cone, where standing still is inside them."""
+    rows, cone = demand.rows, demand.cone
+    share = 1.0 if rows is None else rows.share(x)
+    if cone is not None:
+        share = min(share, cone.limit / max(cone.limit, cone.speed(x)))
+    return share * x if 1.0 > share > 1.0 - ACTIVE_TOLERANCE else x
+
+
 def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
     """[DS]'s own formula, clipped to the bounds; exact rows are beyond it."""
     if demand.exact is not None:
         return held(demand, "PaperLambda knows no exact rows; use another damping")
     if demand.rows is not None or demand.cone is not None:
         return held(demand, "PaperLambda knows no limits but the bounds; use another damping")
+    if not isinstance(law.form, PitchForm):
+        return held(demand, "PaperLambda goes with a pitch form; give form = h")
+    Lambda = damping.of_size(demand.J.shape[1])
+    if law.metric is not None:
+        Lambda = law.metric.dot(Lambda)
     try:
-        x, trouble = paper_velocity(law, damping, demand)
+        x, trouble = printed(demand.J, demand.s, law.form.h, Lambda, demand.posture)
     except np.linalg.LinAlgError:
         return held(demand, "G + Lambda is singular: this is the pole of [DS]'s formula")
     bounded, active = clipped(demand, x)
     reasons = [r for r in (trouble, "" if demand.allows(x) else "clipped to the bounds") if r]
-    status = "degraded" if reasons else "ok"
     size = float(np.abs(np.asarray(damping.matrix)).max())
     residual = demand.s - demand.J.dot(bounded)
+    status = "degraded" if reasons else "ok"
     return VelocitySolution(bounded, "damped", status, "; ".join(reasons), active, residual, 1.0, size, 0.0, "")
-
-
-def _missed(demand: Demand, x: Array) -> Array | None:
-    """The residual s - J x where it is rounding; None where the twist is missed."""
-    s, J = demand.s, demand.J
-    residual: Array = s - J.dot(x)
-    missed = residual.dot(residual)
-    if missed <= MET_TOLERANCE**2 * s.dot(s) or missed <= PRODUCT_ROUNDING**2 * np.vdot(J, J) * x.dot(x):
-        return residual
-    return None
-
-
-def _factored(law: VelocityLaw, demand: Demand, problem: Problem, x: Array) -> Array:
-    """The undamped closed form from the factored J, where there is one; x otherwise."""
-    if demand.exact is not None or not isinstance(law.form, PitchForm) or not has_pseudoinverse(demand.J, law.form.h):
-        return x
-    accurate: Array = pseudoinverse(demand.J, law.form.h, joint_metric=law.metric).dot(demand.s)
-    if demand.posture is None:
-        return accurate
-    convex, reduction = problem
-    null = convex.V.dot(convex.given_up() * reduction.reduced(demand.posture).dot(convex.V))
-    return accurate + reduction.joint(null)

@@ -75,6 +75,23 @@ class Bounds:
         object.__setattr__(self, "upper", upper)
 
 
+def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bounds:
+    """The bounds of m joints meant: `Bounds`, (lower, upper), or None for none.
+
+    Raises:
+        BadInput: neither of these, or of another number of joints.
+    """
+    if bounds is None:
+        return Bounds(np.full(m, -np.inf), np.full(m, np.inf))
+    if isinstance(bounds, (tuple, list)) and len(bounds) == 2:
+        bounds = Bounds(*bounds)
+    if not isinstance(bounds, Bounds):
+        raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper), (lower, upper), or None")
+    if len(np.asarray(bounds.lower)) != m:
+        raise BadInput("bounds", f"{len(np.asarray(bounds.lower))} limits", f"{m}, one for each column of J")
+    return bounds
+
+
 @dataclass(frozen=True, eq=False)
 class JointBox:
     """The box that keeps q + x dt inside its limits at |x| <= v_max, or on the way back there.

@@ -1,9 +1,8 @@
-"""Limits on combinations of joint velocities, lower <= C x <= upper, and all limits of a tick as one polytope."""
+"""Limits on combinations of joint velocities, lower <= C x <= upper."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,8 +10,8 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.qp.polytope import Polytope
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +50,11 @@ class LimitRows:
         object.__setattr__(self, "lower", sides.lower)
         object.__setattr__(self, "upper", sides.upper)
 
+    def with_box(self, lower: Array, upper: Array) -> Polytope:
+        """The polytope of a box (m,) on the joints and these rows."""
+        A = np.vstack((np.eye(len(lower)), np.asarray(self.C)))
+        return Polytope(A, np.concatenate((lower, self.lower)), np.concatenate((upper, self.upper)))
+
     def allow(self, x: Array) -> bool:
         """Whether C x is inside."""
         y = np.asarray(self.C).dot(x)
@@ -68,44 +72,3 @@ class LimitRows:
         lower, upper = np.asarray(self.lower), np.asarray(self.upper)
         over = np.maximum(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
         return 1.0 / max(1.0, float(over.max()))
-
-
-class Polytope(NamedTuple):
-    """lower <= A z <= upper; A = None is the identity.
-
-    Attributes:
-        A: (k, n) or None: the joints of the box first, then the rows.
-        lower: (k,).
-        upper: (k,).
-    """
-
-    A: Array | None
-    lower: Array
-    upper: Array
-
-    def value(self, z: Array) -> Array:
-        """(k,) A z."""
-        return z if self.A is None else self.A.dot(z)
-
-
-def polytope(lower: Array, upper: Array, rows: LimitRows | None, reduction: Reduction | None = None) -> Polytope:
-    """Box and rows on x; on z where x = x0 + B z is given."""
-    A = None
-    if rows is not None:
-        A = np.vstack((np.eye(len(lower)), np.asarray(rows.C)))
-        lower, upper = np.concatenate((lower, rows.lower)), np.concatenate((upper, rows.upper))
-    if reduction is None or reduction.basis is None:
-        return Polytope(A, lower, upper)
-    if A is None:
-        return Polytope(reduction.basis, lower - reduction.origin, upper - reduction.origin)
-    start = A.dot(reduction.origin)
-    return Polytope(A.dot(reduction.basis), lower - start, upper - start)
-
-
-def named(indices: list[int], m: int) -> str:
-    """Limits of a polytope in words: joints by number, then rows."""
-    said = []
-    for what, found in (("joint", [i for i in indices if i < m]), ("row", [i - m for i in indices if i >= m])):
-        if found:
-            said.append(f"{what}{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}")
-    return " and ".join(said)

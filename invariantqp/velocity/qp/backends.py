@@ -1,8 +1,8 @@
 """Quadratic programs, given to the solvers people trust: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
 
-DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem is scaled to
-O(1) first, because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets out.
-This is the only file that imports a solver.
+DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem comes scaled to
+O(1) (`scaling`), because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets
+out. This is the only file that imports a solver.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.limits.rows import Polytope
-from invariantqp.velocity.qp.boxqp import UNBOUNDED, BoxQP, scaled
+from invariantqp.velocity.qp.scaling import UNBOUNDED, BoxQP
 
 # After scaling, bounds and H are O(1). An answer may leave its bounds by this much and is clipped; more is a failure.
 FEASIBILITY_TOLERANCE = 1e-7
@@ -188,27 +187,13 @@ def backend_of(backend: Backend | str) -> Backend:
     return QpSolvers(backend)
 
 
-def _asked(backend: Backend, qp: BoxQP) -> Array:
+def _answer(backend: Backend, qp: BoxQP) -> Array:
     try:
-        return np.asarray(backend.solve(qp), dtype=np.float64)
+        z = np.asarray(backend.solve(qp), dtype=np.float64)
     except SolverFailure:
         raise
     except Exception as error:  # whatever a solver throws becomes a status
         raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
-
-
-def answer(backend: Backend, H: Array, c: Array, limits: Polytope) -> Array:
-    """What one solver makes of the problem by itself, unchecked: for comparing solvers; see `minimise`.
-
-    Raises:
-        SolverFailure: it found nothing.
-    """
-    qp, unit = scaled(H, c, limits.lower, limits.upper, limits.A)
-    return unit * _asked(backend, qp)
-
-
-def _checked(backend: Backend, qp: BoxQP) -> Array:
-    z = _asked(backend, qp)
     if z.shape != qp.c.shape:
         raise SolverFailure(backend.name, f"answer of shape {z.shape}, not {qp.c.shape}")
     if not np.isfinite(z).all():
@@ -220,40 +205,28 @@ def _checked(backend: Backend, qp: BoxQP) -> Array:
     return z
 
 
-class Solved(NamedTuple):
-    """The minimiser z (n,), who found it, and what went wrong before ("" if nothing)."""
+class Found(NamedTuple):
+    """The minimiser z (n,) of the scaled problem, who found it, and what went wrong before ("" if nothing)."""
 
     z: Array
     backend: str
     trouble: str
 
 
-def minimise(backend: Backend, H: Array, c: Array, limits: Polytope) -> Solved:
-    """Minimise 1/2 z'Hz - c'z over lower <= A z <= upper with `backend`; if it fails, with DAQP and then OSQP.
-
-    Args:
-        backend: the first to ask.
-        H: (n, n) positive definite.
-        c: (n,).
-        limits: on z; infinite where there is none.
+def solved(backend: Backend, qp: BoxQP) -> Found:
+    """The answer of `backend` or, if it fails, of DAQP.
 
     Raises:
-        SolverFailure: nobody found an answer; `.infeasible` when a solver says that there is none.
+        SolverFailure: neither found an answer; `.infeasible` when a solver says that there is none.
     """
-    if not len(c):  # the exact rows leave nothing free: x0 or nothing
-        if (limits.lower > 0.0).any() or (limits.upper < 0.0).any():
-            raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
-        return Solved(c, "", "")
-    qp, unit = scaled(H, c, limits.lower, limits.upper, limits.A)
-    troubles: list[str] = []
-    infeasible = False
-    fallback: list[Backend] = [Daqp(), Osqp()]
-    for candidate in [backend, *(b for b in fallback if b.name != backend.name)]:
-        try:
-            return Solved(unit * _checked(candidate, qp), candidate.name, "; ".join(troubles))
-        except SolverFailure as failure:
-            troubles.append(str(failure))
-            infeasible = infeasible or failure.infeasible
-            if infeasible and candidate.name == "daqp":
-                break  # an exact method's verdict stands
-    raise SolverFailure("every solver", "; ".join(troubles), infeasible=infeasible)
+    try:
+        return Found(_answer(backend, qp), backend.name, "")
+    except SolverFailure as failure:
+        if backend.name == "daqp":
+            raise
+        first = failure
+    try:
+        return Found(_answer(Daqp(), qp), "daqp", str(first))
+    except SolverFailure as failure:
+        infeasible = failure.infeasible or first.infeasible
+        raise SolverFailure("every solver", f"{first}; {failure}", infeasible=infeasible) from failure

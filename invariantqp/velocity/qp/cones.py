@@ -1,6 +1,6 @@
-"""A speed limit as the second-order cone it is, by CVXPY with Clarabel: the only file that imports cvxpy.
+"""A quadratic with a speed limit as the second-order cone it is, by CVXPY with Clarabel: the only file that imports it.
 
-    minimise 1/2 |U z|^2 - c'z   over   lower <= A z <= upper,   |start + J z| <= limit,     H = U'U
+    minimise 1/2 |K z|^2 - c'z   over   lower <= A z <= upper,   |start + J z| <= 1
 
 The problem is written once for each size, in parameters (DPP), and kept: later ticks change numbers only.
 """
@@ -15,9 +15,8 @@ import numpy as np
 
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.limits.rows import Polytope
-from invariantqp.velocity.qp.backends import Solved, SolverFailure
-from invariantqp.velocity.qp.boxqp import BoxQP
+from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.qp.scaling import BoxQP
 
 # What Clarabel can be asked for on a problem scaled to O(1).
 TIGHT = {"tol_feas": 1e-11, "tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12}
@@ -27,77 +26,9 @@ FAR = 1e6
 KEPT = 8
 
 
-def _need_cvxpy() -> None:
-    try:
-        import cvxpy  # noqa: F401 (is it there?)
-    except ImportError as error:
-        raise MissingExtra("cvxpy", "cvxpy") from error
-
-
-@dataclass(eq=False)
-class ConeProgram:
-    """CVXPY problems kept between ticks, one a size; one owner, one loop.
-
-    Raises:
-        MissingExtra: CVXPY is not installed.
-    """
-
-    _kept: dict[tuple[int, int], Any] = field(default_factory=dict, init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        _need_cvxpy()
-
-    def minimise(self, H: Array, c: Array, limits: Polytope, J: Array, start: Array, limit: float) -> Solved:
-        """The optimum.
-
-        Raises:
-            SolverFailure: none was found; `.infeasible` where the solver says there is none.
-        """
-        size = float(np.abs(H).max())
-        U = np.linalg.cholesky(H / size).T
-        steepest = float(np.abs(J).max())
-        # z in units of what the speed allows, or where it allows anything, of what it would be without limits.
-        unit = limit / steepest if steepest > 0.0 else float(np.abs(np.linalg.solve(H, c)).max()) or 1.0
-        A = np.eye(len(c)) if limits.A is None else limits.A
-        reach = np.maximum(np.abs(A).max(axis=1), np.finfo(float).tiny)
-        problem, p, z = self._problem(len(c), len(A))
-        p["U"].value = U
-        p["c"].value = c / (size * unit)
-        p["A"].value = A / reach[:, None]
-        p["lower"].value = np.maximum(limits.lower / (reach * unit), -FAR)
-        p["upper"].value = np.minimum(limits.upper / (reach * unit), FAR)
-        p["J"].value = J * (unit / limit)
-        p["start"].value = start / limit
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what it thinks of the problem is in its status
-            try:
-                problem.solve(solver="CLARABEL", warm_start=False, **TIGHT)
-            except Exception as error:  # whatever it throws becomes a status
-                raise SolverFailure("cvxpy", f"{type(error).__name__}: {error}") from error
-        if z.value is None or not np.isfinite(z.value).all():
-            raise SolverFailure("cvxpy", str(problem.status), infeasible="infeasible" in str(problem.status))
-        return Solved(unit * np.asarray(z.value), "cvxpy", "")
-
-    def _problem(self, n: int, k: int) -> tuple[Any, dict[str, Any], Any]:
-        import cvxpy as cp
-
-        if (n, k) not in self._kept:
-            if len(self._kept) >= KEPT:
-                self._kept.pop(next(iter(self._kept)))
-            shapes = {"U": (n, n), "c": n, "A": (k, n), "lower": k, "upper": k, "J": (3, n), "start": 3}
-            p = {name: cp.Parameter(shape, name=name) for name, shape in shapes.items()}
-            z = cp.Variable(n)
-            cost = 0.5 * cp.sum_squares(p["U"] @ z) - p["c"] @ z
-            cone = cp.norm(p["start"] + p["J"] @ z, 2) <= 1.0
-            problem = cp.Problem(cp.Minimize(cost), [p["A"] @ z <= p["upper"], p["A"] @ z >= p["lower"], cone])
-            self._kept[n, k] = (problem, p, z)
-        kept: tuple[Any, dict[str, Any], Any] = self._kept[n, k]
-        return kept
-
-
 @dataclass(eq=False)
 class Cvxpy:
-    """CVXPY as a back end for problems without a cone, kept as `ConeProgram` keeps its own.
+    """CVXPY as a back end, its problems kept between ticks, one a size; one owner, one loop.
 
     Raises:
         MissingExtra: CVXPY is not installed.
@@ -107,19 +38,37 @@ class Cvxpy:
     _kept: dict[tuple[int, int], Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        _need_cvxpy()
+        try:
+            import cvxpy  # noqa: F401 (is it there?)
+        except ImportError as error:
+            raise MissingExtra("cvxpy", "cvxpy") from error
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"name": self.name, "_kept": {}}  # problems are made again where they are needed
 
     def solve(self, qp: BoxQP) -> Array:
-        """The minimiser."""
+        """The minimiser, without a speed limit."""
+        return self.solve_in_cone(qp, np.zeros((3, len(qp.c))), np.zeros(3))
+
+    def solve_in_cone(self, qp: BoxQP, J: Array, start: Array) -> Array:
+        """The minimiser with |start + J z| <= 1.
+
+        Raises:
+            SolverFailure: none was found; `.infeasible` where the solver says there is none.
+        """
         C = np.eye(len(qp.c)) if qp.C is None else qp.C
         problem, p, z = self._problem(len(qp.c), len(C))
-        p["U"].value = np.linalg.cholesky(qp.H).T
-        p["c"].value, p["C"].value = qp.c, C
+        p["K"].value = np.linalg.cholesky(qp.H).T
+        p["c"].value, p["A"].value = qp.c, C
         p["lower"].value, p["upper"].value = np.maximum(qp.lower, -FAR), np.minimum(qp.upper, FAR)
+        p["J"].value, p["start"].value = J, start
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it thinks of the problem is in its status
-            problem.solve(solver="CLARABEL", warm_start=False, **TIGHT)
-        if z.value is None:
+            try:
+                problem.solve(solver="CLARABEL", warm_start=False, **TIGHT)
+            except Exception as error:  # whatever it throws becomes a status
+                raise SolverFailure(self.name, f"{type(error).__name__}: {error}") from error
+        if z.value is None or not np.isfinite(z.value).all():
             raise SolverFailure(self.name, str(problem.status), infeasible="infeasible" in str(problem.status))
         return np.asarray(z.value)
 
@@ -129,11 +78,12 @@ class Cvxpy:
         if (n, k) not in self._kept:
             if len(self._kept) >= KEPT:
                 self._kept.pop(next(iter(self._kept)))
-            shapes = {"U": (n, n), "c": n, "C": (k, n), "lower": k, "upper": k}
+            shapes = {"K": (n, n), "c": n, "A": (k, n), "lower": k, "upper": k, "J": (3, n), "start": 3}
             p = {name: cp.Parameter(shape, name=name) for name, shape in shapes.items()}
             z = cp.Variable(n)
-            cost = 0.5 * cp.sum_squares(p["U"] @ z) - p["c"] @ z
-            problem = cp.Problem(cp.Minimize(cost), [p["C"] @ z <= p["upper"], p["C"] @ z >= p["lower"]])
+            cost = 0.5 * cp.sum_squares(p["K"] @ z) - p["c"] @ z
+            cone = cp.norm(p["start"] + p["J"] @ z, 2) <= 1.0
+            problem = cp.Problem(cp.Minimize(cost), [p["A"] @ z <= p["upper"], p["A"] @ z >= p["lower"], cone])
             self._kept[n, k] = (problem, p, z)
         kept: tuple[Any, dict[str, Any], Any] = self._kept[n, k]
         return kept

@@ -1,0 +1,78 @@
+"""Where a controller measures: a point of the tool that moves with it, the arm's own point, or a metric on a body."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot, Sighting, middle
+from invariantqp.velocity.forms import CarriedMetric
+from invariantqp.velocity.measure import length_at, own_point, root_at
+
+
+class ToolMeasure:
+    """|s|^2 = L^2 |omega|^2 + |v_p|^2 at a physical point p of the tool, or a carried metric in its place.
+
+    Attributes:
+        point: (3,) p in the tool frame [length]; None is the arm's own point.
+        length: L [length/rad].
+        carried: the metric instead, or None.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        point: ArrayLike | str | None = None,
+        length: float | None = None,
+        carried: CarriedMetric | None = None,
+    ) -> None:
+        """Choose once, in the middle of the joint range.
+
+        Args:
+            robot: the arm.
+            point: (3,) in the tool frame; None is its origin, "own" the arm's own point.
+            length: L; None is the arm's reach to the point.
+            carried: a metric carried by a body, or by the tool.
+
+        Raises:
+            BadInput: a point or length that is none.
+        """
+        if isinstance(point, str) and point != "own":
+            raise BadInput("point", repr(point), '"own" or (3,) in the tool frame')
+        self.point: Array | None = None if isinstance(point, str) else np.zeros(3)
+        if point is not None and not isinstance(point, str):
+            self.point = arrays.vector(point, 3, "point")
+        mid = middle(robot)
+        J = robot.jacobian(mid)
+        there = own_point(J) if self.point is None else robot.pose(mid).dot([*self.point.tolist(), 1.0])[:3]
+        given = None if length is None else arrays.number(length, "length", "a length", positive=True)
+        self.length: float = length_at(J, there) if given is None else given
+        self.carried = carried
+
+    def root(self, robot: Robot, sighting: Sighting, target: Any, at: Array | None = None) -> Array:
+        """(6, 6) root of the metric in this tick; `at` (3,) is the point in the base frame, where it is another one."""
+        if self.carried is not None:
+            return self.carried.root(_homogeneous(sighting.pose) if self.carried.follows_tool else None)
+        if at is None:
+            at = own_point(sighting.J) if self.point is None else robot.points(sighting, target, self.point)[0]
+        return root_at(at, self.length)
+
+
+def tool_metric(robot: Robot, length: float | None = None) -> CarriedMetric:
+    """diag(L^2 I, I) carried by the tool, L the arm's reach: what a controller measures twists by when nobody says.
+
+    Args:
+        robot: the arm.
+        length: another L [length/rad].
+    """
+    L = ToolMeasure(robot, length=length).length
+    return CarriedMetric(np.repeat((L * L, 1.0), 3))
+
+
+def _homogeneous(pose: Any) -> Array:
+    return np.asarray(getattr(pose, "homogeneous", pose))

@@ -1,0 +1,100 @@
+"""What one tick minimises, over the velocities z that exact rows leave free: a convex quadratic known by its root.
+
+    1/2 |A z - b|^2 + 1/2 sum of lambda_i^2 (v_i'(z - z_p))^2  =  1/2 |K (z - z*)|^2 + constant
+    A = U diag(sigma) V',   K = diag(sqrt(sigma^2 + lambda^2)) V',   z* = V (sigma U'b + lambda^2 V'z_p) / (sigma^2 + lambda^2)
+
+What `damping` leaves of a direction goes to the posture z_p, and a direction that moves nothing goes to it whole. z*
+is the answer where no limit is met; K says what limits cost, so the law is continuous as they come and go. K has the
+square root of the condition of its Hessian, and is what answers are computed from.
+
+[DS]'s own problem, convexified, is another objective of the same shape (`stationary`).
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lapack
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.damping import DEFAULT_CEILING, Damping
+
+# A singular value below this share of the largest is rounding: that direction moves nothing.
+NULL_RATIO = 1e-12
+# Weight of directions that move nothing where the policy damps nothing, relative to the largest squared singular value.
+NULL_WEIGHT = DEFAULT_CEILING**2
+
+
+class Objective(NamedTuple):
+    """1/2 |K (z - z*)|^2 in the coordinates of V.
+
+    Attributes:
+        V: (n, n) orthonormal, the directions.
+        weights: (n,) sigma^2 + lambda^2, all positive: how much each direction counts.
+        optimum: (n,) V'z*.
+        damping: the largest lambda on a direction that moves something; 0 where nothing is damped.
+        lost: how much of what the joints can do is given up by damping, |A z - b| less what is out of their reach.
+        ratio: smallest singular value over the largest, among the min(n, 6) that may move something.
+    """
+
+    V: Array
+    weights: Array
+    optimum: Array
+    damping: float = 0.0
+    lost: float = 0.0
+    ratio: float = 1.0
+
+    def centre(self) -> Array:
+        """z*, the optimum where no limit is met."""
+        z: Array = self.V.dot(self.optimum)
+        return z
+
+    def root(self) -> Array:
+        """K (n, n)."""
+        K: Array = np.sqrt(self.weights)[:, None] * self.V.T
+        return K
+
+    def calmed(self, mu: float) -> Objective:
+        """The same with 1/2 mu |z|^2 added."""
+        weights = self.weights + mu
+        return self._replace(weights=weights, optimum=self.optimum * (self.weights / weights))
+
+
+def least_squares(A: Array, b: Array, posture: Array | None, damping: Damping) -> Objective:
+    """The damped least-squares objective.
+
+    Args:
+        A: (6, n) measured twists of the free directions.
+        b: (6,) measured twist wanted of them.
+        posture: (n,) z_p; None is zero.
+        damping: the policy.
+    """
+    n = A.shape[1]
+    if n == 0:
+        return Objective(np.empty((0, 0)), np.empty(0), np.empty(0))
+    U, singular, Vt, info = lapack.dgesdd(A)
+    if info != 0:
+        raise np.linalg.LinAlgError(f"dgesdd returned {info}")
+    k, largest = len(singular), float(singular[0])
+    wanted, sigma = np.zeros(n), np.zeros(n)
+    wanted[:k] = b.dot(U[:, :k])
+    sigma[:k] = singular
+    towards = np.zeros(n) if posture is None else Vt.dot(posture)
+    if largest == 0.0:
+        return Objective(Vt.T, np.ones(n), towards, ratio=0.0)
+    null = sigma <= NULL_RATIO * largest
+    squares = damping.squares(sigma, wanted, largest)
+    squares[null] = np.maximum(squares[null], NULL_WEIGHT * largest * largest)
+    weights = sigma * sigma + squares
+    left = np.where(null, 0.0, squares)
+    missed = left * wanted / weights
+    return Objective(
+        V=Vt.T,
+        weights=weights,
+        optimum=(sigma * wanted + squares * towards) / weights,
+        damping=sqrt(float(left.max())),
+        lost=sqrt(float(missed.dot(missed))),
+        ratio=float(singular[-1]) / largest,
+    )

@@ -1,0 +1,132 @@
+"""One tick's question as a convex problem in the joints' own metric: x = T y, y = origin(a) + B z.
+
+    minimise over z   1/2 |A B z - (a b - A origin(a))|^2 + 1/2 |z - z_p|_Lambda^2      inside the limits on z
+
+T makes the joint metric the identity, B and the origin are what exact rows leave (`exact`), a is the share of the
+demanded speed: rows, twist and posture slow down together.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.attempt import attempted
+from invariantqp.velocity.damping import Damping
+from invariantqp.velocity.exact import Reduction, reduce
+from invariantqp.velocity.forms import PitchForm
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits.cone import Cone
+from invariantqp.velocity.objective import Objective, least_squares
+from invariantqp.velocity.qp.polytope import Polytope
+from invariantqp.velocity.qp.quadratic import Quadratic
+from invariantqp.velocity.stationary import convexified
+
+
+class Posed(NamedTuple):
+    """The problem of one tick, but for its share of speed.
+
+    Attributes:
+        A: (6, m) measured joint twists on y.
+        wanted: (6,) measured twist.
+        attempt: (6,) what of it is attempted.
+        posture: (m,) y wanted where the twist leaves joints free, or None.
+        reduction: what exact rows leave, or None.
+        damping: the policy.
+        pitch: of [DS]'s problem made convex, or None.
+        J: (6, m) joint twists on y, for that.
+        s: (6,) the twist, for that.
+    """
+
+    A: Array
+    wanted: Array
+    attempt: Array
+    posture: Array | None
+    reduction: Reduction | None
+    damping: Damping
+    pitch: float | None
+    J: Array
+    s: Array
+
+    def objective(self, share: float) -> Objective:
+        """What is minimised over z at a share of the speed."""
+        posture = None if self.posture is None else share * self.posture
+        if self.reduction is None:
+            if self.pitch is not None:
+                return convexified(self.J, self.s, self.pitch, posture, self.damping)
+            return least_squares(self.A, self.attempt, posture, self.damping)
+        origin, B = self.reduction.origin(share), self.reduction.basis
+        if posture is not None:
+            posture = (posture - origin).dot(B)
+        if self.pitch is not None:
+            return convexified(self.J.dot(B), share * self.s - self.J.dot(origin), self.pitch, posture, self.damping)
+        return least_squares(self.A.dot(B), share * self.attempt - self.A.dot(origin), posture, self.damping)
+
+    def quadratic(self, objective: Objective, share: float) -> Quadratic:
+        """The objective, with the rows that are near a singularity."""
+        quadratic = Quadratic(objective.root(), objective.centre())
+        reduction = self.reduction
+        if reduction is None or not len(reduction.soft):
+            return quadratic
+        rows = sqrt(float(np.vdot(self.A, self.A))) * reduction.soft
+        return quadratic.plus(rows.dot(reduction.basis), np.zeros(len(rows)))
+
+    def joint(self, z: Array, share: float) -> Array:
+        """(m,) y of z."""
+        if self.reduction is None:
+            return z
+        y: Array = self.reduction.origin(share) + self.reduction.basis.dot(z)
+        return y
+
+    def free(self, y: Array, share: float) -> Array:
+        """The z of a y that has the share."""
+        if self.reduction is None:
+            return y
+        z: Array = (y - self.reduction.origin(share)).dot(self.reduction.basis)
+        return z
+
+    def limits(self, limits: Polytope, share: float) -> Polytope:
+        """Limits on y as limits on z."""
+        return limits if self.reduction is None else limits.on(self.reduction.origin(share), self.reduction.basis)
+
+    def cone(self, cone: Cone | None, share: float) -> Cone | None:
+        """A speed limit on y as one on z."""
+        if self.reduction is None or cone is None:
+            return cone
+        return cone.on(self.reduction.origin(share), self.reduction.basis)
+
+    def missed(self, y: Array) -> Array:
+        """(6,) the measured twist that y leaves of the wanted one."""
+        r: Array = self.wanted - self.A.dot(y)
+        return r
+
+
+def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
+    """The problem of one tick."""
+    T = law.to_joint
+    J = demand.J if T is None else demand.J.dot(T)
+    A, wanted = demand.root.dot(J), demand.root.dot(demand.s)
+    posture = demand.posture if law.from_joint is None or demand.posture is None else law.from_joint.dot(demand.posture)
+    reduction = None
+    if demand.exact is not None:
+        reduction = reduce(demand.exact.on(T), demand.root, damping)
+    pitch = law.form.h if isinstance(law.form, PitchForm) and law.form.convexified else None
+    attempt = wanted
+    if law.form is not None and pitch is None:
+        fraction = None if law.guard is None else law.guard.fraction
+        attempt = attempted(law.form, np.linalg.inv(demand.root), A, wanted, damping, fraction)
+    return Posed(A, wanted, attempt, posture, reduction, damping, pitch, J, demand.s)
+
+
+def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Cone | None]:
+    """The limits on y."""
+    lower, upper = demand.lower, demand.upper
+    limits = Polytope(None, lower, upper) if demand.rows is None else demand.rows.with_box(lower, upper)
+    T = law.to_joint
+    if T is None:
+        return limits, demand.cone
+    nothing = np.zeros(len(lower))
+    return limits.on(nothing, T), None if demand.cone is None else demand.cone.on(nothing, T)

@@ -1,0 +1,201 @@
+"""A velocity problem told in plain arrays: everything is checked here, once, for all functions that solve one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.forms import CarriedMetric, Form, form_of
+from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits.box import Bounds, bounds_of
+from invariantqp.velocity.limits.cone import Cone
+from invariantqp.velocity.limits.rows import LimitRows
+from invariantqp.velocity.limits.toolspeed import ToolSpeed
+from invariantqp.velocity.measure import length_at, own_point, root_at
+from invariantqp.velocity.qp.backends import Backend, backend_of
+
+# |omega| L of a joint below this share of its |v| is rounding: it slides.
+SLIDING = 1e-9
+
+
+class VelocityOptions(TypedDict, total=False):
+    """What `solve_velocity` and its kin take by name.
+
+    form: what is attempted of a twist beyond the joints: None (the default) leaves it to least squares at the point;
+        a pitch h [length/rad], PitchForm, Complement, a form of yours; or CarriedMetric, which measures twists itself.
+    damping: lambda >= 0 [length], or a policy; None is `Adaptive()`, which acts near singularities only, more strongly
+        where some joint has no bound. PaperLambda is [DS]'s own problem.
+    bounds: joint velocity limits, `Bounds` or (lower, upper); None is none.
+    exact: rows A x = b met before anything is minimised, slowed down where the bounds forbid them.
+    joint_metric: (m, m) or (m,) positive definite, what counts as a short joint velocity; None is the identity, with
+        1/L^2 for joints that slide beside joints that turn.
+    backend: "daqp", "osqp", any solver qpsolvers has, or a `Backend` of yours (a kept `Osqp()`, for instance).
+    guard: the descent guard of a form; False switches it off.
+    posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
+    rows: limits on combinations of joint velocities; they give way where they contradict the bounds.
+    tool_speed: speed limit of a point; it gives way where it contradicts bounds or rows.
+    point: (3,) in the frame of J, the physical point at which a twist that cannot be achieved is missed by least; None
+        or "own" is the arm's own point, the one that its joints move least.
+    length: L [length/rad], how many units of length at the point a radian counts for; None is the arm's reach to it.
+    """
+
+    form: Form | CarriedMetric | float | None
+    damping: Damping | PaperLambda | float | None
+    bounds: Bounds | tuple[ArrayLike, ArrayLike] | None
+    exact: ExactRows | None
+    joint_metric: ArrayLike | None
+    backend: Backend | str
+    guard: Guard | bool
+    posture: ArrayLike | None
+    rows: LimitRows | None
+    tool_speed: ToolSpeed | None
+    point: ArrayLike | str | None
+    length: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityProblem:
+    """A checked problem: what does not change from tick to tick, and one tick's question.
+
+    Attributes:
+        law: form, damping, guard, joint metric, solver.
+        demand: joint twists, wanted twist, measure, limits.
+    """
+
+    law: VelocityLaw
+    demand: Demand
+
+    @classmethod
+    def of(
+        cls,
+        J: ArrayLike,
+        twist: ArrayLike,
+        *,
+        form: Form | CarriedMetric | float | None = None,
+        damping: Damping | PaperLambda | float | None = None,
+        bounds: Bounds | tuple[ArrayLike, ArrayLike] | None = None,
+        exact: ExactRows | None = None,
+        joint_metric: ArrayLike | None = None,
+        backend: Backend | str = "daqp",
+        guard: Guard | bool = True,
+        posture: ArrayLike | None = None,
+        rows: LimitRows | None = None,
+        tool_speed: ToolSpeed | None = None,
+        point: ArrayLike | str | None = None,
+        length: float | None = None,
+    ) -> VelocityProblem:
+        """Check everything.
+
+        Args:
+            J: (6, m) joint twists (omega; v) as columns, in any one frame.
+            twist: (6,) wanted twist in the same frame [rad/s; length/s].
+            form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length: as
+                `VelocityOptions` tells.
+
+        Raises:
+            BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
+            UnknownName: no such back end.
+        """
+        twists, s = arrays.columns(J), arrays.twist(twist)
+        m = twists.shape[1]
+        box = bounds_of(bounds, m)
+        lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+        if exact is not None:
+            if not isinstance(exact, ExactRows):
+                raise BadInput("exact", type(exact).__name__, "ExactRows(A, b)")
+            _check_width("exact", np.shape(exact.A)[1], m)
+        if rows is not None:
+            if not isinstance(rows, LimitRows):
+                raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper)")
+            _check_width("rows", np.shape(rows.C)[1], m)
+        measure = measure_of(twists, s, form_of(form), point, length)
+        law = VelocityLaw(
+            form=measure.form,
+            damping=damping_of(damping, limited=bool(np.isfinite(lower).all() and np.isfinite(upper).all())),
+            guard=guard_of(guard),
+            metric=metric_of(joint_metric, twists, measure.length),
+            backend=backend_of(backend),
+        )
+        wanted = None if posture is None else arrays.vector(posture, m, "posture")
+        cone = None if tool_speed is None else _cone(tool_speed, twists, None if point is None else measure.point)
+        return cls(law, Demand(twists, s, measure.root, lower, upper, exact, wanted, rows, cone))
+
+
+class Measure(NamedTuple):
+    """How twists are measured: root (6, 6), point (3,) and length behind it, and the form for the rest."""
+
+    root: Array
+    point: Array
+    length: float
+    form: Form | None
+
+
+def measure_of(
+    J: Array, s: Array, form: Form | CarriedMetric | None, point: ArrayLike | str | None, length: float | None
+) -> Measure:
+    """The measure for checked J (6, m) and s (6,).
+
+    Raises:
+        BadInput: a point or length that is none.
+    """
+    if isinstance(point, str) and point != "own":
+        raise BadInput("point", repr(point), '"own" or (3,) in the frame of J')
+    named = point is not None and not isinstance(point, str)
+    p = arrays.vector(point, 3, "point") if named else own_point(J, s)  # type: ignore[arg-type]
+    L = length_at(J, p) if length is None else arrays.number(length, "length", "a length", positive=True)
+    if isinstance(form, CarriedMetric):
+        return Measure(form.root(), p, L, None)
+    return Measure(root_at(p, L), p, L, form)
+
+
+def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array | None:
+    """(m, m) the joint metric, None for the identity.
+
+    Where some joints slide beside others that turn and nobody says what a slide counts, L of it counts as a radian.
+
+    Raises:
+        BadInput: not symmetric positive definite.
+    """
+    if joint_metric is not None:
+        return arrays.positive_definite(joint_metric, J.shape[1], "joint_metric")
+    turning, moving = np.sqrt((J[:3] * J[:3]).sum(axis=0)), np.sqrt((J[3:] * J[3:]).sum(axis=0))
+    slides = (turning * length <= SLIDING * moving) & (moving > 0.0)
+    if not slides.any() or slides.all():
+        return None
+    return np.diag(np.where(slides, 1.0 / (length * length), 1.0))
+
+
+def guard_of(guard: Guard | bool) -> Guard | None:
+    """The guard meant: True is the default one, False none.
+
+    Raises:
+        BadInput: neither.
+    """
+    if isinstance(guard, Guard):
+        return guard
+    if not isinstance(guard, bool):
+        raise BadInput("guard", type(guard).__name__, "a Guard, True or False")
+    return Guard() if guard else None
+
+
+def _check_width(argument: str, width: int, m: int) -> None:
+    if width != m:
+        raise BadInput(argument, f"rows on {width} joints", f"rows on {m}, one for each column of J")
+
+
+def _cone(tool_speed: ToolSpeed, J: Array, point: Array | None) -> Cone:
+    if not isinstance(tool_speed, ToolSpeed):
+        raise BadInput("tool_speed", type(tool_speed).__name__, "ToolSpeed(limit, point)")
+    where = point if tool_speed.point is None else np.asarray(tool_speed.point)
+    if where is None:
+        raise BadInput("tool_speed", "no point", "ToolSpeed(limit, point)", "Say which point, in the frame of J.")
+    return tool_speed.cone(J, where)

@@ -1,0 +1,57 @@
+"""All limits of a tick as one polytope, lower <= A z <= upper, and how its limits are named."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invariantqp.geometry.arrays import Array
+
+# A limit this close, relative to its value (or 1), is at it.
+ACTIVE_TOLERANCE = 1e-6
+
+
+class Polytope(NamedTuple):
+    """lower <= A z <= upper; A = None is the identity.
+
+    Attributes:
+        A: (k, n) or None: the joints of the box first, then the rows.
+        lower: (k,), -inf where there is none.
+        upper: (k,), inf where there is none.
+    """
+
+    A: Array | None
+    lower: Array
+    upper: Array
+
+    def value(self, z: Array) -> Array:
+        """(k,) A z."""
+        return z if self.A is None else self.A.dot(z)
+
+    def at(self, z: Array) -> NDArray[np.bool_]:
+        """(k,) which limits z is at."""
+        value = self.value(z)
+        margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(value))
+        return np.asarray((value >= self.upper - margin) | (value <= self.lower + margin))
+
+    def on(self, origin: Array, basis: Array) -> Polytope:
+        """The same limits on z, x = origin + basis z."""
+        if self.A is None:
+            return Polytope(basis, self.lower - origin, self.upper - origin)
+        start = self.A.dot(origin)
+        return Polytope(self.A.dot(basis), self.lower - start, self.upper - start)
+
+    def rows(self) -> Array:
+        """(k, n) A as a matrix."""
+        return np.eye(len(self.lower)) if self.A is None else self.A
+
+
+def named(indices: list[int], m: int) -> str:
+    """Limits of a polytope on m joints in words: joints by number, then rows."""
+    said = []
+    for what, found in (("joint", [i for i in indices if i < m]), ("row", [i - m for i in indices if i >= m])):
+        if found:
+            said.append(f"{what}{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}")
+    return " and ".join(said)

@@ -1,0 +1,55 @@
+"""The quadratic inside limits from a point that is inside: a primal active-set method, for where a solver gives up.
+
+Every step stays inside and lowers the objective or changes the set of active limits; a limit is joined where the way to
+the optimum on the active ones meets it, and left where it is not pulled at from inside. Where the limits leave hardly
+any room (a joint at its limit, rows that only rest meets) dual methods may call that infeasible; this one cannot.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.qp.active import PULLED, on_active
+
+# Steps for each limit, at most; then the point reached is the answer.
+STEPS = 10
+# A row that the way changes by less than this, relative to its length and the way's, is not met on it.
+PARALLEL = 1e-13
+
+
+def from_inside(K: Array, A: Array | None, lower: Array, upper: Array, d: Array) -> tuple[Array, Array]:
+    """The d of least |K d| with lower <= A d <= upper, and its multipliers, from a d that is inside.
+
+    Args:
+        K: (k, n) root, full column rank.
+        A: (r, n) rows, or None for the identity.
+        lower: (r,).
+        upper: (r,).
+        d: (n,) inside, but for rounding.
+    """
+    side: NDArray[np.intp] = np.zeros(len(lower), dtype=np.intp)
+    length = np.ones(len(lower)) if A is None else np.sqrt((A * A).sum(axis=1))
+    y = np.zeros(len(lower))
+    for step in range(STEPS * len(lower)):
+        best, y = on_active(K, A, lower, upper, side)
+        way = best - d
+        change, value = (way, d) if A is None else (A.dot(way), A.dot(d))
+        moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(way)))
+        room = np.where(change > 0.0, upper - value, lower - value)
+        share = np.full(len(lower), np.inf)
+        np.divide(room, change, out=share, where=moving)
+        first = int(share.argmin())
+        if share[first] < 1.0:
+            d = d + max(0.0, float(share[first])) * way
+            side[first] = 1 if change[first] > 0.0 else -1
+            continue
+        d = best
+        pull = y * side
+        wrong = np.flatnonzero(pull < -PULLED * np.abs(y).max(initial=0.0))
+        if not len(wrong):
+            break
+        # The most wrong one; the first one where steps stand still, so that no set comes back.
+        side[wrong[0] if step > 2 * len(lower) else wrong[pull[wrong].argmin()]] = 0
+    return d, np.where(y * side > 0.0, y, 0.0)

@@ -1,0 +1,71 @@
+"""A quadratic program in units of its own limits: solvers' tolerances are absolute, and mean something at O(1).
+
+minimise 1/2 d'Hd   over   lower <= C d <= upper,   d the way from the optimum without limits
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invariantqp.geometry.arrays import Array
+
+# Stand-in for infinity in the scaled problem.
+UNBOUNDED = 1e30
+# A row shorter than this share of the longest is rounding: no d moves it.
+ROW_TOLERANCE = 1e-12
+
+
+class BoxQP(NamedTuple):
+    """Minimise 1/2 z'Hz - c'z over lower <= Cz <= upper; C = None is the identity. All O(1).
+
+    Attributes:
+        H: (n, n) positive definite.
+        c: (n,).
+        lower: (k,) at least -1e30, which stands for no limit.
+        upper: (k,) at most 1e30.
+        C: (k, n) rows, or None.
+    """
+
+    H: Array
+    c: Array
+    lower: Array
+    upper: Array
+    C: Array | None
+
+
+class Scaled(NamedTuple):
+    """A problem in its own units.
+
+    Attributes:
+        qp: the problem.
+        rows: which rows of the caller's are in it; the others are moved by no d.
+        size: what takes its answer back: d = size z.
+    """
+
+    qp: BoxQP
+    rows: NDArray[np.intp]
+    size: float
+
+
+def scaled(K: Array, A: Array | None, lower: Array, upper: Array) -> Scaled:
+    """1/2 |K d|^2 inside lower <= A d <= upper, where d = 0 is outside, in units of how far outside it is.
+
+    Args:
+        K: (k, n) root.
+        A: (r, n) rows, or None for the identity.
+        lower: (r,).
+        upper: (r,).
+    """
+    n = K.shape[1]
+    length = np.ones(n) if A is None else np.sqrt((A * A).sum(axis=1))
+    rows = np.flatnonzero(length > ROW_TOLERANCE * length.max(initial=0.0))
+    length = length[rows]
+    low, high = lower[rows] / length, upper[rows] / length
+    size = float(np.maximum(low, -high).max(initial=0.0)) or 1.0
+    H = K.T.dot(K)
+    C = None if A is None else A[rows] / length[:, None]
+    low, high = np.maximum(low / size, -UNBOUNDED), np.minimum(high / size, UNBOUNDED)
+    return Scaled(BoxQP(H / H.diagonal().max(), np.zeros(n), low, high, C), rows, size)

@@ -1,0 +1,175 @@
+"""One tick, stage by stage; each stage takes the problem and hands on an answer, nothing else.
+
+    free          the optimum without limits, where that is inside them; otherwise:
+    give way      rows that contradict the box, a tool speed that contradicts both, move by the least
+    share         exact rows slow down along their direction as far as limits ask for it
+    minimise      the optimum inside the limits
+    calm          once more, with damping that follows what is missed
+    guard         with a form: least squares inside the same limits, blended in where the form's way does not descend
+
+Trouble is said in words, never raised: `SolverFailure` alone leaves, where no velocity was found at all.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.calm import CALM, CALM_WITH_ROWS, calm
+from invariantqp.velocity.guard import blend
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
+from invariantqp.velocity.limits.conflicts import relaxed, slowed
+from invariantqp.velocity.objective import Objective
+from invariantqp.velocity.posed import Posed, limits_of
+from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.qp.polytope import Polytope, named
+from invariantqp.velocity.qp.quadratic import Quadratic
+from invariantqp.velocity.share import share_of
+
+# What joint motion costs where the rows' least motion is looked for, relative to the rows, squared.
+REGULARISATION = 1e-9
+
+
+class Answer(NamedTuple):
+    """A velocity inside the limits, and how it came about.
+
+    Attributes:
+        y: (m,) the velocity, in the joints' own metric.
+        share: of the exact rows' speed.
+        objective: what was minimised last.
+        multipliers: (k,) of the polytope on y; None where no limit is met.
+        backend: the solver that answered, "" without one.
+        blended: share of least squares that the guard put in.
+        troubles: what was not as asked, in words.
+        held_by: the limits that slow the exact rows down, in words.
+    """
+
+    y: Array
+    share: float
+    objective: Objective
+    multipliers: Array | None
+    backend: str
+    blended: float
+    troubles: tuple[str, ...]
+    held_by: str
+
+
+class Limits(NamedTuple):
+    """What no velocity may leave, on y, what had to give way for it, and a y (m,) inside."""
+
+    polytope: Polytope
+    cone: Cone | None
+    troubles: tuple[str, ...]
+    inside: Array
+
+
+class Room(NamedTuple):
+    """The problem at the share of its speed that the limits allow."""
+
+    problem: Posed
+    share: float
+    inside: Array  # a velocity that has the share
+    held_by: str
+
+
+def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
+    """The answer, limits or none met.
+
+    Raises:
+        SolverFailure: no velocity was found.
+    """
+    objective = problem.objective(1.0)
+    y = problem.joint(problem.quadratic(objective, 1.0).centre, 1.0)
+    if not np.isfinite(y).all():
+        raise SolverFailure("the closed form", "it overflowed: the input is out of any scale")
+    if demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
+        limits, room = Limits(*limits_of(law, demand), (), y), Room(problem, 1.0, y, "")
+        first = Answer(y, 1.0, objective, None, "", 0.0, (), "")
+    else:
+        limits = given_way(law, demand)
+        room = _room(law, problem, limits, len(demand.lower))
+        first = _minimised(law, room, limits, room.problem.objective(room.share))
+    mu = _calm(law, room, first.y)
+    answer = first if mu == 0.0 else _minimised(law, room, limits, first.objective.calmed(mu))
+    return _guarded(law, room, limits, answer, mu)
+
+
+def given_way(law: VelocityLaw, demand: Demand) -> Limits:
+    """The limits, those that contradict others moved by the least it takes."""
+    troubles: list[str] = []
+    m = len(demand.lower)
+    x = np.minimum(np.maximum(np.zeros(m), demand.lower), demand.upper)
+    if demand.rows is not None and not demand.rows.allow(x):
+        way = relaxed(demand.rows, demand.lower, demand.upper)
+        x = way.inside
+        if way.violation.any():
+            by = ", ".join(f"row {i} by {abs(way.violation[i]):.3g}" for i in np.flatnonzero(way.violation))
+            joints = named([i for i in way.held_by if i < m], m)
+            whom = f"the bounds of {joints}" if joints else "each other"
+            troubles.append(f"rows contradict {whom}: exceeded at {by}")
+            demand = demand._replace(rows=way.rows)
+    polytope, cone = limits_of(law, demand)
+    y = x if law.from_joint is None else law.from_joint.dot(x)
+    if cone is not None and not cone.allows(y):
+        slower, y = slowed(cone, polytope, y)
+        if slower.limit > cone.limit:
+            troubles.append(f"the tool's speed is {slower.limit:.3g}, not {cone.limit:.3g}: other limits ask for it")
+            cone = slower
+    return Limits(polytope, cone, tuple(troubles), y)
+
+
+def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
+    """How much of the exact rows' speed there is room for."""
+    reduction = problem.reduction
+    if reduction is None:
+        return Room(problem, 1.0, limits.inside, "")
+    inside = limits.inside
+    if inside.any():  # no rest: the rows count from what moves them least
+        rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
+        still = Quadratic(np.sqrt(REGULARISATION) * np.eye(m), np.zeros(m)).plus(rows, np.zeros(m))
+        inside = minimise_in_cone(law.backend, still, limits.polytope, limits.cone, inside).z
+        reduction = reduction._replace(start=reduction.fixed(inside))
+        problem = problem._replace(reduction=reduction)
+    share = share_of(reduction, limits.polytope, limits.cone, inside, law.dt, law.backend)
+    by = [
+        named([i for i in share.held_by if i < len(limits.polytope.lower)], m),
+        "the tool's speed" if share.fast else "",
+    ]
+    return Room(problem, share.value, share.velocity, " and ".join(filter(None, by)))
+
+
+def _minimised(law: VelocityLaw, room: Room, limits: Limits, objective: Objective) -> Answer:
+    """The objective's optimum inside the limits."""
+    problem, share = room.problem, room.share
+    polytope, cone = problem.limits(limits.polytope, share), problem.cone(limits.cone, share)
+    quadratic = problem.quadratic(objective, share)
+    found = minimise_in_cone(law.backend, quadratic, polytope, cone, problem.free(room.inside, share))
+    troubles = (*limits.troubles, f"{found.trouble}; solved by {found.backend}") if found.trouble else limits.troubles
+    multipliers = found.multipliers if found.multipliers.any() else None
+    y = problem.joint(found.z, share)
+    return Answer(y, share, objective, multipliers, found.backend, 0.0, troubles, room.held_by)
+
+
+def _calm(law: VelocityLaw, room: Room, y: Array) -> float:
+    problem = room.problem
+    if law.dt == 0.0 or problem.pitch is not None:
+        return 0.0
+    factor = CALM if problem.reduction is None else CALM_WITH_ROWS
+    return calm(problem.A, problem.missed(y), law.dt, factor)
+
+
+def _guarded(law: VelocityLaw, room: Room, limits: Limits, answer: Answer, mu: float) -> Answer:
+    """With a form: as much of least squares as descent asks for."""
+    problem = room.problem
+    if law.guard is None or problem.attempt is problem.wanted:
+        return answer
+    plain = room._replace(problem=problem._replace(attempt=problem.wanted))
+    best = _minimised(law, plain, limits, plain.problem.objective(room.share).calmed(mu))
+    wanted = room.share * problem.wanted
+    t = blend(problem.A, wanted, mu, answer.y, best.y, law.guard.fraction)
+    if t == 0.0:
+        return answer
+    return answer._replace(y=(1.0 - t) * answer.y + t * best.y, blended=t)
