@@ -1,10 +1,11 @@
-"""What keeps a loop still where its target is out of reach: damping that follows what the twist misses.
+"""What keeps a loop still where its target is out of reach, or at a singularity: damping that follows what a tick spoils.
 
-    mu = CALM / 2 dt |b - A x| |A|
+    mu = CALM / 2 dt (|b - A x| + max(0, 1/2 dt |A| |x|^2 - |b|)) |A|
 
-A velocity held for a tick of dt turns A by about dt |A x|, so what is missed comes back as a step that long: without
-damping the loop rattles at full speed for ever. mu vanishes with what is missed, so nothing is lost where the twist can
-be met, and it needs no second spectrum: it adds the same to every direction's weight.
+A velocity held for a tick of dt turns A by about dt |A x|, so what is missed comes back as a step that long, and what
+is met is off by half of dt |A| |x|^2: where that is more than what was asked for, a tick spoils more than it mends.
+Without damping the loop then rattles at full speed for ever. mu vanishes with both, so nothing is lost where the twist
+can be met at speeds in proportion to it, and it needs no second spectrum: it adds the same to every direction's weight.
 
 Reference: Sugihara 2011 (Levenberg-Marquardt, damping by the residual).
 """
@@ -21,12 +22,23 @@ from invariantqp.geometry.arrays import Array
 # calm and arrives as fast as without.
 CALM = 0.25
 # With exact rows what is left to the twist bends with them: twice as much.
-CALM_WITH_ROWS = 0.5
+CALM_WITH_ROWS = 0.25
 # Below this share of |A|^2 it changes no digit that matters; what is above counts, so that it sets in without a jump.
-QUIET_SHARE = 1e-6
+QUIET_SHARE = 1e-9
 
 
-def calm(A: Array, missed: Array, dt: float, factor: float) -> float:
-    """mu >= 0 for measured joint twists A (6, n) and a measured twist (6,) that is missed, in ticks of dt [s]."""
-    size = float(np.vdot(A, A))
-    return max(0.0, 0.5 * factor * dt * sqrt(float(missed.dot(missed)) * size) - QUIET_SHARE * size)
+def calm(A: Array, wanted: Array, achieved: Array, speed: float, dt: float, factor: float) -> float:
+    """mu >= 0.
+
+    Args:
+        A: (6, n) measured joint twists.
+        wanted: (6,) measured twist.
+        achieved: (6,) A x.
+        speed: |x|, but for what of it moves nothing.
+        dt: tick [s].
+        factor: in place of CALM.
+    """
+    size = sqrt(float(np.vdot(A, A)))
+    r = wanted - achieved
+    spoilt = max(0.0, 0.5 * dt * size * speed * speed - sqrt(float(wanted.dot(wanted))))
+    return max(0.0, 0.5 * factor * dt * (sqrt(float(r.dot(r))) + spoilt) * size - QUIET_SHARE * size * size)

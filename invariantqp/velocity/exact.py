@@ -18,11 +18,8 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.measure import root_at
 
-# What a row near a singularity that is all but exact weighs beside the twist, its root: relative to |A|.
-SOFT_WEIGHT = 1e3
 # Rows dependent to this share of the largest are one row; a demand that needs joints this much faster cannot be met.
 ROW_TOLERANCE = 1e-10
 
@@ -116,16 +113,16 @@ class Reduction(NamedTuple):
     Attributes:
         full: (m,) y0, the shortest velocity that meets the rows.
         basis: (m, n) B, orthonormal: the velocities that the rows leave free.
-        soft: (j, m) velocities v'y that rows near a singularity ask to be v'y0, weighed: B holds them, too.
         effort: how far the joints go for the rows' demand, beside what the best-placed demand of its size would take.
-        unmet: the part of the demand that is not met at full speed, relative.
-        start: (m,) the velocity at share 0; zero is standing still.
+        bend: likewise for the worst-placed demand: how strongly the rows turn with the joints.
+        unmet: the part of the demand that no velocity can meet, relative.
+        start: (m,) the velocity at share 0, in the span of the rows; zero is standing still.
     """
 
     full: Array
     basis: Array
-    soft: Array
     effort: float
+    bend: float
     unmet: float
     start: Array
 
@@ -140,18 +137,15 @@ class Reduction(NamedTuple):
         return p
 
 
-def reduce(exact: ExactRows, root: Array, damping: Damping) -> Reduction:
+def reduce(exact: ExactRows, root: Array) -> Reduction:
     """Solve the rows and find what is left free.
 
     Rows that are parts of the twist are told apart and weighed as such: orthonormal ones in the measure. So no frame
-    and no choice of rows decides what counts as dependent. Near a singularity of theirs rows are damped as the twist
-    is, and let go of the joints as smoothly: a row that holds to the share g = sigma^2 / (sigma^2 + lambda^2) weighs g^2
-    of one that is all but exact. So rows that a singularity takes, or that an arm never had, leave without a jump.
+    and no choice of rows decides what counts as dependent.
 
     Args:
         exact: the rows on y.
         root: (6, 6) of the measure.
-        damping: the policy near singularities.
     """
     C, e = np.asarray(exact.A), np.asarray(exact.b)
     whitened, wanted = C, e
@@ -163,25 +157,16 @@ def reduce(exact: ExactRows, root: Array, damping: Damping) -> Reduction:
         whiten = (mix[:, apart] / np.sqrt(sizes[apart])).T
         whitened, wanted = whiten.dot(C), whiten.dot(e)
     U, sigma, Vt = np.linalg.svd(whitened)
-    m, k = len(Vt), len(sigma)
-    largest = float(sigma.max(initial=0.0))
-    met = wanted.dot(U[:, :k])
-    squares = damping.squares(sigma, met, largest) if largest > 0.0 else np.ones(k)
-    squares[sigma <= ROW_TOLERANCE * largest] = largest * largest
-    total = sigma * sigma + squares
-    kept = sigma * sigma / total
-    y = sigma * met / total
-    hard = np.zeros(m, dtype=bool)
-    hard[:k] = squares == 0.0
-    weak = np.flatnonzero(~hard[:k] & (kept > 0.0))
-    full = Vt[:k].T.dot(y)
+    r = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
+    met = wanted.dot(U[:, :r])
+    y = met / sigma[:r]
+    full = Vt[:r].T.dot(y)
     size, left = float(np.linalg.norm(e)), e - C.dot(full)
-    asked = float(np.linalg.norm(kept * met))
     return Reduction(
         full=full,
-        basis=Vt[~hard].T,
-        soft=SOFT_WEIGHT * kept[weak, None] * Vt[weak],
-        effort=float(np.linalg.norm(sigma) * np.linalg.norm(y)) / asked if asked > 0.0 else 1.0,
+        basis=Vt[r:].T,
+        effort=float(np.linalg.norm(sigma) * np.linalg.norm(y) / np.linalg.norm(met)) if met.any() else 1.0,
+        bend=float(np.linalg.norm(sigma) / sigma[r - 1]) if r else 1.0,
         unmet=float(np.linalg.norm(left)) / size if size > 0.0 else 0.0,
-        start=np.zeros(m),
+        start=np.zeros(len(full)),
     )

@@ -36,6 +36,7 @@ class Objective(NamedTuple):
         optimum: (n,) V'z*.
         damping: the largest lambda on a direction that moves something; 0 where nothing is damped.
         lost: how much of what the joints can do is given up by damping, |A z - b| less what is out of their reach.
+        rank: how many directions, the first of V, move something.
         ratio: smallest singular value over the largest, among the min(n, 6) that may move something.
     """
 
@@ -44,12 +45,18 @@ class Objective(NamedTuple):
     optimum: Array
     damping: float = 0.0
     lost: float = 0.0
+    rank: int = 0
     ratio: float = 1.0
 
     def centre(self) -> Array:
         """z*, the optimum where no limit is met."""
         z: Array = self.V.dot(self.optimum)
         return z
+
+    def speed(self, z: Array) -> float:
+        """|z|, but for what of it moves nothing."""
+        moving = z.dot(self.V[:, : self.rank])
+        return sqrt(float(moving.dot(moving)))
 
     def root(self) -> Array:
         """K (n, n)."""
@@ -96,5 +103,6 @@ def least_squares(A: Array, b: Array, posture: Array | None, damping: Damping) -
         optimum=(sigma * wanted + squares * towards) / weights,
         damping=sqrt(float(left.max())),
         lost=sqrt(float(missed.dot(missed))),
+        rank=n - int(np.count_nonzero(null)),
         ratio=float(singular[-1]) / largest,
     )

@@ -8,7 +8,6 @@ demanded speed: rows, twist and posture slow down together.
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +21,6 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.objective import Objective, least_squares
 from invariantqp.velocity.qp.polytope import Polytope
-from invariantqp.velocity.qp.quadratic import Quadratic
 from invariantqp.velocity.stationary import convexified
 
 
@@ -65,15 +63,6 @@ class Posed(NamedTuple):
             return convexified(self.J.dot(B), share * self.s - self.J.dot(origin), self.pitch, posture, self.damping)
         return least_squares(self.A.dot(B), share * self.attempt - self.A.dot(origin), posture, self.damping)
 
-    def quadratic(self, objective: Objective, share: float) -> Quadratic:
-        """The objective, with the rows that are near a singularity."""
-        quadratic = Quadratic(objective.root(), objective.centre())
-        reduction = self.reduction
-        if reduction is None or not len(reduction.soft):
-            return quadratic
-        rows = sqrt(float(np.vdot(self.A, self.A))) * reduction.soft
-        return quadratic.plus(rows.dot(reduction.basis), np.zeros(len(rows)))
-
     def joint(self, z: Array, share: float) -> Array:
         """(m,) y of z."""
         if self.reduction is None:
@@ -98,11 +87,6 @@ class Posed(NamedTuple):
             return cone
         return cone.on(self.reduction.origin(share), self.reduction.basis)
 
-    def missed(self, y: Array) -> Array:
-        """(6,) the measured twist that y leaves of the wanted one."""
-        r: Array = self.wanted - self.A.dot(y)
-        return r
-
 
 def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     """The problem of one tick."""
@@ -112,7 +96,7 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     posture = demand.posture if law.from_joint is None or demand.posture is None else law.from_joint.dot(demand.posture)
     reduction = None
     if demand.exact is not None:
-        reduction = reduce(demand.exact.on(T), demand.root, damping)
+        reduction = reduce(demand.exact.on(T), demand.root)
     pitch = law.form.h if isinstance(law.form, PitchForm) and law.form.convexified else None
     attempt = wanted
     if law.form is not None and pitch is None:

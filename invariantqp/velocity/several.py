@@ -156,7 +156,7 @@ def _solved(levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand:
     limits = given_way(law, demand)
     origin, B, share, troubles = np.zeros(m), np.eye(m), 1.0, list(limits.troubles)
     if demand.exact is not None:
-        reduction = reduce(demand.exact.on(law.to_joint), demand.root, law.damping)
+        reduction = reduce(demand.exact.on(law.to_joint), demand.root)
         share = share_of(reduction, limits.polytope, limits.cone, limits.inside, 0.0, law.backend).value
         origin, B = reduction.origin(share), reduction.basis
     bounded, backend = False, ""

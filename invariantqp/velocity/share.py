@@ -27,7 +27,9 @@ from invariantqp.velocity.qp.quadratic import Optimum, weighted
 REGULARISATION = 1e-9
 # How much of the rows' second-order error in a tick the calm is to outweigh. Measured: of 160 random targets on four
 # arms none chatters from 0.5 on, some do at 0.15; at 2 some of those that arrive no longer do in eight seconds.
-EXACT_CALM = 0.5
+EXACT_CALM = 1.0
+# Joints that move this many times as far as the rows alone would ask for get nowhere.
+BOUNDLESS = 1e12
 # A share above this is all of it.
 WHOLE = 1.0 - 1e-8
 # Given away of the largest share where limits bind, for the problem after it to have an inside: less the nearer to 1.
@@ -79,18 +81,19 @@ def share_of(
     room = Polytope(np.vstack((room.rows(), only)), np.append(room.lower, 0.0), np.append(room.upper, length))
     slow = None if cone is None else cone.on(start, basis)
 
-    soft = np.column_stack((np.zeros(len(reduction.soft)), reduction.soft.dot(reduction.basis)))
     first = (inside - start).dot(basis)
 
     def best(nu: float) -> Optimum:
-        rows = np.vstack((only, np.sqrt(REGULARISATION + nu) * basis, soft))
+        rows = np.vstack((only, np.sqrt(REGULARISATION + nu) * np.eye(n)))
         wanted = np.zeros(len(rows))
         wanted[0] = length
         return minimise_in_cone(backend, weighted(rows, wanted), room, slow, first)
 
     found = best(0.0)
-    missed = 1.0 - min(max(found.z[0] / length, 0.0), 1.0)
-    nu = 0.5 * EXACT_CALM * dt * missed * length * reduction.effort
+    possible = min(max(found.z[0] / length, 0.0), 1.0)
+    moved = sqrt(float(found.z.dot(found.z)))
+    spent = moved / (possible * length) if possible * length * BOUNDLESS > moved else BOUNDLESS
+    nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort * 1.0
     if nu > REGULARISATION:
         found = best(nu)
     value = min(max(found.z[0] / length, 0.0), 1.0)

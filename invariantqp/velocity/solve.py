@@ -22,7 +22,7 @@ from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, named
 from invariantqp.velocity.regular import regular_velocity
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
-from invariantqp.velocity.stages import Answer, answered
+from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, answered
 from invariantqp.velocity.stationary import printed
 
 # A twist missed by less than this fraction of itself is achieved ...
@@ -33,8 +33,6 @@ PRODUCT_ROUNDING = 1e-14
 LOSS_TOLERANCE = 1e-6
 # Less than this share of what is asked is no progress: the loop is at rest short of its target.
 PROGRESS_SHARE = 1e-4
-# Exact rows that cannot be met by more than this, relative, are reported.
-UNMET_TOLERANCE = 1e-9
 
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
@@ -91,7 +89,7 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
     objective = answer.objective
     unmet = 0.0 if problem.reduction is None else problem.reduction.unmet
     if unmet > UNMET_TOLERANCE:
-        troubles.append(f"{unmet:.1e} of the exact rows is beyond these joints")
+        troubles.append(f"the joints cannot keep the direction of the exact rows: {unmet:.1e} of it is beyond them")
     wanted, missed = demand.root.dot(demand.s), demand.root.dot(residual)
     size = float(np.linalg.norm(wanted))
     lost = objective.lost > LOSS_TOLERANCE * size

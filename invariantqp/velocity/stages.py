@@ -29,6 +29,8 @@ from invariantqp.velocity.qp.polytope import Polytope, named
 from invariantqp.velocity.qp.quadratic import Quadratic
 from invariantqp.velocity.share import share_of
 
+# A demand of exact rows that the joints cannot meet by more than this, relative, has a direction that they cannot keep.
+UNMET_TOLERANCE = 1e-9
 # What joint motion costs where the rows' least motion is looked for, relative to the rows, squared.
 REGULARISATION = 1e-9
 
@@ -82,17 +84,18 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
         SolverFailure: no velocity was found.
     """
     objective = problem.objective(1.0)
-    y = problem.joint(problem.quadratic(objective, 1.0).centre, 1.0)
+    y = problem.joint(objective.centre(), 1.0)
     if not np.isfinite(y).all():
         raise SolverFailure("the closed form", "it overflowed: the input is out of any scale")
-    if demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
+    blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
+    if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         limits, room = Limits(*limits_of(law, demand), (), y), Room(problem, 1.0, y, "")
         first = Answer(y, 1.0, objective, None, "", 0.0, (), "")
     else:
         limits = given_way(law, demand)
         room = _room(law, problem, limits, len(demand.lower))
         first = _minimised(law, room, limits, room.problem.objective(room.share))
-    mu = _calm(law, room, first.y)
+    mu = _calm(law, room, first)
     answer = first if mu == 0.0 else _minimised(law, room, limits, first.objective.calmed(mu))
     return _guarded(law, room, limits, answer, mu)
 
@@ -133,6 +136,8 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
         inside = minimise_in_cone(law.backend, still, limits.polytope, limits.cone, inside).z
         reduction = reduction._replace(start=reduction.fixed(inside))
         problem = problem._replace(reduction=reduction)
+    if reduction.unmet > UNMET_TOLERANCE:  # what the share tends to as the joints lose a direction of the rows
+        return Room(problem, 0.0, inside, "")
     share = share_of(reduction, limits.polytope, limits.cone, inside, law.dt, law.backend)
     by = [
         named([i for i in share.held_by if i < len(limits.polytope.lower)], m),
@@ -145,7 +150,7 @@ def _minimised(law: VelocityLaw, room: Room, limits: Limits, objective: Objectiv
     """The objective's optimum inside the limits."""
     problem, share = room.problem, room.share
     polytope, cone = problem.limits(limits.polytope, share), problem.cone(limits.cone, share)
-    quadratic = problem.quadratic(objective, share)
+    quadratic = Quadratic(objective.root(), objective.centre())
     found = minimise_in_cone(law.backend, quadratic, polytope, cone, problem.free(room.inside, share))
     troubles = (*limits.troubles, f"{found.trouble}; solved by {found.backend}") if found.trouble else limits.troubles
     multipliers = found.multipliers if found.multipliers.any() else None
@@ -153,12 +158,13 @@ def _minimised(law: VelocityLaw, room: Room, limits: Limits, objective: Objectiv
     return Answer(y, share, objective, multipliers, found.backend, 0.0, troubles, room.held_by)
 
 
-def _calm(law: VelocityLaw, room: Room, y: Array) -> float:
+def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
     problem = room.problem
     if law.dt == 0.0 or problem.pitch is not None:
         return 0.0
-    factor = CALM if problem.reduction is None else CALM_WITH_ROWS
-    return calm(problem.A, problem.missed(y), law.dt, factor)
+    factor = CALM if problem.reduction is None else CALM_WITH_ROWS * problem.reduction.bend
+    speed = answer.objective.speed(problem.free(answer.y, room.share))
+    return calm(problem.A, problem.wanted, problem.A.dot(answer.y), speed, law.dt, factor)
 
 
 def _guarded(law: VelocityLaw, room: Room, limits: Limits, answer: Answer, mu: float) -> Answer:

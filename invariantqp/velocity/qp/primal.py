@@ -16,7 +16,7 @@ from invariantqp.velocity.qp.active import PULLED, on_active
 # Steps for each limit, at most; then the point reached is the answer.
 STEPS = 10
 # A row that the way changes by less than this, relative to its length and the way's, is not met on it.
-PARALLEL = 1e-13
+PARALLEL = 1e-9
 
 
 def from_inside(K: Array, A: Array | None, lower: Array, upper: Array, d: Array) -> tuple[Array, Array]:
@@ -33,7 +33,10 @@ def from_inside(K: Array, A: Array | None, lower: Array, upper: Array, d: Array)
     length = np.ones(len(lower)) if A is None else np.sqrt((A * A).sum(axis=1))
     y = np.zeros(len(lower))
     for step in range(STEPS * len(lower)):
-        best, y = on_active(K, A, lower, upper, side)
+        try:
+            best, y = on_active(K, A, lower, upper, side)
+        except np.linalg.LinAlgError:  # rows that all but depend on each other meet where d is
+            break
         way = best - d
         change, value = (way, d) if A is None else (A.dot(way), A.dot(d))
         moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(way)))
