@@ -1,14 +1,14 @@
-"""An arm's own point and length: the point p that the joints move least, and how fast they move it.
+"""Lengths that an arm has of itself: its own point and length, and how far it reaches to a point of the tool.
 
     p = argmin |J_v(p)|_F,   L = |J_v(p)|_F / |J_omega|_F,   J_v(p) = v_i + omega_i x p
 
-Both are carried by every rigid change of frame and L scales with the unit of length, so a metric diag(L^2 I, I) at p
-depends on nobody's choice of frame or unit.
+A rigid change of frame moves p along and leaves every length as it is; a change of the unit of length only converts
+them. So a metric diag(L^2 I, I) at p depends on nobody's choice of frame or unit.
 """
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,9 @@ NOTHING_FREE = np.empty((3, 0))
 # A point this many of the arm's lengths away (of the caller's units where it has none) is what rounding makes of a
 # twist that does not turn across the axes; measured from there, every velocity nearby would count as nothing.
 FAR = 1e6
+# A reach below this fraction of the coordinates it is computed from is their rounding: forward kinematics of a dozen
+# joints leaves some 1e-15 of them.
+ROUNDING = 1e-12
 
 
 class Centre(NamedTuple):
@@ -100,6 +103,47 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
         if sqrt(along.dot(along)) <= FAR * (length if 0.0 < length < inf else 1.0):
             p = p - free.dot(along)
     return Centre(p, length)
+
+
+def reach(J: ArrayLike, point: ArrayLike) -> float:
+    """The length of the broken line from a point to the first turning axis, by way of all the others.
+
+    The line starts at `point`, goes to its foot on the last turning axis, from there to its foot on the axis before,
+    and so on to the first. Joints that only slide are skipped. With revolute joints no leg of it depends on the joint
+    positions: the first leg joins two points of the last link, which moves as a rigid body; its end lies on the last
+    axis, which that joint leaves where it is, so it is also a point of the link before; and the same holds there. A
+    slide moves its link against the one before, and a helical joint moves its link along its own axis: where either
+    stands between two turning axes, the leg between them changes with its position.
+
+    No revolute joint moves the point faster than `reach` times its own rate, in any position of the joints, since
+    the distance from the point to an axis is at most the length of the line up to there.
+
+    Args:
+        J: (6, m) joint twists as columns, the joint at the base first.
+        point: (3,) in the frame of J [length].
+
+    Returns:
+        The length, in J's unit; 0.0 where all axes meet in the point, or where no joint turns. It is the same in
+        every frame, the point given in that frame.
+
+    Raises:
+        BadInput: J is not finite (6, m), or the point not three finite numbers.
+    """
+    twists = arrays.columns(J)
+    x, y, z = arrays.vector(point, 3, "point").tolist()
+    length, size = 0.0, hypot(x, y, z)
+    for *turn, a, b, c in reversed(twists.T.tolist()):
+        rate, moment = hypot(*turn), hypot(a, b, c)
+        if rate * LENGTH_LIMIT <= moment:
+            continue
+        u, v, w = (component / rate for component in turn)
+        # The velocity of the point at unit rate, e = v / rate + u x p; its foot on the axis is p + u x e.
+        e, f, g = a / rate + v * z - w * y, b / rate + w * x - u * z, c / rate + u * y - v * x
+        leg = (v * g - w * f, w * e - u * g, u * f - v * e)
+        x, y, z = x + leg[0], y + leg[1], z + leg[2]
+        length += hypot(*leg)
+        size = max(size, moment / rate)
+    return length if length > ROUNDING * size else 0.0
 
 
 def settled(resting: Resting, Z: Array, unit: float) -> Array:

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import minimize
 from support.random_systems import motion
 
 import invariantqp as iq
-from invariantqp.systems.centre import resting_point
+from invariantqp.systems.centre import reach, resting_point
 
 
 def moved(J, p):
@@ -101,3 +103,83 @@ def test_the_tolerance_decides_which_axes_are_parallel():
     assert resting_point(J).free.shape == (3, 0)
     assert resting_point(J, tolerance=1e-7).free.shape == (3, 1)
     assert resting_point(J, longest=1e-3).free.shape == (3, 3)
+
+
+def broken_line(axes, point):
+    """The same line by its definition: least distances found by a solver of least squares, one axis after another."""
+    total, here = 0.0, np.asarray(point, dtype=float)
+    for direction, through in reversed(axes):
+        t = np.linalg.lstsq(direction[:, None], here - through, rcond=None)[0]
+        there = through + t * direction
+        total, here = total + np.linalg.norm(there - here), there
+    return total
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=st.integers(0, 2**31), m=st.integers(1, 9), unit=st.sampled_from([1e-3, 1.0, 1e3]))
+def test_reach_is_the_broken_line_in_every_frame_and_unit(seed, m, unit):
+    rng = np.random.default_rng(seed)
+    axes = [(rng.normal(size=3), rng.normal(size=3)) for _ in range(m)]
+    point, T = rng.normal(size=3), motion(rng)
+    twists = np.column_stack([iq.helical(u, q, rng.choice([0.0, 0.3])) * rng.uniform(0.1, 9.0) for u, q in axes])
+    expected = broken_line(axes, point)
+    assert reach(twists, point) == pytest.approx(expected, rel=1e-12)
+    scale = np.repeat([1.0, unit], 3)[:, None]
+    there = (T @ np.append(point, 1.0))[:3]
+    assert reach(scale * (iq.adjoint(T) @ twists), unit * there) == pytest.approx(unit * expected, rel=1e-11)
+
+
+def chain_of_hinges(rng, m):
+    return iq.Chain(np.column_stack([iq.revolute(*rng.normal(size=(2, 3))) for _ in range(m)]), motion(rng, 0.5))
+
+
+@pytest.mark.parametrize("arm", ["panda", "ur5", "so101", 1, 3, 7])
+def test_no_position_of_revolute_joints_changes_the_reach(arm):
+    rng = np.random.default_rng(17)
+    robot = iq.load_robot(arm) if isinstance(arm, str) else chain_of_hinges(rng, arm)
+    of_tool = rng.normal(size=3) * 0.1
+    lengths = []
+    for _ in range(50):
+        q = rng.uniform(-2.0, 2.0, size=len(robot.names))
+        J, point = robot.jacobian(q), (robot.pose(q) @ np.append(of_tool, 1.0))[:3]
+        lengths.append(reach(J, point))
+        speeds = np.linalg.norm(J[3:] + np.cross(J[:3], point, axis=0), axis=0)
+        assert (speeds <= lengths[-1] * (1.0 + 1e-12)).all()  # no joint moves the point faster
+    np.testing.assert_allclose(lengths, lengths[0], rtol=1e-12)
+    assert lengths[0] > 0.1
+
+
+def test_slides_are_skipped_and_change_the_legs_beyond_them():
+    hinge, slide = iq.revolute((0, 0, 1), (1, 0, 0)), iq.prismatic((1, 0, 0))
+    first = iq.revolute((0, 1, 0))
+    point = (1.0, 2.0, 0.0)
+    assert reach(np.column_stack((first, slide, hinge)), point) == reach(np.column_stack((first, hinge)), point)
+    arm = iq.Chain(np.column_stack((first, slide, hinge)), iq.transform(translation=point))
+    lengths = [reach(arm.jacobian(q), arm.pose(q)[:3, 3]) for q in ([0.3, d, 0.7] for d in (0.0, 0.5))]
+    np.testing.assert_allclose(lengths, [3.0, 3.5], rtol=1e-15)
+    assert reach(np.column_stack((slide, np.zeros(6))), point) == 0.0
+
+
+def test_a_helical_joint_moves_its_foot_along_its_own_axis():
+    """Its own leg stays; the leg from its axis to the axis before does not."""
+    first, bolt = iq.revolute((0, 1, 0)), iq.helical((1, 0, 0), (0, 0, 0), pitch=0.5)
+    arm = iq.Chain(np.column_stack((first, bolt)), iq.transform(translation=(0.0, 2.0, 0.0)))
+    lengths = [reach(arm.jacobian(q), arm.pose(q)[:3, 3]) for q in ([0.3, t] for t in (0.0, 0.8))]
+    np.testing.assert_allclose(lengths, [2.0, 2.0 + 0.4], rtol=1e-14)
+
+
+@pytest.mark.parametrize("far", [0.0, 1.0, 1e4])
+def test_axes_that_meet_in_the_point_have_no_reach(far):
+    rng = np.random.default_rng(3)
+    p = far * rng.normal(size=3)
+    wrist = np.column_stack([iq.revolute(rng.normal(size=3), p) for _ in range(5)])
+    assert reach(wrist, p) == 0.0
+    off = p + 1e-6 * max(far, 1.0) * np.array([1.0, 0.0, 0.0])
+    assert reach(wrist, off) > 0.0
+
+
+def test_what_reach_cannot_take():
+    with pytest.raises(iq.BadInput, match="point: found"):
+        reach(np.eye(6), [0.0, 1.0])
+    with pytest.raises(iq.BadInput, match="J: found"):
+        reach(np.full((6, 2), np.nan), np.zeros(3))
