@@ -56,9 +56,11 @@ class NoPseudoinverse(InvariantQPError):
     Attributes:
         h: the pitch asked for [length].
         rank: rank of J, or of the wrenches W.
-        gram_rank: rank of the Gram matrix.
+        gram_rank: rank of the Gram matrix, as far as rounding lets it be told; equal to `rank` where the columns are
+            so nearly dependent that rounding decides, whatever h is.
         self_reciprocal: (6,) unit screw z of the system that the form pairs to zero with all of it, the proof; a twist
-            in the span of J, or Q_0 w for a wrench w in the span of W.
+            in the span of J, or Q_0 w for a wrench w in the span of W. Where gram_rank = rank, the screw that the
+            columns hardly reach.
         principal_pitches: (k',) every pitch at which the pseudoinverse fails, nearest to h first; empty when it
             fails at all of them.
     """
@@ -78,6 +80,12 @@ class NoPseudoinverse(InvariantQPError):
                 "or CarriedMetric(matrix, pose)."
             )
         z = ", ".join(written(x) for x in self_reciprocal)
+        if gram_rank == rank:
+            super().__init__(
+                f"no {h:g}-pseudoinverse: the columns are so nearly dependent that rounding decides what they do along "
+                f"the screw ({z}). Leave out a column, or use damping."
+            )
+            return
         super().__init__(
             f"no {h:g}-pseudoinverse: the Gram matrix has rank {gram_rank}, the system rank {rank}; "
             f"its screw z = ({z}) is paired to zero with all of it. {remedy}"

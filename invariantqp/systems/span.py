@@ -47,6 +47,12 @@ class Span:
         """Dimension of the system."""
         return len(self.singular)
 
+    @property
+    def spread(self) -> float:
+        """Condition number of the coordinates: how many times larger than a relative error of the twists theirs is."""
+        sizes, rows = (np.sqrt((a * a).sum(axis=1)) for a in (self.right * self.singular, self.right / self.singular))
+        return max(1.0, float(sizes.dot(rows)))
+
     def scaled_rows(self, columns: Array) -> Array:
         """(..., 6) rows' columns in the unit of `basis`: X D for X (k, 6)."""
         result = columns.copy()

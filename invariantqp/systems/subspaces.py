@@ -126,7 +126,8 @@ def _joined(first: Array, second: Array, tolerance: float) -> tuple[Span, tuple[
 def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERANCE) -> Array:
     """A basis (6, k) of S meet S^{perp h}: the twists of S that Q_h cannot tell from zero within S.
 
-    It is the zero system exactly where S has an h-pseudoinverse.
+    In exact numbers it is the zero system exactly where S has an h-pseudoinverse; `has_pseudoinverse` decides that
+    for numbers with rounding.
 
     Args:
         S: (6, m) spanning twists.
