@@ -309,6 +309,27 @@ def test_erratum_6_four_lines_with_one_double_transversal():
     assert (found.holds, found.transversal_count, found.double) == (True, 1, True)
 
 
+def test_erratum_6_four_lines_with_a_double_transversal_at_infinity():
+    """Four lines parallel to one plane: det(J'Q_h J) = 0 for every h, and no line meets them all."""
+    J = columns((1, 0, 1, -1, 0, 1), (1, 0, 2, -1, 1, HALF), (2, 0, 1, -2, 3, 4), (1, 0, -1, -1, 5, -1))
+    assert [(s.T * Q0 * s)[0] for s in (J.col(i) for i in range(4))] == [0, 0, 0, 0]
+    assert (J.rank(), determinant(J)) == (4, 0)
+    R = sp.Matrix.hstack(*(J.T * Q0).nullspace())
+    form = R.T * Q0 * R
+    assert (form.rank(), form.det()) == (1, 0)
+    null = R * form.nullspace()[0]
+    assert null[:3, 0] == sp.zeros(3, 1)  # the only null twist of the reciprocal system is a translation
+    found = iq.involution(numbers(J))
+    assert (found.holds, found.transversal_count, found.double, found.at_infinity.shape) == (True, 0, True, (6, 1))
+
+
+def test_erratum_6_two_transversals_need_pitches_of_opposite_sign():
+    """The null twists x s_a + y s_b of a IA 2-system: a x^2 + b y^2 = 0."""
+    x, y = sp.symbols("x y", real=True)
+    S = columns(*TABLES[2, "IA"]) * sp.Matrix([x, y])
+    assert sp.expand((S.T * Q0 * S)[0]) == 2 * a * x**2 + 2 * b * y**2
+
+
 def test_erratum_7_example_3_the_solution_is_smaller():
     """Example 3 prints J^{+h}(S): for a 3-joint arm that is all of R^3, and not every joint velocity will do."""
     J = sp.Matrix([[1, 0, 0], [0, 1, 2], [0, 1, 1], [0, 1, 0], [2, 0, 1], [1, 3, 1]])
