@@ -2,9 +2,8 @@
 
     s'Q_h s = 2 (omega.v - h omega.omega)          Q_h = [[-2h I, I], [I, 0]]      Q_h^-1 = [[0, I], [I, 2h I]]
 
-Q_h is indefinite, signature (3, 3), for every finite h; Q_inf = -2 diag(I, 0), half the Killing form,
-is degenerate.
-We leave out the factor 1/2 of [DS] (2.6), as its own Examples 1 and 4 and Sect. 6.3 do.
+Q_h is indefinite, signature (3, 3), for every finite h; Q_inf = -2 diag(I, 0), half the Killing form, is degenerate.
+The factor 1/2 of [DS] (2.6) is left out, as in its own Examples 1 and 4, its Sect. 6.3 and its remark on Q_inf.
 
 Reference: [DS] Theorem 2.1, (2.6), Sect. 6.3.
 """

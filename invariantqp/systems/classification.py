@@ -36,8 +36,10 @@ CLASS_TOLERANCE = 1e-7
 # With the tolerance less than this many times smaller or larger the name would be another: worth telling.
 NEAR_BORDER = 10.0
 
-# How far past a border the other side is looked at: far above rounding, far below any distance between two borders.
-BEYOND = 1e-9
+# How far past the nearest border the other side is looked at. Borders nearer than that to one another count as one: one
+# small number is often seen twice (a small angular part is also a small difference of pitches), and the type between
+# the two is that of no system nearby.
+BEYOND = 1e-2
 
 # Axes that all meet within this fraction of their distance from the origin give no length to measure by: the error of
 # their moments is relative to that distance, as it is to the distance of the point where they meet.
@@ -86,7 +88,7 @@ class GibsonHunt:
         normal_form: (6, n) columns of [DS]'s normal form of the named system, n = k or 6 - k.
         motion: (4, 4) rigid motion with span(Ad(motion) S) = span(normal_form), for the named system S.
         borders: every decision taken, nearest to its border first.
-        next: the name on the other side of the nearest border; "" where there is none.
+        next: the name one hundredth past the nearest border, as that tolerance gives it; "" where there is no border.
     """
 
     name: str

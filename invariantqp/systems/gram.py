@@ -182,7 +182,7 @@ def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
     Raises:
         BadInput: J is not finite (6, m).
 
-    Reference: [DS] Sect. 5.2 (i_1, i_2, i_3), 5.3.
+    Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """
     system = span(J)
     m = len(system.right)

@@ -10,7 +10,7 @@ W'P = 0 for any complement Z. Three ways to say which Z:
 
 With Z = S^{perp h}, P* is [DS]'s W (W'Q_h^-1 W)^-1 W'Q_h^-1.
 
-Reference: [DS] Sect. 6.1 (6.5), Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
+Reference: [DS] Sect. 6.1, Sect. 6.2 (6.5), Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def dual_projectors(
         BadInput: not one of S and wrenches, not one of the three rules, NaN, shapes, a complement that shares a twist
             with S or does not fill six dimensions with it, a metric that is not positive definite.
 
-    Reference: [DS] Sect. 6.1, 6.3.
+    Reference: [DS] Sect. 6.1 (P_h = J J^{+h}), (6.5), Sect. 6.3.
     """
     given = _columns(S, wrenches)
     rules = {"h": h, "complement": complement, "metric": metric}

@@ -5,7 +5,7 @@
 Every answer is a basis, twists or wrenches as columns, in the caller's unit of length. The dimension of each follows
 from the one decision of rank in `span`; a (6, 0) answer is the zero system.
 
-Reference: [DS] (2.10), (2.11), Theorem 3.1 (ii), Sect. 6.3.
+Reference: [DS] (2.9), (2.10), Theorem 3.1 (ii), Sect. 6.3.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
     Raises:
         BadInput: S is not finite (6, m), or h is not finite.
 
-    Reference: [DS] (2.10), (2.11).
+    Reference: [DS] (2.9), (2.10).
     """
     pitch = finite_pitch(h)
     system = span(S)
@@ -75,7 +75,7 @@ def annihilator(S: ArrayLike) -> Array:
     Raises:
         BadInput: S is not finite (6, m).
 
-    Reference: [DS] Sect. 6.1 (before (6.5)), Sect. 6.3.
+    Reference: [DS] Sect. 6.2 (before (6.5)), Sect. 6.3.
     """
     system = span(S)
     return _in_unit(_complement(system.basis), 1.0 / system.unit)
