@@ -92,6 +92,28 @@ class NoPseudoinverse(InvariantQPError):
         )
 
 
+class NoPolarDecomposition(NoPseudoinverse):
+    """No hyperbolic polar decomposition J = W S: S would lose a joint velocity that moves the tool.
+
+    Attributes:
+        h, rank, gram_rank, self_reciprocal, principal_pitches: as in `NoPseudoinverse`.
+    """
+
+    def __init__(self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array) -> None:
+        super().__init__(h, rank, gram_rank, self_reciprocal, principal_pitches)
+        z = ", ".join(written(x) for x in self_reciprocal)
+        if gram_rank == rank:
+            why = f"the gain of the screw z = ({z}) is so small beside the largest that it is rounding."
+            remedy = "The joints are nearly dependent: leave one out."
+        else:
+            why = f"the joints move the tool by the screw z = ({z}), whose gain is zero."
+            listed = ", ".join(written(p, 6) for p in principal_pitches)
+            remedy = (
+                f"Choose h away from the principal pitches ({listed})." if listed else "No h works for this system."
+            )
+        self.args = (f"no polar decomposition for h = {h:g}: {why} {remedy}",)
+
+
 class NoProjectors(NoPseudoinverse):
     """S meets its h-reciprocal, so no projectors split twists along the two ([DS] Sect. 6.1, Theorem 3.1).
 

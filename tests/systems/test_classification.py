@@ -153,7 +153,7 @@ def test_the_next_name_is_found_just_past_the_border():
 
 
 def test_a_number_that_is_seen_twice_is_one_border():
-    """A small angular part is a small difference of pitches too: the type between the two is that of no system nearby."""
+    """A small angular part is a small difference of pitches too; no system nearby is of the type between the two."""
     J = np.array([(1, 0, 0, -0.5, 0, 0), (0, 1, 0, 0, 0.25, 0), (0, 0, 3e-7, 0, 0, 1)]).T
     kind = iq.gibson_hunt(J)
     first, second = kind.borders[:2]
