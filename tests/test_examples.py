@@ -25,6 +25,7 @@ SAYS = {
     "12_tool_speed": "fastest tool 2",
     "13_pose_ik": "along a path of 50 poses",
     "20_stewart_platform": "",
+    "21_paper": "7 differ, each by an erratum",
 }
 
 

@@ -3,6 +3,9 @@
 The algebra is done by sympy in rationals, without the library; then the library is held against it.
 """
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -382,3 +385,34 @@ def test_five_lines_are_in_involution_where_the_reciprocal_is_a_line():
     J = columns((1, 0, 0, -a, 0, 0), *((0, 1, 0, 0, 0, 0), (0, 0, 1, 0, 0, 0), (0, 0, 0, 0, 1, 0), (0, 0, 0, 0, 0, 1)))
     assert sp.zeros(5, 1) == J.T * Q0 * R
     assert sp.expand((J.T * Q0 * J).det()) == -2 * a
+
+
+# --- The script that prints all this
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "21_paper.py"
+
+
+def test_the_script_prints_what_is_proved_here():
+    """Each of its rows agrees with the paper or names an erratum, and its figures are those of the exact algebra."""
+    script = runpy.run_path(str(SCRIPT))
+    rows = {part.split(",")[0]: list(make()) for part, make in script["PARTS"].items()}
+    everything = [row for found in rows.values() for row in found]
+    assert all(row.agrees is not bool(row.erratum) for row in everything)
+    assert {row.erratum[0] for row in everything if row.erratum} == set("123457")
+    assert len(rows["Tables 1 and 2"]) == 2 * sum(dimension > 1 for dimension, _ in TABLES)
+
+    at = sp.Rational(script["H"])
+
+    def recomputed(part, what):
+        (found,) = [row.recomputed for row in rows[part] if row.what.startswith(what)]
+        return found
+
+    for i in range(3):
+        expected = numbers(PRINTED_J1, h=at)[i]
+        np.testing.assert_allclose(recomputed("Example 1", f"J^+h, row {i + 1}"), expected, atol=1e-13)
+    for i in range(6):
+        np.testing.assert_allclose(recomputed("Example 2", f"P_h, row {i + 1}"), numbers(P2, h=at)[i], atol=1e-13)
+    np.testing.assert_allclose(recomputed("Example 4", "v = "), numbers(V4, h=at)[:, 0], atol=1e-13)
+    assert recomputed("Example 4", "Phi_h(v)") == pytest.approx(float(PHI4.subs(h, at)))
+    assert recomputed("Example 3", "dimension") == 1
+    assert recomputed("Table 3", "types with no") == 11
