@@ -15,16 +15,17 @@ Reference: [DS] Sect. 3, Tables 1 and 2, Table 3 with its missing IID (no three 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, log2
 from typing import NamedTuple
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.centre import resting_point
 from invariantqp.systems.normal_form import FRAMES, MODULUS_NAMES, Parts, normal_form
@@ -53,7 +54,7 @@ SHORTEST, LONGEST = 0.1, 1e5
 _NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
 
 
-@dataclass(frozen=True)
+@frozen
 class Border:
     """One decision: `quantity` has the size `value`, as the relative error of the twists that could fake it."""
 
@@ -74,8 +75,8 @@ class Border:
         return max(self.value / self.tolerance, self.tolerance / self.value)
 
 
-@dataclass(frozen=True)
-class GibsonHunt:
+@frozen(eq=False, repr=False, slots=False)
+class GibsonHunt(Value):
     """The type of a k-system; `str()` is the name in [DS] Tables 1 and 2.
 
     Attributes:
@@ -97,8 +98,8 @@ class GibsonHunt:
     admits_pseudoinverse: bool
     moduli: tuple[float, ...]
     modulus_names: tuple[str, ...]
-    normal_form: Array
-    motion: Array
+    normal_form: Array = field(converter=own)
+    motion: Array = field(converter=own)
     borders: tuple[Border, ...]
     next: str
 

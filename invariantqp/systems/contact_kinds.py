@@ -14,16 +14,18 @@ Reference: [DS] Sect. 6.3; Mason 1981; Lipkin & Duffy 1988.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from math import isinf
 
 import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import helical
 from invariantqp.systems.span import span
 from invariantqp.systems.subspaces import annihilator
@@ -32,54 +34,70 @@ from invariantqp.systems.subspaces import annihilator
 DUAL_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class ContactKind:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ContactKind(Value):
     """A contact in its own frame.
 
     Attributes:
         name: "point", "line", ...
         freedoms: (6, k) independent twists S that the contact allows.
-        constraints: (6, 6-k) wrenches W that the tool can exert on it; None is the annihilator of S.
+        constraints: (6, 6-k) wrenches W that the tool can exert on it.
         unilateral: whether it can only be pressed: the first constraint is the press, and loses its hold below zero.
         out: (6,) unit twist that leads out of the contact, or None where there is no way out.
         origin: (3,) the place of contact in this frame, zero unless the frame has been put elsewhere.
-
-    Raises:
-        BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
     """
 
     name: str
-    freedoms: ArrayLike
-    constraints: ArrayLike | None = None
-    unilateral: bool = False
-    out: ArrayLike | None = None
-    origin: ArrayLike = (0.0, 0.0, 0.0)
+    freedoms: Array = field(converter=own)
+    constraints: Array = field(converter=own)
+    unilateral: bool
+    out: Array | None = field(converter=optional(own))
+    origin: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        S = _independent(self.freedoms, "freedoms")
-        whole = S.shape[1] == 0
-        natural = np.eye(6) if whole else annihilator(S)
-        W = natural if self.constraints is None else _independent(self.constraints, "constraints")
+    def __init__(
+        self,
+        name: str,
+        freedoms: ArrayLike,
+        constraints: ArrayLike | None = None,
+        unilateral: bool = False,  # noqa: FBT002 (a field like the others)
+        out: ArrayLike | None = None,
+        origin: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        """A kind of contact from what it allows.
+
+        Args:
+            name: any.
+            freedoms: (6, k) independent twists; (6, 0) for none.
+            constraints: (6, 6-k) wrenches; None is a basis of all that do no work on the freedoms.
+            unilateral: whether it can only be pressed.
+            out: (6,) unit twist that leads out of the contact, if there is one.
+            origin: (3,) the place of contact.
+
+        Raises:
+            BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
+        """
+        S = _independent(freedoms, "freedoms")
+        if constraints is None:
+            W = annihilator(S) if S.shape[1] else np.eye(6)
+        else:
+            W = _independent(constraints, "constraints")
         if S.shape[1] + W.shape[1] != 6:
             raise BadInput("constraints", f"{W.shape[1]} wrenches", f"{6 - S.shape[1]}, S has {S.shape[1]} twists")
         work = np.abs(W.T.dot(S))
         if (work > DUAL_TOLERANCE * np.abs(W).T.dot(np.abs(S)).max(initial=0.0)).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
-        if self.unilateral and not W.shape[1]:
+        if unilateral and not W.shape[1]:
             raise BadInput("unilateral", "True without constraints", "a contact that can be pressed")
-        object.__setattr__(self, "freedoms", S)
-        object.__setattr__(self, "constraints", W)
-        object.__setattr__(self, "out", None if self.out is None else arrays.twist(self.out, "out"))
-        object.__setattr__(self, "origin", arrays.vector(self.origin, 3, "origin"))
+        way_out = None if out is None else arrays.twist(out, "out")
+        self.__attrs_init__(name, S, W, unilateral, way_out, arrays.vector(origin, 3, "origin"))
 
     def relabelled(self, offset: ArrayLike) -> ContactKind:
         """The same physical contact told in a frame displaced by a (4, 4) offset in the old one."""
         back = se3.inverse(offset)
         A, B = se3.carried(back), se3.coadjoint(back)
-        out = None if self.out is None else A.dot(np.asarray(self.out))
-        origin = back[:3, :3].dot(np.asarray(self.origin)) + back[:3, 3]
-        freedoms, constraints = A.dot(np.asarray(self.freedoms)), B.dot(np.asarray(self.constraints))
-        return ContactKind(self.name, freedoms, constraints, self.unilateral, out, origin)
+        out = None if self.out is None else A.dot(self.out)
+        origin = back[:3, :3].dot(self.origin) + back[:3, 3]
+        return ContactKind(self.name, A.dot(self.freedoms), B.dot(self.constraints), self.unilateral, out, origin)
 
 
 def _independent(columns: ArrayLike, argument: str) -> Array:

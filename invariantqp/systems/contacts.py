@@ -8,15 +8,16 @@ Reference: [DS] Sect. 6.3.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.contact_kinds import (
     FACE,
     LINE,
@@ -36,9 +37,9 @@ ALONG = 1e-6
 GRADIENT_STEP = 6e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """A kind of contact at a pose; what it allows and resists is told in the frame of that pose, the base's.
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Contact(Value):
+    """A kind of contact at a pose; its freedoms and constraints are expressed in the frame of that pose, the base's.
 
     Attributes:
         kind: what it is in its own frame.
@@ -46,10 +47,19 @@ class Contact:
     """
 
     kind: ContactKind
-    pose: Array
+    pose: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", arrays.pose(self.pose))
+    def __init__(self, kind: ContactKind, pose: ArrayLike) -> None:
+        """A kind of contact at a pose.
+
+        Args:
+            kind: what it is in its own frame.
+            pose: (4, 4) of its own frame in the base frame.
+
+        Raises:
+            BadInput: not a finite rigid motion.
+        """
+        self.__attrs_init__(kind, arrays.pose(pose))
 
     @property
     def name(self) -> str:
@@ -59,19 +69,19 @@ class Contact:
     @cached_property
     def freedoms(self) -> Array:
         """(6, k) twists that the contact allows."""
-        twists: Array = se3.carried(self.pose).dot(np.asarray(self.kind.freedoms))
+        twists: Array = se3.carried(self.pose).dot(self.kind.freedoms)
         return twists
 
     @cached_property
     def constraints(self) -> Array:
         """(6, 6-k) wrenches that the tool can exert on the contact; none does work on any freedom."""
-        wrenches: Array = se3.carried_wrenches(self.pose).dot(np.asarray(self.kind.constraints))
+        wrenches: Array = se3.carried_wrenches(self.pose).dot(self.kind.constraints)
         return wrenches
 
     @property
     def point(self) -> Array:
         """(3,) the place of contact."""
-        place: Array = self.pose[:3, :3].dot(np.asarray(self.kind.origin)) + self.pose[:3, 3]
+        place: Array = self.pose[:3, :3].dot(self.kind.origin) + self.pose[:3, 3]
         return place
 
     def moved(self, pose: ArrayLike) -> Contact:

@@ -13,16 +13,18 @@ Reference: [DS] Theorem 3.1, Corollary 3.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, pi
 from typing import NamedTuple
 
 import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.factors import LARGEST_CONDITION, Factors, factors
 from invariantqp.systems.gram import principal_screws
@@ -30,8 +32,8 @@ from invariantqp.systems.span import Span, span
 from invariantqp.systems.subspaces import reciprocal
 
 
-@dataclass(frozen=True)
-class Existence:
+@frozen(eq=False, repr=False, slots=False)
+class Existence(Value):
     """The three conditions of Theorem 3.1, each with the number that vanishes where it holds.
 
     Attributes:
@@ -56,7 +58,7 @@ class Existence:
     angle: float
     pitch_distance: float
     degenerate: tuple[bool, bool, bool]
-    certificate: Array | None
+    certificate: Array | None = field(converter=optional(own))
 
     @property
     def exists(self) -> bool:

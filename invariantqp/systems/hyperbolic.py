@@ -10,21 +10,22 @@ Reference: asked for in [DS] Sect. 7; signs are those of the indefinite form, so
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.span import span
 
 
-@dataclass(frozen=True)
-class HyperbolicSpectrum:
+@frozen(eq=False, repr=False, slots=False)
+class HyperbolicSpectrum(Value):
     """Generalised eigenvalues of (J'Q_h J, M) and their directions, |mu| descending.
 
     Attributes:
@@ -37,9 +38,9 @@ class HyperbolicSpectrum:
 
     h: float
     rank: int
-    values: Array
-    joint_directions: Array
-    twists: Array
+    values: Array = field(converter=own)
+    joint_directions: Array = field(converter=own)
+    twists: Array = field(converter=own)
 
     @property
     def singular_values(self) -> Array:

@@ -24,15 +24,17 @@ Reference: [DS] Sect. 4, corrected.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import pitch_form
 from invariantqp.geometry.screws import pitch
 from invariantqp.systems.factors import LARGEST_CONDITION, factors
@@ -47,8 +49,8 @@ LINE_TOLERANCE = 1e-9
 ERROR_TOLERANCE = 1.0 / LARGEST_CONDITION
 
 
-@dataclass(frozen=True)
-class Involution:
+@frozen(eq=False, repr=False, slots=False)
+class Involution(Value):
     """Whether lines are in involution, and what meets them.
 
     Attributes:
@@ -68,12 +70,12 @@ class Involution:
     holds: bool
     determinant: float
     rank: int
-    transversals: Array
+    transversals: Array = field(converter=own)
     transversal_count: float
     double: bool
-    at_infinity: Array
-    joint_forces: Array | None
-    equilibrium_wrench: Array | None
+    at_infinity: Array = field(converter=own)
+    joint_forces: Array | None = field(converter=optional(own))
+    equilibrium_wrench: Array | None = field(converter=optional(own))
 
 
 def involution(lines: ArrayLike, tolerance: float = ERROR_TOLERANCE) -> Involution:

@@ -10,14 +10,14 @@ Reference: [DS] Example 3, corrected; S_q is a 4-system whose reciprocal is a II
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.span import span
 from invariantqp.systems.subspaces import system_meet
@@ -27,8 +27,8 @@ from invariantqp.systems.subspaces import system_meet
 MEET_TOLERANCE = 1e-12
 
 
-@dataclass(frozen=True)
-class PointMotion:
+@frozen(eq=False, repr=False, slots=False)
+class PointMotion(Value):
     """The joint velocities that move a point along a direction.
 
     Attributes:
@@ -38,9 +38,9 @@ class PointMotion:
         moves: whether the point can move along the direction at all; else every velocity here leaves it at rest.
     """
 
-    velocities: Array
-    twists: Array
-    self_motions: Array
+    velocities: Array = field(converter=own)
+    twists: Array = field(converter=own)
+    self_motions: Array = field(converter=own)
     moves: bool
 
 

@@ -15,15 +15,16 @@ Reference: [DS] Sect. 6.1, Sect. 6.2 (6.5), Sect. 6.3; Lipkin & Duffy 1988; Seli
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, BlindSystem, NoProjectors, written
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.classification import gibson_hunt
 from invariantqp.systems.factors import LARGEST_CONDITION, factors
@@ -35,8 +36,8 @@ from invariantqp.systems.subspaces import annihilator
 CHOICES = "metric=M (a stiffness or an inertia at the contact) or complement=Z (what may be given up)"
 
 
-@dataclass(frozen=True, eq=False)
-class DualProjectors:
+@frozen(eq=False, repr=False, slots=False)
+class DualProjectors(Value):
     """P on twists and P* = (I - P)' on wrenches, with the spaces they belong to.
 
     Attributes:
@@ -50,11 +51,11 @@ class DualProjectors:
         unit: the length that counts as 1 in `norm`.
     """
 
-    motion: Array
-    force: Array
-    freedoms: Array
-    complement: Array
-    constraints: Array
+    motion: Array = field(converter=own)
+    force: Array = field(converter=own)
+    freedoms: Array = field(converter=own)
+    complement: Array = field(converter=own)
+    constraints: Array = field(converter=own)
     norm: float
     unit: float
 
@@ -76,7 +77,7 @@ class DualProjectors:
         """
         T = arrays.pose(pose)
         A, B = se3.carried(T), se3.carried_wrenches(T)
-        return replace(
+        return evolve(
             self,
             motion=A.dot(self.motion).dot(B.T),
             force=B.dot(self.force).dot(A.T),

@@ -8,14 +8,14 @@ Reference: [DS] Sect. 3, 5.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BlindSystem, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
 from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
@@ -23,8 +23,8 @@ from invariantqp.systems.span import LENGTH_LIMIT, span
 from invariantqp.systems.subspaces import annihilator
 
 
-@dataclass(frozen=True)
-class SystemReport:
+@frozen(eq=False, repr=False, slots=False)
+class SystemReport(Value):
     """What (6, m) joint twists can and cannot do.
 
     Attributes:
@@ -44,10 +44,10 @@ class SystemReport:
     joints: int
     rank: int
     type: GibsonHunt
-    principal_pitches: Array
-    principal_screws: Array
-    blind_directions: Array
-    constraint_wrenches: Array
+    principal_pitches: Array = field(converter=own)
+    principal_screws: Array = field(converter=own)
+    blind_directions: Array = field(converter=own)
+    constraint_wrenches: Array = field(converter=own)
     singularity_distance: float
 
     @property

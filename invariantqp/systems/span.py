@@ -8,14 +8,15 @@ millimetres and the scaling itself rounds nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import log2
 
 import numpy as np
+from attrs import frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
 
 # A singular value below this fraction of the largest is zero: forward kinematics in float64 leaves a few 1e-16 where a
 # joint axis is exactly dependent, and cond(J) = 1e7 must still count as full rank.
@@ -26,8 +27,8 @@ RANK_TOLERANCE = 1e-13
 LENGTH_LIMIT = 1e12
 
 
-@dataclass(frozen=True)
-class Span:
+@frozen(eq=False, repr=False, slots=False)
+class Span(Compared):
     """An orthonormal basis of a screw system and the coordinates of the given twists in it.
 
     Attributes:

@@ -10,22 +10,22 @@ Reference: [DS] Theorem 6.1, Example 4; the last identity and with it the h of z
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.systems.pseudoinverse import pseudoinverse
 from invariantqp.systems.span import span
 
 
-@dataclass(frozen=True)
-class StationaryPoint:
+@frozen(eq=False, repr=False, slots=False)
+class StationaryPoint(Value):
     """J^{+h}s with the error that is stationary there.
 
     Attributes:
@@ -35,9 +35,9 @@ class StationaryPoint:
         signature: numbers of positive, negative and zero eigenvalues of J'Q_h J; the zeros are the self-motions.
     """
 
-    velocity: Array
+    velocity: Array = field(converter=own)
     value: float
-    gradient: Array
+    gradient: Array = field(converter=own)
     signature: tuple[int, int, int]
 
     @property

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from attrs import evolve
 from support.random_systems import motion
 
 import invariantqp as iq
@@ -111,7 +112,7 @@ def test_it_gives_way_to_a_principal_pitch_of_its_own_size(where):
     n, L = len(found.survey.q), FEW_JOINTS_PITCH * found.own_length
     pitches = np.full((n, 6), np.nan)
     pitches[:, 0] = where * L
-    report = replace(found.report, principal_pitches=np.array([where * L]))
+    report = evolve(found.report, principal_pitches=np.array([where * L]))
     h = recommend(five(), report, replace(found.survey, pitches=pitches), found.own_length).h
     assert abs(h - where * L) >= CLEARANCE * abs(h)
     assert 0.9 * L < abs(h) < 4.1 * L
