@@ -1,4 +1,4 @@
-"""The invariant quadratic forms on twists: one pencil, Q_h = Q_0 - h (2 diag(I, 0)), and no other.
+"""The quadratic forms on twists that every rigid motion leaves unchanged: the pencil Q_h = Q_0 - 2h diag(I, 0).
 
     s'Q_h s = 2 (omega.v - h omega.omega)          Q_h = [[-2h I, I], [I, 0]]      Q_h^-1 = [[0, I], [I, 2h I]]
 
@@ -42,7 +42,7 @@ def invariant_form(alpha: float, beta: float) -> Array:
 
 
 def pitch_form(h: float) -> Array:
-    """Q_h, the invariant form of pitch h; its null twists are those of pitch h.
+    """Q_h, the invariant form of pitch h; its null twists are those of pitch h, and all translations.
 
     Args:
         h: pitch [length/rad], a float, or +-inf for half the Killing form.
@@ -82,7 +82,7 @@ def pitch_form_inverse(h: float) -> Array:
 
 
 def finite_pitch(h: float, argument: str = "h") -> float:
-    """h as a finite float, or `BadInput` that says why infinity will not do."""
+    """h as a finite float; `BadInput` says why infinity is refused."""
     if isinstance(h, (int, float)) and not isnan(h) and isinf(h):
         raise BadInput(argument, str(h), "a finite pitch", "The Killing form Q_inf is degenerate and has no inverse.")
     return arrays.number(h, argument, "a finite pitch")

@@ -1,13 +1,13 @@
-"""Kinds of contact: freedom twists S and constraint wrenches W in the contact's own frame, W'S = 0.
+"""Kinds of contact, each by its freedoms S (twists) and constraints W (wrenches) in its own frame, W'S = 0.
 
     point    S: 3 rotations, 2 slides      W: press                rolling: S: 3 rotations
     line     S: 2 rotations, 2 slides      W: press, 1 moment      rolling: S: rotation about the line
     face     S: 1 rotation, 2 slides       W: press, 2 moments     sticking: S: nothing, or the turn about the normal
     peg      S: rotation and slide along the axis                  hinge: S: one screw
 
-The frame has its origin at the contact and **z the way the tool presses**, against the outward normal of the surface; x
-lies along a line contact. Wrenches are those that the tool exerts, so pressing is positive: five newtons on a table are
-5 of the first constraint.
+The origin of the frame is at the contact. **z points the way the tool presses**, against the outward normal of the
+surface; x lies along a line contact. Wrenches are those that the tool exerts, so pressing is positive: a press of five
+newtons on a table is 5 times the first constraint.
 
 Reference: [DS] Sect. 6.3; Mason 1981; Lipkin & Duffy 1988.
 """
@@ -30,7 +30,7 @@ from invariantqp.geometry.screws import helical
 from invariantqp.systems.span import span
 from invariantqp.systems.subspaces import annihilator
 
-# How far W'S may be from zero relative to |W||S|: wrenches typed with six digits pass, wrong ones do not.
+# How far W'S may be from zero relative to |W||S|: wrenches given with six digits pass, wrong ones do not.
 DUAL_TOLERANCE = 1e-6
 
 
@@ -42,9 +42,10 @@ class ContactKind(Value):
         name: "point", "line", ...
         freedoms: (6, k) independent twists S that the contact allows.
         constraints: (6, 6-k) wrenches W that the tool can exert on it.
-        unilateral: whether it can only be pressed: the first constraint is the press, and loses its hold below zero.
+        unilateral: whether the tool can press but not pull: the first constraint is the press, and contact is lost
+            below zero.
         out: (6,) unit twist that leads out of the contact, or None where there is no way out.
-        origin: (3,) the place of contact in this frame, zero unless the frame has been put elsewhere.
+        origin: (3,) the place of contact in this frame; zero unless the frame has been displaced.
     """
 
     name: str
@@ -69,7 +70,7 @@ class ContactKind(Value):
             name: any.
             freedoms: (6, k) independent twists; (6, 0) for none.
             constraints: (6, 6-k) wrenches; None is a basis of all that do no work on the freedoms.
-            unilateral: whether it can only be pressed.
+            unilateral: whether the tool can press but not pull.
             out: (6,) unit twist that leads out of the contact, if there is one.
             origin: (3,) the place of contact.
 
@@ -92,7 +93,7 @@ class ContactKind(Value):
         self.__attrs_init__(name, S, W, unilateral, way_out, arrays.vector(origin, 3, "origin"))
 
     def relabelled(self, offset: ArrayLike) -> ContactKind:
-        """The same physical contact told in a frame displaced by a (4, 4) offset in the old one."""
+        """The same physical contact expressed in a frame displaced by a (4, 4) offset in the old one."""
         back = se3.inverse(offset)
         A, B = se3.carried(back), se3.coadjoint(back)
         out = None if self.out is None else A.dot(self.out)

@@ -1,12 +1,13 @@
-"""Whether S has an h-pseudoinverse, asked in three independent ways, and the twist z that proves that it has none.
+"""The three equivalent conditions under which a screw system S has no h-pseudoinverse, each computed by itself.
 
     (i) rank(J'Q_h J) < rank(J)     (ii) S meets S^{perp h}     (iii) S is tangent to q_h at a point z of S
 
-(i) is a value of the form on S, (ii) the angle between two subspaces that are computed apart, (iii) a critical value
-of the pitch on S (or a translation that no form sees). They are equivalent; each is computed without the others, and
-each number counts as zero below what an error of the twists that costs three digits could make of zero.
-[DS] prints (iii) with "at some non-zero point" but proves it for a point of S, and needs that: every 1- and 2-system
-lies in the tangent space at some null twist outside it, whether or not it has a pseudoinverse.
+(i) is an eigenvalue problem, (ii) an angle between two subspaces, (iii) the distance from h to a principal pitch (or
+a translation that is reciprocal to all of S). Each gives a number that is zero in exact arithmetic. Here it counts as
+zero if an error of the twists small enough to leave J^{+h} three correct digits could have made it zero.
+
+[DS] prints (iii) with "at some non-zero point" where a point of S is meant and needed: every 1- and 2-system lies in
+the tangent space at some null twist outside it, whether or not it has a pseudoinverse.
 
 Reference: [DS] Theorem 3.1, Corollary 3.2.
 """
@@ -39,15 +40,15 @@ class Existence(Value):
     Attributes:
         h: the pitch asked for [length/rad].
         rank: rank of J.
-        condition: the condition number of J^{+h}: how many times larger than the relative error of the twists its own
-            can be.
-        gram_rank: (i) rank of J'Q_h J, as far as rounding lets it be told.
+        condition: condition number of J^{+h}, the ratio of its relative error to that of the twists, at worst.
+        gram_rank: (i) numerical rank of J'Q_h J.
         gram_eigenvalue: (i) least |eigenvalue| of U'Q_h U over |Q_h|, U an orthonormal basis of S.
         angle: (ii) least angle between S and S^{perp h} [rad].
         pitch_distance: (iii) |h - h_i| to the nearest principal pitch, in units of |h| + the system's length; 0 where
-            some translation is reciprocal to all of S, inf where nothing ever fails.
-        degenerate: (i), (ii), (iii) as they came out.
-        certificate: (6,) z in S, h-reciprocal to all of S; None where (i) does not hold.
+            some translation is reciprocal to all of S, inf where every pitch works.
+        degenerate: whether (i), (ii) and (iii) hold.
+        certificate: (6,) z in S, h-reciprocal to all of S, which proves that there is no h-pseudoinverse; None where
+            (i) does not hold.
     """
 
     h: float
@@ -62,26 +63,26 @@ class Existence(Value):
 
     @property
     def exists(self) -> bool:
-        """Whether there is an h-pseudoinverse that rounding leaves three digits, as `has_pseudoinverse` says."""
+        """Whether S has an h-pseudoinverse that can be computed to three digits; the same as `has_pseudoinverse`."""
         return self.condition <= LARGEST_CONDITION
 
     @property
     def agree(self) -> bool:
-        """Whether the three say the same; they may differ only where all three numbers are at their tolerances."""
+        """Whether all three conditions hold, or none; they can differ only where their numbers are at the tolerance."""
         return len(set(self.degenerate)) == 1
 
 
 def existence(J: ArrayLike, h: float) -> Existence:
-    """Ask Theorem 3.1 whether (6, m) twists have an h-pseudoinverse.
+    """Evaluate the three conditions of Theorem 3.1 for (6, m) twists.
 
     Args:
-        J: (6, m) twists, dependent or not: rank(J) takes the place of m.
+        J: (6, m) twists. They may be dependent: rank(J) takes the place of m in the theorem.
         h: finite pitch [length/rad].
 
     Raises:
         BadInput: J is not finite (6, m), or h is not finite.
 
-    Reference: [DS] Theorem 3.1; the certificate is the z of its proof.
+    Reference: [DS] Theorem 3.1; `certificate` is the z of its proof.
     """
     twists, pitch = arrays.columns(J), finite_pitch(h)
     found = factors(twists, pitch)
@@ -106,7 +107,7 @@ def existence(J: ArrayLike, h: float) -> Existence:
 
 
 class _View(NamedTuple):
-    """The system with lengths measured in `length`, its own or |h| where that is longer.
+    """The system with lengths measured in its own unit, or in |h| where that is longer.
 
     Attributes:
         system: the span, in its own unit of length.
@@ -122,14 +123,14 @@ class _View(NamedTuple):
     form: Array
     length: float
 
-    def scaled(self, z: Array) -> Array:
-        """A unit twist along z (6,), which is measured in the caller's unit of length."""
+    def unit_twist(self, z: Array) -> Array:
+        """The unit twist along z (6,), from the caller's unit of length."""
         result = z.copy()
         result[3:] /= self.length
         return np.asarray(result / np.linalg.norm(result))
 
     def resolution(self, z: Array) -> float:
-        """How far off a unit twist z of the system may be: by the error of the twists that costs three digits."""
+        """The error of a unit twist z of the system when J has the largest error that leaves J^{+h} three digits."""
         own = z.copy()
         own[3:] *= self.length / self.system.unit
         velocity = self.system.right.dot(self.system.basis.T.dot(own) / self.system.singular)
@@ -152,18 +153,18 @@ def _gram_eigenvalue(system: Span, h: float) -> float:
 
 
 def _least_angle(view: _View) -> tuple[float, bool]:
-    """Between S and S^{perp h}, from the two bases side by side, 2 arcsin(sigma_min / sqrt 2); whether it is zero."""
+    """The angle between S and S^{perp h}, 2 arcsin(sigma_min / sqrt 2) of both bases; whether it counts as zero."""
     r = view.basis.shape[1]
     other = np.linalg.qr(view.form.dot(view.basis), mode="complete")[0][:, r:]
     _, sigma, Vt = np.linalg.svd(np.hstack((view.basis, other)))
     z = view.basis.dot(Vt[-1, :r])
     angle = float(2.0 * np.arcsin(min(1.0, sigma[-1] / np.sqrt(2.0))))
-    # An error of S moves S^{perp h} likewise, so it counts twice.
+    # An error in S moves S^{perp h} by as much, so it counts twice.
     return angle, angle <= 2.0 * view.resolution(z / np.linalg.norm(z))
 
 
 def _pitch_distance(twists: Array, h: float, view: _View) -> tuple[float, bool]:
-    """From h to the nearest pitch whose hyperquadric S is tangent to; whether S is tangent to that of h."""
+    """The distance from h to the nearest principal pitch, and whether it counts as zero."""
     try:
         pitches, screws = principal_screws(twists)
     except BlindSystem:
@@ -171,17 +172,17 @@ def _pitch_distance(twists: Array, h: float, view: _View) -> tuple[float, bool]:
     if not len(pitches):
         return inf, False
     i = int(np.abs(pitches - h).argmin())
-    z = view.scaled(screws[:, i])
-    # z'Q_h z = 2 (h_i - h) |omega|^2, against what an error of z makes of it.
+    z = view.unit_twist(screws[:, i])
+    # |z'Q_h z| = 2 |h_i - h| |omega|^2, compared with the change that an error of z makes.
     value = 2.0 * abs(pitches[i] - h) / view.length * z[:3].dot(z[:3])
     tangent = value <= 2.0 * float(np.linalg.norm(view.form.dot(z))) * view.resolution(z)
     return float(abs(pitches[i] - h)) / (abs(h) + view.system.unit), bool(tangent)
 
 
 def reciprocal_has_pseudoinverse(J: ArrayLike, h: float) -> bool:
-    """Whether S^{perp h} has an h-pseudoinverse: it has exactly if S has, which is a check on both.
+    """Whether S^{perp h} has an h-pseudoinverse: by the paper's corollary, iff S has.
 
-    S^{perp h} is as well known as S is: an error of a twist of J counts as often here as it moves the screws of both.
+    S^{perp h} is computed from J, so its twists have larger errors than those of J; that is taken into account.
 
     Raises:
         BadInput: J is not finite (6, m), or h is not finite.
@@ -191,5 +192,5 @@ def reciprocal_has_pseudoinverse(J: ArrayLike, h: float) -> bool:
     twists, pitch = arrays.columns(J), finite_pitch(h)
     other = factors(reciprocal(twists, pitch), pitch)
     view = _view(twists, pitch, factors(twists, pitch))
-    moved = [LARGEST_CONDITION * view.resolution(view.scaled(z)) for z in other.screws.T]
-    return bool((other.shares * np.maximum(1.0, moved) <= LARGEST_CONDITION).all())
+    errors = [LARGEST_CONDITION * view.resolution(view.unit_twist(z)) for z in other.screws.T]
+    return bool((other.shares * np.maximum(1.0, errors) <= LARGEST_CONDITION).all())

@@ -41,11 +41,11 @@ from invariantqp.systems.factors import LARGEST_CONDITION, factors
 from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.span import RANK_TOLERANCE, span
 
-# A column is a line if its pitch is below this fraction of its distance from the origin (or of 1): nine digits of a
-# careful model file.
+# A column is a line if its pitch is below this fraction of its distance from the origin (or of 1): model files have
+# nine digits at best.
 LINE_TOLERANCE = 1e-9
 
-# Relative error of the lines that is seen through: what `has_pseudoinverse` calls too near to nothing.
+# Relative error of the lines that must not change the answer: that at which `has_pseudoinverse` refuses.
 ERROR_TOLERANCE = 1.0 / LARGEST_CONDITION
 
 
@@ -54,7 +54,7 @@ class Involution(Value):
     """Whether lines are in involution, and what meets them.
 
     Attributes:
-        holds: whether a system of forces along the lines, not all zero, is felt by no joint.
+        holds: whether forces along the lines, not all zero, ask no torque of any joint.
         determinant: Sylvester's det(J'Q_0 J) of the columns as given; J A has det(A)^2 times it.
         rank: number of independent lines.
         transversals: (6, n) unit lines that meet (or are parallel to) all lines. All of them where finitely many;
@@ -63,8 +63,8 @@ class Involution(Value):
         double: whether the only transversal, a line or at infinity, counts twice (a limit of two that came together).
         at_infinity: (6, k) translations reciprocal to all lines: transversals at infinity.
         joint_forces: (m,) lambda, unit, the forces along the lines that balance; None unless `holds`.
-        equilibrium_wrench: (6,) W = Q_0 J lambda, their sum: zero where the lines are dependent, else a force along a
-            transversal (or a couple) that does no work on any joint; None unless `holds`.
+        equilibrium_wrench: (6,) their sum W = Q_0 J lambda: zero where the lines are dependent, else a force along a
+            transversal, or a couple, that does no work on any joint; None unless `holds`.
     """
 
     holds: bool
@@ -83,8 +83,7 @@ def involution(lines: ArrayLike, tolerance: float = ERROR_TOLERANCE) -> Involuti
 
     Args:
         lines: (6, m) twists of pitch 0 as columns, of any length, 2 <= m <= 6.
-        tolerance: relative error of the lines that is to be seen through: lines that such an error could have kept
-            from being in involution are so.
+        tolerance: relative error of the lines: they are in involution if such an error could have made them so.
 
     Raises:
         BadInput: shapes, NaN, fewer than 2 or more than 6 columns, a column whose pitch is not 0, a tolerance that is
@@ -134,7 +133,7 @@ def _lines(value: ArrayLike) -> Array:
         w = float(np.linalg.norm(s[:3]))
         if h == inf or abs(h) > LINE_TOLERANCE * max(1.0, float(np.linalg.norm(s[3:])) / w):
             found = f"a column {i} of pitch {h:.4g}" if s.any() else f"a zero column {i}"
-            raise BadInput("lines", found, expected, "Only revolute axes are lines; see has_pseudoinverse for others.")
+            raise BadInput("lines", found, expected, "Only revolute joints are lines; for others has_pseudoinverse.")
     return J
 
 
@@ -154,7 +153,7 @@ def _null_lines(R: Array, Q: Array, kernel: int) -> tuple[Array, bool, bool]:
     ]
     null = np.hstack((E[:, zero], np.array(pairs).T.reshape(n, len(pairs))))
     if n > 2 and len(up) and len(down):
-        # Each pair spans its plane; the kernel added to a null twist is null: enough to span all there is.
+        # Infinitely many: keep as many independent ones as there are.
         null = null[:, _independent(null)]
     plenty = (n > 2 and len(up) > 0 and len(down) > 0) or kernel > 1
     return R.dot(null), plenty, n > 1 and kernel == 1 and not pairs

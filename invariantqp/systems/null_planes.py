@@ -36,8 +36,8 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.classification import CLASS_TOLERANCE, gibson_hunt
 
-# A screw is in a plane if what keeps it out is below this fraction of the terms it is the sum of: nine digits of a
-# careful model file.
+# A screw lies in a plane if its h-products with the plane's screws are below this fraction of the sum of their terms:
+# model files have nine digits at best.
 MEMBER_TOLERANCE = 1e-9
 
 # [DS] Table 2: the 3-systems that lie in one q_h, as planes.
@@ -82,7 +82,7 @@ class NullPlane(Value):
 
         Args:
             twist: (6,), not zero.
-            tolerance: relative error of the twist that is to be seen through.
+            tolerance: relative error of the twist that must not change the answer.
 
         Raises:
             BadInput: not six finite numbers, or the zero twist.
@@ -136,7 +136,7 @@ def null_plane(S: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> NullPlane | 
 
     Args:
         S: (6, m) spanning twists, dependent or not.
-        tolerance: relative error of the twists that is to be seen through.
+        tolerance: relative error of the twists that must not change the answer.
 
     Raises:
         BadInput: S is not finite (6, m), all zero, or a tolerance that is not positive.

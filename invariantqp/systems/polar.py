@@ -15,7 +15,8 @@ carry the one to the other.
   say iff J has an h-pseudoinverse. At a principal pitch there is none: G, and with it S, is zero on a joint velocity
   that moves the tool by a screw z, so W S cannot be J. Blind systems have none for any h.
 
-S and W are unique where J moves something, if the signs W^{*h} W are to commute with S.
+S and W are unique on the joint velocities that move the tool, given that W^{*h} W = sign(G) commutes with S; both are
+zero on the others.
 
 What it says about the arm. S and the gains are the same in every frame; a rigid change of frame takes W to Ad W and R
 to Ad R Ad^-1. A joint velocity of unit size along v_i moves the tool by the twist g_i w_i. The product of the gains is
@@ -40,17 +41,17 @@ from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.hyperbolic import hyperbolic_singular_values
 from invariantqp.systems.pseudoinverse import pseudoinverse
 
-# Least over largest |mu| below which the least is rounding of the largest, and its gain not right to three digits.
+# Least over largest |mu| below which rounding of the largest leaves the least fewer than three digits.
 LEAST_SHARE = 1e-12
 
 
 @frozen(eq=False, repr=False, slots=False)
 class HyperbolicPolar(Value):
-    """J = W S = R W.
+    """The factors of J = W S = R W.
 
     Attributes:
         h: the pitch [length/rad].
-        movement: (6, m) W, an isometry up to signs on what moves, zero on self-motions.
+        movement: (6, m) W, an isometry up to signs; zero on self-motions.
         stretch: (m, m) S, joint velocities to joint velocities; M S is symmetric, S >= 0.
         twist_stretch: (6, 6) R, twists to twists; Q_h R is symmetric.
         gains: (r,) principal gains sqrt|mu_i|, descending.
@@ -88,8 +89,8 @@ def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None =
         HyperbolicPolar, in the frame of J.
 
     Raises:
-        NoPolarDecomposition: h is a principal pitch of the system, or so near one that rounding decides, or no h works;
-            likewise where gains differ so much (a millionfold) that the least is rounding. Carries the proof.
+        NoPolarDecomposition: h is a principal pitch of the system, or too near one for three correct digits; or no h
+            works; or gains differ by a factor above a million, so that the least is rounding. Carries the proof.
         BadInput: shapes, NaN, infinite h, a metric that is not positive definite.
 
     Reference: asked for in [DS] Sect. 7.

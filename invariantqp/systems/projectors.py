@@ -1,12 +1,12 @@
-"""Dual projectors: twists split along S and Z, wrenches along their annihilators, so that no power crosses over.
+"""Dual projectors: they split twists along S and Z, and wrenches along the annihilators of the two.
 
     P = S (K'S)^-1 K',   K = Z*       P on S along Z           P* = (I - P)' = W (Z'W)^-1 Z'   on W = S* along Z*
 
-W'P = 0 for any complement Z. Three ways to say which Z:
+W'P = 0 for any complement Z: the wrenches in W do no work on the motions in S. Three ways to choose Z:
 
-    h          Z = S^{perp h}, the only one that no frame, no body and no unit enters; some systems have none
-    metric     Z = {z : s'Mz = 0 for all s in S} = M^-1 W, M positive definite: a stiffness or an inertia; always there
-    complement Z itself
+    h          Z = S^{perp h}: depends on no frame, body or unit; some systems have none
+    metric     Z = {z : s'Mz = 0 for all s in S} = M^-1 W, M positive definite: a stiffness or an inertia; always exists
+    complement Z as given
 
 With Z = S^{perp h}, P* is [DS]'s W (W'Q_h^-1 W)^-1 W'Q_h^-1.
 
@@ -32,7 +32,7 @@ from invariantqp.systems.gram import principal_pitches
 from invariantqp.systems.span import span
 from invariantqp.systems.subspaces import annihilator
 
-# What every refusal offers where a pitch does not help.
+# What a refusal offers instead of a pitch.
 CHOICES = "metric=M (a stiffness or an inertia at the contact) or complement=Z (what may be given up)"
 
 
@@ -41,13 +41,13 @@ class DualProjectors(Value):
     """P on twists and P* = (I - P)' on wrenches, with the spaces they belong to.
 
     Attributes:
-        motion: (6, 6) P, a twist to its part in S.
-        force: (6, 6) P* = (I - P)', a wrench to its part in S*.
+        motion: (6, 6) P, takes a twist to its part in S.
+        force: (6, 6) P* = (I - P)', takes a wrench to its part in S*.
         freedoms: (6, k) basis of S.
         complement: (6, 6-k) basis of Z, the twists that P takes to zero.
         constraints: (6, 6-k) basis of S* = W, the wrenches that do no work on S.
-        norm: |P|, one over the sine of the angle between S and Z in `unit`; 1 is as good as it gets, 0 where S is
-            nothing.
+        norm: |P|, one over the sine of the angle between S and Z, lengths in `unit`; 1 is the least, but for 0 where
+            S is the zero system.
         unit: the length that counts as 1 in `norm`.
     """
 
@@ -61,7 +61,7 @@ class DualProjectors(Value):
 
     @property
     def power_leak(self) -> float:
-        """The largest |W'Ps| over |W||P||s|, lengths in `unit`: rounding, whatever S and Z are."""
+        """The largest |W'Ps| over |W||P||s|, lengths in `unit`: zero up to rounding, whatever S and Z are."""
         if not self.freedoms.shape[1] or not self.constraints.shape[1]:
             return 0.0
         scale = _scale(self.unit)
@@ -99,7 +99,7 @@ def dual_projectors(
 
     Args:
         S: (6, m) twists that span the freedoms; (6, 0) for none.
-        wrenches: (6, m) constraint wrenches (m; f) instead of S, which then is all they do no work on.
+        wrenches: (6, m) constraint wrenches (m; f) instead of S; S is then all twists on which they do no work.
         h: pitch [length/rad]: Z is the h-reciprocal system of S.
         complement: (6, n) twists that span Z.
         metric: (6, 6) positive definite or its (6,) diagonal: Z is orthogonal to S in it; or a `CarriedMetric` that has
@@ -109,9 +109,11 @@ def dual_projectors(
         DualProjectors, in the frame of S.
 
     Raises:
-        NoProjectors: S meets its h-reciprocal; names the type of S, and the pitches or choices that are left.
-        BadInput: not one of S and wrenches, not one of the three rules, NaN, shapes, a complement that shares a twist
-            with S or does not fill six dimensions with it, a metric that is not positive definite.
+        NoProjectors: S meets its h-reciprocal, or is too near to it for three correct digits; names the type of S, and
+            the pitches and choices that are left.
+        BadInput: not one of S and wrenches, not one of the three rules, NaN, shapes, nearly dependent columns, a
+            complement that shares a twist with S or does not fill six dimensions with it, a metric that is not
+            positive definite.
 
     Reference: [DS] Sect. 6.1 (P_h = J J^{+h}), (6.5), Sect. 6.3.
     """
@@ -128,8 +130,8 @@ def dual_projectors(
         M = arrays.positive_definite(getattr(metric, "carried", metric), 6, "metric")
         Z = _orthogonal((M * scale * scale.T).dot(U))
     else:
-        Z, own = _given(complement, k, unit)
-        spread = max(spread, own)
+        Z, magnified = _complement(complement, k, unit)
+        spread = max(spread, magnified)
     W, K = _orthogonal(U), _orthogonal(Z)
     _, sines, Vt = np.linalg.svd(K.T.dot(U))
     sine = float(sines[-1]) if k else 1.0
@@ -186,12 +188,12 @@ def _freedoms(given: Array, twists: bool) -> tuple[Array, float, float]:
     freedoms = annihilator(given)
     if not freedoms.shape[1]:
         return freedoms, 1.0, system.spread
-    turned = span(freedoms)
-    return turned.basis, turned.unit, system.spread
+    own_system = span(freedoms)
+    return own_system.basis, own_system.unit, system.spread
 
 
-def _given(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, float]:
-    """An orthonormal basis of the Z given, in `unit`, and how much it magnifies errors of Z."""
+def _complement(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, float]:
+    """Orthonormal basis of the given Z, lengths in `unit`, and how much it magnifies errors of the columns."""
     twists = arrays.system(complement, "complement") / _scale(unit)  # type: ignore[arg-type]
     if not twists.shape[1] and k == 6:
         return twists, 1.0
@@ -204,7 +206,7 @@ def _given(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, fl
 
 
 def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None:
-    """Raise where S and its h-reciprocal do not fill six dimensions, or where rounding decides whether they do."""
+    """Raise unless S and its h-reciprocal fill six dimensions, by a margin that leaves three correct digits."""
     if not given.shape[1]:
         return
     # Wrenches W are the twists Q_0 W measured by -h: W'Q_h^-1 W = (Q_0 W)'Q_{-h}(Q_0 W).
@@ -212,7 +214,7 @@ def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None
     if found.exists:
         return
     if found.dependent:
-        said = f"columns so nearly dependent that rounding decides (condition number {found.spread:.1g})"
+        said = f"columns so nearly dependent that rounding decides what they span (condition {found.spread:.1g})"
         raise BadInput("S" if twists else "wrenches", said, "independent columns", "Leave out a column.")
     z = found.lost
     if not twists:

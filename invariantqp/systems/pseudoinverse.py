@@ -1,13 +1,13 @@
-"""The h-pseudoinverse J^{+h}: the pseudoinverse in which twists are measured by Q_h, so that no frame matters.
+"""The h-pseudoinverse J^{+h}: the pseudoinverse that measures twists by Q_h and so depends on no choice of frame.
 
     J = T C  (T a basis of the system, C of full row rank):   J^{+h} = M^-1 C'(C M^-1 C')^-1 (T'Q_h T)^-1 T'Q_h
 
-It exists iff rank(T'Q_h T) = rank(J). Factoring before the Gram matrix is formed keeps the digits that
-(J'Q_h J)^-1 J'Q_h loses: that route squares cond(J). In floating point a rank is a matter of degree: an answer is
-given where its condition number leaves it three digits, and refused where it does not.
+It exists iff rank(T'Q_h T) = rank(J). J is factored before a Gram matrix is formed, because (J'Q_h J)^-1 J'Q_h squares
+the condition number of J. In floating point the rank is decided by the condition number of J^{+h}: the answer is given
+where at least three digits of it are correct, and refused where rounding could have changed more.
 
-Reference: [DS] Theorem 2.2 (existence), (hP1)-(hP4). (hP4) is meant with the ordinary transpose on the joint side (or
-the M-adjoint with a joint metric M); [DS] prints the h-adjoint there.
+Reference: [DS] Theorem 2.2 (existence), (hP1)-(hP4). On the joint side of (hP4) the ordinary transpose is meant (with a
+joint metric M, the M-adjoint); [DS] prints the h-adjoint there.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from invariantqp.systems.subspaces import screw_system
 
 
 def has_pseudoinverse(J: ArrayLike, h: float) -> bool:
-    """Whether (6, m) twists have an h-pseudoinverse, rank(J'Q_h J) = rank(J), that rounding leaves three digits.
+    """Whether (6, m) twists have an h-pseudoinverse that can be computed to three digits: rank(J'Q_h J) = rank(J).
 
     Raises:
         BadInput: J is not finite (6, m), or h is not finite.
@@ -36,7 +36,7 @@ def has_pseudoinverse(J: ArrayLike, h: float) -> bool:
 
 
 def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> Array:
-    """J^{+h}, the h-pseudoinverse of (6, m) twists of any rank, right to three digits or better.
+    """J^{+h}, the h-pseudoinverse of (6, m) twists of any rank, correct to three digits or more.
 
     For rank 6 it is the same for every h, and with `joint_metric=None` it is the Moore-Penrose pseudoinverse.
 
@@ -50,8 +50,8 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
         (m, 6) matrix; x = J^{+h} s is the joint velocity for the twist s.
 
     Raises:
-        NoPseudoinverse: h is a principal pitch of the system, or so near one that rounding decides, or no h works;
-            carries the proof. Likewise where joints are dependent but for rounding.
+        NoPseudoinverse: h is a principal pitch of the system, or too near one for three correct digits; or no h works;
+            or the joints are too nearly dependent. Carries the proof.
         BadInput: shapes, NaN, infinite h, a metric that is not positive definite.
 
     Reference: [DS] Theorem 2.2, (3.1) for independent columns, (2.15) for rank 6.

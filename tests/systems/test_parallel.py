@@ -109,7 +109,7 @@ def test_a_singular_platform_has_no_condition():
 
 
 def test_bad_input_is_told():
-    with pytest.raises(iq.BadInput, match="leg 1 of no length"):
+    with pytest.raises(iq.BadInput, match="leg 1 of length zero"):
         iq.leg_wrenches([[0, 0, 0], [1, 1, 1]], [[0, 0, 1], [1, 1, 1]])
     with pytest.raises(iq.BadInput, match="no legs"):
         iq.leg_wrenches(np.empty((0, 3)), np.empty((0, 3)))
