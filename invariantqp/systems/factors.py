@@ -30,7 +30,7 @@ from invariantqp.systems.span import span
 ROUNDING = 1e-15
 
 # Above this an error of ROUNDING can change J^{+h} by more than a thousandth. Arms that are singular by structure (an
-# SO-101 at h = 0, a SCARA at any h) have at least 250 times this number, in every state and frame.
+# SO-101 at h = 0, a SCARA at any h) have hundreds of times this number, in every state and frame.
 LARGEST_CONDITION = 1e-3 / ROUNDING
 
 

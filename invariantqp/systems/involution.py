@@ -1,6 +1,6 @@
 """Lines in involution: 2 to 6 joint axes along which forces can balance, det(J'Q_0 J) = 0, and their transversals.
 
-    z in S meet S^{perp 0}:   W = Q_0 z = Q_0 J lambda is a wrench along the lines that no joint feels, J'W = 0
+    z in S meet S^{perp 0}:   W = Q_0 z = Q_0 J lambda is a wrench along the lines with J'W = 0: no joint needs a torque
 
 Independent lines are in involution iff J has no 0-pseudoinverse; dependent lines are, by J lambda = 0 and W = 0.
 
