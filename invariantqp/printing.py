@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from invariantqp.progress import Progress
+
 if TYPE_CHECKING:
     from pathlib import Path
 
     from invariantqp.analysis.inspection import Inspection
-    from invariantqp.compare.measure.stability import Outcome
+    from invariantqp.compare.measure.stability import StabilityOutcome
     from invariantqp.runs.taskfile import Task
     from invariantqp.runs.trace import Trace
 
@@ -28,16 +30,20 @@ STEPS = 200
 
 
 @contextmanager
-def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+def progress(what: str, quiet: bool) -> Iterator[Progress | None]:
     """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich import progress as bars
 
-    with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), console=console
+    with bars.Progress(
+        bars.TextColumn(what),
+        bars.BarColumn(),
+        bars.TextColumn("{task.percentage:3.0f} %"),
+        bars.TimeRemainingColumn(),
+        console=console,
     ) as bar:
         job = bar.add_task(what, total=None)
 
@@ -135,7 +141,15 @@ def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) 
     console.print(table)
 
 
-def print_stability(outcomes: list[Outcome]) -> None:
+def print_not_installed(missing: dict[str, list[str]]) -> None:
+    """What a comparison will leave out, on standard error, and how to install it; {extra: names}."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    for extra, names in missing.items():
+        listed = "; ".join(names)
+        console.print(f"not installed, so left out: {listed}. Run: pip install 'invariantqp[{extra}]'", markup=False)
+
+
+def print_stability(outcomes: list[StabilityOutcome]) -> None:
     """The stability cases, law by law, failures in red."""
     columns = (
         "case",
@@ -175,7 +189,7 @@ def print_stability(outcomes: list[Outcome]) -> None:
 
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
-    """A comparison's summary, what it says in sentences, and where the rest is."""
+    """The summary of a comparison, its findings, and the files that were written."""
     from invariantqp.compare.report.findings import findings
     from invariantqp.compare.report.tables import summary
 
@@ -189,7 +203,7 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:
-        console.print(f"{failed} of {len(results['cells'])} measurements could not be made: the report says why.")
+        console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
     for place, rho in (agreement or {}).items():
         console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
     console.print(f"written: {', '.join(str(file) for file in files[:2])}, {len(files) - 2} pictures", markup=False)

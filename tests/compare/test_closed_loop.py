@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
+from invariantqp.compare.cell import Cell
 from invariantqp.compare.laws.mink_law import MinkLaw
 from invariantqp.compare.laws.peers import joints_of
 from invariantqp.compare.laws.pink_law import PinkLaw
@@ -12,8 +13,8 @@ from invariantqp.compare.measure import closed_loop
 from invariantqp.compare.measure.closed_loop import failures, ticked, tracked, without_speed_limits
 from invariantqp.compare.measure.frames import random_displacement
 from invariantqp.compare.measure.rewritten import rewritten, stretched
-from invariantqp.compare.methods import methods
-from invariantqp.compare.sweep import Cell, kinds
+from invariantqp.compare.registry import methods
+from invariantqp.compare.sweep import kinds
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.screws import helical
 from invariantqp.runs.run import run_task

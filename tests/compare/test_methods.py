@@ -3,10 +3,12 @@ import pytest
 from scipy.optimize import linprog
 
 import invariantqp as iq
+from invariantqp.compare import names
 from invariantqp.compare.laws.damped import DLS_DAMPING, MANIPULABILITY, NEARLY_SINGULAR
 from invariantqp.compare.laws.saturation import saturated
 from invariantqp.compare.laws.unit_consistent import scaling, unit_consistent_inverse
-from invariantqp.compare.methods import FAMILIES, Setting, chosen, methods
+from invariantqp.compare.method import FAMILIES, Setting
+from invariantqp.compare.registry import chosen, left_out, methods
 from invariantqp.errors import BadInput, UnknownName
 
 SOLVERS = {name: method for name, method in methods().items() if method.make is not None}
@@ -175,7 +177,7 @@ def test_methods_are_chosen_by_name_family_or_part():
     everything = chosen()
     assert next(iter(everything)) == "invariantqp"
     assert list(chosen("dls")) == ["DLS"]
-    assert list(chosen("QP, DAQP,dls , invariantqp, no guard")) == ["invariantqp, no guard", "DLS", "QP, DAQP"]
+    assert list(chosen(["QP, DAQP", "dls ", "invariantqp, no guard"])) == ["invariantqp, no guard", "DLS", "QP, DAQP"]
     assert {m.family for m in chosen("damped").values()} == {"damped"}
     assert len(chosen("osqp")) == 12
     assert list(chosen(["h, eigen"])) == ["h, eigen"]
@@ -183,12 +185,34 @@ def test_methods_are_chosen_by_name_family_or_part():
         chosen("moore penrose")
     with pytest.raises(BadInput, match="--methods: found no method"):
         chosen("")
+    assert list(chosen("Moore-Penrose, pinv")) == ["Moore-Penrose, pinv"]
+
+
+def test_all_unknown_names_are_told_at_once_with_similar_ones():
+    with pytest.raises(BadInput, match=r"no method called 'pinf' \(similar: .*\) or 'xyz'; expected .*'QP, DAQP'"):
+        chosen(["DLS", "pinf", "xyz"])
+    with pytest.raises(BadInput, match=r"no method called 'invariantqp,DLS' .* Give each name a --methods of its own"):
+        chosen("invariantqp,DLS")
+    with pytest.raises(UnknownName, match=r"known: .*; QP, DAQP; "):
+        chosen("xyz")
+
+
+def test_names_that_reports_look_for_are_names_of_methods():
+    told = {value for key, value in vars(names).items() if key.isupper()}
+    assert len(told) > 10
+    assert told <= set(methods())
 
 
 def test_a_method_that_is_not_installed_says_what_it_needs(monkeypatch):
-    from invariantqp.compare import methods as module
+    from invariantqp.compare import method as module
 
     monkeypatch.setattr(module, "find_spec", lambda name: None if name == "piqp" else object())
     assert "QP, PIQP" not in chosen()
-    with pytest.raises(BadInput, match="QP, PIQP, which needs piqp"):
+    assert [method.name for method in left_out()] == ["QP, PIQP"]
+    assert left_out("damped") == []
+    with pytest.raises(BadInput, match=r"QP, PIQP, which needs piqp; .* Run: pip install 'invariantqp\[compare\]'"):
         chosen(["QP, PIQP"])
+
+
+def test_every_method_that_needs_a_module_says_which_extra_brings_it():
+    assert {method.name for method in methods().values() if bool(method.needs) != bool(method.extra)} == set()

@@ -5,10 +5,10 @@ import pytest
 from typer.testing import CliRunner
 
 from invariantqp.cli import app
-from invariantqp.compare.laws.invariant import OURS
 from invariantqp.compare.laws.sdls import LARGEST_STEP, sdls_step
 from invariantqp.compare.measure import stability
 from invariantqp.compare.measure.stability import YARDSTICK, Case, compare_stability
+from invariantqp.compare.names import OURS
 
 FEW = [Case("stability/pitch_crossing"), Case("stability/jump", "target")]
 
@@ -46,7 +46,7 @@ def test_the_command_prints_a_table_and_writes_every_figure(few, tmp_path):
 
 
 def test_the_status_tells_when_ours_leaves_its_limits(monkeypatch):
-    left = [stability.Outcome("c", OURS, 1, 0, 0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)]
+    left = [stability.StabilityOutcome("c", OURS, 1, 0, 0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)]
     monkeypatch.setattr(stability, "compare_stability", lambda _: left)
     assert CliRunner().invoke(app, ["compare", "--stability", "--quiet"]).exit_code == 1
 

@@ -1,8 +1,6 @@
-"""The same arm written down in another way: its base frame elsewhere, another unit of length, no speed limits.
+"""The same arm described in another way: with another base frame, another unit of length, or without speed limits.
 
-screws' = Ad(Y) D screws,   home' = Y D(home),   D stretches every length by the number of units in a metre
-
-What moves is the same; a law whose answer changes has looked at how it was written.
+screws' = Ad(Y) D screws,   home' = Y D(home),   D multiplies every length by the number of new units in an old one
 """
 
 from __future__ import annotations
@@ -18,13 +16,13 @@ from invariantqp.robots.kinematics import Robot
 
 
 def rewritten(robot: Robot, *, base: Array | None = None, unit: float = 1.0, speed_limits: bool = True) -> Robot:
-    """The arm again, of its own kind: a Pinocchio model stays one, every other becomes a chain of its joint screws.
+    """The arm in another description. A Pinocchio model stays one, every other robot becomes a chain of joint screws.
 
     Args:
         robot: the arm.
-        base: (4, 4) pose of the old base frame in the new one, in the new unit; None is the same.
-        unit: how many of the new units of length make one of the old; joint coordinates keep theirs.
-        speed_limits: False leaves velocity limits out.
+        base: (4, 4) pose of the old base frame in the new one, in the new unit; None keeps the base frame.
+        unit: how many new units of length make an old one; joint positions keep their unit.
+        speed_limits: whether to keep the velocity limits.
     """
     Y = np.eye(4) if base is None else base
     if getattr(robot, "model", None) is not None:
@@ -58,6 +56,6 @@ def _model(robot: Any, Y: Array, unit: float, speed_limits: bool) -> Robot:
     for frame in model.frames:
         frame.placement.translation = unit * frame.placement.translation
     if not speed_limits:
-        model.velocityLimit = np.zeros(model.nv)  # which is how URDFs leave them out
+        model.velocityLimit = np.zeros(model.nv)  # zero stands for no limit in URDFs
     written: Robot = type(robot)(model, robot.tool)
     return written
