@@ -14,9 +14,10 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.palette import BLUE, ORANGE
 from invariantqp.runs.trace import Trace
 from invariantqp.template import filled
-from invariantqp.view.film import Chart, Film, colours, film_of
+from invariantqp.view.film import FORCE, Chart, Film, colours, film_of
 
 SCRIPTS = ("painter.js", "charts.js", "player.js")
 # Curves whose names stand above a chart; of more, the joints' bars tell which is which.
@@ -68,6 +69,7 @@ def _run(film: Film) -> dict[str, Any]:
     return {
         "joints": film.joints,
         "colours": colours(len(film.joints)),
+        "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE},
         "slides": film.slides,
         "centre": film.centre.tolist(),
         "size": film.size,
