@@ -118,7 +118,6 @@ def band(axes: Axes, level: float) -> None:
     )
     # Where the level is outside the axis, the label is neither drawn nor given room.
     label.set_clip_on(True)
-    label.set_in_layout(False)
 
 
 def _limits(values: Sequence[float]) -> tuple[float, float]:
