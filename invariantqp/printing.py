@@ -111,7 +111,7 @@ def print_inspection(found: Inspection) -> None:
 
 
 def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
-    """What a displaced tool frame changes, law by law."""
+    """How much another tool frame changes a run under each law."""
     from invariantqp.compare.measure.frames import frame_check
 
     with progress("tool frame displaced", quiet) as report:
@@ -125,7 +125,7 @@ def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
 
 
 def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) -> None:
-    """What displaced frames of tool, sensor and contact change, ours and the textbook's."""
+    """How much other frames of tool, sensor and contact change a run under each controller."""
     from invariantqp.compare.measure.contact_frames import contact_frame_check
 
     with progress("frames displaced", quiet) as report:
@@ -137,7 +137,7 @@ def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) 
         forces = (_percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
         table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
     console = Console(highlight=False)
-    console.print("\nthe same task, told in displaced frames of tool, sensor and contact:")
+    console.print("\nthe same task, described in displaced frames of tool, sensor and contact:")
     console.print(table)
 
 
@@ -150,7 +150,7 @@ def print_not_installed(missing: dict[str, list[str]]) -> None:
 
 
 def print_stability(outcomes: list[StabilityOutcome]) -> None:
-    """The stability cases, law by law, failures in red."""
+    """A table of how each law did in each difficult case, with failures in red."""
     columns = (
         "case",
         "law",
@@ -182,9 +182,9 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
     console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
     console.print(table)
     console.print(
-        "finite: ticks whose answer was not; inside limits: largest excess; error at the end; tail: largest joint "
-        "speed in the last tenth; chatter: total variation of the velocity over the least-squares QP's; raised: ticks "
-        "in which the law raised."
+        "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; error: at the "
+        "end of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity relative "
+        "to the least-squares QP; raised: number of ticks in which the law raised an exception."
     )
 
 
