@@ -183,8 +183,8 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
     console.print(table)
     console.print(
         "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; error: at the "
-        "end of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity relative "
-        "to the least-squares QP; raised: number of ticks in which the law raised an exception."
+        "end of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
+        "relative to the least-squares QP; raised: number of ticks in which the law raised an exception."
     )
 
 

@@ -1,6 +1,6 @@
 """An HTML page made from a template: values are escaped, and a value is never read as a template itself.
 
-filled("invariantqp.view", "page.html", {"title": "<b>{{ title }}</b>"})    shows <b>{{ title }}</b> as it stands
+fill_template("invariantqp.view", "page.html", {"title": "<b>{{ title }}</b>"})    shows <b>{{ title }}</b> as it stands
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 
-def filled(package: str, template: str, values: Mapping[str, Any]) -> str:
+def fill_template(package: str, template: str, values: Mapping[str, Any]) -> str:
     """The text of a template with its values.
 
     Args:

@@ -65,7 +65,7 @@ class Setting:
 
 
 class Question(NamedTuple):
-    """What a method is asked in one tick.
+    """What is given to a method in one tick.
 
     Attributes:
         J: (6, m) joint twists in the method's frame.

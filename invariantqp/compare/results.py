@@ -72,7 +72,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def picked(results: Results, kind: str) -> dict[tuple[str, str], dict[str, Any]]:
+def results_of(results: Results, kind: str) -> dict[tuple[str, str], dict[str, Any]]:
     """{(task, method): result} of one measurement, without those that failed."""
     return {
         (cell["task"], cell["method"]): cell["result"]

@@ -171,7 +171,7 @@ def _entries(cell: Cell, found: dict[str, Result]) -> Iterator[dict[str, Any]]:
 def _attempts(work: list[Cell], store: Path, jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result] | str]]:
     """The results of every cell in the order in which they are finished; see `attempt`."""
     table = kinds()
-    measure = joblib.Memory(store, verbose=0).cache(measured)
+    measure = joblib.Memory(store, verbose=0).cache(measure_cell)
     beside = [cell for cell in work if not table[cell.kind].alone]
     if beside:
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
@@ -182,7 +182,7 @@ def _attempts(work: list[Cell], store: Path, jobs: int | None) -> Iterator[tuple
             yield from process.map(attempt, repeat(measure), alone, map(conditions, alone))
 
 
-def measured(cell: Cell, _conditions: str) -> dict[str, Result]:
+def measure_cell(cell: Cell, _conditions: str) -> dict[str, Result]:
     """The results of a cell; joblib keeps them under the cell and the conditions, which are not used otherwise."""
     with _silently():
         return kinds()[cell.kind].measure(cell)

@@ -16,7 +16,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.palette import BLUE, ORANGE
 from invariantqp.runs.trace import Trace
-from invariantqp.template import filled
+from invariantqp.template import fill_template
 from invariantqp.view.film import FORCE, Chart, Film, colours, film_of
 
 SCRIPTS = ("painter.js", "charts.js", "player.js")
@@ -28,7 +28,7 @@ def page(film: Film) -> str:
     """The file's text."""
     scripts = [_script(name) for name in SCRIPTS]
     values = {"title": film.title, "about": film.about, "run": _run(film), "scripts": scripts}
-    return filled("invariantqp.view", "page.html", values)
+    return fill_template("invariantqp.view", "page.html", values)
 
 
 def animation(trace: Trace, file: Path | str) -> Path:

@@ -5,7 +5,7 @@ from scipy.optimize import linprog
 import invariantqp as iq
 from invariantqp.compare import names
 from invariantqp.compare.laws.damped import DLS_DAMPING, MANIPULABILITY, NEARLY_SINGULAR
-from invariantqp.compare.laws.saturation import saturated
+from invariantqp.compare.laws.saturation import saturate
 from invariantqp.compare.laws.unit_consistent import scaling, unit_consistent_inverse
 from invariantqp.compare.method import FAMILIES, Setting
 from invariantqp.compare.registry import chosen, left_out, methods
@@ -104,7 +104,7 @@ def test_saturation_keeps_the_direction_inside_the_limits(m):
         J, s = problem(seed, m)
         x0 = np.linalg.pinv(J) @ s
         reach = np.random.default_rng(seed).uniform(0.5, 1.2, m) * np.abs(x0).max()
-        found = saturated(J, s, -reach, reach)
+        found = saturate(J, s, -reach, reach)
         assert (np.abs(found.velocity) <= reach).all()
         np.testing.assert_allclose(J @ found.velocity, found.scale * s, atol=1e-9 * np.linalg.norm(s))
         best = largest_share(J, s, reach)
@@ -120,10 +120,10 @@ def test_saturation_outside_its_limits_goes_the_way_back():
     J, s = problem(3, 7)
     lower, upper = np.full(7, -1.0), np.full(7, 1.0)
     lower[2] = 0.4
-    x = saturated(J, 5.0 * s, lower, upper).velocity
+    x = saturate(J, 5.0 * s, lower, upper).velocity
     assert (x >= lower).all()
     assert (x <= upper).all()
-    open_side = saturated(J, s, np.r_[-0.01, np.full(6, -np.inf)], np.r_[0.01, np.full(6, np.inf)])
+    open_side = saturate(J, s, np.r_[-0.01, np.full(6, -np.inf)], np.r_[0.01, np.full(6, np.inf)])
     assert abs(open_side.velocity[0]) <= 0.01
     np.testing.assert_allclose(J @ open_side.velocity, s, atol=1e-9)
 

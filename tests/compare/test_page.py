@@ -7,7 +7,17 @@ from matplotlib.figure import Figure
 from invariantqp.compare.report import report, tables
 from invariantqp.compare.report.charts.chart import CaptionedChart
 from invariantqp.compare.report.findings import findings
-from invariantqp.compare.report.page import Bullets, Code, Heading, Paragraph, Picture, Table, html, inlined, markdown
+from invariantqp.compare.report.page import (
+    Bullets,
+    Code,
+    Heading,
+    Paragraph,
+    Picture,
+    Table,
+    html,
+    inline_svg,
+    markdown,
+)
 from invariantqp.errors import BadInput
 
 SORTS = ("free", "limited", "singular")
@@ -161,7 +171,7 @@ def test_blocks_are_escaped(tmp_path):
     for raw in ("<e>", "<k>", "<n>", "t & u", "a < b"):
         assert raw not in page
     assert r"| h\|i | j |" in markdown(blocks)
-    assert 'id="p-' in inlined(file)
+    assert 'id="p-' in inline_svg(file)
 
 
 def test_what_could_not_be_measured_is_listed():

@@ -15,8 +15,8 @@ from invariantqp.compare.exact.failure import ReferenceFailure
 from invariantqp.compare.measure.growth import slope
 from invariantqp.compare.measure.timing import interleaved, spread
 from invariantqp.compare.report.ranking import rank_agreement
-from invariantqp.compare.results import load_results, picked, plain
-from invariantqp.compare.sweep import cells, measured, sweep
+from invariantqp.compare.results import load_results, plain, results_of
+from invariantqp.compare.sweep import cells, measure_cell, sweep
 from invariantqp.errors import BadInput, UnknownName
 
 FEW = ["DLS", "Moore-Penrose, pinv"]
@@ -106,7 +106,7 @@ def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys, tmp_path):
     (failed,) = [c for c in results["cells"] if "failed" in c["result"]]
     assert failed["method"] == "DLS"
     assert failed["result"]["failed"] == "ValueError: no such thing"
-    assert list(picked(results, "counted")) == [("panda_path", "Moore-Penrose, pinv")]
+    assert list(results_of(results, "counted")) == [("panda_path", "Moore-Penrose, pinv")]
 
 
 def test_what_failed_is_tried_again_and_what_did_not_is_kept(toys, tmp_path):
@@ -116,7 +116,7 @@ def test_what_failed_is_tried_again_and_what_did_not_is_kept(toys, tmp_path):
     toys["counted"] = Kind(counted)
     results = sweep(["panda_path"], FEW, tmp_path, only=["counted"])
     assert [cell.method for cell in MEASURED] == ["Moore-Penrose, pinv", "DLS"]
-    assert set(picked(results, "counted")) == {("panda_path", name) for name in FEW}
+    assert set(results_of(results, "counted")) == {("panda_path", name) for name in FEW}
 
 
 def test_processes_share_what_is_kept(tmp_path):
@@ -162,7 +162,7 @@ def test_a_dask_cluster_gives_the_same_figures(tmp_path):
     ):
         results = sweep(["so101_line"], FEW, tmp_path, quick=True, only=["error"])
         assert len(cluster.scheduler.transition_log) > 0
-    assert {c["method"]: c["result"] for c in results["cells"]} == plain(measured(cell, ""))
+    assert {c["method"]: c["result"] for c in results["cells"]} == plain(measure_cell(cell, ""))
 
 
 def test_rounds_go_through_all_in_turn():
@@ -211,7 +211,7 @@ def small_run(tmp_path_factory):
 def test_the_command_writes_everything(small_run):
     out, output, _, _ = small_run
     results = load_results(out / "results.json")
-    errors, times = picked(results, "error"), picked(results, "time")
+    errors, times = results_of(results, "error"), results_of(results, "time")
     assert set(errors) == set(times) == {("so101_line", m["name"]) for m in results["methods"]}
     ours, theirs = (errors["so101_line", name] for name in ("invariantqp, no guard", "Moore-Penrose, pinv"))
     assert ours["free"]["error"] < 1e-11

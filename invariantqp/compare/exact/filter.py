@@ -42,9 +42,9 @@ def _adaptive(smallest: Any, largest: Any) -> Any:
     return mp.mpf(0) if ratio >= 1 else mp.mpf(DEFAULT_CEILING) * largest * (1 - ratio * ratio)
 
 
-def _gram(problem: str, asked: Question, setting: Setting, mu: list[Any] | None = None) -> _Gram:
+def _gram(problem: str, question: Question, setting: Setting, mu: list[Any] | None = None) -> _Gram:
     """The Gram matrix and its damping, from the eigenvalues mu of G if they are given, else from those of QJJ'."""
-    J, s, Q = matrix(asked.J), mp.matrix(asked.s.tolist()), matrix(form_matrix(problem, setting))
+    J, s, Q = matrix(question.J), mp.matrix(question.s.tolist()), matrix(form_matrix(problem, setting))
     G, g = J.T * Q * J, J.T * Q * s
     if mu is None:
         mu = [abs(v) for v in mp.eig(Q * J * J.T, left=False, right=False)]
@@ -63,10 +63,10 @@ class _Spectrum(NamedTuple):
     null: list[int]
 
 
-def _spectrum(problem: str, asked: Question, setting: Setting) -> _Spectrum:
-    J, Q = matrix(asked.J), matrix(form_matrix(problem, setting))
+def _spectrum(problem: str, question: Question, setting: Setting) -> _Spectrum:
+    J, Q = matrix(question.J), matrix(form_matrix(problem, setting))
     mu, V = mp.eigsy(J.T * Q * J)
-    gram = _gram(problem, asked, setting, list(mu))
+    gram = _gram(problem, question, setting, list(mu))
     null = sorted(range(setting.m), key=lambda i: abs(mu[i]))[: max(0, setting.m - 6)]
     seen = V.T * gram.g
     squared = gram.damping**2
@@ -78,14 +78,14 @@ def filtered(problem: str) -> tuple[Way, Way]:
     """The two ways to the filtered stationary point, while no limit is active."""
     undamped = stationary("inertia" if problem == "inertia" else "pitch")
 
-    def first(asked: Question, setting: Setting) -> Numbers:
-        spectrum = _spectrum(problem, asked, setting)
+    def first(question: Question, setting: Setting) -> Numbers:
+        spectrum = _spectrum(problem, question, setting)
         return spectrum.V * mp.matrix(spectrum.optimum)
 
-    def second(asked: Question, setting: Setting) -> Numbers:
-        G, g, damping, _ = _gram(problem, asked, setting)
+    def second(question: Question, setting: Setting) -> Numbers:
+        G, g, damping, _ = _gram(problem, question, setting)
         if damping == 0:
-            return undamped[1](asked, setting)
+            return undamped[1](question, setting)
         squared = fraction(damping) ** 2
         A = [[fraction(v) for v in row] for row in (G * G).tolist()]
         for i, row in enumerate(A):
@@ -111,8 +111,8 @@ def filtered_box(problem: str) -> tuple[Way, Way]:
     """The two ways to the solution of the law's convex QP inside the bounds."""
     optimum = filtered("inertia" if problem.startswith("inertia") else "adaptive")
 
-    def first(asked: Question, setting: Setting) -> Numbers:
-        mu, V, z, gram, null = _spectrum(problem, asked, setting)
+    def first(question: Question, setting: Setting) -> Numbers:
+        mu, V, z, gram, null = _spectrum(problem, question, setting)
         squared = gram.damping**2
         left = [mp.mpf(1) if i in null else squared / (mu[i] ** 2 + squared) for i in range(setting.m)]
         weight = [
@@ -120,23 +120,23 @@ def filtered_box(problem: str) -> tuple[Way, Way]:
             for i in range(setting.m)
         ]
         H = V * mp.diag(weight) * V.T
-        return active_set(H, H * (V * mp.matrix(z)), asked.lower.tolist(), asked.upper.tolist())
+        return active_set(H, H * (V * mp.matrix(z)), question.lower.tolist(), question.upper.tolist())
 
-    def second(asked: Question, setting: Setting) -> Numbers:
-        G, _, damping, largest = _gram(problem, asked, setting)
+    def second(question: Question, setting: Setting) -> Numbers:
+        G, _, damping, largest = _gram(problem, question, setting)
         squared, one = damping**2, mp.eye(setting.m)
         if damping > 0:
             A = G * G + squared * one
             left = squared * A**-1
             root = _root(A)
         else:
-            J = matrix(asked.J)
+            J = matrix(question.J)
             left = one - J.T * mp.inverse(J * J.T) * J if setting.m > 6 else mp.zeros(setting.m)
             root = _root(G * G + largest**2 * left) - largest * left
         H = root + mp.mpf(NULL_WEIGHT) * largest * left
-        z = mp.matrix([number(v) for v in optimum[1](asked, setting)])
+        z = mp.matrix([number(v) for v in optimum[1](question, setting)])
         c = [fraction(v) for v in H * z]
         exact = [[fraction(v) for v in row] for row in H.tolist()]
-        return least_index(exact, c, asked.lower.tolist(), asked.upper.tolist())
+        return least_index(exact, c, question.lower.tolist(), question.upper.tolist())
 
     return first, second

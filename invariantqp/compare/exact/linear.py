@@ -77,15 +77,15 @@ def form_matrix(problem: str, setting: Setting) -> Array:
 def stationary(problem: str) -> tuple[Way, Way]:
     """The two ways to the undamped answer: stationary for m < 6, else the shortest velocity that achieves the twist."""
 
-    def first(asked: Question, setting: Setting) -> Numbers:
-        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+    def first(question: Question, setting: Setting) -> Numbers:
+        J, s = matrix(question.J), mp.matrix(question.s.tolist())
         if setting.m >= 6:
             return J.T * mp.lu_solve(J * J.T, s)
         Q = mp.eye(6) if problem == "least squares" else matrix(form_matrix(problem, setting))
         return mp.lu_solve(J.T * Q * J, J.T * Q * s)
 
-    def second(asked: Question, setting: Setting) -> Numbers:
-        J, s = _rational(asked.J), [Fraction(v) for v in asked.s.tolist()]
+    def second(question: Question, setting: Setting) -> Numbers:
+        J, s = _rational(question.J), [Fraction(v) for v in question.s.tolist()]
         if setting.m >= 6:
             return _shortest(J, s)
         if problem == "least squares":
@@ -102,10 +102,10 @@ def weighted() -> tuple[Way, Way]:
     plain = stationary("least squares")
 
     def way(k: int) -> Way:
-        def answer(asked: Question, setting: Setting) -> Numbers:
-            reach = reach_of(asked.lower, asked.upper)
+        def answer(question: Question, setting: Setting) -> Numbers:
+            reach = reach_of(question.lower, question.upper)
             # The method itself rounds J * reach in float64, so both ways start from that product.
-            x = plain[k](asked._replace(J=asked.J * reach), setting)
+            x = plain[k](question._replace(J=question.J * reach), setting)
             return [value * _of(value, r) for value, r in zip(x, reach.tolist(), strict=True)]
 
         return answer
@@ -121,19 +121,19 @@ def _of(like: Any, x: float) -> Any:
 def ridge(squared: float) -> tuple[Way, Way]:
     """The two ways to the minimum of |s - Jx|^2 + lambda^2 |x|^2."""
 
-    def first(asked: Question, _: Setting) -> Numbers:
-        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+    def first(question: Question, _: Setting) -> Numbers:
+        J, s = matrix(question.J), mp.matrix(question.s.tolist())
         return J.T * mp.lu_solve(J * J.T + mp.mpf(squared) * mp.eye(6), s)
 
-    def second(asked: Question, _: Setting) -> Numbers:
-        H, c = _least_squares_qp(asked, squared)
+    def second(question: Question, _: Setting) -> Numbers:
+        H, c = _least_squares_qp(question, squared)
         return rational_solve(H, c)
 
     return first, second
 
 
-def _least_squares_qp(asked: Question, squared: float) -> tuple[list[list[Fraction]], list[Fraction]]:
-    J, s = _rational(asked.J), [Fraction(v) for v in asked.s.tolist()]
+def _least_squares_qp(question: Question, squared: float) -> tuple[list[list[Fraction]], list[Fraction]]:
+    J, s = _rational(question.J), [Fraction(v) for v in question.s.tolist()]
     m = len(J[0])
     H = [
         [sum((row[i] * row[j] for row in J), Fraction(squared if i == j else 0.0)) for j in range(m)] for i in range(m)
@@ -144,12 +144,12 @@ def _least_squares_qp(asked: Question, squared: float) -> tuple[list[list[Fracti
 def ridge_box(squared: float) -> tuple[Way, Way]:
     """The two ways to the same minimum inside the bounds."""
 
-    def first(asked: Question, setting: Setting) -> Numbers:
-        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+    def first(question: Question, setting: Setting) -> Numbers:
+        J, s = matrix(question.J), mp.matrix(question.s.tolist())
         H = J.T * J + mp.mpf(squared) * mp.eye(setting.m)
-        return active_set(H, J.T * s, asked.lower.tolist(), asked.upper.tolist())
+        return active_set(H, J.T * s, question.lower.tolist(), question.upper.tolist())
 
-    def second(asked: Question, _: Setting) -> Numbers:
-        return least_index(*_least_squares_qp(asked, squared), asked.lower.tolist(), asked.upper.tolist())
+    def second(question: Question, _: Setting) -> Numbers:
+        return least_index(*_least_squares_qp(question, squared), question.lower.tolist(), question.upper.tolist())
 
     return first, second

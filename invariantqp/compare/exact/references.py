@@ -50,12 +50,12 @@ class Reference(NamedTuple):
     agreement: float
 
 
-def reference(problem: ExactProblem, asked: Question, setting: Setting) -> Reference:
+def reference(problem: ExactProblem, question: Question, setting: Setting) -> Reference:
     """The exact answer to a question.
 
     Args:
         problem: which problem.
-        asked: J, s and the bounds.
+        question: J, s and the bounds.
         setting: gives the pitch, the inertia and the number of joints.
 
     Returns:
@@ -68,10 +68,10 @@ def reference(problem: ExactProblem, asked: Question, setting: Setting) -> Refer
     with mp.workdps(DIGITS):
         first, second = _WAYS[problem]
         try:
-            x = [mp.mpf(v) for v in first(asked, setting)]
+            x = [mp.mpf(v) for v in first(question, setting)]
         except ZeroDivisionError as error:  # mpmath raises it for a singular matrix
             raise NoReference(f"{problem}: {error}") from error
-        y = [number(v) for v in second(asked, setting)]
+        y = [number(v) for v in second(question, setting)]
         size = max(abs(v) for v in x) or mp.mpf(1)
         agreement = float(max(abs(a - b) for a, b in zip(x, y, strict=True)) / size)
         if not agreement <= AGREEMENT:

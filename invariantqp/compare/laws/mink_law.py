@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import joints_of, led, pose_of, share_of
+from invariantqp.compare.laws.peers import joints_of, lead_target, pose_of, share_of
 from invariantqp.compare.laws.qp_backends import QP_DAMPING
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
@@ -52,7 +52,7 @@ class MinkLaw:
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick; raises whatever mink raises."""
-        ahead = led(pose_of(target), feedforward, self._dt / self._share)
+        ahead = lead_target(pose_of(target), feedforward, self._dt / self._share)
         self._configuration.update(np.asarray(q, dtype=np.float64))
         self._task.set_target(self._mink.SE3.from_matrix(ahead))
         x = self._mink.solve_ik(

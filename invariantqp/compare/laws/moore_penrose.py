@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import lapack
 
-from invariantqp.compare.laws.saturation import saturated
+from invariantqp.compare.laws.saturation import saturate
 from invariantqp.compare.laws.unit_consistent import unit_consistent_inverse
 from invariantqp.compare.method import Method, Setting, Solve
 from invariantqp.compare.names import LU, PINV, SNS, SVD
@@ -67,7 +67,7 @@ def _unit_consistent(_: Setting) -> Solve:
 
 
 def _saturation(_: Setting) -> Solve:
-    return lambda J, s, lower, upper: saturated(J, s, lower, upper).velocity
+    return lambda J, s, lower, upper: saturate(J, s, lower, upper).velocity
 
 
 METHODS = [

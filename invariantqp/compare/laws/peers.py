@@ -64,7 +64,7 @@ def pose_of(target: Any) -> Array:
     return np.asarray(pose, dtype=np.float64)
 
 
-def led(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
+def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
     """The (4, 4) pose that the target will have in `lead` seconds."""
     ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
     return se3.motion(lead * ahead).dot(pose) if ahead.any() else pose

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import led, pose_of, share_of
+from invariantqp.compare.laws.peers import lead_target, pose_of, share_of
 from invariantqp.compare.laws.qp_backends import QP_DAMPING
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.robots.kinematics import Robot, middle
@@ -63,7 +63,7 @@ class PinkLaw:
         """One tick; raises whatever Pink raises."""
         positions = np.asarray(q, dtype=np.float64)
         pose = pose_of(target)
-        ahead = led(pose, feedforward, self._dt / self._share)
+        ahead = lead_target(pose, feedforward, self._dt / self._share)
         if ahead is not pose:
             target = self._robot.target(ahead)
         self._configuration.update(positions)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import led, pose_of, share_of
+from invariantqp.compare.laws.peers import lead_target, pose_of, share_of
 from invariantqp.compare.laws.toolbox import ets_of, toolbox
 from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot
@@ -49,7 +49,7 @@ class RoboticsToolboxLaw:
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick; raises whatever the toolbox raises."""
         positions = arrays.vector(q, len(self._robot.names), "q")
-        wanted = led(pose_of(target), feedforward, self._dt / self._share)
+        wanted = lead_target(pose_of(target), feedforward, self._dt / self._share)
         here = np.asarray(self._ets.eval(positions))
         ahead = se3.motion(self._share * se3.displacement(wanted.dot(se3.inverted(here)))).dot(here)
         _, reached = self._solver.step(self._ets, ahead, positions.copy())

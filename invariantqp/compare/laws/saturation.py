@@ -35,7 +35,7 @@ class Saturated(NamedTuple):
     saturated: tuple[int, ...]
 
 
-def saturated(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
+def saturate(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
     """The velocity inside the limits that achieves alpha s, with alpha as large as the method finds it.
 
     Args:

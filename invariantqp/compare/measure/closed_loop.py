@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from invariantqp.compare.cell import Cell, Kind, Result
-from invariantqp.compare.measure.rewritten import rewritten
-from invariantqp.compare.measure.stability import INSIDE, Watched, quietly, watched_run
+from invariantqp.compare.measure.rewrite import rewrite
+from invariantqp.compare.measure.stability import INSIDE, Watched, quietly, run_watched
 from invariantqp.compare.measure.timing import interleaved, spread
 from invariantqp.compare.registry import controller_named
 from invariantqp.control.controls import Controls
@@ -65,9 +65,9 @@ def task_of(cell: Cell) -> Task:
     return task.model_copy(update={"law": task.law.model_copy(update={"dt": COARSER * task.law.dt})})
 
 
-def tracked(cell: Cell) -> dict[str, Result]:
+def tracking(cell: Cell) -> dict[str, Result]:
     """Errors, motion and failures of the task in closed loop."""
-    watched, trace = watched_run(task_of(cell), controller_named(cell.method))
+    watched, trace = run_watched(task_of(cell), controller_named(cell.method))
     figures = trace.summary()
     return {
         cell.method: {
@@ -88,9 +88,9 @@ def without_speed_limits(cell: Cell) -> dict[str, Result]:
     make = controller_named(cell.method)
 
     def unlimited(robot: Robot, law: LawSpec) -> Controls:
-        return make(rewritten(robot, speed_limits=False), law)
+        return make(rewrite(robot, speed_limits=False), law)
 
-    watched, trace = watched_run(load_task(cell.task), unlimited)
+    watched, trace = run_watched(load_task(cell.task), unlimited)
     stopped = (watched.exceptions + watched.not_finite) / len(trace.velocity)
     return {
         cell.method: {**_motion(trace), "stopped": stopped, "final_position_mm": 1e3 * float(trace.position_error[-1])}
@@ -101,7 +101,7 @@ def failures(cell: Cell) -> dict[str, Result]:
     """The share of failed ticks of a difficult task."""
     if cell.quick and cell.task not in QUICK:
         return {}
-    return {cell.method: _failures(*watched_run(load_task(cell.task), controller_named(cell.method)))}
+    return {cell.method: _failures(*run_watched(load_task(cell.task), controller_named(cell.method)))}
 
 
 def _motion(trace: Trace) -> dict[str, float]:
@@ -125,7 +125,7 @@ def _failures(watched: Watched, trace: Trace) -> dict[str, Any]:
     return {"ticks": ticks, **ways, "failed_ticks": sum(ways.values())}
 
 
-def ticked(cell: Cell) -> dict[str, Result]:
+def tick_times(cell: Cell) -> dict[str, Result]:
     """Times of whole ticks of all methods in turn, in stretches of consecutive ticks of a run under our law."""
     task = task_of(cell)
     robot = task.load_robot()
@@ -162,13 +162,13 @@ def _inputs(task: Task, robot: Robot, stretches: int) -> list[tuple[Array, Any, 
 def _tick(loop: Controls, inputs: list[tuple[Array, Any, Array]], i: int) -> object:
     try:
         return loop.step(*inputs[i])
-    except Exception:  # noqa: BLE001 (`tracked` and `failures` count what fails)
+    except Exception:  # noqa: BLE001 (`tracking` and `failures` count what fails)
         return None
 
 
 KINDS = {
-    "closed_loop": Kind(tracked),
+    "closed_loop": Kind(tracking),
     "singular": Kind(without_speed_limits, tasks=SINGULAR),
     "hard": Kind(failures, tasks=HARD),
-    "tick": Kind(ticked, alone=True),
+    "tick": Kind(tick_times, alone=True),
 }

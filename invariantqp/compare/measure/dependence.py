@@ -17,7 +17,7 @@ from invariantqp.compare.cell import Cell, Kind, Result
 from invariantqp.compare.laws.baselines import MethodLaw, controller_of, setting_of
 from invariantqp.compare.measure.closed_loop import task_of
 from invariantqp.compare.measure.frames import frame_check, random_displacement
-from invariantqp.compare.measure.rewritten import rewritten, stretched
+from invariantqp.compare.measure.rewrite import rewrite, scale_lengths
 from invariantqp.compare.measure.states import joint_range
 from invariantqp.compare.method import Method
 from invariantqp.compare.names import DLS, LEAST_SQUARES, MINK, OURS, PINK, PINV
@@ -54,11 +54,11 @@ class Writing(NamedTuple):
 
     def target(self, pose: Array) -> Array:
         """A (4, 4) target in this description."""
-        return np.asarray(self.base.dot(stretched(pose, self.unit)).dot(self.tool))
+        return np.asarray(self.base.dot(scale_lengths(pose, self.unit)).dot(self.tool))
 
     def loop(self, method: Method, robot: Robot, law: LawSpec) -> tuple[Controls, Robot]:
         """The control loop of a method for the arm in this description, and that arm."""
-        moved = rewritten(robot, base=self.base, unit=self.unit).with_tool(self.tool)
+        moved = rewrite(robot, base=self.base, unit=self.unit).with_tool(self.tool)
         back = se3.inverse(self.tool)
         point = back.dot([*(self.unit * np.asarray(law.point)), 1.0])[:3]
         law = law.model_copy(update={"point": tuple(point.tolist())})

@@ -19,7 +19,7 @@ import numpy as np
 
 from invariantqp.compare.cell import Cell, Kind, Result
 from invariantqp.compare.laws.baselines import controller_of
-from invariantqp.compare.measure.rewritten import rewritten
+from invariantqp.compare.measure.rewrite import rewrite
 from invariantqp.compare.measure.stability import quietly
 from invariantqp.compare.measure.states import joint_range
 from invariantqp.compare.registry import methods
@@ -57,8 +57,8 @@ def failures(cell: Cell) -> dict[str, Result]:
     robot = load_robot(cell.task)
     law = LawSpec(dt=TICK)
     # A method that knows limits has to keep them; of any other method we look at the speed before it is clipped.
-    asked = robot if method.limits == "inside" else rewritten(robot, speed_limits=False)
-    loop = controller_of(method)(asked, law)
+    arm = robot if method.limits == "inside" else rewrite(robot, speed_limits=False)
+    loop = controller_of(method)(arm, law)
     grid, samples = (QUICK_GRID, QUICK_SAMPLES) if cell.quick else (GRID, SAMPLES)
     failed = np.zeros((grid, grid), dtype=int)
     ways = dict.fromkeys(("raised", "too_fast", "astray"), 0)

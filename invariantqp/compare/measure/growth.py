@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from invariantqp.compare.cell import Cell, Kind, Result
-from invariantqp.compare.measure.solves import answered, has_solver
+from invariantqp.compare.measure.solves import clipped_answer, has_solver
 from invariantqp.compare.measure.timing import interleaved
 from invariantqp.compare.method import Method, Question, Setting
 from invariantqp.compare.names import OURS
@@ -79,14 +79,14 @@ def _joints(cell: Cell, share: float) -> Axis:
     def calls(m: int) -> dict[str, Call]:
         rng = np.random.default_rng([cell.seed, m])
         setting = Setting(m, pitch=PITCH)
-        asked = []
+        questions = []
         for _ in range(STATES):
             J, s = random_chain(rng, m), rng.standard_normal(6)
             reach = np.full(m, share * float(np.abs(np.linalg.pinv(J).dot(s)).max()))
-            asked.append(Question(J, s, -reach, reach))
+            questions.append(Question(J, s, -reach, reach))
         found = {}
         for name in cell.methods:
-            call = _solving(methods()[name], setting, asked)
+            call = _solving(methods()[name], setting, questions)
             if call is not None:
                 found[name] = call
         return found
@@ -94,14 +94,14 @@ def _joints(cell: Cell, share: float) -> Axis:
     return QUICK_JOINTS if cell.quick else JOINTS, calls
 
 
-def _solving(method: Method, setting: Setting, asked: list[Question]) -> Call | None:
+def _solving(method: Method, setting: Setting, questions: list[Question]) -> Call | None:
     """A method on these states; None if it fails in one of them, since the time of a failure means nothing."""
     if method.make is None:
         return None
     solve = method.make(setting)
-    if any(answered(solve, question) is None for question in asked):
+    if any(clipped_answer(solve, question) is None for question in questions):
         return None
-    return lambda i: solve(*asked[i])
+    return lambda i: solve(*questions[i])
 
 
 def _tasks(cell: Cell) -> Axis:

@@ -46,14 +46,14 @@ def _solver(method: Method, setting: Setting) -> Solve:
     return method.make(setting)
 
 
-def answered(solve: Solve, asked: Question) -> Array | None:
+def clipped_answer(solve: Solve, question: Question) -> Array | None:
     """A method's velocity clipped to the limits; None if it raises or its answer is not finite."""
     try:
         with np.errstate(all="ignore"):
-            x = np.asarray(solve(*asked), dtype=np.float64)
+            x = np.asarray(solve(*question), dtype=np.float64)
     except Exception:  # noqa: BLE001 (whatever a solver raises is counted as a failure)
         return None
-    return np.minimum(np.maximum(x, asked.lower), asked.upper) if np.isfinite(x).all() else None
+    return np.minimum(np.maximum(x, question.lower), question.upper) if np.isfinite(x).all() else None
 
 
 def errors(cell: Cell) -> dict[str, Result]:
@@ -83,7 +83,7 @@ class _Exact:
         key = (problem, method.frame, id(state))
         if key not in self._kept:
             try:
-                self._kept[key] = reference(problem, state.asked(method), self._setting)
+                self._kept[key] = reference(problem, state.question(method), self._setting)
             except NoReference:
                 self._kept[key] = None
         return self._kept[key]
@@ -93,7 +93,7 @@ def _error(method: Method, kind: str, drawn: list[SolveState], setting: Setting,
     solve = _solver(method, setting)
     found, missed, agreements, failed = [], [], [], 0
     for state in drawn:
-        x = answered(solve, state.asked(method))
+        x = clipped_answer(solve, state.question(method))
         truth = exact.of(method, kind, state)
         if truth is not None:
             agreements.append(truth.agreement)
@@ -128,11 +128,11 @@ def times(cell: Cell) -> dict[str, Result]:
 
 def _call(method: Method, drawn: list[SolveState], setting: Setting) -> Callable[[int], object]:
     solve = _solver(method, setting)
-    asked = [state.asked(method) for state in drawn]
+    questions = [state.question(method) for state in drawn]
 
     def call(i: int) -> object:
         try:
-            return solve(*asked[i])
+            return solve(*questions[i])
         except Exception:  # noqa: BLE001 (`errors` counts what fails)
             return None
 

@@ -186,11 +186,11 @@ def run_case(
     Raises:
         RobotModelError, MissingExtra: the law cannot control this robot.
     """
-    watched, trace = watched_run(load_task(case.task), make, broken=case.broken, progress=progress)
+    watched, trace = run_watched(load_task(case.task), make, broken=case.broken, progress=progress)
     return _outcome(case, law, watched, trace), trace
 
 
-def watched_run(
+def run_watched(
     task: Task, make: MakeController, *, broken: str = "", progress: Progress | None = None
 ) -> tuple[Watched, Trace]:
     """Run a task under a `Watched` law; returns the law and the trace."""

@@ -48,7 +48,7 @@ class SolveState(NamedTuple):
     lower: Array
     upper: Array
 
-    def asked(self, method: Method) -> Question:
+    def question(self, method: Method) -> Question:
         """The question for a method, in its frame."""
         if method.frame == "base":
             return Question(self.J, self.s, self.lower, self.upper)

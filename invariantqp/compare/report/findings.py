@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from invariantqp.compare.names import FACTORED, GRAM, LU, OURS, PINV, UNGUARDED
 from invariantqp.compare.report.tables import across
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 
 # Two residuals are told apart if one is at least this many times the other.
 APART = 1.05
@@ -79,7 +79,7 @@ def _accuracy(results: Results) -> list[str]:
 def residual(results: Results) -> list[str]:
     """Sentences about the Euclidean residual in the tool frame, which Moore-Penrose minimises."""
     sentences = []
-    errors = picked(results, "error")
+    errors = results_of(results, "error")
     for task in results["tasks"]:
         ours, theirs = (errors.get((task, name), {}).get("free", {}).get("missed") for name in (UNGUARDED, PINV))
         if ours is None or theirs is None or max(ours, theirs) < ACHIEVED:
@@ -106,7 +106,7 @@ def _clipping(results: Results) -> list[str]:
 
 
 def _batch(results: Results) -> list[str]:
-    table = {name: r for (axis, name), r in picked(results, "growth").items() if axis == "batch"}
+    table = {name: r for (axis, name), r in results_of(results, "growth").items() if axis == "batch"}
     together, loop = table.get(f"{OURS}, solve_velocities"), table.get(f"{OURS}, in a loop")
     if together is None or loop is None:
         return []

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from invariantqp.template import filled
+from invariantqp.template import fill_template
 
 # A table cell with more characters than this holds words, which are wrapped and aligned to the left.
 WORDS = 28
@@ -61,7 +61,7 @@ class Picture:
     @property
     def svg(self) -> str:
         """The picture as an element of an HTML page."""
-        return inlined(self.file)
+        return inline_svg(self.file)
 
 
 Block = Heading | Paragraph | Bullets | Code | Table | Picture
@@ -70,7 +70,7 @@ Block = Heading | Paragraph | Bullets | Code | Table | Picture
 def html(title: str, blocks: Sequence[Block]) -> str:
     """The page as one HTML file that needs no other file."""
     named = [(type(block).__name__, block) for block in blocks]
-    return filled("invariantqp.compare.report", "page.html", {"title": title, "blocks": named, "words": WORDS})
+    return fill_template("invariantqp.compare.report", "page.html", {"title": title, "blocks": named, "words": WORDS})
 
 
 def markdown(blocks: Sequence[Block]) -> str:
@@ -99,7 +99,7 @@ def table_markdown(table: Table) -> str:
     return "\n".join(lines)
 
 
-def inlined(file: Path) -> str:
+def inline_svg(file: Path) -> str:
     """An SVG file as an element of an HTML page; its ids begin with the name of the file, as no other picture's do."""
     text = file.read_text(encoding="utf-8")
     text = text[text.index("<svg") :]

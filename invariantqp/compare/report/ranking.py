@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 
 
 def rank_agreement(one: Results, other: Results) -> dict[str, float]:
     """{measurement, task and sort of states: rho} over the methods that both runs timed, if there are three or more."""
     found = {}
     for kind in ("time", "tick"):
-        a, b = _medians(picked(one, kind)), _medians(picked(other, kind))
+        a, b = _medians(results_of(one, kind)), _medians(results_of(other, kind))
         for place in sorted(set(a) & set(b)):
             names = sorted(set(a[place]) & set(b[place]))
             if len(names) > 2:

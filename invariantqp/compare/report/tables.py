@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from invariantqp.compare.names import DAQP, DLS, GRAM, LEAST_SQUARES, LU, OURS, PINK, PINV, SDLS, SNS
 from invariantqp.compare.report.page import Table, table_markdown
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 from invariantqp.errors import BadInput
 
 NOTHING = "-"
@@ -37,7 +37,7 @@ def figure(value: float | None, style: str = "{:.3g}") -> str:
 def across(results: Results, kind: str, method: str, *path: str) -> float | None:
     """The median over all tasks of one figure of a method; None if the method has no such figure."""
     found = []
-    for (_, name), result in picked(results, kind).items():
+    for (_, name), result in results_of(results, kind).items():
         value: Any = result if name == method else None
         for key in path:
             value = value.get(key) if isinstance(value, dict) else None
@@ -87,7 +87,7 @@ def summary(results: Results, methods: Sequence[str] | None = None, columns: Seq
 
 def solves(results: Results, task: str) -> Table:
     """Single solves of the arm of one task: times, errors, residual, and share of failures."""
-    errors, times = picked(results, "error"), picked(results, "time")
+    errors, times = results_of(results, "error"), results_of(results, "time")
     columns = ["method"]
     for sort in ("free", "limited", "singular"):
         columns += [f"{sort}: us", "p99", "error", "largest", "residual", "failed"]
@@ -110,7 +110,7 @@ def solves(results: Results, task: str) -> Table:
 def growth(results: Results) -> Table:
     """The time at the smallest and at the largest size, and the slope over the larger half of the sizes."""
     rows = []
-    for (axis, name), result in picked(results, "growth").items():
+    for (axis, name), result in results_of(results, "growth").items():
         size, cost = result["size"], result["median_us"]
         ends = [f"{size[0]} to {size[-1]}", figure(cost[0]), figure(cost[-1]), figure(result["slope"], "{:.2f}")]
         rows.append([name, axis, *ends])
@@ -119,7 +119,7 @@ def growth(results: Results) -> Table:
 
 def listed(results: Results, kind: str) -> Table:
     """Every number that a measurement found, one row for each task and method."""
-    found = picked(results, kind)
+    found = results_of(results, kind)
     keys = list(dict.fromkeys(key for result in found.values() for key, _ in _numbers(result)))
     rows = []
     for (task, method), result in found.items():

@@ -8,7 +8,7 @@ from invariantqp.compare.names import DLS, LEAST_SQUARES, LU, OURS, PINK
 from invariantqp.compare.report.charts.scatter import Point, band, positive, scatter
 from invariantqp.compare.report.charts.style import chart_file
 from invariantqp.compare.report.tables import across
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 
 # Smaller changes are drawn at this value: the axis is logarithmic.
 FLOOR = 1e-16
@@ -30,7 +30,7 @@ def points(results: Results, way: str) -> list[Point]:
     for method in results["methods"]:
         name = method["name"]
         time = across(results, "tick", name, "median_us")
-        mine = [run[way] for (_, n), run in picked(results, "dependence").items() if n == name]
+        mine = [run[way] for (_, n), run in results_of(results, "dependence").items() if n == name]
         worst = [change for run in mine if (change := positive(run["worst"], FLOOR)) is not None]
         usual = [change for run in mine if (change := positive(run["median"], FLOOR)) is not None]
         if time is not None and worst:
@@ -67,7 +67,7 @@ def dependence_caption(results: Results) -> str:
 
 def _trajectories(results: Results) -> list[str]:
     """How much whole runs change."""
-    runs = picked(results, "trajectory")
+    runs = results_of(results, "trajectory")
     if not runs:
         return []
     moved = {name: max(run["change"] for (_, n), run in runs.items() if n == name) for _, name in runs}
@@ -79,7 +79,7 @@ def _free(results: Results) -> list[str]:
     """The arms on which Moore-Penrose does not depend on frames."""
     free = [
         task
-        for (task, name), run in picked(results, "dependence").items()
+        for (task, name), run in results_of(results, "dependence").items()
         if name == LU and run["frame"]["median"] is not None and run["frame"]["median"] < ROUNDING
     ]
     if not free:

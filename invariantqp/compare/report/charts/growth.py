@@ -15,12 +15,12 @@ from invariantqp.compare.report.charts.style import (
     families_legend,
     grid,
     is_ours,
-    laid_out,
+    lay_out,
     plain_ticks,
     short,
     style_of,
 )
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 
 TITLES = {
     "joints": ("joints, no limit active", "joints"),
@@ -55,7 +55,7 @@ NOTE = "beside a name: slope in time ~ size^slope,\nfitted to the larger half of
 
 def growth_chart(results: Results, file: Path) -> None:
     """One panel for each quantity that grows."""
-    found = picked(results, "growth")
+    found = results_of(results, "growth")
     there = [axis for axis in TITLES if any(task == axis for task, _ in found)]
     rows = (len(there) + 1) // 2
     with chart_file(file, rows, 2, height=3.6 * rows) as (figure, panels):
@@ -65,14 +65,14 @@ def growth_chart(results: Results, file: Path) -> None:
             axes.text(0.0, 0.9, NOTE, va="top", transform=axes.transAxes, color="#555555")
         families_legend(figure, results, NAMED)
         ends = [_panel(axes, results, axis) for axes, axis in zip(flat, there, strict=False)]
-        laid_out(figure)
+        lay_out(figure)
         for axes, names in zip(flat, ends, strict=False):
             name_ends(axes, names)
 
 
 def _panel(axes: Axes, results: Results, axis: str) -> list[tuple[float, float, str, bool]]:
     """Draw one panel; returns the ends of its lines, with their names and whether these are bold."""
-    lines = {name: run for (task, name), run in picked(results, "growth").items() if task == axis}
+    lines = {name: run for (task, name), run in results_of(results, "growth").items() if task == axis}
     title, unit = TITLES[axis]
     axes.set_title(title)
     axes.set_xlabel(unit)
@@ -129,7 +129,7 @@ def _owner(name: str) -> str:
 
 def growth_caption(results: Results) -> str:
     """The slopes of the lines."""
-    found = picked(results, "growth")
+    found = results_of(results, "growth")
     sentences = ["The number beside a name is the slope in time ~ size^slope, fitted to the larger half of the sizes."]
     for axis, (title, _) in TITLES.items():
         slopes = [

@@ -10,7 +10,7 @@ import numpy as np
 from invariantqp.compare.names import DLS, LEAST_SQUARES, LU, OURS, PINK_POSTURE
 from invariantqp.compare.report.charts.scatter import Point, front, positive, scatter
 from invariantqp.compare.report.charts.style import chart_file, percent
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 from invariantqp.pictures.palette import SHADE
 
 # Methods in captions.
@@ -26,7 +26,7 @@ SHIPPED = (
 
 def ticks(results: Results, task: str) -> list[Point]:
     """For each method the time of a tick and the 99th percentile of the position error [mm] in one task."""
-    times, runs = picked(results, "tick"), picked(results, "closed_loop")
+    times, runs = results_of(results, "tick"), results_of(results, "closed_loop")
     found = []
     for method in results["methods"]:
         key = (task, method["name"])
@@ -51,7 +51,7 @@ def tick_chart(results: Results, file: Path) -> None:
 def tick_caption(results: Results) -> str:
     """The methods on the front of each task, and the errors of a few methods."""
     sentences = [SHIPPED]
-    runs = picked(results, "closed_loop")
+    runs = results_of(results, "closed_loop")
     for task in results["tasks"]:
         edge = front(ticks(results, task))
         if not edge:
@@ -69,7 +69,7 @@ def _tracked(run: dict[str, Any]) -> str:
 
 def singular(results: Results) -> list[Point]:
     """For each method the largest chatter relative to the least-squares QP, and the largest speed over its limit."""
-    runs = picked(results, "singular")
+    runs = results_of(results, "singular")
     found = []
     for method in results["methods"]:
         mine = {task: run for (task, name), run in runs.items() if name == method["name"]}
@@ -94,7 +94,7 @@ def singular_loops_chart(results: Results, file: Path) -> None:
 def singular_loops_caption(results: Results) -> str:
     """Which methods stay below the speed limits without knowing them."""
     points = {p.method: p for p in singular(results)}
-    tasks = sorted({task.removeprefix("stability/") for task, _ in picked(results, "singular")})
+    tasks = sorted({task.removeprefix("stability/") for task, _ in results_of(results, "singular")})
     below = [name for name, p in points.items() if p.y <= 1.0]
     runs = f"Runs through singularities ({', '.join(tasks)}) in which no method knows the speed limits of the joints"
     sentences = [f"{runs}; {len(below)} of {len(points)} methods stay below them nevertheless."]
@@ -108,7 +108,7 @@ def singular_loops_caption(results: Results) -> str:
 
 def failed(results: Results) -> dict[str, dict[str, float]]:
     """For each method the mean share of failed ticks over the difficult runs, by cause: raised, not_finite, outside."""
-    runs = picked(results, "hard")
+    runs = results_of(results, "hard")
     found = {}
     for method in results["methods"]:
         mine = [run for (_, name), run in runs.items() if name == method["name"]]
@@ -123,7 +123,7 @@ def failed_caption(results: Results) -> str:
     """Which method fails most often, and which ones never fail."""
     shares = {name: sum(ways.values()) for name, ways in failed(results).items()}
     never = [name for name, share in shares.items() if share == 0.0]
-    runs = sorted({task.removeprefix("stability/") for task, _ in picked(results, "hard")})
+    runs = sorted({task.removeprefix("stability/") for task, _ in results_of(results, "hard")})
     text = (
         f"Share of ticks in {', '.join(runs)} in which a method raised an exception, gave a velocity that is not "
         f"finite, or moved the arm further outside its limits. It is zero for {len(never)} of {len(shares)} methods "

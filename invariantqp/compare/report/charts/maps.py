@@ -13,7 +13,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from invariantqp.compare.names import OURS
 from invariantqp.compare.report.charts.loops import failed
 from invariantqp.compare.report.charts.style import chart_file, percent, short
-from invariantqp.compare.results import Results, family, picked
+from invariantqp.compare.results import Results, family, results_of
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.palette import BLACK, BLUE, VERMILION
 
@@ -53,7 +53,7 @@ class Group(NamedTuple):
 def groups(results: Results, arm: str) -> list[Group]:
     """Groups of methods: ours alone, then the others from the fewest failures to the most."""
     found: list[Group] = []
-    runs = {name: run for (task, name), run in picked(results, "failure_map").items() if task == arm}
+    runs = {name: run for (task, name), run in results_of(results, "failure_map").items() if task == arm}
     for method in results["methods"]:
         name = method["name"]
         if name not in runs:

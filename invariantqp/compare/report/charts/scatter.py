@@ -20,7 +20,7 @@ from invariantqp.compare.report.charts.style import (
     families_legend,
     grid,
     is_ours,
-    laid_out,
+    lay_out,
     plain_ticks,
     short,
     style_of,
@@ -61,7 +61,7 @@ def scatter(
     corners = [_points(axes, points, results, alike) for axes, points in zip(panels, drawn, strict=True)]
     edge = Line2D([], [], color=TEXT, linewidth=1.0, linestyle="--", label="Pareto front")
     families_legend(figure, results, {p.method for points in drawn for p in points}, [edge])
-    laid_out(figure)
+    lay_out(figure)
     for axes, points, line in zip(panels, drawn, corners, strict=True):
         name_points(axes, [Named(p.x, p.y, short(p.method), is_ours(p.method)) for p in points], lines=line)
 

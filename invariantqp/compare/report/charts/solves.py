@@ -9,7 +9,7 @@ from invariantqp.compare.report.charts.scatter import Point, band, front, positi
 from invariantqp.compare.report.charts.style import chart_file
 from invariantqp.compare.report.findings import residual
 from invariantqp.compare.report.tables import across
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 
 # Smaller errors are drawn at this value, below the rounding error of one number: the axis is logarithmic.
 FLOOR = 1e-17
@@ -114,7 +114,7 @@ def _ours_limited(limited: list[Point]) -> list[str]:
 def _without_reference(results: Results) -> list[str]:
     """The methods with a time that are not drawn."""
     drawn = {p.method for sort in ("free", "limited") for p in points(results, sort)}
-    timed = {name for _, name in picked(results, "time")}
+    timed = {name for _, name in results_of(results, "time")}
     others = [m["name"] for m in results["methods"] if m["name"] in timed - drawn]
     return [f"Not drawn, since their problem has no exact answer: {'; '.join(others)}."] if others else []
 

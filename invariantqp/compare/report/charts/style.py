@@ -72,7 +72,7 @@ def chart_file(
         yield figure, figure.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared)
 
 
-def laid_out(figure: Figure) -> None:
+def lay_out(figure: Figure) -> None:
     """Place the panels for good, so that positions in pixels are known."""
     figure.canvas.draw()
     figure.set_layout_engine("none")

@@ -15,7 +15,7 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 
 
-def rewritten(robot: Robot, *, base: Array | None = None, unit: float = 1.0, speed_limits: bool = True) -> Robot:
+def rewrite(robot: Robot, *, base: Array | None = None, unit: float = 1.0, speed_limits: bool = True) -> Robot:
     """The arm in another description. A Pinocchio model stays one, every other robot becomes a chain of joint screws.
 
     Args:
@@ -32,7 +32,7 @@ def rewritten(robot: Robot, *, base: Array | None = None, unit: float = 1.0, spe
     screws[3:] *= unit
     return Chain(
         se3.adjoint(Y).dot(screws),
-        Y.dot(stretched(home, unit)),
+        Y.dot(scale_lengths(home, unit)),
         robot.names,
         robot.position_lower,
         robot.position_upper,
@@ -40,7 +40,7 @@ def rewritten(robot: Robot, *, base: Array | None = None, unit: float = 1.0, spe
     )
 
 
-def stretched(pose: Array, unit: float) -> Array:
+def scale_lengths(pose: Array, unit: float) -> Array:
     """A (4, 4) pose in another unit of length."""
     result = pose.copy()
     result[:3, 3] *= unit
@@ -50,7 +50,7 @@ def stretched(pose: Array, unit: float) -> Array:
 def _model(robot: Any, Y: Array, unit: float, speed_limits: bool) -> Robot:
     model = robot.model.copy()
     for i in range(1, model.njoints):
-        placement = stretched(model.jointPlacements[i].homogeneous, unit)
+        placement = scale_lengths(model.jointPlacements[i].homogeneous, unit)
         placement = Y.dot(placement) if model.parents[i] == 0 else placement
         model.jointPlacements[i].rotation, model.jointPlacements[i].translation = placement[:3, :3], placement[:3, 3]
     for frame in model.frames:
