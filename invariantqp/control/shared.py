@@ -76,7 +76,7 @@ class SharedTask:
     def moved(self, pose: ArrayLike) -> SharedTask:
         """The same task after a (4, 4) rigid motion of both systems."""
         T = arrays.pose(pose)
-        A, B = se3.carried(T), se3.carried_wrenches(T)
+        A, B = se3.adjoint(T, check=False), se3.coadjoint(T, check=False)
         M = self.metric
         told: dict[str, Any] = {
             "S1": A.dot(np.asarray(self.S1)),

@@ -181,7 +181,8 @@ class HybridController:
             exert = split.wanted(arrays.vector(wanted, None, "wanted"), "wanted")
         raw, measured, smoothing = self._measured(reading, tool)
 
-        A, B = se3.carried(contact.pose), se3.carried_wrenches(contact.pose)  # from the contact's frame to the base's
+        # From the contact's frame to the base's.
+        A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
         felt = A.T.dot(measured)
         parts = split.intensities.dot(felt)
         error = split.projectors.force.dot(exert - felt)

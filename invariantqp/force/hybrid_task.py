@@ -196,9 +196,9 @@ class HybridTask:
             BadInput: not finite (4, 4) rigid motions.
         """
         X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
-        back = se3.inverted(X)
+        back = se3.inverse(X, check=False)
         untold = np.eye(4) if tool_offset is None else se3.inverse(tool_offset)
-        A, B = se3.carried(back), se3.carried_wrenches(back)
+        A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
         given = self.contact
         contact = given.relabelled(X) if isinstance(given, Contact) else lambda T: given(T.dot(untold)).relabelled(X)
         M, Z, w = self.metric, self.complement, np.asarray(self.wrench)

@@ -87,7 +87,7 @@ class WrenchSensor:
     def in_base(self, wrench: ArrayLike, tool: ArrayLike) -> Array:
         """(6,) a wrench in the sensor's frame told in the base frame, its moment about the base's origin."""
         T = arrays.pose(tool, "tool").dot(np.asarray(self.mount))
-        carried: Array = se3.carried_wrenches(T).dot(arrays.vector(wrench, 6, "wrench"))
+        carried: Array = se3.coadjoint(T, check=False).dot(arrays.vector(wrench, 6, "wrench"))
         return carried
 
     def measured(self, reading: ArrayLike, tool: ArrayLike) -> Array:
@@ -112,13 +112,13 @@ class WrenchSensor:
         """The same sensor told with its frame displaced by `offset` in itself, and the tool's by `tool_offset`."""
         X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
         Y = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
-        back = se3.inverted(X)
+        back = se3.inverse(X, check=False)
         return replace(
             self,
-            mount=se3.inverted(Y).dot(np.asarray(self.mount)).dot(X),
+            mount=se3.inverse(Y, check=False).dot(np.asarray(self.mount)).dot(X),
             centre=back[:3, :3].dot(np.asarray(self.centre)) + back[:3, 3],
             origin=back[:3, :3].dot(np.asarray(self.origin)) + back[:3, 3],
-            bias=se3.carried_wrenches(back).dot(np.asarray(self.bias)),
+            bias=se3.coadjoint(back, check=False).dot(np.asarray(self.bias)),
         )
 
     def _unloaded(self, tool: Array) -> Array:

@@ -136,7 +136,7 @@ def pose_error(robot: Robot, target: Any, form: Form | float | None, exact: tupl
     if form is not None:
         form = form_of(form, J)
         if isinstance(form, CarriedMetric):
-            T = se3.motion(robot.sight(mid, wanted).error).dot(here)  # the target as a matrix
+            T = se3.exp(robot.sight(mid, wanted).error, check=False).dot(here)  # the target as a matrix
             return _carried(robot, wanted, form.at(T) if form.follows_tool else form, T, exact)
         if not isinstance(form, PitchForm) or form.h == 0.0:
             found = "h = 0" if isinstance(form, PitchForm) else "a complement"

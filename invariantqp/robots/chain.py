@@ -79,7 +79,7 @@ class Chain:
         found = np.empty((len(self.names), 3))
         for i, angle in enumerate(arrays.vector(q, len(self.names), "q").tolist()):
             found[i] = T[:3, :3].dot(self._origins[i]) + T[:3, 3]
-            T = T.dot(se3.motion(angle * self.screws[:, i]))
+            T = T.dot(se3.exp(angle * self.screws[:, i], check=False))
         return found
 
     def target(self, pose: ArrayLike) -> Target:
@@ -89,7 +89,7 @@ class Chain:
     def sight(self, q: Array, target: ArrayLike | Target) -> Sighting:
         """Joint twists and tool error, in the base frame."""
         J, T = self._moved(q)
-        return Sighting(J, se3.displacement(self.target(target).pose.dot(se3.inverted(T))), T)
+        return Sighting(J, se3.log(self.target(target).pose.dot(se3.inverse(T, check=False)), check=False), T)
 
     def points(self, sighting: Sighting, target: ArrayLike | Target, point: Array) -> tuple[Array, Array]:
         """Where a point (3,) of the tool frame is, and where it should be."""
@@ -124,8 +124,8 @@ class Chain:
         T = np.eye(4)
         for i, angle in enumerate(q.tolist()):
             screw = self.screws[:, i]
-            J[:, i] = se3.carried(T).dot(screw)
-            T = T.dot(se3.motion(angle * screw))
+            J[:, i] = se3.adjoint(T, check=False).dot(screw)
+            T = T.dot(se3.exp(angle * screw, check=False))
         return J, T.dot(self.home)
 
 

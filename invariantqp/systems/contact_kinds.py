@@ -75,7 +75,7 @@ class ContactKind:
     def relabelled(self, offset: ArrayLike) -> ContactKind:
         """The same physical contact told in a frame displaced by a (4, 4) offset in the old one."""
         back = se3.inverse(offset)
-        A, B = se3.carried(back), se3.coadjoint(back)
+        A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
         out = None if self.out is None else A.dot(np.asarray(self.out))
         origin = back[:3, :3].dot(np.asarray(self.origin)) + back[:3, 3]
         freedoms, constraints = A.dot(np.asarray(self.freedoms)), B.dot(np.asarray(self.constraints))

@@ -59,13 +59,13 @@ class Contact:
     @cached_property
     def freedoms(self) -> Array:
         """(6, k) twists that the contact allows."""
-        twists: Array = se3.carried(self.pose).dot(np.asarray(self.kind.freedoms))
+        twists: Array = se3.adjoint(self.pose, check=False).dot(np.asarray(self.kind.freedoms))
         return twists
 
     @cached_property
     def constraints(self) -> Array:
         """(6, 6-k) wrenches that the tool can exert on the contact; none does work on any freedom."""
-        wrenches: Array = se3.carried_wrenches(self.pose).dot(np.asarray(self.kind.constraints))
+        wrenches: Array = se3.coadjoint(self.pose, check=False).dot(np.asarray(self.kind.constraints))
         return wrenches
 
     @property

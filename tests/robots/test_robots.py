@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.geometry.se3 import inverted
+from invariantqp.geometry.se3 import inverse
 from invariantqp.robots.kinematics import middle
 from invariantqp.robots.load import KNOWN
 
@@ -147,7 +147,7 @@ def test_a_displaced_tool_is_the_same_arm(source):
     moved = robot.with_tool(X)
     np.testing.assert_allclose(moved.pose(q), before @ X, atol=1e-12)
     np.testing.assert_allclose(moved.jacobian(q), robot.jacobian(q), atol=1e-12)
-    np.testing.assert_allclose(moved.with_tool(inverted(X)).pose(q), before, atol=1e-12)
+    np.testing.assert_allclose(moved.with_tool(inverse(X)).pose(q), before, atol=1e-12)
     np.testing.assert_allclose(robot.pose(q), before)  # the first one is as it was
     assert moved.names == robot.names
     np.testing.assert_array_equal(moved.velocity_limit, robot.velocity_limit)

@@ -67,4 +67,4 @@ def pose_of(target: Any) -> Array:
 def led(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
     """The pose [4, 4] that the target has `lead` seconds later."""
     ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
-    return se3.motion(lead * ahead).dot(pose) if ahead.any() else pose
+    return se3.exp(lead * ahead, check=False).dot(pose) if ahead.any() else pose

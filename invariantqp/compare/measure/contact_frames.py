@@ -65,10 +65,10 @@ class Textbook:
 
     def __init__(self, robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> None:
         """As `our_hybrid`; of the displaced frames it knows the tool's and the sensor's."""
-        self._back = se3.inverted(offsets.tool)
+        self._back = se3.inverse(offsets.tool, check=False)
         self._scene = scene
         self._sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
-        self._reading = se3.coadjoint(se3.inverted(offsets.sensor))
+        self._reading = se3.coadjoint(se3.inverse(offsets.sensor, check=False))
         self._loop = RaibertCraig(
             robot,
             SELECTIONS[scene.touch.shape],
