@@ -26,7 +26,6 @@ from invariantqp.velocity.damping import Damping, PaperLambda, Selective, dampin
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import not_below_zero
 from invariantqp.velocity.request import guard_of
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.tick import QUIET_SHARE
@@ -91,11 +90,11 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         self.form_reason = "" if h is None else "as asked"
         self.damping = damping_of(damping)
         self.guard = guard_of(guard)
-        share = not_below_zero(gain, "gain", "a share of the error")
+        share = arrays.not_negative(gain, "gain", "a share of the error")
         if share > 1.0:
             raise BadInput("gain", f"{share:g}", "a share of the error, from 0 to 1", "More overshoots.")
-        super().__init__(frame, 1.0, 1.0, not_below_zero(lm_damping, "lm_damping", "a scale"), share)
-        self.cost = not_below_zero(cost, "cost", "a weight")  # one number: no frame has axes for more
+        super().__init__(frame, 1.0, 1.0, arrays.not_negative(lm_damping, "lm_damping", "a scale"), share)
+        self.cost = arrays.not_negative(cost, "cost", "a weight")  # one number: no frame has axes for more
         self._model: Any = None
         self._moving = np.empty(0, dtype=np.intp)
 

@@ -28,7 +28,7 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import JointBox, accelerations, not_below_zero
+from invariantqp.velocity.limits.box import JointBox, accelerations
 from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.qp.backends import Backend, backend_of
@@ -142,7 +142,7 @@ class Controller:
         self._middle = mid
         self._pull = np.where(bounded, self.posture_gain, 0.0)
         self._gains = np.full(6, self.gain)
-        margin = not_below_zero(position_margin, "position_margin", "a distance kept from position limits")
+        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
         self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
         self._braking = None
         if acceleration_limit is not None:
@@ -302,4 +302,4 @@ class _State(NamedTuple):
 def _posture_gain(posture: float | bool) -> float:
     if isinstance(posture, bool):
         return POSTURE_GAIN if posture else 0.0
-    return not_below_zero(posture, "posture", "a gain in 1/s, True or False")
+    return arrays.not_negative(posture, "posture", "a gain in 1/s, True or False")

@@ -29,7 +29,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contact_kinds import ContactKind
 from invariantqp.systems.contacts import Contact
 from invariantqp.systems.projectors import DualProjectors, dual_projectors
-from invariantqp.velocity.limits.box import not_below_zero
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
@@ -150,9 +149,9 @@ class HybridTask:
         for name in ("max_force", "max_moment"):
             if getattr(self, name) != inf:
                 arrays.number(getattr(self, name), name, "a number, or inf", positive=True)
-        not_below_zero(self.lost_after, "lost_after", "a time in seconds")
+        arrays.not_negative(self.lost_after, "lost_after", "a time in seconds")
         if self.lost_below is not None:
-            not_below_zero(self.lost_below, "lost_below", "a force")
+            arrays.not_negative(self.lost_below, "lost_below", "a force")
         for name, allowed in (("on_loss", get_args(OnLoss)), ("on_overload", get_args(OnOverload))):
             if getattr(self, name) not in allowed:
                 raise BadInput(name, repr(getattr(self, name)), " or ".join(repr(a) for a in allowed))

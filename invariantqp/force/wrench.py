@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.limits.box import not_below_zero
 
 # Standard gravity in a base frame whose z points up [m/s^2].
 GRAVITY = (0.0, 0.0, -9.80665)
@@ -66,7 +65,7 @@ class WrenchSensor:
         object.__setattr__(self, "mount", np.eye(4) if self.mount is None else arrays.pose(self.mount, "mount"))
         object.__setattr__(self, "bias", arrays.vector(self.bias, 6, "bias"))
         for name, unit in (("mass", "kg"), ("force_deadband", "N"), ("moment_deadband", "N m")):
-            not_below_zero(getattr(self, name), name, f"a number in {unit}")
+            arrays.not_negative(getattr(self, name), name, f"a number in {unit}")
         if self.cutoff != inf:
             arrays.number(self.cutoff, "cutoff", "a frequency in Hz, or inf", positive=True)
         if self.reads not in ("reaction", "action"):

@@ -1,23 +1,27 @@
-"""Array aliases, and one boundary check a kind: finite, of the right shape, float64, or a `BadInput`.
+"""The array alias, and one check for each kind of argument: real, finite, of the right shape, float64, or a `BadInput`.
 
-Everything that enters the library passes one of these once; inside it nothing is checked again.
+Everything that enters the library passes one of these checks once; inside it nothing is checked again. An argument that
+is a float64 array already is returned as it is, not copied.
 """
 
 from __future__ import annotations
 
-from math import hypot, isfinite
+from math import hypot, isfinite, isinf, isnan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 Array = NDArray[np.float64]
 
+FLOAT64 = np.dtype(np.float64)
+# What numpy calls kinds of numbers that are real: bool, signed and unsigned integers, floats. Objects are asked.
+REAL_KINDS = "biufO"
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
 # How far a_ij and a_ji may differ, relative to sqrt(a_ii a_jj): where entries cancel, rounding is all that is left.
@@ -25,11 +29,34 @@ SYMMETRY_TOLERANCE = 1e-9
 
 
 def array(value: ArrayLike, argument: str, expected: str) -> Array:
-    """`value` as float64, or `BadInput`."""
+    """`value` as a float64 array.
+
+    Raises:
+        BadInput: not real numbers; text, complex numbers and masked entries are refused rather than converted.
+    """
+    if type(value) is np.ndarray and value.dtype is FLOAT64:
+        return value
     try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise BadInput(argument, f"{type(value).__name__} that is not numeric ({error})", expected) from error
+        found = _as_float64(value)
+    except Exception as error:
+        raise BadInput(argument, f"{shown(value)}, which is not numeric ({error})", expected) from error
+    if isinstance(found, str):
+        raise BadInput(argument, found, expected)
+    return found
+
+
+def _as_float64(value: Any) -> Array | str:
+    """The array, or what there is instead of real numbers."""
+    if value is None:
+        return "None"
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        return "a masked array with masked entries"
+    a = np.asarray(value)
+    if a.dtype.kind == "c":
+        return "complex numbers"
+    if a.dtype.kind not in REAL_KINDS:
+        return f"{shown(value)}, which is not numeric"
+    return a.astype(np.float64)
 
 
 def _finite(a: Array, argument: str, expected: str) -> Array:
@@ -95,8 +122,10 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     """A symmetric positive-definite (size, size) matrix; a (size,) vector is its diagonal."""
     expected = f"a symmetric positive-definite ({size}, {size}) matrix or its {size} diagonal entries"
     a = array(value, argument, expected)
-    a = np.diag(a) if a.ndim == 1 else a
-    a = matrix(a, (size, size), argument)
+    a = np.diag(a) if a.shape == (size,) else a
+    if a.shape != (size, size):
+        raise BadInput(argument, f"shape {a.shape}", expected)
+    a = _finite(a, argument, expected)
     root = np.sqrt(np.abs(np.diag(a)))
     if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.outer(root, root)).any():
         raise BadInput(argument, "a matrix that is not symmetric", expected, "Pass (A + A.T) / 2 if that is meant.")
@@ -116,25 +145,58 @@ def pose(value: ArrayLike, argument: str = "pose") -> Array:
     expected = "a (4, 4) homogeneous rigid motion"
     homogeneous: Any = getattr(value, "homogeneous", value)
     a = matrix(homogeneous, (4, 4), argument)
-    R = a[:3, :3]
-    (a0, a1, a2), (b0, b1, b2), (c0, c1, c2) = R.tolist()
-    volume = a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
-    if volume < 0.0 or np.abs(R.T.dot(R) - np.eye(3)).max() > ROTATION_TOLERANCE:
+    if not is_rotation(a[:3, :3]):
         raise BadInput(argument, "an upper-left block that is not a rotation", expected, "Orthonormalise it first.")
     if a[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise BadInput(argument, f"last row {a[3].tolist()}", "last row [0, 0, 0, 1]")
     return a
 
 
-def number(value: float, argument: str, expected: str = "a finite number", *, positive: bool = False) -> float:
-    """A finite (optionally positive) float."""
-    try:
-        x = float(value)
-    except (TypeError, ValueError) as error:
-        raise BadInput(argument, f"{value!r}", expected) from error
-    if not isfinite(x) or (positive and x <= 0.0):
+def is_rotation(R: Array) -> bool:
+    """Whether the columns of a (3, 3) matrix are orthonormal and right-handed; in floats, faster than in arrays."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    volume = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+    lengths = abs(a * a + d * d + g * g - 1.0), abs(b * b + e * e + h * h - 1.0), abs(c * c + f * f + i * i - 1.0)
+    products = abs(a * b + d * e + g * h), abs(a * c + d * f + g * i), abs(b * c + e * f + h * i)
+    return volume > 0.0 and all(x <= ROTATION_TOLERANCE for x in lengths + products)  # NaN is not below either
+
+
+def number(
+    value: float,
+    argument: str,
+    expected: str = "a finite number",
+    *,
+    positive: bool = False,
+    infinite: bool = False,
+) -> float:
+    """A float: above zero if `positive`, possibly infinite if `infinite`, never NaN.
+
+    Raises:
+        BadInput: something else; True and False are no numbers here.
+    """
+    x = value if type(value) is float else _as_float(value, argument, expected)
+    if isnan(x) or (isinf(x) and not infinite) or (positive and x <= 0.0):
         raise BadInput(argument, f"{x!r}", f"{expected}{' above zero' if positive else ''}")
     return x
+
+
+def not_negative(value: float, argument: str, expected: str) -> float:
+    """A finite float, zero or more."""
+    x = number(value, argument, expected)
+    if x < 0.0:
+        raise BadInput(argument, f"{x:g}", f"{expected}, not below zero")
+    return x
+
+
+def _as_float(value: Any, argument: str, expected: str) -> float:
+    if isinstance(value, (str, bytes, bool, np.bool_)):
+        raise BadInput(argument, shown(value), expected)
+    try:
+        if np.ndim(value) or np.iscomplexobj(value) or np.ma.is_masked(value):
+            raise BadInput(argument, shown(value), expected)
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadInput(argument, shown(value), expected) from error
 
 
 def names(values: Sequence[str], limit: int = 6) -> str:

@@ -14,7 +14,7 @@ MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
 REFUSED = {
     "text": (lambda: arrays.twist("abc"), "twist", "not numeric"),
     "ragged": (lambda: arrays.columns([[1.0], [1.0, 2.0]]), "J", "not numeric"),
-    "none": (lambda: arrays.vector(None, 3, "q"), "q", "shape ()"),
+    "none": (lambda: arrays.vector(None, 3, "q"), "q", "None"),
     "short twist": (lambda: arrays.twist([1.0] * 5), "twist", "shape (5,)"),
     "nan twist": (lambda: arrays.twist([0, 0, NAN, 0, 0, 0]), "twist", "index 2"),
     "inf in a column": (lambda: arrays.columns(np.full((6, 2), INF)), "J", "index (0, 0)"),
@@ -25,7 +25,7 @@ REFUSED = {
     "asymmetric": (lambda: arrays.positive_definite([[1.0, 0.5], [0.0, 1.0]], 2, "M"), "M", "not symmetric"),
     "indefinite": (lambda: arrays.positive_definite([1.0, -2.0], 2, "M"), "M", "smallest eigenvalue -2"),
     "semidefinite": (lambda: arrays.positive_definite([1.0, 0.0], 2, "M"), "M", "smallest eigenvalue 0"),
-    "long diagonal": (lambda: arrays.positive_definite([1.0, 2.0, 3.0], 2, "M"), "M", "shape (3, 3)"),
+    "long diagonal": (lambda: arrays.positive_definite([1.0, 2.0, 3.0], 2, "M"), "M", "shape (3,)"),
     "nan metric": (lambda: arrays.positive_definite([[1.0, NAN], [NAN, 1.0]], 2, "M"), "M", "NaN"),
     "sheared": (lambda: arrays.pose(SHEARED), "pose", "not a rotation"),
     "mirrored": (lambda: arrays.pose(MIRROR), "pose", "not a rotation"),
