@@ -19,8 +19,9 @@ from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.models import chain_to
 from invariantqp.robots.pink import Configuration, FrameTask
-from invariantqp.robots.pinocchio import ANGULAR_FIRST, chain_to, placement
+from invariantqp.robots.pinocchio import ANGULAR_FIRST, placement
 from invariantqp.systems.centre import centre, measured
 from invariantqp.velocity.damping import Damping, PaperLambda, Selective, damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of

@@ -22,7 +22,7 @@ from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, Sighting, checked_robot, middle
+from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
@@ -110,7 +110,7 @@ class Controller:
             UnknownName: no such back end.
             MissingExtra: `limits` without Pink.
         """
-        self.robot = checked_robot(robot)
+        self.robot = require_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.gain: float = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)

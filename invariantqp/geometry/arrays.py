@@ -6,16 +6,14 @@ is a float64 array already is returned as it is, not copied.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from math import hypot, isfinite, isinf, isnan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Array = NDArray[np.float64]
 
@@ -60,7 +58,7 @@ def _as_float64(value: Any) -> Array | str:
 
 
 def _finite(a: Array, argument: str, expected: str) -> Array:
-    # One reduction in the usual case; a square that overflows is looked at again, entry by entry.
+    # One sum in the usual case, by vdot, which warns of no overflow; where it does overflow, entry by entry.
     if not isfinite(np.vdot(a, a)) and not np.isfinite(a).all():
         bad = [tuple(int(i) for i in index) for index in np.argwhere(~np.isfinite(a))[:4]]
         where = ", ".join(str(i[0]) if len(i) == 1 else str(i) for i in bad)
@@ -199,7 +197,18 @@ def _as_float(value: Any, argument: str, expected: str) -> float:
         raise BadInput(argument, shown(value), expected) from error
 
 
+def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:
+    """Several strings, such as joint names; one string is none of its letters."""
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
+        raise BadInput(argument, shown(values), "a list of names")
+    several = tuple(values)
+    for value in several:
+        if not isinstance(value, str):
+            raise BadInput(argument, f"{shown(value)} among the names", "a list of names")
+    return several
+
+
 def names(values: Sequence[str], limit: int = 6) -> str:
-    """A short human list."""
+    """A few of them in words, for a message."""
     shown = ", ".join(values[:limit])
     return shown + (f", ... ({len(values)})" if len(values) > limit else "")

@@ -26,7 +26,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import PoseError, pose_error
 from invariantqp.pose.joint_space import JointSpace
 from invariantqp.pose.newton import Try, descend
-from invariantqp.robots.kinematics import Robot, checked_robot, middle
+from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.velocity.forms import Form
 
 # Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and no tool
@@ -83,7 +83,7 @@ class PoseSearch:
         seed: int = 0,
     ) -> None:
         """As `solve_pose`."""
-        self._robot = checked_robot(robot)
+        self._robot = require_robot(robot)
         self._space = JointSpace(robot)
         self._form = form
         self._exact = demands_of(exact)
