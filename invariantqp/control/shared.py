@@ -36,16 +36,16 @@ class SharedTask(Value):
         S2: (6, n) twists the operator moves along, or None for all that h or the metric leaves, S1^{perp h}.
         h: pitch [length/rad], or None.
         metric: (6, 6) positive definite, base frame, or None.
-        robot: (6, 6) P1, the projector of the robot's twist.
-        operator: (6, 6) P2, the projector of the operator's.
+        robot_projector: (6, 6) P1.
+        operator_projector: (6, 6) P2.
     """
 
     S1: Array = field(converter=own)
     S2: Array | None = field(converter=optional(own))
     h: float | None
     metric: Array | None = field(converter=optional(own))
-    robot: Array = field(converter=own, repr=False)
-    operator: Array = field(converter=own, repr=False)
+    robot_projector: Array = field(converter=own, repr=False)
+    operator_projector: Array = field(converter=own, repr=False)
 
     def __init__(self, S1: ArrayLike, S2: ArrayLike | None = None, h: float | None = None, metric: Any = None) -> None:
         """The projectors for two systems of twists.
@@ -81,7 +81,7 @@ class SharedTask(Value):
             BadInput: NaN, shapes.
         """
         s1, s2 = arrays.twist(robot, "robot"), arrays.twist(operator, "operator")
-        twist: Array = self.robot.dot(s1) + self.operator.dot(s2)
+        twist: Array = self.robot_projector.dot(s1) + self.operator_projector.dot(s2)
         return twist
 
     def moved(self, pose: ArrayLike) -> SharedTask:
@@ -94,8 +94,8 @@ class SharedTask(Value):
             S2=None if self.S2 is None else A.dot(self.S2),
             h=self.h,
             metric=None if self.metric is None else B.dot(self.metric).dot(B.T),
-            robot=A.dot(self.robot).dot(B.T),
-            operator=A.dot(self.operator).dot(B.T),
+            robot_projector=A.dot(self.robot_projector).dot(B.T),
+            operator_projector=A.dot(self.operator_projector).dot(B.T),
         )
         return moved
 

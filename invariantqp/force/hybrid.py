@@ -3,8 +3,8 @@
     s = P s_motion + (I - P) C (I - P)' (W_d - W),     s_motion = gain log(T_target T^-1) + feedforward
     velocity = law(J(q), s, box(q)),                   torque = J'W_d for arms that take torques
 
-Everything is told in the base frame; **wrenches are those that the tool exerts** (a `WrenchSensor` turns readings into
-them). Neither part of s touches the other: see `hybrid_task`.
+Everything is in the base frame; **wrenches are those that the tool exerts** (a `WrenchSensor` turns readings into
+them). Neither part of s disturbs the other: see `hybrid_task`.
 
 Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.laws.raibert_craig`).
 """
@@ -12,18 +12,20 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 from __future__ import annotations
 
 from math import inf, sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, shown
 from invariantqp.force.hybrid_task import HybridTask, Split
 from invariantqp.force.watch import HOLD, RETREAT, SLOW, Watch
 from invariantqp.force.wrench import Smoothing, WrenchSensor
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.contacts import Contact
@@ -31,7 +33,8 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.solution import VelocitySolution
 
 
-class HybridSolution(NamedTuple):
+@frozen(eq=False, repr=False, slots=False)
+class HybridSolution(Compared):
     """A joint velocity for a force/motion task, and how it came about; all twists and wrenches in the base frame.
 
     Attributes:
@@ -45,26 +48,26 @@ class HybridSolution(NamedTuple):
         intensities: (6-k,) the measured wrench's parts in the contact's constraints; the first is the press.
         wanted: (6,) W_d.
         contact: the contact of this tick.
-        law: the velocity law's answer.
+        velocity_solution: the velocity law's answer.
         J: (6, m) joint twists.
     """
 
     velocity: Array
     status: str
     reason: str
-    motion: Array
-    force: Array
+    motion: Array = field(repr=False)
+    force: Array = field(repr=False)
     wrench: Array
-    error: Array
+    error: Array = field(repr=False)
     intensities: Array
-    wanted: Array
-    contact: Contact
-    law: VelocitySolution
-    J: Array
+    wanted: Array = field(repr=False)
+    contact: Contact = field(repr=False)
+    velocity_solution: VelocitySolution = field(repr=False)
+    J: Array = field(repr=False)
 
     @property
     def twist(self) -> Array:
-        """(6,) all that was asked of the velocity law."""
+        """(6,) the twist asked of the velocity law, motion and force together."""
         return self.motion + self.force
 
     @property
@@ -75,11 +78,11 @@ class HybridSolution(NamedTuple):
 
 
 class HybridController:
-    """Force along S*, motion along S, one arm; `step` is one tick.
+    """Force along S*, motion along S, one arm; `step` is one tick. One controller drives one arm, in one thread.
 
     Attributes:
         task: what the contact allows and what to exert on it.
-        loop: the velocity law with its limits.
+        loop: the `Controller` that follows the twist of each tick inside the limits.
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
         force_first: whether the force part of the twist is met exactly, so that limits slow the tool down before they
             let go of the force.
@@ -110,14 +113,14 @@ class HybridController:
         Raises:
             BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.
         """
-        self.task = task
         if not isinstance(task, HybridTask):
-            raise BadInput("task", repr(task), "a HybridTask")
+            raise BadInput("task", shown(task), "a HybridTask")
         if not (sensor is None or isinstance(sensor, WrenchSensor)):
-            raise BadInput("sensor", repr(sensor), "a WrenchSensor, or None")
+            raise BadInput("sensor", shown(sensor), "a WrenchSensor, or None")
+        self.task = task
         self.loop: Controller = Controller(robot, dt=dt, **options)
         self.sensor = sensor
-        self.force_first = force_first
+        self.force_first = arrays.flag(force_first, "force_first")
         self._smoothing = Smoothing.of(inf if sensor is None else sensor.cutoff, self.loop.dt)
         self._watch = Watch()
         self._split = task.split(task.contact_at(robot.pose(middle(robot))).kind)
@@ -174,12 +177,12 @@ class HybridController:
         if contact is None:
             contact = self.task.contact_at(tool)
         elif not isinstance(contact, Contact):
-            raise BadInput("contact", repr(contact), "a Contact")
+            raise BadInput("contact", shown(contact), "a Contact")
         split = self._split_for(contact)
-        exert = split.wanted(np.asarray(self.task.wrench))
+        exert = split.wanted(self.task.wrench)
         if wanted is not None:
             exert = split.wanted(arrays.vector(wanted, None, "wanted"), "wanted")
-        raw, measured, smoothing = self._measured(reading, tool)
+        raw, measured, smoothing = self._measure(reading, tool)
 
         # From the contact's frame to the base's.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
@@ -195,22 +198,22 @@ class HybridController:
         if verdict.action == SLOW:
             force *= self._share(contact, force)
         if verdict.action == HOLD:
-            motion = force = np.zeros(6)
-            law = loop.rest(positions, "", velocity, sighting)
+            motion, force = np.zeros(6), np.zeros(6)
+            inner = loop.rest(positions, "", velocity, sighting)
         elif verdict.action == RETREAT:
             out = A.dot(np.asarray(contact.kind.out))
             speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
             motion, force = np.zeros(6), speed * out
-            law = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting)
-            v = velocity_at(sighting.J.dot(law.velocity), contact.point)
+            inner = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting)
+            v = velocity_at(sighting.J.dot(inner.velocity), contact.point)
             watch = watch.further(loop.dt * float(velocity_at(out, contact.point).dot(v)))
         else:
-            law = loop.follow(positions, motion + force, velocity, self._rows(contact, sighting.J, force), sighting)
+            inner = loop.follow(positions, motion + force, velocity, self._rows(contact, sighting.J, force), sighting)
         self._watch, self._smoothing = watch, smoothing
         return HybridSolution(
-            velocity=law.velocity,
-            status=verdict.status or law.status,
-            reason="; ".join(r for r in (verdict.reason, law.reason) if r),
+            velocity=inner.velocity,
+            status=verdict.status or inner.status,
+            reason="; ".join(r for r in (verdict.reason, inner.reason) if r),
             motion=motion,
             force=force,
             wrench=measured.copy(),
@@ -218,7 +221,7 @@ class HybridController:
             intensities=parts,
             wanted=B.dot(exert),
             contact=contact,
-            law=law,
+            velocity_solution=inner,
             J=sighting.J,
         )
 
@@ -228,14 +231,14 @@ class HybridController:
             self._split = self.task.split(contact.kind)
         return self._split
 
-    def _measured(self, reading: Array, tool: Array) -> tuple[Array, Array, Smoothing]:
-        """The wrench that the tool exerts, base frame, as it came and cleaned; and the low-pass after it."""
+    def _measure(self, reading: Array, tool: Array) -> tuple[Array, Array, Smoothing]:
+        """The wrench that the tool exerts, base frame, raw and cleaned; and the low-pass after it."""
         sensor = self.sensor
         if sensor is None:
             return reading, reading, self._smoothing
-        load = sensor.loaded(reading, tool)
+        load = sensor.load(reading, tool)
         smooth, after = self._smoothing.after(load)
-        return sensor.in_base(load, tool), sensor.in_base(sensor.dead(smooth), tool), after
+        return sensor.in_base(load, tool), sensor.in_base(sensor.deadband(smooth), tool), after
 
     def _rows(self, contact: Contact, J: Array, force: Array) -> ExactRows | None:
         """W'Jx = W's, as long as that leaves the arm two joints to move with."""

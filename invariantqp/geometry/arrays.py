@@ -197,6 +197,20 @@ def _as_float(value: Any, argument: str, expected: str) -> float:
         raise BadInput(argument, shown(value), expected) from error
 
 
+def choice(value: str, argument: str, allowed: Sequence[str]) -> str:
+    """One of a few words."""
+    if not isinstance(value, str) or value not in allowed:
+        raise BadInput(argument, shown(value), " or ".join(repr(word) for word in allowed))
+    return value
+
+
+def flag(value: bool, argument: str) -> bool:
+    """True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise BadInput(argument, shown(value), "True or False")
+    return bool(value)
+
+
 def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:
     """Several strings, such as joint names; one string is none of its letters."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):

@@ -93,7 +93,7 @@ class InTouch:
         reading = self._reading.dot(sensed.wrench)
         solution = self._loop.step(sensed.q, wish.target, reading, wish.ahead)
         self.measured = solution.wrench
-        return solution.law._replace(status=solution.status, reason=solution.reason)
+        return solution.velocity_solution._replace(status=solution.status, reason=solution.reason)
 
 
 class Together:

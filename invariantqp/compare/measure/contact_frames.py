@@ -86,7 +86,7 @@ class Textbook:
         if sensed.wrench is None:
             raise BadInput("plant", "no force sensor", "one that senses the wrench at the tool")
         tool = self._loop.robot.pose(sensed.q)
-        exerted = self._sensor.loaded(self._reading.dot(sensed.wrench), tool)
+        exerted = self._sensor.load(self._reading.dot(sensed.wrench), tool)
         self.measured = self._sensor.in_base(exerted, tool)
         self._loop.axes = np.asarray(self._scene.task.contact_at(tool.dot(self._back)).pose)[:3, :3]
         return self._loop.step(sensed.q, wish.target, exerted, wish.ahead)
