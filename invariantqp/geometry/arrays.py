@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from math import hypot, isfinite, isinf, isnan
+from operator import index
 from typing import Any
 
 import numpy as np
@@ -195,6 +196,18 @@ def _as_float(value: Any, argument: str, expected: str) -> float:
         return float(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise BadInput(argument, shown(value), expected) from error
+
+
+def count(value: int, argument: str, most: int | None = None) -> int:
+    """A whole number from zero to `most`."""
+    expected = f"a whole number, {'zero or more' if most is None else f'from 0 to {most}'}"
+    try:
+        whole = -1 if isinstance(value, (bool, np.bool_)) else index(value)
+    except TypeError as error:
+        raise BadInput(argument, shown(value), expected) from error
+    if whole < 0 or (most is not None and whole > most):
+        raise BadInput(argument, shown(value), expected)
+    return whole
 
 
 def choice(value: str, argument: str, allowed: Sequence[str]) -> str:

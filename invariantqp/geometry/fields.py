@@ -13,6 +13,8 @@ The constructor says what is accepted and checks it once, by the names the calle
 
 from __future__ import annotations
 
+from dataclasses import fields as dataclass_fields
+from dataclasses import is_dataclass
 from typing import Any, cast
 
 import attrs
@@ -32,11 +34,13 @@ def own(a: Array) -> Array:
 
 
 def same(a: object, b: object) -> bool:
-    """Whether two values are equal, arrays number by number, in tuples as well."""
+    """Whether two values are equal, arrays number by number, in tuples and dataclasses as well."""
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and np.array_equal(a, b)
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(map(same, a, b))
+    if is_dataclass(a) and type(a) is type(b):
+        return all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclass_fields(a))
     return bool(a == b)
 
 
