@@ -1,4 +1,4 @@
-"""What a controller meets exactly, as values; the form judges the rest.
+"""What a controller meets exactly, as values; of the rest the form says what counts most.
 
     ExactPoint    v + omega x p = gain (p_d - p) + v_d(p)                a point of the tool follows its target
     ExactAxis     omega, but for its part about the axis a               a direction of the tool follows its target
@@ -18,7 +18,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, shown
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -26,17 +26,17 @@ from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.exact import ExactRows
 
-# Below this sine two directions are parallel: the turn that takes one to the other is none, or any.
+# Below this sine two directions count as parallel: no axis of the turn from one to the other can be computed.
 PARALLEL = 1e-12
 ORIGIN = (0.0, 0.0, 0.0)
 
 
 class View(NamedTuple):
-    """One tick as a demand sees it.
+    """What a demand reads of one tick.
 
     Attributes:
         robot: the arm.
-        sighting: its state.
+        sighting: what it saw of its state.
         target: where its tool should be, as `robot.target` gave it.
         gain: [1/s].
         feedforward: (6,) twist of the target, base frame.
@@ -50,14 +50,18 @@ class View(NamedTuple):
 
 
 class Exact(Protocol):
-    """A demand; `anchor` is the point (3,) whose motion it fixes, if there is one."""
+    """A demand on the tool or the joints, met exactly in every tick."""
 
     def rows(self, view: View) -> tuple[ExactRows, Array | None]:
-        """The rows of this tick, and the anchor."""
+        """The rows of this tick, and the point (3,) whose motion they fix, None where there is none."""
         ...
 
-    def moved(self, offset: Array) -> Exact:
-        """The same demand for a tool frame displaced in itself by a (4, 4) offset."""
+    def moved(self, offset: ArrayLike) -> Exact:
+        """The same demand for a tool frame displaced in itself by a (4, 4) offset.
+
+        Raises:
+            BadInput: not a rigid motion.
+        """
         ...
 
 
@@ -88,9 +92,10 @@ class ExactPoint(Value):
         b = view.gain * (there - here) + velocity_at(view.feedforward, there)
         return ExactRows(velocity_at(view.sighting.J, here), b), here
 
-    def moved(self, offset: Array) -> ExactPoint:
+    def moved(self, offset: ArrayLike) -> ExactPoint:
         """The same point of the tool in the displaced frame."""
-        return ExactPoint(offset[:3, :3].T.dot(self.point - offset[:3, 3]))
+        T = arrays.pose(offset, "offset")
+        return ExactPoint(T[:3, :3].T.dot(self.point - T[:3, 3]))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -123,18 +128,18 @@ class ExactAxis(Value):
         sine, cosine = float(np.linalg.norm(turn)), float(here.dot(there))
         if sine > PARALLEL:
             turn *= np.arctan2(sine, cosine) / sine
-        elif cosine < 0.0:  # opposite: any half turn will do, about a fixed one of the axes across
+        elif cosine < 0.0:  # opposite: half a turn about one axis across, always the same
             turn = np.pi * np.linalg.svd(here.reshape(1, 3))[2][1]
         return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3]), None
 
-    def moved(self, offset: Array) -> ExactAxis:
+    def moved(self, offset: ArrayLike) -> ExactAxis:
         """The same direction of the tool in the displaced frame."""
-        return ExactAxis(offset[:3, :3].T.dot(self.axis))
+        return ExactAxis(arrays.pose(offset, "offset")[:3, :3].T.dot(self.axis))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactPlane(Value):
-    """A point of the tool keeps its target's height over a plane exactly; along the plane the form judges.
+    """A point of the tool keeps its target's height over a plane exactly; its motion along the plane is left free.
 
     Attributes:
         normal: (3,) unit normal of the plane, in the base frame.
@@ -163,7 +168,7 @@ class ExactPlane(Value):
         speed = n.dot(view.gain * (there - here) + velocity_at(view.feedforward, there))
         return ExactRows.plane(view.sighting.J, here, n, float(speed)), None
 
-    def moved(self, offset: Array) -> ExactPlane:
+    def moved(self, offset: ArrayLike) -> ExactPlane:
         """The same point of the tool in the displaced frame."""
         return ExactPlane(self.normal, ExactPoint(self.point).moved(offset).point)
 
@@ -209,30 +214,42 @@ class ExactJoints(Value):
             raise BadInput("exact", f"rows on {self.A.shape[1]} joints", f"rows on {m}, one for each joint")
         return ExactRows(self.A, self.b), None
 
-    def moved(self, offset: Array) -> ExactJoints:  # noqa: ARG002 (joints know nothing of tool frames)
+    def moved(self, offset: ArrayLike) -> ExactJoints:  # noqa: ARG002 (joints know nothing of tool frames)
         """Itself."""
         return self
 
 
+def require_rows(rows: object, m: int) -> None:
+    """Refuse what is not exact rows on m joints.
+
+    Raises:
+        BadInput: something else, or rows on another number of joints.
+    """
+    if not isinstance(rows, ExactRows):
+        raise BadInput("rows", shown(rows), "ExactRows(A, b)")
+    if np.shape(rows.A)[1] != m:
+        raise BadInput("rows", f"rows on {np.shape(rows.A)[1]} joints", f"rows on {m}, one for each joint")
+
+
 def demands_of(exact: Exact | Sequence[Exact] | Literal["position"] | None) -> tuple[Exact, ...]:
-    """The demands meant: "position" is the tool frame's origin.
+    """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin.
 
     Raises:
         BadInput: something that has no rows.
     """
     if exact is None:
         return ()
-    if exact == "position":
+    if isinstance(exact, str) and exact == "position":
         return (ExactPoint(),)
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
     for one in several:
-        if not hasattr(one, "rows"):
-            raise BadInput("exact", repr(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
+        if isinstance(one, type) or not hasattr(one, "rows"):
+            raise BadInput("exact", shown(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
     return several
 
 
 def rows_of(demands: tuple[Exact, ...], view: View) -> tuple[ExactRows | None, Array | None]:
-    """All rows of one tick together, and the first anchor."""
+    """All rows of one tick together, and the first point (3,) whose motion they fix."""
     together: ExactRows | None = None
     anchor: Array | None = None
     for demand in demands:

@@ -11,6 +11,7 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 
 from __future__ import annotations
 
+from copy import deepcopy
 from math import inf, sqrt
 from typing import Any
 
@@ -130,8 +131,11 @@ class HybridController:
         """The arm."""
         return self.loop.robot
 
+    def __copy__(self) -> HybridController:
+        return deepcopy(self)  # its loop is not shared either
+
     def reset(self) -> None:
-        """Forget an overload or a loss, and what was read: as before the first touch."""
+        """Forget an overload or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
         self._smoothing = self._smoothing._replace(value=None)
 

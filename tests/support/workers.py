@@ -9,3 +9,12 @@ def fail(error):
 def give(value):
     """Return what was sent."""
     return value
+
+
+def steps(loop, q, target, count):
+    """The joint velocities of a few ticks."""
+    velocities = []
+    for _ in range(count):
+        velocities.append(loop.step(q, target).velocity)
+        q = q + loop.dt * velocities[-1]
+    return velocities
