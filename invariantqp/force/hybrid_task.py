@@ -207,6 +207,8 @@ class HybridTask(Value):
         Raises:
             BadInput, NoProjectors: the task does not fit this contact.
         """
+        if not isinstance(kind, ContactKind):
+            raise BadInput("kind", shown(kind), "a ContactKind, such as contact.kind")
         if kind.out is None and "retreat" in (self.on_loss, self.on_overload):
             raise BadInput("contact", f"a {kind.name} and a retreat", "a contact that can be left", "Hold instead.")
         S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance

@@ -19,8 +19,8 @@ from invariantqp.errors import BadInput, shown
 Array = NDArray[np.float64]
 
 FLOAT64 = np.dtype(np.float64)
-# What numpy calls kinds of numbers that are real: bool, signed and unsigned integers, floats. Objects are asked.
-REAL_KINDS = "biufO"
+# What numpy calls kinds of real numbers: signed and unsigned integers, floats. Objects may be numbers, and are asked.
+REAL_KINDS = "iufO"
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
 # How far a_ij and a_ji may differ, relative to sqrt(a_ii a_jj): where entries cancel, rounding is all that is left.
@@ -31,7 +31,7 @@ def array(value: ArrayLike, argument: str, expected: str) -> Array:
     """`value` as a float64 array.
 
     Raises:
-        BadInput: not real numbers; text, complex numbers and masked entries are refused rather than converted.
+        BadInput: not real numbers; text, truth values, complex numbers and masked entries are refused, not converted.
     """
     if type(value) is np.ndarray and value.dtype is FLOAT64:
         return value
@@ -188,14 +188,14 @@ def not_negative(value: float, argument: str, expected: str) -> float:
 
 
 def _as_float(value: Any, argument: str, expected: str) -> float:
-    if isinstance(value, (str, bytes, bool, np.bool_)):
-        raise BadInput(argument, shown(value), expected)
     try:
-        if np.ndim(value) or np.iscomplexobj(value) or np.ma.is_masked(value):
-            raise BadInput(argument, shown(value), expected)
-        return float(value)
-    except (TypeError, ValueError, OverflowError) as error:
+        wrong = isinstance(value, (str, bytes, bool, np.bool_)) or np.iscomplexobj(value) or np.ma.is_masked(value)
+        x = None if wrong or np.ndim(value) else float(value)
+    except Exception as error:
         raise BadInput(argument, shown(value), expected) from error
+    if x is None:
+        raise BadInput(argument, shown(value), expected)
+    return x
 
 
 def count(value: int, argument: str, most: int | None = None) -> int:

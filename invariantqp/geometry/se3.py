@@ -64,7 +64,7 @@ def inverse(pose: ArrayLike, *, check: bool = True) -> Array:
     Raises:
         BadInput: not a finite rigid motion.
     """
-    T: Any = arrays.pose(pose) if check else pose
+    T: Any = pose if check is False else arrays.pose(pose)
     R_t = T[:3, :3].T
     result = np.eye(4)
     result[:3, :3] = R_t
@@ -87,7 +87,7 @@ def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] (2.2).
     """
-    T: Any = arrays.pose(pose) if check else pose
+    T: Any = pose if check is False else arrays.pose(pose)
     R = T[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R
@@ -119,7 +119,7 @@ def coadjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    T: Any = arrays.pose(pose) if check else pose
+    T: Any = pose if check is False else arrays.pose(pose)
     R = T[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R
@@ -146,7 +146,7 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
     Raises:
         BadInput: not six finite numbers.
     """
-    s: Any = arrays.twist(twist) if check else twist
+    s: Any = twist if check is False else arrays.twist(twist)
     w, v = s[:3], s[3:]
     theta = sqrt(w.dot(w))
     W = _cross(w)
@@ -179,7 +179,7 @@ def log(pose: ArrayLike, *, check: bool = True) -> Array:
     Raises:
         BadInput: not a finite rigid motion.
     """
-    T: Any = arrays.pose(pose) if check else pose
+    T: Any = pose if check is False else arrays.pose(pose)
     from scipy.spatial.transform import Rotation  # 80 ms to import: only when a logarithm is taken
 
     w = np.asarray(Rotation.from_matrix(T[:3, :3]).as_rotvec(), dtype=np.float64)

@@ -49,6 +49,8 @@ def solve_poses(
         BadInput: as `solve_pose`, and before anything is solved; a path on several processes.
     """
     search = PoseSearch(robot, **options)
+    if progress is not None and not callable(progress):
+        raise BadInput("progress", shown(progress), "a function of (targets done, targets in all), or None")
     if not isinstance(targets, Iterable):
         raise BadInput("targets", shown(targets), "a list of poses")
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(targets)]

@@ -95,9 +95,9 @@ def load_robot(
         return models.load_urdf(source, tool, chosen)
     path = urdf_of(source)
     known = KNOWN.get(str(source))
-    if known is None:
+    if known is None or tool is not None:
         return models.load_urdf(path, tool, chosen)
-    return models.load_urdf(path, tool or known.tool, known.joints if chosen is None and tool is None else chosen)
+    return models.load_urdf(path, known.tool, known.joints if chosen is None else chosen)
 
 
 def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ...] | None) -> Chain:
