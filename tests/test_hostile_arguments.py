@@ -41,7 +41,8 @@ TO_MEND = {
     "surface_contact(slip) ContactKind(unilateral)",
     "systems: a pitch or a function is not checked": "hinge(pitch) surface_contact(normal)",
     "velocity: form_of converts before it checks": "TwistTask(form) solve_velocity(form) method_for(form) "
-    "solve_velocities(form) Controller(form) HybridController(form) solve_pose(form) solve_poses(form)",
+    "solve_velocities(form) Controller(form) HybridController(form) solve_pose(form) solve_poses(form) "
+    "pink.InvariantFrameTask(h)",
     "velocity: blames an argument of a function inside": "Fixed(value) ExactRows.point(velocity) "
     "solve_velocities(bounds)",
     "velocity: not checked": "PaperLambda(matrix) ExactRows.with_rows(others) ToolSpeed(exact) solve_tasks(tasks) "
@@ -50,7 +51,12 @@ TO_MEND = {
     "analysis: not checked": "inspect(robot) inspect(samples) inspect(progress)",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
-ALSO_CALLED = {("Chain.target", "pose"): "target", ("PinocchioRobot.target", "pose"): "target"}
+ALSO_CALLED = {
+    ("Chain.target", "pose"): "target",
+    ("PinocchioRobot.target", "pose"): "target",
+    ("pink.InvariantFrameTask.set_target", "transform_target_to_world"): "target",
+    ("pink.InvariantFrameTask", "h"): "form",
+}
 # Arguments that may be functions; what a function of the user's raises is the user's.
 FUNCTIONS = {"damping", "progress", "normal", "implicit", "contact", "rows"}
 

@@ -232,7 +232,7 @@ class Controller:
         return self._tick(self._here(positions, sighting), np.zeros(6), velocity, 0.0, None, stand=reason)
 
     def _here(self, positions: Array, sighting: Sighting | None) -> _State:
-        """The state of an arm whose target is where its tool is; the robot is asked unless it has answered."""
+        """The state of an arm whose target is where its tool is now."""
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
         elif not isinstance(sighting, Sighting):

@@ -1,4 +1,4 @@
-"""What a controller meets exactly, as values; of the rest the form says what counts most.
+"""What a controller meets exactly, as values; the form measures the rest of the twist.
 
     ExactPoint    v + omega x p = gain (p_d - p) + v_d(p)                a point of the tool follows its target
     ExactAxis     omega, but for its part about the axis a               a direction of the tool follows its target

@@ -18,7 +18,7 @@ from invariantqp.systems.centre import centre
 from invariantqp.systems.report import describe
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
-# States looked at, some 10 ms in all: a planar arm is planar in each of them, and pitches are spread wide.
+# States to examine, some 10 ms in all: enough, since a planar arm is planar in each and pitches are spread wide.
 SAMPLES = 16
 
 
@@ -46,7 +46,7 @@ def choose_form(robot: Robot, form: Form | float | Literal["auto"] | None, J: Ar
 
     Args:
         robot: the arm.
-        form: as asked for; None or "auto" is the arm's own.
+        form: the caller's; None or "auto" is the arm's own.
         J: (6, m) joint twists of the arm in some state.
 
     Raises:

@@ -8,8 +8,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 
-# How fast it drifts [1/s], unless told otherwise: slow beside any tracking gain, and fast enough to keep the arm out of
-# its limits on long paths.
+# The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
 
 

@@ -42,9 +42,9 @@ class HybridSolution(Compared):
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "lost" or "overload", or the velocity law's own: "ok", "scaled", "guarded", "degraded", "held".
         reason: in words, "" where there is nothing to say.
-        motion: (6,) twist asked of the velocity law along S, P s_motion.
-        force: (6,) twist asked of it for the wrench error, along Z; the way out in a retreat.
-        wrench: (6,) as measured: carried to the base, compensated, smoothed.
+        motion: (6,) the wanted twist along S, P s_motion.
+        force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
+        wrench: (6,) the measured wrench: without weight and bias, smoothed, in the base frame.
         error: (6,) P*(W_d - W), in S*.
         intensities: (6-k,) the measured wrench's parts in the contact's constraints; the first is the press.
         wanted: (6,) W_d.
@@ -68,7 +68,7 @@ class HybridSolution(Compared):
 
     @property
     def twist(self) -> Array:
-        """(6,) the twist asked of the velocity law, motion and force together."""
+        """(6,) the wanted twist, motion and force together."""
         return self.motion + self.force
 
     @property
@@ -85,8 +85,8 @@ class HybridController:
         task: what the contact allows and what to exert on it.
         loop: the `Controller` that follows the twist of each tick inside the limits.
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
-        force_first: whether the force part of the twist is met exactly, so that limits slow the tool down before they
-            let go of the force.
+        force_first: whether the force part of the twist is met exactly, so that limits slow the motion down before
+            they change the force.
     """
 
     def __init__(
@@ -107,8 +107,8 @@ class HybridController:
             dt: tick [s].
             sensor: how readings become wrenches; None takes what `step` is given as the wrench that the tool exerts, in
                 the base frame.
-            force_first: whether W'Jx = W's are exact rows. They cost time only where the arm cannot do all of s: at
-                limits, near singularities, with fewer than six joints.
+            force_first: whether W'Jx = W's are exact rows. They cost time only where the arm cannot achieve all of s:
+                at limits, near singularities, with fewer than six joints.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ...
 
         Raises:
@@ -153,18 +153,18 @@ class HybridController:
 
         Args:
             q: (m,) measured joint positions [rad, length].
-            target: tool pose to be at, as in `Controller.step`; only its part along S counts.
+            target: wanted tool pose, as in `Controller.step`; only its part along S counts.
             wrench: (6,) the sensor's reading (m; f), or without a sensor the wrench that the tool exerts, base frame.
             feedforward: (6,) twist of the target in the base frame; None is a target at rest.
-            contact: the contact now; None asks the task.
+            contact: the contact now; None takes the task's.
             velocity: as in `Controller.step`.
-            wanted: what to exert in this tick, as `HybridTask.wrench`; None is what the task says.
+            wanted: what to exert in this tick, as `HybridTask.wrench`; None takes the task's.
 
         Returns:
             HybridSolution.
 
         Raises:
-            BadInput: NaN or wrong shapes; controller, filter and watch are as they were.
+            BadInput: NaN or wrong shapes; the controller's state is as it was.
         """
         robot, loop = self.loop.robot, self.loop
         positions = arrays.vector(q, len(robot.names), "q")
@@ -196,7 +196,7 @@ class HybridController:
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
         force = A.dot(split.admittance.dot(error))
         press = (float(parts[0]), float(split.intensities[0].dot(exert))) if contact.kind.unilateral else None
-        watch = self._watch.seen(self.task, press, _load(contact, raw), loop.dt)
+        watch = self._watch.after(self.task, press, _load(contact, raw), loop.dt)
         verdict = watch.verdict(self.task)
 
         if verdict.action == SLOW:
@@ -210,7 +210,7 @@ class HybridController:
             motion, force = np.zeros(6), speed * out
             inner = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting)
             v = velocity_at(sighting.J.dot(inner.velocity), contact.point)
-            watch = watch.further(loop.dt * float(velocity_at(out, contact.point).dot(v)))
+            watch = watch.after_retreat(loop.dt * float(velocity_at(out, contact.point).dot(v)))
         else:
             inner = loop.follow(positions, motion + force, velocity, self._rows(contact, sighting.J, force), sighting)
         self._watch, self._smoothing = watch, smoothing
@@ -230,7 +230,7 @@ class HybridController:
         )
 
     def _split_for(self, contact: Contact) -> Split:
-        """The task's constants for the kind of this contact, kept while the kind is the same."""
+        """The task's split for the kind of this contact, kept while the kind is the same."""
         if contact.kind is not self._split.kind:
             self._split = self.task.split(contact.kind)
         return self._split
@@ -245,7 +245,7 @@ class HybridController:
         return sensor.in_base(load, tool), sensor.in_base(sensor.deadband(smooth), tool), after
 
     def _rows(self, contact: Contact, J: Array, force: Array) -> ExactRows | None:
-        """W'Jx = W's, as long as that leaves the arm two joints to move with."""
+        """W'Jx = W's, where that leaves the arm two degrees of freedom to move with."""
         n = contact.constraints.shape[1]
         m = J.shape[1]
         if not self.force_first or n == 0 or (m < 6 and n > m - 2):
@@ -254,7 +254,7 @@ class HybridController:
         return ExactRows(W.T.dot(J), W.T.dot(force))
 
     def _share(self, contact: Contact, force: Array) -> float:
-        """The share of the force law's twist that keeps the place of contact below the approach speed."""
+        """How much of the force law's twist keeps the place of contact below the approach speed, at most 1."""
         task = self.task
         v, w = velocity_at(force, contact.point), task.size * force[:3]
         speed = sqrt(max(v.dot(v), w.dot(w)))

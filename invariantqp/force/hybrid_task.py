@@ -1,14 +1,15 @@
-"""A force/motion task as a value: what the contact allows, the wrench to exert on it, and how softly to answer.
+"""A force/motion task as a value: the contact, the wrench to exert on it, and the compliance of the force law.
 
     s = P s_motion + (I - P) C (I - P)' (W_d - W)            P* = (I - P)'
 
-Motion keeps to S and force to S*: a wrench error never moves the tool along S, and a motion never asks for force.
-C is a compliance, twist per wrench, carried by the contact as a tensor (Ad C Ad'), so that no frame is preferred.
+Motion keeps to the freedoms S and force to the constraints S*: a wrench error never moves the tool along S, and motion
+never changes the force. The compliance C, twist per wrench, is a tensor fixed to the contact (it changes frames as
+Ad C Ad'), so that no frame is preferred.
 
     intensities w of the constraints:   dw/dt = K W'C W (w_d - w)     on a contact of stiffness K
 
-Stable for dt c k < 2 with one stiffness k [force/length] and C = c [length/s/force]; without overshoot below 1; a
-low-pass in between with time constant T wants c k T < 1/4 as well.
+For one stiffness k [force/length] and C = c [length/s/force] the loop is stable below dt c k = 2 and does not overshoot
+below 1; a low-pass with time constant T also needs c k T < 1/4.
 
 Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 """
@@ -36,18 +37,18 @@ from invariantqp.systems.projectors import DualProjectors, dual_projectors
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
 
-# Share of the wanted press below which the contact is taken as lost: above the noise of a sensor in the air.
+# Share of the wanted press below which the contact counts as lost: above the noise of a sensor in the air.
 LOST_SHARE = 0.1
 
 
 class Split(NamedTuple):
-    """The task's constants for one kind of contact, in the contact's own frame.
+    """What a task needs of one kind of contact, in the contact's own frame.
 
     Attributes:
         kind: of contact.
         projectors: P and P*.
-        admittance: (6, 6) (I - P) C (I - P)', a wrench error to the twist that mends it.
-        intensities: (6-k, 6) a wrench to its parts in the constraints.
+        admittance: (6, 6) (I - P) C (I - P)', from a wrench error to the twist that reduces it.
+        intensities: (6-k, 6), from a wrench to its parts in the constraints.
     """
 
     kind: ContactKind
@@ -56,7 +57,7 @@ class Split(NamedTuple):
     intensities: Array
 
     def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
-        """(6,) W_d in S* for what a task or a tick asks: parts in the constraints, or a wrench.
+        """(6,) W_d in S*, from parts in the constraints or from a wrench.
 
         Raises:
             BadInput: neither as many numbers as constraints, nor six.
@@ -147,7 +148,7 @@ class HybridTask(Value):
             lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
-                it is felt again; "retreat" leaves; "continue" only says so. Before the first touch it is "approach".
+                it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
             approach_speed: the most that the force law moves the place of contact in the air [length/s].
             max_force: force [N] above which the status is "overload"; inf is never.
             max_moment: moment about the place of contact likewise [N length].

@@ -19,7 +19,7 @@ from invariantqp.errors import BadInput, shown
 Array = NDArray[np.float64]
 
 FLOAT64 = np.dtype(np.float64)
-# What numpy calls kinds of real numbers: signed and unsigned integers, floats. Objects may be numbers, and are asked.
+# The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
 REAL_KINDS = "iufO"
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
@@ -80,7 +80,7 @@ def direction(value: ArrayLike, argument: str) -> Array:
     u = vector(value, 3, argument)
     length = hypot(*u.tolist())  # squares nothing that could overflow or vanish
     if length == 0.0:
-        raise BadInput(argument, "the zero vector", "a direction", "Give one of any length but zero.")
+        raise BadInput(argument, "the zero vector", "a direction", "Any length but zero will do.")
     return u / length
 
 
@@ -127,7 +127,7 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     a = _finite(a, argument, expected)
     root = np.sqrt(np.abs(np.diag(a)))
     if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.outer(root, root)).any():
-        raise BadInput(argument, "a matrix that is not symmetric", expected, "Pass (A + A.T) / 2 if that is meant.")
+        raise BadInput(argument, "a matrix that is not symmetric", expected, "Its symmetric part is (A + A.T) / 2.")
     try:
         np.linalg.cholesky(a)
     except np.linalg.LinAlgError as error:
@@ -225,7 +225,7 @@ def flag(value: bool, argument: str) -> bool:
 
 
 def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:
-    """Several strings, such as joint names; one string is none of its letters."""
+    """Several strings, such as joint names; a single string is refused, not split into its letters."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
         raise BadInput(argument, shown(values), "a list of names")
     several = tuple(values)

@@ -82,7 +82,11 @@ def pitch_form_inverse(h: float) -> Array:
 
 
 def finite_pitch(h: float, argument: str = "h") -> float:
-    """h as a finite float, or `BadInput` that says why infinity will not do."""
+    """h as a finite float.
+
+    Raises:
+        BadInput: not a number, or infinite: the message says why that cannot be.
+    """
     pitch = arrays.number(h, argument, "a finite pitch", infinite=True)
     if isinf(pitch):
         remedy = "The Killing form Q_inf is degenerate and has no inverse."

@@ -117,7 +117,7 @@ class PoseSearch:
         late = perf_counter() > deadline
         if not best.met:
             nearest = sorted(tried, key=attrgetter("merit"))[:CLOSEST]
-            finished = [descend(error, space, one.look.q, goal, last, patient=True) for one in nearest]
+            finished = [descend(error, space, one.state.q, goal, last, patient=True) for one in nearest]
             steps += sum(one.steps for one in finished)
             least = min(one.merit for one in finished)
             best = next(one for one in finished if one.merit <= ALIKE * least)
@@ -131,10 +131,10 @@ class PoseSearch:
 
     def _answer(self, error: PoseError, best: Try, start: Array, steps: int, tries: int, *, late: bool) -> PoseSolution:
         """The solution for the best try."""
-        q = self._space.near(best.look.q, start)
+        q = self._space.near(best.state.q, start)
         position, orientation = error.misses(q)
         reached = position <= self._tolerance and orientation <= self._tolerance
-        exactly = bool(self._exact) and best.look.unmet <= self._tolerance
+        exactly = bool(self._exact) and best.state.unmet <= self._tolerance
         kept = exactly and best.at_rest
         found = f"{written(position)} and {written(orientation)} rad off"
         among = "" if tries == 1 else f", the closest of {tries} tries"
@@ -151,7 +151,7 @@ class PoseSearch:
             success=not reason or kept,
             position_error=position,
             orientation_error=orientation,
-            error=sqrt(2.0 * best.look.f),
+            error=sqrt(2.0 * best.state.f),
             iterations=steps,
             restarts=tries - 1,
             active=self._space.at_limits(q),

@@ -30,7 +30,7 @@ class Model(Protocol):
 
 
 class Known(NamedTuple):
-    """Where a named robot's URDF is in example-robot-data, its tool frame, and its joints where not all are meant."""
+    """Where a named robot's URDF is in example-robot-data, its tool frame, and its joints; None is all that move it."""
 
     urdf: str
     tool: str
@@ -80,7 +80,7 @@ def load_robot(
         RobotModelError: a URDF that cannot be read or parsed, a joint without a single coordinate, a tool that no joint
             moves.
         MissingExtra: a named robot without the extra `robots`.
-        BadInput: a source that is none of these; screws or poses that are none.
+        BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape.
     """
     chosen = None if joints is None else arrays.strings(joints, "joints")
     if not isinstance(source, (str, PathLike)) and not hasattr(source, "createData"):

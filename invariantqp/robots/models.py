@@ -117,7 +117,7 @@ def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
 
 
 def _select(model: pin.Model, tool: str, moving: list[str], joints: Sequence[str]) -> list[str]:
-    """Those of the moving joints that are asked for, base first."""
+    """Those of the moving joints that are in `joints`, base first."""
     for joint in joints:
         if joint not in model.names:
             raise UnknownName("joint", joint, difflib.get_close_matches(joint, model.names), moving)

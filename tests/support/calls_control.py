@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 
 import invariantqp as iq
+from invariantqp.pink import InvariantFrameTask
 from support.calls_algebra import AXIS, POINT, TWIST, H, J, Q, S, T, contact
 
 
@@ -190,6 +191,15 @@ CONTROL = {
             "progress": None,
             **pose_options(),
         },
+    ),
+    # Pink
+    "pink.InvariantFrameTask": lambda: (
+        InvariantFrameTask,
+        {"frame": "tool0", "h": H, "cost": 1.0, "damping": None, "guard": True, "gain": 1.0, "lm_damping": 1e-3},
+    ),
+    "pink.InvariantFrameTask.set_target": lambda: (
+        InvariantFrameTask("tool0").set_target,
+        {"transform_target_to_world": T},
     ),
     # runs, analysis, pictures
     "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),
