@@ -6,7 +6,6 @@ This file and `models` beside it are the only ones that import Pinocchio.
 from __future__ import annotations
 
 import threading
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -144,9 +143,7 @@ def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:
 
 def _is_rigid(target: object) -> bool:
     """Whether this is an SE3 that is a finite rigid motion: Pinocchio itself takes any matrix for a rotation."""
-    if not isinstance(target, pin.SE3):
-        return False
-    return isfinite(sum(target.translation.tolist())) and arrays.is_rotation(target.rotation)
+    return isinstance(target, pin.SE3) and arrays.is_rigid(target.homogeneous)
 
 
 def placement(pose: ArrayLike | pin.SE3, argument: str) -> pin.SE3:
