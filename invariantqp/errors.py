@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 # No argument takes more of a message than this: a line.
-LONGEST_SHOWN = 80
+LONGEST_EXCERPT = 80
 _SHORT = reprlib.Repr()
-_SHORT.maxother = _SHORT.maxstring = LONGEST_SHOWN
+_SHORT.maxother = _SHORT.maxstring = LONGEST_EXCERPT
 
 # Numbers below this are written as 0 in sentences: in unit vectors, and in lengths in any unit of a machine,
 # they are rounding.
@@ -34,13 +34,13 @@ def written(x: float, digits: int = 4) -> str:
     return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
 
 
-def shown(value: object) -> str:
+def excerpt(value: object) -> str:
     """An argument for a message: its repr on one short line."""
     try:
         text = " ".join(_SHORT.repr(value).split())
     except Exception:  # noqa: BLE001 (an int of 5 000 digits has no repr, nor have objects whose own fails)
         return f"an object of type {type(value).__name__}"
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+    return text if len(text) <= LONGEST_EXCERPT else f"{text[:LONGEST_EXCERPT]}..."
 
 
 class InvariantQPError(Exception):
@@ -170,7 +170,7 @@ class UnknownName(RobotModelError, KeyError):
         self.name = name
         self.near: tuple[str, ...] = tuple(near)
         listed = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}."
-        super().__init__(f"unknown {kind} {shown(name)}; {listed}")
+        super().__init__(f"unknown {kind} {excerpt(name)}; {listed}")
 
     def __str__(self) -> str:
         return Exception.__str__(self)  # KeyError would show the repr

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from invariantqp.control.own_form import own_form
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.models import chain_to
@@ -86,7 +86,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             BadInput: numbers out of range, or something that is no form.
         """
         if not isinstance(frame, str):
-            raise BadInput("frame", shown(frame), "a frame's name")
+            raise BadInput("frame", excerpt(frame), "a frame's name")
         self.form = None if h is None else form_of(h, np.eye(6))
         self.form_reason = "" if h is None else "as asked"
         self.damping = damping_of(damping)

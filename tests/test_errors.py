@@ -13,7 +13,7 @@ import pytest
 from support.workers import fail
 
 import invariantqp
-from invariantqp.errors import LONGEST_SHOWN, BadInput, InvariantQPError, shown
+from invariantqp.errors import LONGEST_EXCERPT, BadInput, InvariantQPError, excerpt
 
 # What a worker that dies while it sends its answer makes the other side wait for: without a limit, for ever.
 PATIENCE_S = 60.0
@@ -114,8 +114,8 @@ def test_errors_cross_joblib(examples):
 
 @pytest.mark.parametrize("value", [10**5000, "x" * 10_000, np.eye(300), [[1.0] * 100] * 100], ids=type)
 def test_no_argument_floods_a_message(value):
-    assert len(shown(value)) <= LONGEST_SHOWN + 3
-    assert "\n" not in shown(value)
+    assert len(excerpt(value)) <= LONGEST_EXCERPT + 3
+    assert "\n" not in excerpt(value)
 
 
 def test_an_argument_whose_repr_fails_is_told_by_its_type():
@@ -123,4 +123,4 @@ def test_an_argument_whose_repr_fails_is_told_by_its_type():
         def __repr__(self):
             raise RuntimeError
 
-    assert "Broken" in shown(Broken())
+    assert "Broken" in excerpt(Broken())

@@ -21,7 +21,7 @@ from invariantqp.control.demands import Exact, View, demands_of, require_rows, r
 from invariantqp.control.joint_rows import Rows, joint_rows
 from invariantqp.control.own_form import choose_form
 from invariantqp.control.posture import joint_gains, posture_gain
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
@@ -228,7 +228,7 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         if not isinstance(reason, str):
-            raise BadInput("reason", shown(reason), "a text")
+            raise BadInput("reason", excerpt(reason), "a text")
         return self._tick(self._here(positions, sighting), np.zeros(6), velocity, 0.0, None, stand=reason)
 
     def _here(self, positions: Array, sighting: Sighting | None) -> _State:
@@ -236,7 +236,7 @@ class Controller:
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
         elif not isinstance(sighting, Sighting):
-            raise BadInput("sighting", shown(sighting), "what robot.sight returned at q")
+            raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
         return _State(positions, sighting, sighting.pose)
 
     def _bounds(self, positions: Array, before: Array) -> tuple[Array, Array, tuple[tuple[int, str], ...]]:

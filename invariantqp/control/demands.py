@@ -18,7 +18,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -226,7 +226,7 @@ def require_rows(rows: object, m: int) -> None:
         BadInput: something else, or rows on another number of joints.
     """
     if not isinstance(rows, ExactRows):
-        raise BadInput("rows", shown(rows), "ExactRows(A, b)")
+        raise BadInput("rows", excerpt(rows), "ExactRows(A, b)")
     if np.shape(rows.A)[1] != m:
         raise BadInput("rows", f"rows on {np.shape(rows.A)[1]} joints", f"rows on {m}, one for each joint")
 
@@ -244,7 +244,7 @@ def demands_of(exact: Exact | Sequence[Exact] | Literal["position"] | None) -> t
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
     for one in several:
         if isinstance(one, type) or not hasattr(one, "rows"):
-            raise BadInput("exact", shown(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
+            raise BadInput("exact", excerpt(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
     return several
 
 

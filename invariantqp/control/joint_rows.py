@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits.rows import LimitRows
@@ -50,9 +50,9 @@ def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[Any], dt: float
         MissingExtra: limits without Pink.
     """
     if rows is not None and not isinstance(rows, LimitRows) and not callable(rows):
-        raise BadInput("rows", shown(rows), "LimitRows(C, lower, upper), or a function of q that returns it")
+        raise BadInput("rows", excerpt(rows), "LimitRows(C, lower, upper), or a function of q that returns it")
     if not isinstance(limits, (list, tuple)):
-        raise BadInput("limits", shown(limits), "a list of Pink's limits or barriers")
+        raise BadInput("limits", excerpt(limits), "a list of Pink's limits or barriers")
     return JointRows(robot, rows, limits, dt) if rows is not None or limits else None
 
 
@@ -71,7 +71,7 @@ class JointRows:
             self._require(rows)
         for limit in self._limits:
             if not hasattr(limit, "compute_qp_inequalities"):
-                raise BadInput("limits", shown(limit), "Pink's limits or barriers: compute_qp_inequalities(...)")
+                raise BadInput("limits", excerpt(limit), "Pink's limits or barriers: compute_qp_inequalities(...)")
         if self._limits:
             model: Any = getattr(robot, "model", None)
             if model is None:

@@ -20,7 +20,7 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid_task import HybridTask, Split
 from invariantqp.force.watch import HOLD, RETREAT, SLOW, Watch
 from invariantqp.force.wrench import Smoothing, WrenchSensor
@@ -115,9 +115,9 @@ class HybridController:
             BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.
         """
         if not isinstance(task, HybridTask):
-            raise BadInput("task", shown(task), "a HybridTask")
+            raise BadInput("task", excerpt(task), "a HybridTask")
         if not (sensor is None or isinstance(sensor, WrenchSensor)):
-            raise BadInput("sensor", shown(sensor), "a WrenchSensor, or None")
+            raise BadInput("sensor", excerpt(sensor), "a WrenchSensor, or None")
         self.task = task
         self.loop: Controller = Controller(robot, dt=dt, **options)
         self.sensor = sensor
@@ -181,7 +181,7 @@ class HybridController:
         if contact is None:
             contact = self.task.contact_at(tool)
         elif not isinstance(contact, Contact):
-            raise BadInput("contact", shown(contact), "a Contact")
+            raise BadInput("contact", excerpt(contact), "a Contact")
         split = self._split_for(contact)
         exert = split.wanted(self.task.wrench)
         if wanted is not None:

@@ -25,7 +25,7 @@ from attrs import evolve, field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
@@ -166,7 +166,7 @@ class HybridTask(Value):
         if len(given) > 1:
             raise BadInput(given[0], " and ".join(given), "one of h, complement, metric, or none")
         if not isinstance(contact, Contact) and not callable(contact):
-            raise BadInput("contact", shown(contact), "a Contact, or a function of the tool's pose that gives one")
+            raise BadInput("contact", excerpt(contact), "a Contact, or a function of the tool's pose that gives one")
         length = arrays.number(size, "size", "a length", positive=True)
         self.__attrs_init__(
             contact=contact,
@@ -199,7 +199,7 @@ class HybridTask(Value):
             return self.contact
         contact = self.contact(tool)
         if not isinstance(contact, Contact):
-            raise BadInput("contact", f"a function that gave {shown(contact)}", "one that gives a Contact")
+            raise BadInput("contact", f"a function that gave {excerpt(contact)}", "one that gives a Contact")
         return contact
 
     def split(self, kind: ContactKind) -> Split:
@@ -209,7 +209,7 @@ class HybridTask(Value):
             BadInput, NoProjectors: the task does not fit this contact.
         """
         if not isinstance(kind, ContactKind):
-            raise BadInput("kind", shown(kind), "a ContactKind, such as contact.kind")
+            raise BadInput("kind", excerpt(kind), "a ContactKind, such as contact.kind")
         if kind.out is None and "retreat" in (self.on_loss, self.on_overload):
             raise BadInput("contact", f"a {kind.name} and a retreat", "a contact that can be left", "Hold instead.")
         S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance

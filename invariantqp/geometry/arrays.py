@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def array(value: ArrayLike, argument: str, expected: str) -> Array:
     try:
         found = _as_float64(value)
     except Exception as error:
-        raise BadInput(argument, f"{shown(value)}, which is not numeric ({error})", expected) from error
+        raise BadInput(argument, f"{excerpt(value)}, which is not numeric ({error})", expected) from error
     if isinstance(found, str):
         raise BadInput(argument, found, expected)
     return found
@@ -56,7 +56,7 @@ def _as_float64(value: Any) -> Array | str:
     if a.dtype.kind == "c":
         return "complex numbers"
     if a.dtype.kind not in REAL_KINDS:
-        return f"{shown(value)}, which is not numeric"
+        return f"{excerpt(value)}, which is not numeric"
     return a.astype(np.float64)
 
 
@@ -210,9 +210,9 @@ def _as_float(value: Any, argument: str, expected: str) -> float:
         wrong = isinstance(value, (str, bytes, bool, np.bool_)) or np.iscomplexobj(value) or np.ma.is_masked(value)
         x = None if wrong or np.ndim(value) else float(value)
     except Exception as error:
-        raise BadInput(argument, shown(value), expected) from error
+        raise BadInput(argument, excerpt(value), expected) from error
     if x is None:
-        raise BadInput(argument, shown(value), expected)
+        raise BadInput(argument, excerpt(value), expected)
     return x
 
 
@@ -222,34 +222,34 @@ def count(value: int, argument: str, most: int | None = None) -> int:
     try:
         whole = -1 if isinstance(value, (bool, np.bool_)) else index(value)
     except TypeError as error:
-        raise BadInput(argument, shown(value), expected) from error
+        raise BadInput(argument, excerpt(value), expected) from error
     if whole < 0 or (most is not None and whole > most):
-        raise BadInput(argument, shown(value), expected)
+        raise BadInput(argument, excerpt(value), expected)
     return whole
 
 
 def choice(value: str, argument: str, allowed: Sequence[str]) -> str:
     """One of a few words."""
     if not isinstance(value, str) or value not in allowed:
-        raise BadInput(argument, shown(value), " or ".join(repr(word) for word in allowed))
+        raise BadInput(argument, excerpt(value), " or ".join(repr(word) for word in allowed))
     return value
 
 
 def flag(value: bool, argument: str) -> bool:
     """True or False."""
     if not isinstance(value, (bool, np.bool_)):
-        raise BadInput(argument, shown(value), "True or False")
+        raise BadInput(argument, excerpt(value), "True or False")
     return bool(value)
 
 
 def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:
     """Several strings, such as joint names; a single string is refused, not split into its letters."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
-        raise BadInput(argument, shown(values), "a list of names")
+        raise BadInput(argument, excerpt(values), "a list of names")
     several = tuple(values)
     for value in several:
         if not isinstance(value, str):
-            raise BadInput(argument, f"{shown(value)} among the names", "a list of names")
+            raise BadInput(argument, f"{excerpt(value)} among the names", "a list of names")
     return several
 
 

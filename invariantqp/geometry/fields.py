@@ -8,7 +8,7 @@
         def __init__(self, normal: ArrayLike, height: float = 0.0) -> None:
             self.__attrs_init__(arrays.direction(normal, "normal"), arrays.number(height, "height"))
 
-The constructor declares what a caller may give and checks it once; the fields declare what is kept of it.
+The constructor says what is accepted and checks it once, by the names the caller knows; the fields say what is kept.
 """
 
 from __future__ import annotations

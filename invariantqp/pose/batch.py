@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.ik import PoseSearch, PoseSolution
@@ -50,9 +50,9 @@ def solve_poses(
     """
     search = PoseSearch(robot, **options)
     if progress is not None and not callable(progress):
-        raise BadInput("progress", shown(progress), "a function of (targets done, targets in all), or None")
+        raise BadInput("progress", excerpt(progress), "a function of (targets done, targets in all), or None")
     if not isinstance(targets, Iterable):
-        raise BadInput("targets", shown(targets), "a list of poses")
+        raise BadInput("targets", excerpt(targets), "a list of poses")
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(targets)]
     path = arrays.flag(along, "along")
     starts = _starts(q0, len(wanted), len(robot.names), along=path)

@@ -16,7 +16,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -73,7 +73,7 @@ class Chain(Value):
             raise BadInput("screws", f"the zero twist in column {int(still.argmax())}", "non-zero joint twists")
         called = arrays.strings(names, "names") or tuple(f"joint{i + 1}" for i in range(m))
         if len(called) != m or len(set(called)) != m:
-            raise BadInput("names", shown(called), f"{m} different names")
+            raise BadInput("names", excerpt(called), f"{m} different names")
         limits = joint_limits(m, position_lower, position_upper, velocity_limit)
         self.__attrs_init__(twists, pose, called, *limits)
 
@@ -100,7 +100,7 @@ class Chain(Value):
         Raises:
             BadInput: not a rigid motion.
         """
-        return pose if isinstance(pose, Target) else Target(arrays.pose(pose, "target"))
+        return pose if isinstance(pose, Target) else Target(own(arrays.pose(pose, "target")))
 
     def sight(self, q: Array, target: ArrayLike | Target) -> Sighting:
         """Joint twists and tool error, in the base frame.

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, shown
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
@@ -92,7 +92,7 @@ def require_robot(robot: Robot) -> Robot:
         BadInput: something else, a robot's name for instance.
     """
     if isinstance(robot, type) or not all(hasattr(robot, name) for name in ROBOT):
-        raise BadInput("robot", shown(robot), "a robot, such as load_robot returns")
+        raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
     return robot
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName, shown
+from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
@@ -103,13 +103,13 @@ def load_robot(
 def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ...] | None) -> Chain:
     """The arm of joint screws."""
     if hasattr(screws, "model"):
-        raise BadInput("source", shown(screws), SOURCES, "Pass its .model.")
+        raise BadInput("source", excerpt(screws), SOURCES, "Pass its .model.")
     numbers = arrays.array(screws, "source", SOURCES)
     if numbers.ndim == 0:
-        raise BadInput("source", shown(screws), SOURCES)
+        raise BadInput("source", excerpt(screws), SOURCES)
     columns = arrays.columns(numbers, "source")
     if home is None or isinstance(home, str):
-        raise BadInput("tool", shown(home), "the (4, 4) tool pose at q = 0 when the source is joint screws")
+        raise BadInput("tool", excerpt(home), "the (4, 4) tool pose at q = 0 when the source is joint screws")
     return Chain(columns, arrays.pose(home, "tool"), names or ())
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from invariantqp.errors import BadInput, RobotModelError, UnknownName, shown
+from invariantqp.errors import BadInput, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.pinocchio import PinocchioRobot, joint_twists
@@ -56,7 +56,7 @@ def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None)
         BadInput: no model, or a joint that does not move the tool.
     """
     if not isinstance(model, pin.Model):
-        raise BadInput("source", shown(model), "a pinocchio.Model")
+        raise BadInput("source", excerpt(model), "a pinocchio.Model")
     return _reduce(model.copy(), f"the model {model.name!r}", tool, joints)
 
 

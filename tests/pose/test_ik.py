@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -284,6 +286,17 @@ def test_the_seed_decides_and_nothing_else():
     assert first == again
     other = iq.solve_pose(PANDA, target, seed=4, restarts=5, **NO_LIMIT)
     assert other.iterations != first.iterations
+
+
+def test_solutions_compare_pickle_and_show_themselves():
+    found = iq.solve_pose(PANDA, beyond(PANDA, 41), restarts=2, **NO_LIMIT)
+    again = pickle.loads(pickle.dumps(found))
+    assert again == found
+    assert again != iq.solve_pose(PANDA, beyond(PANDA, 43), restarts=2, **NO_LIMIT)
+    assert repr(again) == repr(found)
+    assert "\n" not in repr(found)
+    with pytest.raises(AttributeError):
+        found.q = None
 
 
 def test_no_restarts_are_no_restarts():

@@ -349,5 +349,9 @@ def test_a_target_that_is_no_rigid_motion(source, case):
 
 def test_a_checked_target_is_taken_as_it_is():
     for arm in (iq.load_robot("ur5"), iq.load_robot(np.eye(6), np.eye(4))):
-        target = arm.target(iq.exp(0.1 * np.arange(6.0)))
+        pose, q = iq.exp(0.1 * np.arange(6.0)), np.full(6, 0.1)
+        target = arm.target(pose)
         assert arm.target(target) is target
+        before = arm.sight(q, target).error
+        pose[:] = np.nan  # the target is not the caller's array
+        np.testing.assert_array_equal(arm.sight(q, target).error, before)
