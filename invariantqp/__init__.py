@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from invariantqp.version import __version__
+
 if TYPE_CHECKING:
     from invariantqp.analysis.inspection import Inspection, inspect
     from invariantqp.analysis.recommendation import Recommendation
@@ -97,8 +99,6 @@ if TYPE_CHECKING:
     from invariantqp.velocity.solution import VelocitySolution
     from invariantqp.view.page import animation
     from invariantqp.view.server import Viewer
-
-__version__ = "0.1.0"
 
 # Where each public name lives; the floors below load as they are asked for.
 _HOME = {

@@ -169,7 +169,8 @@ class UnknownName(RobotModelError, KeyError):
         self.kind = kind
         self.name = name
         self.near: tuple[str, ...] = tuple(near)
-        listed = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}."
+        comma = "; " if any("," in name for name in (*near, *known)) else ", "
+        listed = f"did you mean {comma.join(near)}?" if near else f"known: {comma.join(known)}."
         super().__init__(f"unknown {kind} {excerpt(name)}; {listed}")
 
     def __str__(self) -> str:

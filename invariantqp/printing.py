@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from invariantqp.progress import Progress
+
 if TYPE_CHECKING:
     from pathlib import Path
 
     from invariantqp.analysis.inspection import Inspection
-    from invariantqp.compare.measure.stability import Outcome
+    from invariantqp.compare.measure.stability import StabilityOutcome
     from invariantqp.runs.taskfile import Task
     from invariantqp.runs.trace import Trace
 
@@ -28,16 +30,20 @@ STEPS = 200
 
 
 @contextmanager
-def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+def progress(what: str, quiet: bool) -> Iterator[Progress | None]:
     """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich import progress as bars
 
-    with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), console=console
+    with bars.Progress(
+        bars.TextColumn(what),
+        bars.BarColumn(),
+        bars.TextColumn("{task.percentage:3.0f} %"),
+        bars.TimeRemainingColumn(),
+        console=console,
     ) as bar:
         job = bar.add_task(what, total=None)
 
@@ -105,7 +111,7 @@ def print_inspection(found: Inspection) -> None:
 
 
 def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
-    """What a displaced tool frame changes, law by law."""
+    """How much another tool frame changes a run under each law."""
     from invariantqp.compare.measure.frames import frame_check
 
     with progress("tool frame displaced", quiet) as report:
@@ -119,7 +125,7 @@ def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
 
 
 def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) -> None:
-    """What displaced frames of tool, sensor and contact change, ours and the textbook's."""
+    """How much other frames of tool, sensor and contact change a run under each controller."""
     from invariantqp.compare.measure.contact_frames import contact_frame_check
 
     with progress("frames displaced", quiet) as report:
@@ -131,12 +137,20 @@ def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) 
         forces = (_percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
         table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
     console = Console(highlight=False)
-    console.print("\nthe same task, told in displaced frames of tool, sensor and contact:")
+    console.print("\nthe same task, described in displaced frames of tool, sensor and contact:")
     console.print(table)
 
 
-def print_stability(outcomes: list[Outcome]) -> None:
-    """The stability cases, law by law, failures in red."""
+def print_not_installed(missing: dict[str, list[str]]) -> None:
+    """What a comparison will leave out, on standard error, and how to install it; {extra: names}."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    for extra, names in missing.items():
+        listed = "; ".join(names)
+        console.print(f"not installed, so left out: {listed}. Run: pip install 'invariantqp[{extra}]'", markup=False)
+
+
+def print_stability(outcomes: list[StabilityOutcome]) -> None:
+    """A table of how each law did in each difficult case, with failures in red."""
     columns = (
         "case",
         "law",
@@ -168,14 +182,14 @@ def print_stability(outcomes: list[Outcome]) -> None:
     console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
     console.print(table)
     console.print(
-        "finite: ticks whose answer was not; inside limits: largest excess; error at the end; tail: largest joint "
-        "speed in the last tenth; chatter: total variation of the velocity over the least-squares QP's; raised: ticks "
-        "in which the law raised."
+        "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; error: at the "
+        "end of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
+        "relative to the least-squares QP; raised: number of ticks in which the law raised an exception."
     )
 
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
-    """A comparison's summary, what it says in sentences, and where the rest is."""
+    """The summary of a comparison, its findings, and the files that were written."""
     from invariantqp.compare.report.findings import findings
     from invariantqp.compare.report.tables import summary
 
@@ -189,7 +203,7 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:
-        console.print(f"{failed} of {len(results['cells'])} measurements could not be made: the report says why.")
+        console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
     for place, rho in (agreement or {}).items():
         console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
     console.print(f"written: {', '.join(str(file) for file in files[:2])}, {len(files) - 2} pictures", markup=False)

@@ -23,6 +23,7 @@ from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.force.hybrid import HybridController
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.runs.log import Log, distance
 from invariantqp.runs.pilots import Alone, InTouch, Offsets, Pilot, Together, Wish
@@ -37,7 +38,6 @@ from invariantqp.velocity.forms import Form, PitchForm
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.solution import VelocitySolution
 
-Progress = Callable[[int, int], None]
 Observer = Callable[[int, Truth, VelocitySolution], None]
 MakeController = Callable[[Robot, LawSpec], Controls]
 MakeHybrid = Callable[[Robot, LawSpec, Scene, Offsets], Pilot]

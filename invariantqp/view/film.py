@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.palette import BLUE, ORANGE, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
@@ -23,10 +24,7 @@ from invariantqp.view.surroundings import Surroundings, surroundings
 FRAMES = 600
 # A logarithmic axis has no zero [mm, deg]: what is below a picometre is drawn there.
 SMALLEST_ERROR = 1e-9
-# Told apart by colour-blind readers too: Okabe and Ito's palette, but for its black and its yellow, which a dark or a
-# light page would swallow.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7F7F7F", "#B8A900")
-FORCE = COLOURS[5]
+FORCE = VERMILION
 
 
 class Posture(NamedTuple):
@@ -215,13 +213,13 @@ def _ticks(ends: Array) -> list[tuple[int, int]]:
 
 def colours(joints: int) -> tuple[str, ...]:
     """One a joint."""
-    return tuple(COLOURS[i % len(COLOURS)] for i in range(joints))
+    return tuple(SCREEN_COLOURS[i % len(SCREEN_COLOURS)] for i in range(joints))
 
 
 def _error_chart(errors: Array) -> Chart:
     """Errors (k, 2) [mm, deg]."""
     values = np.maximum(errors, SMALLEST_ERROR).T
-    return Chart("tracking error", ("position [mm]", "orientation [deg]"), values, COLOURS[:2], log=True)
+    return Chart("tracking error", ("position [mm]", "orientation [deg]"), values, (BLUE, ORANGE), log=True)
 
 
 def _force_charts(contact: ContactTrace | None, ends: Array) -> list[Chart]:
@@ -229,7 +227,7 @@ def _force_charts(contact: ContactTrace | None, ends: Array) -> list[Chart]:
     if contact is None:
         return []
     press = np.column_stack((contact.measured_press, contact.press)) - contact.wanted
-    names, hues = ("as measured", "as it was"), (COLOURS[4], FORCE)
+    names, hues = ("as measured", "as it was"), (SKY, FORCE)
     return [Chart("contact force [N]", names, farthest(press, ends).T + contact.wanted, hues, (contact.wanted,))]
 
 

@@ -6,8 +6,6 @@ The numbers travel as base64 of float32, in lengths of the robot, so a run of an
 from __future__ import annotations
 
 import base64
-import html
-import json
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,8 +14,10 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.palette import BLUE, ORANGE
 from invariantqp.runs.trace import Trace
-from invariantqp.view.film import Chart, Film, colours, film_of
+from invariantqp.template import fill_template
+from invariantqp.view.film import FORCE, Chart, Film, colours, film_of
 
 SCRIPTS = ("painter.js", "charts.js", "player.js")
 # Curves whose names stand above a chart; of more, the joints' bars tell which is which.
@@ -26,17 +26,9 @@ KEYED = 3
 
 def page(film: Film) -> str:
     """The file's text."""
-    parts = {
-        "TITLE": html.escape(film.title),
-        "ABOUT": html.escape(film.about),
-        # Inside a script nothing but "<" could end it early.
-        "RUN": json.dumps(_run(film), allow_nan=False).replace("<", "\\u003c"),
-        "SCRIPTS": "\n".join(_part(name) for name in SCRIPTS),
-    }
-    text = _part("page.html")
-    for name, value in parts.items():
-        text = text.replace(f"@{name}@", value)
-    return text
+    scripts = [_script(name) for name in SCRIPTS]
+    values = {"title": film.title, "about": film.about, "run": _run(film), "scripts": scripts}
+    return fill_template("invariantqp.view", "page.html", values)
 
 
 def animation(trace: Trace, file: Path | str) -> Path:
@@ -54,7 +46,7 @@ def animation(trace: Trace, file: Path | str) -> Path:
     return Path(file)
 
 
-def _part(name: str) -> str:
+def _script(name: str) -> str:
     return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
@@ -77,6 +69,7 @@ def _run(film: Film) -> dict[str, Any]:
     return {
         "joints": film.joints,
         "colours": colours(len(film.joints)),
+        "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE},
         "slides": film.slides,
         "centre": film.centre.tolist(),
         "size": film.size,

@@ -37,10 +37,10 @@ const floor = Math.min(...arrays.points.data.filter((_, i) => i % 3 === 2)) - 0.
 const corners = triples([...arrays.faces.data]);
 const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
 const charts = run.charts.map(c => new Chart($("side"), c, time, bound, t => { play(false); seek(t); }));
-const HUES = { wanted: rgb("#E69F00"), drawn: rgb("#0072B2"), force: rgb("#D55E00"), dark: rgb("#4a5764"),
-  touched: rgb("#cdbb9f") };
-$("key").innerHTML = '<i style="color:#E69F00"></i>path wanted<i style="color:#0072B2"></i>path drawn'
-  + (arrays.force ? '<i style="color:#D55E00"></i>force of the tool' : "")
+const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
+  dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
+$("key").innerHTML = `<i style="color:${run.hues.wanted}"></i>path wanted<i style="color:${run.hues.drawn}"></i>path drawn`
+  + (arrays.force ? `<i style="color:${run.hues.force}"></i>force of the tool` : "")
   + "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far";
 const caption = $("side").appendChild(document.createElement("p"));
 caption.textContent = bound.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
@@ -104,7 +104,7 @@ function draw() {
       const way = unit(push), tip = add(at, way, 0.35 * r * size / run.strongest), neck = add(tip, way, -0.06 * r);
       if (dot(add(neck, at, -1), way) > 0) painter.bar(at, neck, 0.014 * r, 0.014 * r, HUES.force, 3);
       painter.bar(neck, tip, 0.035 * r, 0.001 * r, HUES.force);
-      painter.text(`${size.toFixed(1)} N`, tip, "#D55E00", at);
+      painter.text(`${size.toFixed(1)} N`, tip, run.hues.force, at);
     }
   }
   painter.end();

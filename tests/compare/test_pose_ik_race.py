@@ -5,7 +5,7 @@ import invariantqp as iq
 from invariantqp.analysis.survey import spread
 from invariantqp.compare.laws.toolbox import ets_of
 from invariantqp.compare.measure import pose_ik_race
-from invariantqp.compare.measure.pose_ik_race import OURS, ROBOTS, contestants, race
+from invariantqp.compare.measure.pose_ik_race import ROBOTS, SOLVE_POSE, contestants, race
 
 SO101 = iq.load_robot("so101")
 
@@ -31,7 +31,7 @@ def test_everyone_runs_on_the_same_targets():
     calls = []
     outcomes = race(2, ("so101",), progress=lambda *a: calls.append(a))
     assert [o.solver for o in outcomes] == list(contestants())
-    assert outcomes[0].solver == OURS
+    assert outcomes[0].solver == SOLVE_POSE
     assert outcomes[0].outside == 0
     assert all(0.0 <= o.success <= 1.0 and 0.0 < o.median_ms <= o.p99_ms for o in outcomes)
     assert calls[-1] == (len(calls), len(calls))

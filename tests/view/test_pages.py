@@ -7,6 +7,7 @@ import socket
 import threading
 import urllib.request
 from dataclasses import replace
+from html import unescape
 from itertools import pairwise
 
 import numpy as np
@@ -264,6 +265,14 @@ def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
     tags = read(page(replace(film, title=evil, about=evil, joints=(evil, *film.joints[1:])))).tags
     assert not [t for t, _ in tags if t == "img"]
     assert len([t for t, _ in tags if t == "script"]) == 2
+
+
+@pytest.mark.parametrize("name", ["@SCRIPTS@", "@RUN@", "{{ run }}", "{% include 'page.html' %}", "{# gone #}"])
+def test_a_name_is_never_read_as_a_part_of_the_page(film, name):
+    text = page(replace(film, title=name, about=name))
+    assert unescape(text).count(name) == 3  # the title, the heading and what it is about
+    assert len(text) < len(page(film)) + 200
+    assert len([t for t, _ in read(text).tags if t == "script"]) == 2
 
 
 def test_joints_without_limits_are_drawn_without(tmp_path):

@@ -1,8 +1,9 @@
-"""A task in contact told in displaced frames of tool, sensor and contact: what changes, ours and the textbook's.
+"""How much a run in contact changes when the frames of tool, sensor and contact are chosen differently.
 
     change = max |x(t) - x'(t)|,    T_tool' = T_tool X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
 
-Nothing physical is displaced. The textbook's task frame keeps its axes along the surface, as its users would see to.
+Only the description changes, the physical task is the same. Our controller is compared with the hybrid controller of
+textbooks, whose task frame keeps its axes along the surface, as a user would see to.
 """
 
 from __future__ import annotations
@@ -16,15 +17,16 @@ from invariantqp.compare.measure.frames import random_displacement
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.pilots import Offsets, Wish
 from invariantqp.runs.plants.touch import Sensed
-from invariantqp.runs.run import MakeHybrid, Progress, our_hybrid, run_task
+from invariantqp.runs.run import MakeHybrid, our_hybrid, run_task
 from invariantqp.runs.scene import Scene
 from invariantqp.runs.taskfile import LawSpec, Task
 from invariantqp.velocity.solution import VelocitySolution
 
-# Axes of the contact's frame that are moved along, turns first; the rest are pressed.
+# Diagonal of the selection matrix for each shape of contact, rotations first: 1 for motion, 0 for force.
 SELECTIONS = {
     "point": (1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
     "edge": (1.0, 0.0, 1.0, 1.0, 1.0, 0.0),
@@ -35,15 +37,15 @@ SELECTIONS = {
 
 @dataclass(frozen=True)
 class ContactFrameCheck:
-    """What displaced frames changed for one law.
+    """What other frames changed for one controller.
 
     Attributes:
         law: its name.
-        change: largest change of a joint velocity along the run [rad/s, m/s].
-        error_mm: largest path error after contact settled, as the task is told [mm].
-        force_error: of the true force, rms over the wanted one, as the task is told.
-        displaced_error_mm: in displaced frames.
-        displaced_force_error: in displaced frames.
+        change: largest change of a joint velocity during the run [rad/s, m/s].
+        error_mm: largest path error after the contact has settled, with the frames of the task file [mm].
+        force_error: rms error of the true force divided by the wanted force, with the frames of the task file.
+        displaced_error_mm: the same path error with displaced frames [mm].
+        displaced_force_error: the same force error with displaced frames.
     """
 
     law: str
@@ -55,16 +57,16 @@ class ContactFrameCheck:
 
 
 class Textbook:
-    """Raibert and Craig's controller on a task file's contact.
+    """Raibert and Craig's controller for the contact of a task file.
 
     Attributes:
-        measured: (6,) the wrench that it took the tool to exert, base frame.
+        measured: (6,) the wrench that the tool exerts according to the sensor, base frame.
     """
 
     form = None
 
     def __init__(self, robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> None:
-        """As `our_hybrid`; of the displaced frames it knows the tool's and the sensor's."""
+        """Take the arguments of `our_hybrid`; of the displaced frames only those of tool and sensor matter here."""
         self._back = se3.inverse(offsets.tool, check=False)
         self._scene = scene
         self._sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
@@ -84,7 +86,7 @@ class Textbook:
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
         """One tick."""
         if sensed.wrench is None:
-            raise BadInput("plant", "no force sensor", "one that senses the wrench at the tool")
+            raise BadInput("plant", "no force sensor", "a plant that measures the wrench at the tool")
         tool = self._loop.robot.pose(sensed.q)
         exerted = self._sensor.load(self._reading.dot(sensed.wrench), tool)
         self.measured = self._sensor.in_base(exerted, tool)
@@ -95,16 +97,19 @@ class Textbook:
 def contact_frame_check(
     task: Task, seed: int = 0, physics: str = "ideal", progress: Progress | None = None
 ) -> list[ContactFrameCheck]:
-    """Run a task with contact as it is told and in frames displaced at random, under our law and the textbook's.
+    """Run a task with contact in its own frames and in frames displaced at random, under our controller and another.
 
     Args:
-        task: from `load_task`.
-        seed: of the three displacements.
-        physics: the plant.
+        task: a task with contact, from `load_task`.
+        seed: seed of the three displacements.
+        physics: the plant, "ideal" or "mujoco".
         progress: called with (ticks done, ticks in all).
 
     Returns:
-        One ContactFrameCheck a law; ours first.
+        One ContactFrameCheck for each controller; ours is the first.
+
+    Raises:
+        BadInput: no such plant, or one without a force sensor.
     """
     laws: dict[str, MakeHybrid] = {"invariantqp": our_hybrid, "Raibert-Craig": Textbook}
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))

@@ -1,4 +1,4 @@
-"""How far a joint trajectory moves when somebody puts the tool frame elsewhere: the same motion asked, both ways run.
+"""How much a joint trajectory changes when another tool frame is chosen for the same motion of the tool.
 
 change = max |q(t) - q'(t)|,    T_tool' = T_tool X,  T_target' = T_target X
 """
@@ -11,30 +11,32 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from invariantqp.compare.laws.baselines import controller_named
+from invariantqp.compare.names import DLS, OURS, PINV
+from invariantqp.compare.registry import controller_named
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.run import MakeController, Progress, our_controller, run_task
+from invariantqp.progress import Progress
+from invariantqp.runs.run import MakeController, our_controller, run_task
 from invariantqp.runs.taskfile import Task
 
-# Standard deviation of the random displacement of the tool frame, about what tool centre points are apart [m].
+# Standard deviation of the random displacement along each axis [m], about the length of a tool.
 DISPLACEMENT = 0.25
 
 LAWS: dict[str, MakeController] = {
-    "invariantqp": our_controller,
-    "Moore-Penrose, clipped": controller_named("Moore-Penrose, pinv"),
-    "DLS, clipped": controller_named("DLS"),
+    OURS: our_controller,
+    "Moore-Penrose, clipped": controller_named(PINV),
+    "DLS, clipped": controller_named(DLS),
 }
 
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """What a displaced tool frame changed for one law.
+    """What another tool frame changed for one law.
 
     Attributes:
         law: its name.
-        change: largest change of a joint position along the run [rad, m].
-        worst_error_mm: largest tracking error with the tool frame as the task has it [mm].
+        change: largest change of a joint position during the run [rad, m].
+        worst_error_mm: largest position error of the tool with the tool frame of the task [mm].
     """
 
     law: str
@@ -43,7 +45,7 @@ class FrameCheck:
 
 
 def random_displacement(seed: int) -> Array:
-    """A (4, 4) rigid motion: any rotation, and a translation of about a hand's width."""
+    """A random (4, 4) rigid motion: any rotation, and a translation with this standard deviation along each axis."""
     rng = np.random.default_rng(seed)
     return se3.transform(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
 
@@ -51,16 +53,16 @@ def random_displacement(seed: int) -> Array:
 def frame_check(
     task: Task, seed: int = 0, progress: Progress | None = None, laws: Mapping[str, MakeController] = LAWS
 ) -> list[FrameCheck]:
-    """Run a task with the tool frame as it is and displaced at random, under our law and the usual ones.
+    """Run a task twice under each law, with its own tool frame and with one that is displaced at random.
 
     Args:
         task: from `load_task`.
-        seed: of the displacement.
+        seed: seed of the displacement.
         progress: called with (ticks done, ticks in all).
-        laws: what is run, by name.
+        laws: the laws by name; ours, Moore-Penrose and damped least squares by default.
 
     Returns:
-        One FrameCheck a law.
+        One FrameCheck for each law.
     """
     offset = random_displacement(seed)
     checks = []
