@@ -1,9 +1,9 @@
-"""Pink's frame task with a metric that no choice of tool frame can change: one line of a Pink program is another.
+"""Pink's frame task with a metric that no choice of tool frame can change; a Pink program changes in one line.
 
     minimise 1/2 (dq - dq*)'H(dq - dq*),   H = V diag(sqrt(mu^2 + lambda^2)) V',   J'Q_h J = V diag(mu) V'
 
-dq* is what our own law answers where no limit is met, guard and all; H says what may give way where one is, or where
-another task wants something else. Pink's limits, barriers and other tasks stay as they are.
+dq* is the displacement of this library's own law without limits, descent guard included; H weighs departures from it
+where a limit is active or another task competes. Pink's limits, barriers and other tasks stay as they are.
 
 Reference: Caron et al., Pink (pin-pink); [DS] Sect. 6.2.
 """
@@ -16,36 +16,36 @@ from typing import Any
 import numpy as np
 
 from invariantqp.control.own_form import own_form
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.models import chain_to
 from invariantqp.robots.pink import Configuration, FrameTask
-from invariantqp.robots.pinocchio import ANGULAR_FIRST, chain_to, placement
+from invariantqp.robots.pinocchio import ANGULAR_FIRST, placement
 from invariantqp.systems.centre import centre, measured
 from invariantqp.velocity.damping import Damping, PaperLambda, Selective, damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import not_below_zero
 from invariantqp.velocity.request import guard_of
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.tick import QUIET_SHARE
 
-# What a direction costs that the task does not see, relative to max|mu|: a thousandth of a posture task beside it with
-# Pink's usual cost of 1e-3, and enough for DAQP where there is none.
+# The cost of a joint direction that does not move the frame, relative to max|mu|: a thousandth of what a posture task
+# with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
 NULL_WEIGHT = 1e-9
-# Enough for a UR5 to be still at a target three metres out of reach, where without it (as under Pink's task without
-# its own) the arm rattles at full speed; at an error of 5 cm it takes less than a thousandth from any motion that is
-# not damped anyway.
+# Enough for a UR5 to stand still at a target three metres out of reach, where without it (as with Pink's own task) the
+# arm oscillates at full speed; at an error of 5 cm it takes less than a thousandth from any motion that is
+# not damped for another reason.
 LM_DAMPING = 1e-3
 
 
 class InvariantFrameTask(FrameTask):  # type: ignore[misc]
-    """Regulate the pose of a frame of the robot; where on its link the frame was put changes no joint velocity.
+    """Regulate the pose of a frame of the robot; the place of the frame on its link changes no joint velocity.
 
     Attributes:
-        form: how twists are measured; None until the first configuration is seen, where it is the arm's own choice.
-        form_reason: why, in words.
+        form: how twists are measured; None before the first configuration if the task is to choose it for the arm.
+        form_reason: why this form was chosen, in words.
         cost: [cost]/[m].
         damping: the policy near singularities.
         guard: the descent guard, or None.
@@ -74,8 +74,8 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             frame: name of the frame.
             h: pitch [length/rad], or a form in the world frame: PitchForm, CarriedMetric ("tool" is this frame),
                 Complement. None is what `Controller` takes for the joints that move the frame.
-            cost: weight against other tasks, for a metre what Pink's position_cost is [cost]/[m]; a radian costs what
-                |h| metres do with a pitch form, and what they themselves say with the others.
+            cost: weight against other tasks, Pink's position_cost [cost]/[m]; with a pitch form a radian costs as much
+                as |h| metres, with the other forms what the form itself says.
             damping: as in `invariantqp.solve_velocity`; `Selective` has its speed for a step [rad], and no lm_damping.
             guard: as in `invariantqp.solve_velocity`; it does not see Pink's limits.
             gain: share of the error removed in a step, in [0, 1].
@@ -83,24 +83,24 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
                 arm's own point. It vanishes with the error; 0 is none.
 
         Raises:
-            BadInput: numbers out of range, or no form.
+            BadInput: numbers out of range, or something that is no form.
         """
         if not isinstance(frame, str):
-            raise BadInput("frame", repr(frame), "a frame's name")
+            raise BadInput("frame", excerpt(frame), "a frame's name")
         self.form = None if h is None else form_of(h, np.eye(6))
         self.form_reason = "" if h is None else "as asked"
         self.damping = damping_of(damping)
         self.guard = guard_of(guard)
-        share = not_below_zero(gain, "gain", "a share of the error")
+        share = arrays.not_negative(gain, "gain", "a share of the error")
         if share > 1.0:
-            raise BadInput("gain", f"{share:g}", "a share of the error, from 0 to 1", "More overshoots.")
-        super().__init__(frame, 1.0, 1.0, not_below_zero(lm_damping, "lm_damping", "a scale"), share)
-        self.cost = not_below_zero(cost, "cost", "a weight")  # one number: no frame has axes for more
+            raise BadInput("gain", f"{share:g}", "a share of the error, from 0 to 1", "A larger gain overshoots.")
+        super().__init__(frame, 1.0, 1.0, arrays.not_negative(lm_damping, "lm_damping", "a scale"), share)
+        self.cost = arrays.not_negative(cost, "cost", "a weight")  # one number: no frame's axes are preferred
         self._model: Any = None
         self._moving = np.empty(0, dtype=np.intp)
 
     def set_target(self, transform_target_to_world: Any) -> None:
-        """The pose to be at.
+        """Set the wanted pose.
 
         Args:
             transform_target_to_world: a `pinocchio.SE3`, or (4, 4) in the world frame.
@@ -138,14 +138,14 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         return H, -H.dot(wanted)
 
     def _damping(self, J: Array, s: Array) -> Damping:
-        """The policy, and more of it the larger the error."""
+        """The policy, with more damping for a larger error."""
         share = self.lm_damping * _error_share(J, s)
         if share <= QUIET_SHARE or isinstance(self.damping, (Selective, PaperLambda)):
             return self.damping
         return lambda smallest, largest: hypot(self.damping(smallest, largest), share * largest)
 
     def _form(self, configuration: Configuration) -> Form:
-        """The form; for a model not seen before, which joints move the frame and what they make of it."""
+        """The form; for a new model, also which joints move the frame."""
         form = self.form
         if form is None or configuration.model is not self._model:
             chain, self._moving = chain_to(configuration.model, self.frame)
@@ -161,12 +161,12 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
 
 
 def _per_metre(form: Form) -> float:
-    """What makes a unit of the form a squared metre: s'Q_h s counts 2 |h| for a radian that is to count h^2."""
+    """The factor from the form's unit to squared metres: s'Q_h s gives a radian 2 |h|, and h^2 is wanted."""
     return 0.5 * (abs(form.h) or 1.0) if isinstance(form, PitchForm) else 1.0
 
 
 def _error_share(J: Array, s: Array) -> float:
-    """|s|_W^2 / |J|_W^2; a radian counts 1 where all axes meet, and nothing where no joint turns."""
+    """|s|_W^2 / |J|_W^2; the length of W is 1 where all axes meet, and 0 where no joint turns."""
     point, length = centre(J, s)
     length = 0.0 if isinf(length) else length or 1.0
     twists, wanted = measured(J, point, length), measured(s, point, length)

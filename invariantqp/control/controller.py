@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from math import inf
 from typing import Any, Literal, NamedTuple
@@ -16,19 +17,20 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.demands import Exact, View, demands_of, rows_of
-from invariantqp.control.joint_rows import JointRows, Rows
-from invariantqp.control.own_form import own_form
-from invariantqp.errors import BadInput
+from invariantqp.control.demands import Exact, View, demands_of, require_rows, rows_of
+from invariantqp.control.joint_rows import Rows, joint_rows
+from invariantqp.control.own_form import choose_form
+from invariantqp.control.posture import joint_gains, posture_gain
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, Sighting, checked_robot, middle
+from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.damping import Damping, damping_of
 from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.forms import CarriedMetric, Form, form_of
+from invariantqp.velocity.forms import CarriedMetric, Form
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import JointBox, accelerations, not_below_zero
+from invariantqp.velocity.limits.box import JointBox, accelerations
 from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.qp.backends import Backend, backend_of
@@ -36,16 +38,17 @@ from invariantqp.velocity.request import UnitsMixed, guard_of, units_mix
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
-# How fast an arm with joints to spare drifts to the middle of their ranges [1/s]: a second's worth of patience, slow
-# beside any tracking gain, and what keeps it out of its limits on long paths.
-POSTURE_GAIN = 1.0
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
+# The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
+WHOLE_ERROR = 1.0 + 1e-9
 
 
 class Controller:
-    """Task-space velocity control of one arm; `step` is one tick.
+    """Task-space velocity control of one arm; `step` is one tick. One controller drives one arm, in one thread.
+
+    A copy, shallow or deep, is a loop of its own.
 
     Attributes:
         robot: the arm.
@@ -53,8 +56,8 @@ class Controller:
         dt: tick [s].
         gain: [1/s].
         posture_gain: [1/s], 0 where the null space has no posture.
-        exact: what is met exactly while the form judges the rest.
-        form_reason: why twists are measured as they are, in words.
+        exact: what is met exactly; the form measures the rest.
+        form_reason: why this form was chosen, in words.
     """
 
     form_reason: str
@@ -92,41 +95,37 @@ class Controller:
                 joints; True is 1/s, False switches it off.
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
-            exact: what is met exactly while the form judges the rest: "position" for the tool frame's origin, an
+            exact: what is met exactly, while the form measures the rest: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane or ExactJoints, or several of them.
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
-                also keeps room to brake before its position limits. None is none.
+                also keeps room to brake before its position limits. None is no limit.
             position_margin: distance kept from position limits [rad, length].
-            tool_speed: the most that a point of the tool may move at [length/s], 0.25 m/s beside a person; a number is
-                for the tool frame's origin.
+            tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
+                limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
             limits: limits and barriers made for Pink from `robot.model`: anything with
-                `compute_qp_inequalities(configuration, dt)`. They add to the robot's own; the box of those goes first,
-                rows give way to it. Numbered in reasons after `rows`, in their order.
+                `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
+                they contradict these. Reasons number them after `rows`, in their order. Pink cannot pickle them.
 
         Raises:
-            BadInput: a dt or gain that is not positive, gain above 1/dt, limits that are none, or an argument
-                `solve_velocity` would refuse.
+            BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is no limit, or an argument
+                that `solve_velocity` would refuse.
             UnknownName: no such back end.
             MissingExtra: `limits` without Pink.
         """
-        self.robot = checked_robot(robot)
+        self.robot = require_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.gain: float = TRACKING_SHARE / self.dt if gain is None else arrays.number(gain, "gain", positive=True)
-        if self.gain * self.dt > 1.0 + 1e-9:
+        if self.gain * self.dt > WHOLE_ERROR:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
-        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # the first tick is then no slower than the next
+        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # what the first look loads is loaded before the loop
         metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
         if metric is None and units_mix(J):
             warnings.warn(UnitsMixed.ADVICE, UnitsMixed, stacklevel=2)
-        if form is None or form == "auto":
-            chosen, self.form_reason = own_form(robot)
-            blind = isinstance(chosen, CarriedMetric)
-        else:
-            chosen, self.form_reason, blind = form_of(form, J), "as asked", False
+        chosen, self.form_reason, blind = choose_form(robot, form, J)
         self.law: VelocityLaw = VelocityLaw(
             form=chosen,
             damping=damping_of(damping),
@@ -136,24 +135,26 @@ class Controller:
             dt=self.dt,
             note="no pitch form sees all of this arm: twists are measured at the tool" if blind else "",
         )
-        self.posture_gain: float = _posture_gain(posture) if m > 6 else 0.0
-        bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
+        self.posture_gain: float = posture_gain(posture, m)
         self._follows_tool = isinstance(self.law.form, CarriedMetric) and self.law.form.follows_tool
         self._middle = mid
-        self._pull = np.where(bounded, self.posture_gain, 0.0)
+        self._pull = joint_gains(robot, self.posture_gain)
         self._gains = np.full(6, self.gain)
-        margin = not_below_zero(position_margin, "position_margin", "a distance kept from position limits")
+        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
         self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
         self._braking = None
         if acceleration_limit is not None:
             self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
         self._before = np.zeros(m)
-        self._joint_rows = JointRows(robot, rows, limits, self.dt) if rows is not None or len(limits) else None
+        self._joint_rows = joint_rows(robot, rows, limits, self.dt)
         if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
             tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
         self._tool_speed = tool_speed
-        given = None if tool_speed is None else tool_speed.point
-        self._limited_point = np.zeros(3) if given is None else np.asarray(given)
+        point = None if tool_speed is None else tool_speed.point
+        self._limited_point = np.zeros(3) if point is None else np.asarray(point)
+
+    def __copy__(self) -> Controller:
+        return deepcopy(self)  # solvers and limits write to what they keep between ticks
 
     def step(
         self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
@@ -168,7 +169,7 @@ class Controller:
                 last, zero before the first tick.
 
         Returns:
-            VelocitySolution: q + dt velocity is inside the position limits, or on its way back there.
+            VelocitySolution: q + dt velocity is inside the position limits, or on its way back inside.
 
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
@@ -178,7 +179,7 @@ class Controller:
         s = sighting.error * self._gains
         if feedforward is not None:
             s += arrays.vector(feedforward, 6, "feedforward")
-        if not s.dot(s) < inf:  # a target made elsewhere has not been looked at
+        if not s.dot(s) < inf:  # NaN is not below infinity either
             raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
         return self._tick(_State(positions, sighting, target), s, velocity, self.gain, feedforward)
 
@@ -190,14 +191,14 @@ class Controller:
         rows: ExactRows | None = None,
         sighting: Sighting | None = None,
     ) -> VelocitySolution:
-        """One tick for a twist of the tool instead of a target; what is met exactly is then met for that twist.
+        """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             twist: (6,) wanted, base frame [rad/s; length/s].
             velocity: as in `step`.
             rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
-            sighting: what the robot saw at q in this tick, if it has looked already.
+            sighting: what `robot.sight` returned at q, if it was called in this tick already.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -207,16 +208,18 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.twist(twist)
+        if rows is not None:
+            require_rows(rows, len(self._middle))
         return self._tick(self._here(positions, sighting), s, velocity, 0.0, s, rows)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
     ) -> VelocitySolution:
-        """One tick of standing still, or of the way back inside limits that leave no rest.
+        """One tick of standing still; outside its limits, an arm moves back inside.
 
         Args:
             q: (m,) measured joint positions [rad, length].
-            reason: why, for the solution.
+            reason: why, in words; the solution repeats it.
             velocity: as in `step`.
             sighting: as in `follow`.
 
@@ -224,17 +227,17 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
+        if not isinstance(reason, str):
+            raise BadInput("reason", excerpt(reason), "a text")
         return self._tick(self._here(positions, sighting), np.zeros(6), velocity, 0.0, None, stand=reason)
 
     def _here(self, positions: Array, sighting: Sighting | None) -> _State:
-        """A state whose target is where the tool is; the robot looks where it has not."""
+        """The state of an arm whose target is where its tool is now."""
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
+        elif not isinstance(sighting, Sighting):
+            raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
         return _State(positions, sighting, sighting.pose)
-
-    def _last(self, velocity: ArrayLike | None) -> Array:
-        """(m,) the joint velocity now: as measured, or else the one commanded last."""
-        return self._before if velocity is None else arrays.vector(velocity, len(self._middle), "velocity")
 
     def _bounds(self, positions: Array, before: Array) -> tuple[Array, Array, tuple[tuple[int, str], ...]]:
         """The box of this tick, and the joints whose limits contradict each other."""
@@ -254,10 +257,10 @@ class Controller:
     ) -> VelocitySolution:
         """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`.
 
-        `stand` is why to stand still instead, None for no reason to.
+        `stand` is a reason to stand still instead, None for none.
         """
         positions, sighting, target = state
-        before = self._last(velocity)
+        before = self._before if velocity is None else arrays.vector(velocity, len(positions), "velocity")
         lower, upper, strained = self._bounds(positions, before)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None
         exact, point = (None, None) if not self.exact else self._rows(state, gain, ahead)
@@ -277,12 +280,10 @@ class Controller:
             demand, stand = demand._replace(rows=rows), trouble or stand
         solution = solve(law, demand) if stand is None else standing(law, demand, stand)
         self._before = solution.velocity.copy()
-        return self._told(solution, strained) if strained else solution
-
-    def _told(self, solution: VelocitySolution, strained: tuple[tuple[int, str], ...]) -> VelocitySolution:
-        """The solution with the joints named whose limits contradict each other."""
-        said = [f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained]
-        reason = "; ".join([*said, solution.reason] if solution.reason else said)
+        if not strained:
+            return solution
+        joints = [f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained]
+        reason = "; ".join([*joints, solution.reason] if solution.reason else joints)
         return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
 
     def _rows(self, state: _State, gain: float, ahead: ArrayLike | None) -> tuple[ExactRows | None, Array | None]:
@@ -292,14 +293,8 @@ class Controller:
 
 
 class _State(NamedTuple):
-    """Where the arm is and should be, in one tick: checked joint positions, what the robot saw, its target."""
+    """One tick: checked joint positions, what the robot saw at them, and its target."""
 
     positions: Array
     sighting: Sighting
     target: Any
-
-
-def _posture_gain(posture: float | bool) -> float:
-    if isinstance(posture, bool):
-        return POSTURE_GAIN if posture else 0.0
-    return not_below_zero(posture, "posture", "a gain in 1/s, True or False")

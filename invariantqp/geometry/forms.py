@@ -10,7 +10,7 @@ Reference: [DS] Theorem 2.1, (2.6), Sect. 6.3.
 
 from __future__ import annotations
 
-from math import isinf, isnan
+from math import isinf
 
 import numpy as np
 
@@ -55,9 +55,8 @@ def pitch_form(h: float) -> Array:
 
     Reference: [DS] (2.6), without its factor 1/2.
     """
-    if isinstance(h, (int, float)) and isinf(h):
-        return invariant_form(1.0, 0.0)
-    return invariant_form(arrays.number(h, "h", "a pitch, finite or inf"), 1.0)
+    pitch = arrays.number(h, "h", "a pitch, finite or inf", infinite=True)
+    return invariant_form(1.0, 0.0) if isinf(pitch) else invariant_form(pitch, 1.0)
 
 
 def pitch_form_inverse(h: float) -> Array:
@@ -82,7 +81,13 @@ def pitch_form_inverse(h: float) -> Array:
 
 
 def finite_pitch(h: float, argument: str = "h") -> float:
-    """h as a finite float; `BadInput` says why infinity is refused."""
-    if isinstance(h, (int, float)) and not isnan(h) and isinf(h):
-        raise BadInput(argument, str(h), "a finite pitch", "The Killing form Q_inf is degenerate and has no inverse.")
-    return arrays.number(h, argument, "a finite pitch")
+    """h as a finite float.
+
+    Raises:
+        BadInput: not a number, or infinite: the message says why that cannot be.
+    """
+    pitch = arrays.number(h, argument, "a finite pitch", infinite=True)
+    if isinf(pitch):
+        remedy = "The Killing form Q_inf is degenerate and has no inverse."
+        raise BadInput(argument, str(pitch), "a finite pitch", remedy)
+    return pitch

@@ -30,10 +30,11 @@ def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 
         BadInput: zero axis, NaN, a pitch that is not a number.
     """
     u = arrays.direction(axis, "axis")
-    if isinstance(pitch, (int, float)) and isinf(pitch):
+    q = arrays.vector(point, 3, "point")
+    h = arrays.number(pitch, "pitch", "a pitch, finite or inf", infinite=True)
+    if isinf(h):
         return np.concatenate((np.zeros(3), u))
-    h = arrays.number(pitch, "pitch", "a pitch, finite or inf")
-    return np.concatenate((u, np.cross(arrays.vector(point, 3, "point"), u) + h * u))
+    return np.concatenate((u, np.cross(q, u) + h * u))
 
 
 def revolute(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

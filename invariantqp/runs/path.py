@@ -113,7 +113,8 @@ class ScrewPath(_Path):
         """
         T0 = robot.pose(start)
         screw = screws.helical(self.axis, T0[:3, 3] + self.point, self.pitch)
-        return lambda t: se3.motion(self.angle * _share(t / self.duration, self.there_and_back) * screw).dot(T0)
+        turn = self.angle * screw
+        return lambda t: se3.exp(_share(t / self.duration, self.there_and_back) * turn, check=False).dot(T0)
 
 
 class JointsPath(_Path):

@@ -83,7 +83,7 @@ class InTouch:
     def __init__(self, loop: HybridController, sensor_offset: Array) -> None:
         self._loop = loop
         self.form: Form | None = loop.loop.law.form
-        self._reading = se3.coadjoint(se3.inverted(sensor_offset))
+        self._reading = se3.coadjoint(se3.inverse(sensor_offset, check=False))
         self.measured = np.zeros(6)
 
     def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
@@ -93,7 +93,7 @@ class InTouch:
         reading = self._reading.dot(sensed.wrench)
         solution = self._loop.step(sensed.q, wish.target, reading, wish.ahead)
         self.measured = solution.wrench
-        return solution.law._replace(status=solution.status, reason=solution.reason)
+        return solution.velocity_solution._replace(status=solution.status, reason=solution.reason)
 
 
 class Together:
@@ -109,7 +109,7 @@ class Together:
         plane = face_contact((0.0, 0.0, 0.0), operator.normal)
         lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
         theirs = plane.freedoms
-        ours = se3.carried(np.asarray(plane.pose)).dot(np.hstack((lift, tilts)))
+        ours = se3.adjoint(np.asarray(plane.pose), check=False).dot(np.hstack((lift, tilts)))
         self._loop = loop
         self.form: Form | None = loop.law.form
         self.measured: Array = np.zeros(6)
@@ -123,6 +123,6 @@ class Together:
         robot = self._loop.robot
         sighting = robot.sight(sensed.q, wish.target)
         here = se3.transform(None, robot.pose(sensed.q).dot(self._point)[:3])
-        astray = se3.carried(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * wish.time)
+        astray = se3.adjoint(here, check=False).dot(self._strays) * np.sin(2.0 * pi * self._beats * wish.time)
         s = self._shared.moved(here).twist(self._loop.gain * sighting.error, wish.ahead + astray)
         return self._loop.follow(sensed.q, s)

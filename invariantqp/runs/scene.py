@@ -86,7 +86,7 @@ class Scene:
 
     def force(self, contact: Contact, wrench: Array) -> tuple[float, float]:
         """Of a wrench that the tool exerts (6,), base frame: its part along the wanted one, and |P*(W_d - W)| [N]."""
-        felt = self._resisted.dot(se3.carried(np.asarray(contact.pose)).T.dot(wrench))
+        felt = self._resisted.dot(se3.adjoint(np.asarray(contact.pose), check=False).T.dot(wrench))
         e = self.wanted - felt
         size = self.wanted_norm
         press = float((self.wanted * self._weights).dot(felt)) / size if size > 0.0 else 0.0
@@ -154,7 +154,7 @@ def scene_of(contact: ContactSpec, force: ForceSpec, T: Array) -> Scene:
         cutoff=inf if force.cutoff is None else force.cutoff,
         force_deadband=force.force_deadband,
         moment_deadband=force.moment_deadband,
-        origin=se3.inverted(mount)[:3, 3],
+        origin=se3.inverse(mount, check=False)[:3, 3],
     )
     wrist = Wrist(mount, force.tool_mass, force.tool_centre)
     return Scene(at(T).kind, touch, wrist, task, sensor, stiffness, normal, surface)
@@ -212,12 +212,12 @@ def _hinge(contact: ContactSpec, T: Array, tilt: Array) -> tuple[Grip, Array, At
     x = arm / np.linalg.norm(arm)
     handle = se3.transform(np.column_stack((x, np.cross(axis, x), axis)), p)
     closed = hinge(foot, axis)
-    closed = closed.relabelled(se3.inverted(np.asarray(closed.pose)).dot(handle))
+    closed = closed.relabelled(se3.inverse(np.asarray(closed.pose), check=False).dot(handle))
     screw = screws.revolute(axis, foot)
 
     def at(tool: Array) -> Contact:
         r = tool[:3, 3] - foot
-        return closed.moved(se3.motion(atan2(axis.dot(np.cross(arm, r)), arm.dot(r)) * screw))
+        return closed.moved(se3.exp(atan2(axis.dot(np.cross(arm, r)), arm.dot(r)) * screw, check=False))
 
     a, b = (0.5 * s for s in contact.size or (POINT_SIZE, POINT_SIZE))
     R = T[:3, :3].T.dot(handle[:3, :3])

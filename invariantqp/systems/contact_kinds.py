@@ -95,7 +95,7 @@ class ContactKind(Value):
     def relabelled(self, offset: ArrayLike) -> ContactKind:
         """The same physical contact expressed in a frame displaced by a (4, 4) offset in the old one."""
         back = se3.inverse(offset)
-        A, B = se3.carried(back), se3.coadjoint(back)
+        A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
         out = None if self.out is None else A.dot(self.out)
         origin = back[:3, :3].dot(self.origin) + back[:3, 3]
         return ContactKind(self.name, A.dot(self.freedoms), B.dot(self.constraints), self.unilateral, out, origin)

@@ -70,13 +70,13 @@ class Contact(Value):
     @cached_property
     def freedoms(self) -> Array:
         """(6, k) twists that the contact allows."""
-        twists: Array = se3.carried(self.pose).dot(self.kind.freedoms)
+        twists: Array = se3.adjoint(self.pose, check=False).dot(self.kind.freedoms)
         return twists
 
     @cached_property
     def constraints(self) -> Array:
         """(6, 6-k) wrenches that the tool can exert on the contact; none does work on any freedom."""
-        wrenches: Array = se3.carried_wrenches(self.pose).dot(self.kind.constraints)
+        wrenches: Array = se3.coadjoint(self.pose, check=False).dot(self.kind.constraints)
         return wrenches
 
     @property

@@ -76,7 +76,7 @@ class DualProjectors(Value):
             pose: (4, 4) a_from_b; what was expressed in b is then expressed in a.
         """
         T = arrays.pose(pose)
-        A, B = se3.carried(T), se3.carried_wrenches(T)
+        A, B = se3.adjoint(T, check=False), se3.coadjoint(T, check=False)
         return evolve(
             self,
             motion=A.dot(self.motion).dot(B.T),

@@ -39,11 +39,11 @@ def test_everyone_runs_on_the_same_targets():
         race(0)
 
 
-def test_targets_at_limits_are_at_limits():
+def test_targets_at_limits_are_at_limits(monkeypatch):
     for name in ("ur5", "kinova"):  # kinova: three of six joints have limits
         robot = iq.load_robot(name)
         seen = []
-        robot.pose = lambda q, seen=seen: seen.append(np.array(q)) or np.eye(4)
+        monkeypatch.setattr(type(robot), "pose", lambda _, q, seen=seen: seen.append(np.array(q)) or np.eye(4))
         pose_ik_race._problems(robot, 5, 2, np.random.default_rng(0))
         assert [int(((q == robot.position_lower) | (q == robot.position_upper)).sum()) for q in seen] == [2] * 5
 

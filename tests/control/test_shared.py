@@ -22,7 +22,7 @@ def test_neither_leaks_into_the_other(seed, k, less, by_metric):
     S1, S2 = rng.normal(size=(6, k)), rng.normal(size=(6, n))
     rule = {"metric": np.arange(1.0, 7.0)} if by_metric else {"h": 0.4}
     task = iq.SharedTask(S1, S2, **({} if less == 0 else rule))
-    P1, P2 = task.robot, task.operator
+    P1, P2 = task.robot_projector, task.operator_projector
     size = np.abs(P1).max() + np.abs(P2).max()
     assume(size < 1e3)
     atol = 1e-11 * size**2
@@ -43,7 +43,7 @@ def test_a_moved_task_is_the_same_task(seed, by_metric):
     A = iq.adjoint(T)
     rule = {"metric": np.arange(1.0, 7.0)} if by_metric else {"h": 0.4}
     task = iq.SharedTask(rng.normal(size=(6, 2)), rng.normal(size=(6, 2)), **rule)
-    assume(np.abs(task.robot).max() + np.abs(task.operator).max() < 100)
+    assume(np.abs(task.robot_projector).max() + np.abs(task.operator_projector).max() < 100)
     a, b = rng.normal(size=(2, 6))
     np.testing.assert_allclose(task.moved(T).twist(A @ a, A @ b), A @ task.twist(a, b), atol=1e-8)
 
@@ -53,8 +53,8 @@ def test_a_pitch_alone_shares_everything_out():
     S = rng.normal(size=(6, 3))
     task = iq.SharedTask(S, h=0.4)
     Q = iq.pitch_form(0.4)
-    np.testing.assert_allclose(task.robot + task.operator, np.eye(6), atol=1e-12)
-    np.testing.assert_allclose(task.robot.T @ Q @ task.operator, 0.0, atol=1e-11)
+    np.testing.assert_allclose(task.robot_projector + task.operator_projector, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(task.robot_projector.T @ Q @ task.operator_projector, 0.0, atol=1e-11)
 
 
 def test_operator_on_a_plane_and_the_robot_at_its_distance():

@@ -128,7 +128,7 @@ def test_limits_slow_the_path_down_before_they_let_go_of_the_force(panda):
     for first in (True, False):
         bench = Bench(panda, PANDA, pen(), depth=5e-4, force_first=first)
         solutions = bench.run(300, circle(bench.start, 0.3, 0.5))  # 3.8 m/s: far beyond the joints
-        assert any(s.law.active for s in solutions)
+        assert any(s.velocity_solution.active for s in solutions)
         assert max(np.abs(s.velocity / panda.velocity_limit).max() for s in solutions) <= 1.0 + 1e-12
         errors[first] = np.median([abs(s.intensities[0] - 5.0) for s in solutions[100:]])
     assert errors[True] < 1.0 < errors[False]
@@ -220,7 +220,7 @@ def test_a_wrist_sensor_is_read_where_it_sits(panda):
     bench = Bench(panda, PANDA, pen(), sensor=sensor)
     for _ in range(1000):
         pose = panda.pose(bench.q)
-        reading = sensor.unloaded(pose) - iq.coadjoint(iq.inverse(pose @ mount)) @ bench.wrench()
+        reading = sensor.tare(pose) - iq.coadjoint(iq.inverse(pose @ mount)) @ bench.wrench()
         solution = bench.loop.step(bench.q, bench.start, reading)
         bench.q = bench.q + DT * solution.velocity
     assert -bench.wrench()[5] == pytest.approx(5.0, rel=1e-3)

@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -178,7 +180,7 @@ def test_out_of_reach_the_closest_pose_is_the_one_scipy_finds(name):
     assert found.reason.startswith("out of reach: ")
     assert found.error == pytest.approx(np.linalg.norm(r(found.q)), rel=1e-9)
     assert found.error <= closest_by_scipy(robot, r, [found.q]) * (1.0 + 1e-9)  # SciPy goes no further from there
-    free = [i for i in range(len(found.q)) if i not in found.limits_active]
+    free = [i for i in range(len(found.q)) if i not in found.active]
     assert np.abs(slope(r, found.q)[free]).max() < 1e-7
     assert found.error <= closest_by_scipy(robot, r, states(robot, 6, 9)) * (1.0 + 1e-3)  # nor finds a better place
 
@@ -268,7 +270,7 @@ def test_joints_that_slide_and_screw():
     gantry = iq.Chain(np.eye(6)[:, 3:], np.eye(4), (), -1.0, 1.0)
     out = iq.solve_pose(gantry, iq.transform(translation=[0.5, -0.5, 2.0]), **NO_LIMIT)
     np.testing.assert_allclose(out.q, [0.5, -0.5, 1.0], atol=1e-9)
-    assert out.limits_active == (2,)
+    assert out.active == (2,)
 
 
 def test_a_start_that_is_the_answer_is_the_answer():
@@ -281,10 +283,20 @@ def test_a_start_that_is_the_answer_is_the_answer():
 def test_the_seed_decides_and_nothing_else():
     target = beyond(PANDA, 41)
     first, again = (iq.solve_pose(PANDA, target, seed=3, restarts=5, **NO_LIMIT) for _ in range(2))
-    np.testing.assert_array_equal(first.q, again.q)
-    assert first._replace(q=None) == again._replace(q=None)
+    assert first == again
     other = iq.solve_pose(PANDA, target, seed=4, restarts=5, **NO_LIMIT)
     assert other.iterations != first.iterations
+
+
+def test_solutions_compare_pickle_and_show_themselves():
+    found = iq.solve_pose(PANDA, beyond(PANDA, 41), restarts=2, **NO_LIMIT)
+    again = pickle.loads(pickle.dumps(found))
+    assert again == found
+    assert again != iq.solve_pose(PANDA, beyond(PANDA, 43), restarts=2, **NO_LIMIT)
+    assert repr(again) == repr(found)
+    assert "\n" not in repr(found)
+    with pytest.raises(AttributeError):
+        found.q = None
 
 
 def test_no_restarts_are_no_restarts():

@@ -107,7 +107,7 @@ def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
     task_sensor = iq.WrenchSensor(wrist.pose, wrist.mass, wrist.centre)  # what a controller makes of the reading
     sensed = plant.sense()
     np.testing.assert_array_equal(sensed.q, now.q)
-    np.testing.assert_allclose(task_sensor.measured(sensed.wrench, now.pose), -now.wrench, atol=1e-10)
+    np.testing.assert_allclose(task_sensor.wrench(sensed.wrench, now.pose), -now.wrench, atol=1e-10)
 
 
 def test_a_plant_without_contact_has_no_wrench():

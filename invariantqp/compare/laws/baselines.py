@@ -46,7 +46,7 @@ class MethodLaw:
         s = self._gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
         lower, upper = self._box.at(positions)
         if self._at_tool:
-            to_tool = se3.carried_back(pose_of(sighting.pose))
+            to_tool = se3.inverse_adjoint(pose_of(sighting.pose))
             x = self._solve(to_tool.dot(sighting.J), to_tool.dot(s), lower, upper)
         else:
             x = self._solve(sighting.J, s, lower, upper)

@@ -67,4 +67,4 @@ def pose_of(target: Any) -> Array:
 def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
     """The (4, 4) pose that the target will have in `lead` seconds."""
     ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
-    return se3.motion(lead * ahead).dot(pose) if ahead.any() else pose
+    return se3.exp(lead * ahead, check=False).dot(pose) if ahead.any() else pose

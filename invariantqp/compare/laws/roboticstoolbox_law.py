@@ -51,7 +51,8 @@ class RoboticsToolboxLaw:
         positions = arrays.vector(q, len(self._robot.names), "q")
         wanted = lead_target(pose_of(target), feedforward, self._dt / self._share)
         here = np.asarray(self._ets.eval(positions))
-        ahead = se3.motion(self._share * se3.displacement(wanted.dot(se3.inverted(here)))).dot(here)
+        error = se3.log(wanted.dot(se3.inverse(here, check=False)), check=False)
+        ahead = se3.exp(self._share * error, check=False).dot(here)
         _, reached = self._solver.step(self._ets, ahead, positions.copy())
         x = (reached - positions) / self._dt
         lower, upper = self._box.at(positions)

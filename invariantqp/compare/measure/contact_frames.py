@@ -67,10 +67,10 @@ class Textbook:
 
     def __init__(self, robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> None:
         """Take the arguments of `our_hybrid`; of the displaced frames only those of tool and sensor matter here."""
-        self._back = se3.inverted(offsets.tool)
+        self._back = se3.inverse(offsets.tool, check=False)
         self._scene = scene
         self._sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
-        self._reading = se3.coadjoint(se3.inverted(offsets.sensor))
+        self._reading = se3.coadjoint(se3.inverse(offsets.sensor, check=False))
         self._loop = RaibertCraig(
             robot,
             SELECTIONS[scene.touch.shape],
@@ -88,7 +88,7 @@ class Textbook:
         if sensed.wrench is None:
             raise BadInput("plant", "no force sensor", "a plant that measures the wrench at the tool")
         tool = self._loop.robot.pose(sensed.q)
-        exerted = self._sensor.loaded(self._reading.dot(sensed.wrench), tool)
+        exerted = self._sensor.load(self._reading.dot(sensed.wrench), tool)
         self.measured = self._sensor.in_base(exerted, tool)
         self._loop.axes = np.asarray(self._scene.task.contact_at(tool.dot(self._back)).pose)[:3, :3]
         return self._loop.step(sensed.q, wish.target, exerted, wish.ahead)

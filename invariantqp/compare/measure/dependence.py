@@ -93,7 +93,7 @@ def _drawn(robot: Robot, law: LawSpec, rng: np.random.Generator) -> tuple[Array,
     low, high = joint_range(robot)
     q = rng.uniform(low, high, (STATES, len(low)))
     gain = TRACKING_SHARE / law.dt if law.gain is None else law.gain
-    return q, [robot.pose(x).dot(se3.motion(TWIST / gain * rng.standard_normal(6))) for x in q]
+    return q, [robot.pose(x).dot(se3.exp(TWIST / gain * rng.standard_normal(6), check=False)) for x in q]
 
 
 def _answers(

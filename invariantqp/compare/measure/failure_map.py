@@ -96,7 +96,7 @@ def _states(robot: Robot, cell: Cell, grid: int, samples: int) -> Iterator[MapSt
             size * d / np.linalg.norm(d) for size, d in zip((TURN, SPEED), rng.standard_normal((2, 3)), strict=True)
         )
         ahead = TICK / TRACKING_SHARE * np.concatenate((w, v))
-        yield MapState(row, column, q, robot.pose(q).dot(se3.motion(ahead)))
+        yield MapState(row, column, q, robot.pose(q).dot(se3.exp(ahead, check=False)))
 
 
 def _ways(robot: Robot, loop: Any, state: MapState) -> list[str]:

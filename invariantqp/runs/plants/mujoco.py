@@ -244,7 +244,7 @@ def _add_surface(spec: Any, touch: Touch, wrist: Wrist, T: Array, physics: Physi
         sides = 0.5 * float(np.linalg.norm(a)), 0.5 * float(np.linalg.norm(b))
         R = np.column_stack((a / (2.0 * sides[0]), b / (2.0 * sides[1]), np.cross(a, b) / (4.0 * sides[0] * sides[1])))
         kind, size, frame = shapes.mjGEOM_BOX, (*sides, 0.5 * TIP), se3.transform(R, p + 0.5 * TIP * up)
-    place = _place(se3.inverted(wrist.pose).dot(frame))
+    place = _place(se3.inverse(wrist.pose, check=False).dot(frame))
     spec.body("sensor").add_geom(name="tip", type=kind, size=size, mass=0.0, priority=1, **place, **common)
 
 
@@ -263,7 +263,7 @@ def _add_door(spec: Any, grip: Grip, wrist: Wrist, physics: Physics) -> None:
         explicitinertial=True,
     )
     door.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, frictionloss=physics.hinge_friction)
-    to_sensor = se3.inverted(wrist.pose)
+    to_sensor = se3.inverse(wrist.pose, check=False)
     for i, (on_door, on_tool) in enumerate(zip(grip.held(0.0), grip.points, strict=True)):
         door.add_site(name=f"door {i}", pos=on_door - foot)
         spec.body("sensor").add_site(name=f"grip {i}", pos=to_sensor[:3, :3].dot(on_tool) + to_sensor[:3, 3])

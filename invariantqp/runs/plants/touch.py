@@ -69,7 +69,7 @@ class Grip:
 
     def held(self, angle: float) -> Array:
         """(n, 3) where the points of the door are at an angle."""
-        G = se3.motion(angle * self.screw).dot(self.home)
+        G = se3.exp(angle * self.screw, check=False).dot(self.home)
         held: Array = self.points.dot(G[:3, :3].T) + G[:3, 3]
         return held
 
@@ -106,7 +106,7 @@ class Wrist(NamedTuple):
         """(6,) what the sensor of a tool at rest at pose T reports, in its own frame: contact and weight."""
         sensor = T.dot(self.pose)
         weight = force_at(self.mass * np.array(GRAVITY), sensor[:3, :3].dot(self.centre) + sensor[:3, 3])
-        felt: Array = se3.coadjoint(se3.inverted(sensor)).dot(contact + weight)
+        felt: Array = se3.coadjoint(se3.inverse(sensor, check=False)).dot(contact + weight)
         return felt
 
 

@@ -47,6 +47,10 @@ class ConeProgram:
     def __post_init__(self) -> None:
         _need_cvxpy()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy or a pickle is made from: the kept problems have one owner."""
+        return {**vars(self), "_kept": {}}
+
     def minimise(self, H: Array, c: Array, limits: Polytope, J: Array, start: Array, limit: float) -> Solved:
         """The optimum.
 
@@ -108,6 +112,10 @@ class Cvxpy:
 
     def __post_init__(self) -> None:
         _need_cvxpy()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy or a pickle is made from: the kept problems have one owner."""
+        return {**vars(self), "_kept": {}}
 
     def solve(self, qp: BoxQP) -> Array:
         """The minimiser."""
