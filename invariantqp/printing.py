@@ -78,7 +78,7 @@ def print_run(trace: Trace) -> None:
 
 
 def _force_line(trace: Trace, felt: float) -> str:
-    seconds = trace.time[trace.settled]
+    seconds = trace.time[trace.counted_from]
     counted = f"counted from {seconds:g} s on, when contact has had its time to settle"
     error = f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(felt)} as the controller read it"
     return f"force error {error}; {counted}"
@@ -90,7 +90,7 @@ def print_inspection(found: Inspection) -> None:
     width = console.width if console.is_terminal else PLAIN_WIDTH
     advice = found.recommended
     use = f"the pitch form, h = {advice.h:g}" if advice.h is not None else "the metric carried by the tool"
-    key = f"pitch = {advice.h}" if advice.h is not None else 'form = "carried"'
+    key = f"form = {advice.h}" if advice.h is not None else 'form = "tool"'
     call = f"form={advice.h:g}" if advice.h is not None else "form=invariantqp.tool_metric(robot)"
     console.print(f"[bold]{_plain(found.robot)}[/bold], {len(found.joints)} joints to {_plain(found.tool)}")
     for title, words in (

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.analysis.recommendation import Recommendation, recommend
-from invariantqp.analysis.survey import Progress, Survey, spread, survey
+from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.centre import centre
 from invariantqp.systems.report import SystemReport, describe

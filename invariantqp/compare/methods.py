@@ -16,7 +16,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput, UnknownName
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.run import MakeController
+from invariantqp.runs.controllers import MakeController
 
 # (J (6, m), s (6,), lower (m,), upper (m,)) to a joint velocity (m,), all in the frame that the method names.
 Solve = Callable[[Array, Array, Array, Array], Array]

@@ -40,7 +40,7 @@ from invariantqp.compare.measure.machine import machine, source_digest, versions
 from invariantqp.compare.methods import chosen, first_of_groups
 from invariantqp.compare.results import SCHEMA, Results
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
-from invariantqp.runs.run import Progress
+from invariantqp.progress import Progress
 from invariantqp.runs.taskfile import load_task
 
 Result = dict[str, Any]

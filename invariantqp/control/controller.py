@@ -10,7 +10,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from math import inf
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 from invariantqp.control.demands import Exact, View, demands_of, rows_of
 from invariantqp.control.joint_rows import JointRows, Rows
 from invariantqp.control.own_form import own_form
+from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -175,12 +175,8 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
-        s = sighting.error * self._gains
-        if feedforward is not None:
-            s += arrays.vector(feedforward, 6, "feedforward")
-        if not s.dot(s) < inf:  # a target made elsewhere has not been looked at
-            raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
-        return self._tick(_State(positions, sighting, target), s, velocity, self.gain, feedforward)
+        s = tracking_twist(sighting, self._gains, feedforward)
+        return self._tick(_Observed(positions, sighting, target), s, velocity, self.gain, feedforward)
 
     def follow(
         self,
@@ -226,11 +222,11 @@ class Controller:
         positions = arrays.vector(q, len(self._middle), "q")
         return self._tick(self._here(positions, sighting), np.zeros(6), velocity, 0.0, None, stand=reason)
 
-    def _here(self, positions: Array, sighting: Sighting | None) -> _State:
+    def _here(self, positions: Array, sighting: Sighting | None) -> _Observed:
         """A state whose target is where the tool is; the robot looks where it has not."""
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
-        return _State(positions, sighting, sighting.pose)
+        return _Observed(positions, sighting, sighting.pose)
 
     def _last(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last."""
@@ -244,7 +240,7 @@ class Controller:
 
     def _tick(
         self,
-        state: _State,
+        state: _Observed,
         s: Array,
         velocity: ArrayLike | None,
         gain: float,
@@ -285,13 +281,13 @@ class Controller:
         reason = "; ".join([*said, solution.reason] if solution.reason else said)
         return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
 
-    def _rows(self, state: _State, gain: float, ahead: ArrayLike | None) -> tuple[ExactRows | None, Array | None]:
+    def _rows(self, state: _Observed, gain: float, ahead: ArrayLike | None) -> tuple[ExactRows | None, Array | None]:
         """The exact demands of this tick, and the point that they fix."""
         twist = np.zeros(6) if ahead is None else np.asarray(ahead, dtype=np.float64)
         return rows_of(self.exact, View(self.robot, state.sighting, state.target, gain, twist))
 
 
-class _State(NamedTuple):
+class _Observed(NamedTuple):
     """Where the arm is and should be, in one tick: checked joint positions, what the robot saw, its target."""
 
     positions: Array

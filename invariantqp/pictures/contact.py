@@ -83,8 +83,8 @@ def _errors(axes: Axes, trace: Trace) -> None:
 
 
 def _settling(axes: Axes, trace: Trace, said: str) -> None:
-    if trace.settled:
-        until = float(trace.time[trace.settled])
+    if trace.counted_from:
+        until = float(trace.time[trace.counted_from])
         axes.axvspan(0.0, until, color="#999999", alpha=0.18, linewidth=0)
         inside = axes.get_xaxis_transform()
         axes.text(0.5 * until, 0.03, said, transform=inside, ha="center", fontsize=8, color="#555555")
@@ -92,7 +92,7 @@ def _settling(axes: Axes, trace: Trace, said: str) -> None:
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     across = _axes_of(contact.normal)
-    first = trace.settled
+    first = trace.counted_from
     asked = 1e3 * (contact.asked[first:] - contact.asked[0]).dot(across.T)
     drawn = 1e3 * (contact.drawn[first:] - contact.asked[0]).dot(across.T)
     axes.plot(*asked.T, color="#999999", linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")

@@ -100,7 +100,7 @@ def _distance(axes: Axes, joint: int, swept: Survey, seen: Survey) -> None:
 
 def _absent(row: Array, inspection: Inspection) -> None:
     """Say why there is nothing to see where there is nothing to see."""
-    if inspection.recommended.form == "carried":
+    if inspection.recommended.form == "tool":
         said = "no pitch works"
         row[0].set_yticks([])
     elif inspection.survey.attainable_rank == 6:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,8 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.ik import PoseSearch, PoseSolution
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
-
-Progress = Callable[[int, int], None]
 
 # Targets handed to a worker process at a time.
 CHUNK = 50

@@ -161,7 +161,7 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
     return replace(
         drawn,
         about=f"{trace.task.about} {went}",
-        bound=[any(trace.bound[a:b]) for a, b in _ticks(ends)],
+        bound=[any(trace.limit_active[a:b]) for a, b in _ticks(ends)],
         status=status,
         charts=(_error_chart(farthest(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],

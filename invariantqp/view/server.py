@@ -13,7 +13,7 @@ import numpy as np
 
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.plants.touch import Truth
+from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
@@ -83,16 +83,16 @@ class Viewer:
             with redirect_stdout(io.StringIO()):
                 self._server.stop()
 
-    def watch(self, tick: int, truth: Truth, solution: VelocitySolution) -> None:
+    def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:
         """An observer for `run_task`; draws as often as an eye can follow, no oftener."""
-        self._seen.append((truth.q, solution.velocity, truth.wrench[3:], truth.pose[:3, 3]))
+        self._seen.append((state.q, solution.velocity, state.wrench[3:], state.pose[:3, 3]))
         now = monotonic()
         if now < self._next_picture or not tick:
             return
         self._next_picture = now + 1.0 / PICTURES
         with self._server.atomic():
-            self._stage.arm(posture(self._robot, truth.q))
-            self._stage.push(truth.pose, -truth.wrench[3:])
+            self._stage.arm(posture(self._robot, state.q))
+            self._stage.push(state.pose, -state.wrench[3:])
             drawn = np.array([point for *_, point in self._seen[:: 1 + tick // COARSE]])
             self._stage.goal(self._film.wanted[self._film.frame(self._dt * tick)], drawn)
             self._told.content = paragraph(f"running: {tick * self._dt:.2f} s, {solution.status}")

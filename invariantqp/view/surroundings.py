@@ -10,8 +10,8 @@ from invariantqp.geometry import screws
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.plants.touch import Grip
-from invariantqp.runs.scene import scene_of
+from invariantqp.runs.make_scene import scene_of
+from invariantqp.runs.plants.springs import HingeSprings
 from invariantqp.runs.taskfile import Task
 
 # Faces along each side: small ones, so that a viewer that sorts them by depth gets it right.
@@ -36,16 +36,17 @@ class Surroundings(NamedTuple):
 
 def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
     """What a task's tool touches, as it is, about the points (n, 3) of its path."""
-    if task.contact is None or task.force is None:
-        return Surroundings(np.empty((0, 4, 3)))
     T = robot.pose(task.start())
+    scene = scene_of(task, T)
+    if scene is None:
+        return Surroundings(np.empty((0, 4, 3)))
     margin = MARGIN * float(np.linalg.norm(T[:3, 3]))
-    touch = scene_of(task.contact, task.force, T).touch
-    if isinstance(touch, Grip):
-        along, foot = screws.axis(touch.screw)
+    springs = scene.springs
+    if isinstance(springs, HingeSprings):
+        along, foot = screws.axis(springs.screw)
         middle = foot + along * along.dot(T[:3, 3])
         return Surroundings(np.empty((0, 4, 3)), np.stack((middle - margin * along, middle + margin * along)))
-    return Surroundings(_faces(touch.surface, path, margin))
+    return Surroundings(_faces(springs.surface, path, margin))
 
 
 def _faces(surface: Surface, path: Array, margin: float) -> Array:

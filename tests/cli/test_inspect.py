@@ -24,7 +24,7 @@ def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
     assert (status, err) == (0, "")
     for said in ("so101, 5 joints to gripper_frame_link", FAR, "64 states", "recommended: the pitch form, h = 0.32"):
         assert said in out
-    assert "pitch = 0.32" in out
+    assert "In a task file: form = 0.32" in out
     found = json.loads(numbers.read_text(encoding="utf-8"))
     assert (found["rank"], found["gibson_hunt"], found["recommended"]["h"]) == (5, "h", 0.32)
     assert found["principal_pitches"] == [pytest.approx(0.0, abs=1e-12)]
@@ -34,7 +34,7 @@ def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
 def test_an_arm_without_a_pitch(monkeypatch, capsys):
     status, out, _ = call(monkeypatch, capsys, "inspect", "scara", "--samples", "30")
     assert status == 0
-    for said in ("No h works", "(1, 0, 0)", "Complement(Z)", "30 states", 'form = "carried"', "tool_metric(robot)"):
+    for said in ("No h works", "(1, 0, 0)", "Complement(Z)", "30 states", 'form = "tool"', "tool_metric(robot)"):
         assert said in out
 
 

@@ -16,7 +16,7 @@ from support.views import TASK, read
 
 import invariantqp as iq
 from invariantqp.robots.load import KNOWN
-from invariantqp.runs.scene import scene_of
+from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view.film import farthest, film_before, film_of, posture
 from invariantqp.view.page import page
@@ -120,7 +120,7 @@ def test_a_short_film_leaves_no_extreme_out(trace):
         trace,
         velocity=trace.velocity.copy(),
         position_error=trace.position_error.copy(),
-        bound=[k == 51 for k in range(100)],
+        limit_active=[k == 51 for k in range(100)],
         statuses=["guarded" if k == 73 else "ok" for k in range(100)],
     )
     spoilt.velocity[44, 2] = -9.0
@@ -152,7 +152,7 @@ def test_before_the_run_the_path_is_there(task):
 
 def test_an_observer_sees_every_tick_and_changes_none(task, trace):
     seen = []
-    again = iq.run_task(task, observer=lambda k, truth, solution: seen.append((k, truth.q, solution.velocity)))
+    again = iq.run_task(task, observer=lambda k, state, solution: seen.append((k, state.q, solution.velocity)))
     assert [k for k, _, _ in seen] == list(range(100))
     np.testing.assert_array_equal([q for _, q, _ in seen], trace.q[1:])
     np.testing.assert_array_equal([x for _, _, x in seen], trace.velocity)
@@ -180,7 +180,7 @@ def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
     robot = task.load_robot()
     trace = iq.run_task(task)
     film = film_of(trace)
-    surface = scene_of(task.contact, task.force, robot.pose(task.start())).touch.surface
+    surface = scene_of(task, robot.pose(task.start())).springs.surface
     faces = film.surroundings.faces
     assert faces.shape[1:] == (4, 3)
     np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
@@ -269,7 +269,7 @@ def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
 def test_joints_without_limits_are_drawn_without(tmp_path):
     bare = {**TASK, "robot": {"screws": [{"axis": [0, 0, 1.0]}], "start": [0.3], "tool_point": [0.5, 0, 0]}}
     bare["path"] = {"kind": "joints", "duration": 0.1, "waypoints": [[0.5]]}
-    bare["law"] = {"dt": 0.01, "form": "carried"}
+    bare["law"] = {"dt": 0.01, "form": "tool"}
     film = film_of(iq.run_task(task_from(bare, "bare")))
     assert [c.title for c in film.charts] == ["tracking error"]
     run = json.loads(read(page(film)).scripts[0])

@@ -15,7 +15,7 @@ from scipy.linalg import lapack
 from invariantqp.compare.methods import Method, Setting, Solve
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.runs.run import our_controller
+from invariantqp.runs.controllers import our_controller
 from invariantqp.systems.pseudoinverse import pseudoinverse
 from invariantqp.velocity.damping import Damping, Fixed, None_, PaperLambda, Selective
 from invariantqp.velocity.forms import CarriedMetric, PitchForm

@@ -24,12 +24,12 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import load_robot
 from invariantqp.runs.log import distance
 from invariantqp.runs.taskfile import LawSpec
 
-Progress = Callable[[int, int], None]
 # A target (4, 4) and a start (m,) to joint positions (m,), found or not.
 Solver = Callable[[Array, Array], Array]
 # A robot and a time limit [s] to its solver.

@@ -23,8 +23,10 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.controls import Controls
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.run import MakeController, Progress, our_controller, run_task
+from invariantqp.runs.controllers import MakeController, our_controller
+from invariantqp.runs.run import run_task
 from invariantqp.runs.taskfile import LawSpec, Task, load_task, shipped_tasks
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.damping import PaperLambda
@@ -103,7 +105,8 @@ class Outcome:
 
 def paper_law(robot: Robot, law: LawSpec) -> Controller:
     """[DS]'s own formula with Lambda = lambda I, clipped, with our form and posture of nothing else."""
-    return Controller(robot, dt=law.dt, gain=law.gain, form=law.pitch, damping=PaperLambda(PAPER_LAMBDA))
+    pitch = law.form if isinstance(law.form, float) else None
+    return Controller(robot, dt=law.dt, gain=law.gain, form=pitch, damping=PaperLambda(PAPER_LAMBDA))
 
 
 def laws() -> dict[str, MakeController]:

@@ -11,7 +11,7 @@ from invariantqp.compare.report import tables
 from invariantqp.compare.report.findings import findings
 from invariantqp.compare.report.page import Block, Bullets, Code, Heading, Paragraph, Picture, Table, html, markdown
 from invariantqp.compare.results import Chart, Results, kinds
-from invariantqp.runs.run import Progress
+from invariantqp.progress import Progress
 
 TITLE = "Speed against accuracy of velocity control"
 LEGEND = (
