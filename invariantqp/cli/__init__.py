@@ -9,12 +9,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from invariantqp import __version__
 from invariantqp.cli.compare import compare
 from invariantqp.cli.inspect import ManyNumbers, inspect
 from invariantqp.cli.run import ViewAlone, run
 from invariantqp.cli.status import BAD_INPUT
 from invariantqp.errors import InvariantQPError
+from invariantqp.version import __version__
 
 app: typer.Typer = typer.Typer(
     help="Task-space velocity control of robot arms whose answers do not depend on frames or length units.",

@@ -71,7 +71,7 @@ class Controller:
         posture: float | bool = True,
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
-        exact: Exact | Sequence[Exact] | Literal["position"] | None = None,
+        exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None = None,
         acceleration_limit: ArrayLike | None = None,
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
@@ -93,7 +93,7 @@ class Controller:
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
             exact: what is met exactly while the form judges the rest: "position" for the tool frame's origin, an
-                ExactPoint, ExactAxis, ExactPlane or ExactJoints, or several of them.
+                ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
                 also keeps room to brake before its position limits. None is none.
             position_margin: distance kept from position limits [rad, length].

@@ -179,8 +179,10 @@ class ExactJoints:
         return self
 
 
-def demands_of(exact: Exact | Sequence[Exact] | Literal["position"] | None) -> tuple[Exact, ...]:
-    """The demands meant: "position" is the tool frame's origin.
+def demands_of(
+    exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None,
+) -> tuple[Exact, ...]:
+    """The demands meant: "position" is the tool frame's origin, ExactRows are ExactJoints of the same A and b.
 
     Raises:
         BadInput: something that has no rows.
@@ -190,10 +192,13 @@ def demands_of(exact: Exact | Sequence[Exact] | Literal["position"] | None) -> t
     if exact == "position":
         return (ExactPoint(),)
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
-    for one in several:
+    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in several)
+    for one in demands:
         if not hasattr(one, "rows"):
-            raise BadInput("exact", repr(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
-    return several
+            raise BadInput(
+                "exact", repr(one), '"position", an ExactPoint, ExactAxis, ExactRows, ... or several of them'
+            )
+    return demands
 
 
 def rows_of(demands: tuple[Exact, ...], view: View) -> tuple[ExactRows | None, Array | None]:

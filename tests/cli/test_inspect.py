@@ -72,7 +72,7 @@ def test_bad_input_is_one_message_and_status_2(monkeypatch, capsys, words, said)
 
 
 def test_in_a_process_of_its_own(tmp_path):
-    command = [sys.executable, "-m", "invariantqp.cli", "inspect", "panda"]
+    command = [sys.executable, "-m", "invariantqp", "inspect", "panda"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "every h gives the same joint velocities" in " ".join(done.stdout.split())

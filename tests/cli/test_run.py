@@ -207,7 +207,7 @@ def test_bad_input_is_status_two_and_one_message(run, task, tmp_path, case):
 def test_as_a_process(task):
     """The whole way once: `python -m`, exit status and streams."""
     done = subprocess.run(
-        [sys.executable, "-m", "invariantqp.cli", "run", str(task)], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "invariantqp", "run", str(task)], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "accepted" in done.stdout

@@ -105,7 +105,7 @@ def test_a_pages_name_is_a_files_name():
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C cannot be sent to a child there")
 def test_ctrl_c_leaves_cleanly(run, tmp_path):
     environment = {**os.environ, "DISPLAY": ":7", "BROWSER": "echo open %s"}
-    command = [sys.executable, "-u", "-m", "invariantqp.cli", "run", "short.toml", "--view"]
+    command = [sys.executable, "-u", "-m", "invariantqp", "run", "short.toml", "--view"]
     with subprocess.Popen(
         command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as viewing:

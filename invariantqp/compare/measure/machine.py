@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from invariantqp import __version__
+from invariantqp.version import __version__
 
 # Distributions whose releases move figures.
 LIBRARIES = (
