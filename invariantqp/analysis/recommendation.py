@@ -131,7 +131,7 @@ def _carried(blind: Array, share: float, own_length: float) -> Recommendation:
     reason = (
         f"No h works{where}: every pitch form is blind to translation along {listed}; it would neither ask for such a "
         f"motion nor correct it. Measure twists at the tool instead, |v|^2 + L^2 |omega|^2 with L = {length:.3g}, "
-        f'{named}: form = "tool" in a task file. Or name what may be given up: Complement(Z).'
+        f"{named}. Or name what may be given up: Complement(Z)."
     )
     return Recommendation("tool", None, length, reason)
 

@@ -1,15 +1,15 @@
-"""`invariantqp compare`: our law and others on the same problems, charted; or what breaks them."""
+"""`invariantqp compare`: our law and others on the same problems, in charts; or on problems that break them."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from invariantqp.cli.places import folder, writable
-from invariantqp.cli.status import NOT_ACCEPTED
+from invariantqp.cli.places import folder, writable, write
+from invariantqp.cli.status import NotAccepted
 from invariantqp.errors import BadInput
 from invariantqp.printing import print_comparison, print_stability, progress
 
@@ -17,50 +17,61 @@ from invariantqp.printing import print_comparison, print_stability, progress
 def compare(
     tasks: Annotated[
         list[str] | None,
-        typer.Argument(metavar="TASK", help="Task files or names; three shipped ones if left out."),
+        typer.Argument(metavar="TASK", help="Task files or names; three that come with the package if left out."),
     ] = None,
     methods: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help="Methods, families, parts of names, apart by commas; all if left out."),
+        typer.Option(metavar="NAMES", help="Methods, families or parts of names, separated by commas; or all."),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where report, pictures and results.json go.")] = Path(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report, pictures and results.json.")] = Path(
         "comparison"
     ),
-    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 is all cores.")] = -1,
-    quick: Annotated[bool, typer.Option("--quick", help="Few states and coarse ticks: a minute and a half.")] = False,
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1: one a core.")] = -1,
+    quick: Annotated[bool, typer.Option("--quick", help="Few states, coarse ticks: a minute and a half.")] = False,
     only: Annotated[
-        str | None, typer.Option(metavar="KINDS", help="Measurements, apart by commas: error, time, growth, ...")
+        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: error, time, growth, ...")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of states, twists and displacements.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
     against: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Another results.json: tell how alike the two rank by time.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Another results.json: how much the two agree on ranks by time."),
     ] = None,
     stability: Annotated[
-        bool, typer.Option("--stability", help="What breaks velocity control, under our law and the usual ones.")
+        bool, typer.Option("--stability", help="Run what breaks velocity control, under our law and the usual ones.")
     ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="With --stability: write every figure as JSON.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
-    """Chart speed against accuracy of our law and others, TASK by TASK; or, with --stability, what breaks them.
+    """Compare speed and accuracy of our law and others, TASK by TASK; or, with --stability, how they fail.
 
-    With --stability the exit status is 0 when ours stays finite and inside limits, 1 when not.
+    With --stability a run is accepted when our law stays finite and inside limits.
     """
     if stability:
+        others = {
+            "TASK": tasks,
+            "--methods": methods,
+            "--only": only,
+            "--against": against,
+            "--quick": quick,
+            "--seed": seed,
+        }
+        given = [name for name, value in others.items() if value]
+        if given:
+            raise BadInput(given[0], "--stability too", "one of them: --stability has its own tasks and laws")
         _compare_stability(json_file, quiet)
         return
     from invariantqp.compare.report.ranking import rank_agreement
     from invariantqp.compare.report.report import write_report
-    from invariantqp.compare.results import load_results
     from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 
     if json_file is not None:
-        raise BadInput("--json", "no --stability beside it", "--out DIR, which has results.json")
+        raise BadInput("--json", "no --stability", "--stability with it, or --out DIR, where results.json is written")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
-    other = None if against is None else load_results(against)
-    folder(out)
+    other = _earlier(against)
+    folder("--out", out)
     with progress("measuring", quiet) as report:
         results = sweep(
             tasks or DEFAULT_TASKS,
@@ -78,16 +89,33 @@ def compare(
         print_comparison(results, files, None if other is None else rank_agreement(results, other))
 
 
+def _earlier(against: Path | None) -> dict[str, Any] | None:
+    """The results to compare with, if any."""
+    if against is None:
+        return None
+    from invariantqp.compare.results import load_results
+
+    if not against.is_file():
+        raise BadInput("--against", f"{against}, which is not a file", "a results.json of invariantqp compare")
+    return load_results(against)
+
+
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:
+    """Run what breaks velocity control.
+
+    Raises:
+        NotAccepted: our law was not finite, or left its limits.
+    """
     from invariantqp.compare.laws.invariant import OURS
     from invariantqp.compare.measure.stability import compare_stability
 
-    writable(json_file)
+    writable("--json", json_file)
     with progress("comparing", quiet) as report:
         outcomes = compare_stability(report)
+    if json_file is not None:
+        write(json_file, json.dumps([run.as_json() for run in outcomes], indent=1) + "\n")
     if not quiet:
         print_stability(outcomes)
-    if json_file is not None:
-        json_file.write_text(json.dumps([run.as_json() for run in outcomes], indent=1) + "\n", encoding="utf-8")
-    if not all(run.finite and run.inside for run in outcomes if run.law == OURS):
-        raise typer.Exit(NOT_ACCEPTED)
+    failed = [run.case for run in outcomes if run.law == OURS and not (run.finite and run.inside)]
+    if failed:
+        raise NotAccepted([f"{case}: an answer of ours was not finite, or outside limits" for case in failed])

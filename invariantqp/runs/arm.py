@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
-from invariantqp.errors import UnknownName
+from invariantqp.errors import BadInput, UnknownName
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import KNOWN, load_robot
 from invariantqp.runs.taskfile import load_task, shipped_tasks
@@ -18,6 +18,8 @@ def arm(source: str | Path, tool: str | None = None) -> Robot:
         UnknownName: none of these; similar names are listed.
         BadInput, TaskFileError, RobotModelError, MissingExtra: as `load_task` and `load_robot`.
     """
+    if tool == "":
+        raise BadInput("tool", "an empty name", "the name of a frame")
     name, known = str(source), shipped_tasks()
     if name in known or Path(source).suffix.lower() == ".toml":
         return load_task(source).load_robot(tool)

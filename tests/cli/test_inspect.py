@@ -54,11 +54,11 @@ REFUSED = [
     (["planar_3r", "--q", "0.1", "0.2"], "q: found shape (2,)"),
     (["planar_3r", "--q", "0.1", "nan", "0.2"], "q: found NaN"),
     (["planar_3r", "--q", "a"], "--q: found 'a'; expected numbers"),
-    (["planar_3r", "--q", "0,1,0", "--samples", "9"], "--q: found --samples beside it"),
+    (["planar_3r", "--q", "0,1,0", "--samples", "9"], "--q: found --samples too"),
     (["planar_3r", "--samples", "0"], "--samples"),
-    (["planar_3r", "--json", "/nowhere/at/all.json"], "a folder that does not exist"),
-    (["planar_3r", "--plot", "/nowhere/at/all.png"], "a folder that does not exist"),
-    (["planar_3r", "--plot", "picture.xyz"], "the ending '.xyz'; expected one of .png, .svg, .pdf"),
+    (["planar_3r", "--json", "/nowhere/at/all.json"], "in a folder that does not exist"),
+    (["planar_3r", "--plot", "/nowhere/at/all.png"], "in a folder that does not exist"),
+    (["planar_3r", "--plot", "picture.xyz"], "with the ending '.xyz'; expected one of .png, .svg, .pdf"),
     ([], "Missing argument"),
 ]
 
