@@ -49,17 +49,16 @@ def compare(
     With --stability a run is accepted when our law stays finite and inside limits.
     """
     if stability:
-        others = {
-            "TASK": tasks,
-            "--methods": methods,
-            "--only": only,
-            "--against": against,
-            "--quick": quick,
-            "--seed": seed,
-        }
-        given = [name for name, value in others.items() if value]
-        if given:
-            raise BadInput(given[0], "--stability too", "one of them: --stability has its own tasks and laws")
+        _refuse_beside_stability(
+            {
+                "TASK": tasks,
+                "--methods": methods,
+                "--only": only,
+                "--against": against,
+                "--quick": quick,
+                "--seed": seed,
+            }
+        )
         _compare_stability(json_file, quiet)
         return
     from invariantqp.compare.report.ranking import rank_agreement
@@ -80,13 +79,25 @@ def compare(
             seed=seed,
             quick=quick,
             jobs=jobs,
-            only=None if only is None else [word.strip() for word in only.split(",")],
+            only=_words(only),
             progress=report,
         )
     with progress("drawing", quiet) as report:
         files = write_report(results, out, report)
     if not quiet:
         print_comparison(results, files, None if other is None else rank_agreement(results, other))
+
+
+def _refuse_beside_stability(options: dict[str, Any]) -> None:
+    """Refuse options that --stability would ignore."""
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise BadInput(given[0], "--stability too", "one of them: --stability has its own tasks and laws")
+
+
+def _words(text: str | None) -> list[str] | None:
+    """What is separated by commas."""
+    return None if text is None else [word.strip() for word in text.split(",")]
 
 
 def _earlier(against: Path | None) -> dict[str, Any] | None:

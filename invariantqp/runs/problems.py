@@ -49,17 +49,24 @@ def _place(location: tuple[int | str, ...], root: type[BaseModel], unknown: bool
     path, key = "$", ""
     tables: Models = []
     below: Models = [root]
-    for i, part in enumerate(location):
+    for part in location:
         if isinstance(part, int):
             path += f"[{part}]"
-            continue
-        fields = [table.model_fields[part] for table in below if part in table.model_fields]
-        if fields or (unknown and i == len(location) - 1):
-            path, key, tables = f"{path}.{part}", part, below
-            below = [inner for field in fields for inner in _models_in(field.annotation)]
+        elif _is_key(part, below) or (unknown and part == location[-1]):
+            path, key, tables, below = f"{path}.{part}", part, below, _tables_at(part, below)
         else:
             below = [table for table in below if _is_kind(table, part)] or below
     return _Place(path, key, tables)
+
+
+def _is_key(name: str, tables: Models) -> bool:
+    return any(name in table.model_fields for table in tables)
+
+
+def _tables_at(key: str, tables: Models) -> Models:
+    """The tables that may be the value of a key."""
+    fields = [table.model_fields[key] for table in tables if key in table.model_fields]
+    return [table for field in fields for table in _models_in(field.annotation)]
 
 
 def _renamed(place: _Place) -> str:

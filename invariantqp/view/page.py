@@ -1,6 +1,6 @@
-"""A run as one HTML file: no network, no server, no library; a browser with a canvas is enough.
+"""A run as one HTML file, for any browser: it needs no network, no server and no library.
 
-The numbers travel as base64 of float32, in lengths of the robot, so a run of any length is some hundred kilobytes.
+Arrays are written as base64 of float32, so a run of any length takes a few hundred kilobytes.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,10 @@ import numpy as np
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.trace import Trace
-from invariantqp.view.film import Chart, Film, colours, film_of
+from invariantqp.view.film import CurveChart, Film, colours, film_of
 
 SCRIPTS = ("painter.js", "charts.js", "player.js")
-# Curves whose names stand above a chart; of more, the joints' bars tell which is which.
+# A chart of more curves than this has no key: the colours are those of the joints' bars.
 KEYED = 3
 
 
@@ -33,18 +34,16 @@ def page(film: Film) -> str:
         "RUN": json.dumps(_run(film), allow_nan=False).replace("<", "\\u003c"),
         "SCRIPTS": "\n".join(_part(name) for name in SCRIPTS),
     }
-    text = _part("page.html")
-    for name, value in parts.items():
-        text = text.replace(f"@{name}@", value)
-    return text
+    # All at once: what a task is called may look like a name to be replaced.
+    return re.sub("@({})@".format("|".join(parts)), lambda found: parts[found[1]], _part("page.html"))
 
 
 def animation(trace: Trace, file: Path | str) -> Path:
-    """Write a run as a page to play, pause and scrub in any browser.
+    """Write a run as a page that plays in any browser.
 
     Raises:
         BadInput: the file cannot be written.
-        RobotModelError, UnknownName, MissingExtra: the robot cannot be had any more.
+        RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.
     """
     text = page(film_of(trace))
     try:
@@ -59,7 +58,7 @@ def _part(name: str) -> str:
 
 
 def _run(film: Film) -> dict[str, Any]:
-    """What the page draws."""
+    """What the page draws, as JSON has it."""
     named = {
         "time": film.time,
         "points": film.points,
@@ -81,17 +80,17 @@ def _run(film: Film) -> dict[str, Any]:
         "centre": film.centre.tolist(),
         "size": film.size,
         "status": film.status,
-        "bound": film.bound,
+        "limit_active": film.limit_active,
         "axis": None if film.surroundings.axis is None else film.surroundings.axis.tolist(),
         "strongest": film.strongest,
         "charts": [_chart(c) for c in film.charts],
-        "arrays": {name: _packed(a) for name, a in named.items()},
+        "arrays": {name: _pack(a) for name, a in named.items()},
     }
 
 
-def _chart(chart: Chart) -> dict[str, Any]:
-    return {**chart._asdict(), "values": _packed(chart.values), "keyed": len(chart.names) <= KEYED}
+def _chart(chart: CurveChart) -> dict[str, Any]:
+    return {**chart._asdict(), "values": _pack(chart.values), "keyed": len(chart.names) <= KEYED}
 
 
-def _packed(a: Array) -> dict[str, Any]:
+def _pack(a: Array) -> dict[str, Any]:
     return {"shape": a.shape, "data": base64.b64encode(np.ascontiguousarray(a, dtype="<f4").tobytes()).decode("ascii")}

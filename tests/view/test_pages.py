@@ -18,7 +18,7 @@ import invariantqp as iq
 from invariantqp.robots.load import KNOWN
 from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.film import farthest, film_before, film_of, posture
+from invariantqp.view.film import arm_shape, extremes, film_before, film_of
 from invariantqp.view.page import page
 from invariantqp.view.widgets import joint_bars, paragraph, with_cursor
 
@@ -52,7 +52,7 @@ def test_joints_are_where_pinocchio_places_them(name):
     data = robot.model.createData()
     for q in states(robot):
         pin.computeJointJacobians(robot.model, data, q)
-        seen = posture(robot, q)
+        seen = arm_shape(robot, q)
         np.testing.assert_array_equal(seen.points[1:-1], [M.translation for M in data.oMi[1:]])
         np.testing.assert_array_equal(seen.points[-1], robot.pose(q)[:3, 3])
         for i, axis in enumerate(seen.axes):
@@ -131,14 +131,14 @@ def test_a_short_film_leaves_no_extreme_out(trace):
     assert film.speed[5, 2] == -9.0
     assert film.charts[0].values[0].argmax() == 7
     assert film.charts[0].values[0].max() == 500.0
-    assert film.bound == [i == 6 for i in range(11)]
+    assert film.limit_active == [i == 6 for i in range(11)]
     assert film.status == ["guarded" if i == 8 else "ok" for i in range(11)]
 
 
 def test_the_farthest_of_each_frames_ticks():
     values = np.random.default_rng(1).normal(size=(40, 3))
     ends = np.array([0, 1, 7, 40])
-    found = farthest(values, ends)
+    found = extremes(values, ends)
     for row, block in zip(found, (values[:1], values[:1], values[1:7], values[7:]), strict=True):
         assert row.tolist() == [max(column, key=abs) for column in block.T]
 
@@ -250,7 +250,7 @@ def test_a_page_has_all_of_the_film(film):
     assert [c["title"] for c in run["charts"]] == [c.title for c in film.charts]
     for packed, chart in zip(run["charts"], film.charts, strict=True):
         np.testing.assert_array_equal(unpacked(packed["values"]), chart.values.astype("f4"))
-    assert (tuple(run["joints"]), run["status"], run["bound"]) == (film.joints, film.status, film.bound)
+    assert (tuple(run["joints"]), run["status"], run["limit_active"]) == (film.joints, film.status, film.limit_active)
 
 
 def test_the_longest_film_is_a_small_file(tmp_path):
@@ -264,6 +264,14 @@ def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
     tags = read(page(replace(film, title=evil, about=evil, joints=(evil, *film.joints[1:])))).tags
     assert not [t for t, _ in tags if t == "img"]
     assert len([t for t, _ in tags if t == "script"]) == 2
+
+
+@pytest.mark.parametrize("name", ["@SCRIPTS@", "@RUN@ @TITLE@", "@ABOUT@", r"\1 \g"])
+def test_a_task_called_as_a_part_of_the_page_is_not_replaced_by_it(film, name):
+    text = page(replace(film, title=name, about="@RUN@"))
+    assert f"<title>{name}</title>" in text
+    assert "<span>@RUN@</span>" in text
+    assert len(text) < len(page(film)) + 100
 
 
 def test_joints_without_limits_are_drawn_without(tmp_path):
@@ -300,7 +308,8 @@ def test_words_and_names_are_not_markup(film):
     assert paragraph("a < b & {c}").count("<") == 2
     bars = joint_bars(replace(film, joints=("<img>", *film.joints[1:])), 50)
     assert [tag for tag, _ in read(bars).tags if tag == "img"] == []
-    assert f"{np.degrees(film.q[50, 6]):.1f}°" in bars
+    assert f"{np.degrees(film.q[50, 6]):.1f}°<" in bars
+    assert f"{np.degrees(film.speed[50, 6]):.1f}°/s<" in bars
 
 
 def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
