@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from errno import EPIPE
-from os import strerror
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from invariantqp.progress import Progress as Report
+from invariantqp.progress import Progress
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,30 +30,26 @@ WIDEST = 180
 STEPS = 200
 
 
-class Output(Console):
-    """Standard output or standard error. A reader that is gone is an OSError here as anywhere else."""
-
-    def on_broken_pipe(self) -> None:
-        """Raise what has happened; Rich would leave the program with status 1."""
-        raise BrokenPipeError(EPIPE, strerror(EPIPE))
-
-
 def say(sentence: str, *, style: str | None = None) -> None:
     """Print on standard error what is not a result."""
-    Output(stderr=True, highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
+    Console(stderr=True, highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
 
 
 @contextmanager
-def progress(what: str, quiet: bool) -> Iterator[Report | None]:
-    """A progress bar on standard error; nothing at all when quiet, or when standard error is no terminal."""
-    console = Output(stderr=True)
+def progress(what: str, quiet: bool) -> Iterator[Progress | None]:
+    """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
+    console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich import progress as bars
 
-    with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), console=console
+    with bars.Progress(
+        bars.TextColumn(what),
+        bars.BarColumn(),
+        bars.TextColumn("{task.percentage:3.0f} %"),
+        bars.TimeRemainingColumn(),
+        console=console,
     ) as bar:
         job = bar.add_task(what, total=None)
 
@@ -69,7 +63,7 @@ def progress(what: str, quiet: bool) -> Iterator[Report | None]:
 def print_run(trace: Trace) -> None:
     """A run's figures, and whether it is accepted."""
     figures = trace.summary()
-    console = Output(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True)
     console.print(f"[bold]{escape(figures['task'])}[/bold]  {escape(trace.task.about)}")
     table = Table("", "median", "p99", "max", box=None)
     for label, key, form in (
@@ -106,7 +100,7 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
 
 def print_inspection(found: Inspection) -> None:
     """An arm in words: the state asked for, its joint range, and the form to give it."""
-    console = Output(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else PLAIN_WIDTH
     advice = found.recommended
     use = f"the pitch form, h = {advice.h:g}" if advice.h is not None else "the metric carried by the tool"
@@ -125,7 +119,7 @@ def print_inspection(found: Inspection) -> None:
 
 
 def print_frame_check(task: Task, seed: int) -> None:
-    """What a displaced tool frame changes, one row a law."""
+    """How much another tool frame changes a run under each law."""
     from invariantqp.compare.measure.frames import frame_check
 
     with progress("displacing the tool frame", quiet=False) as report:
@@ -133,13 +127,13 @@ def print_frame_check(task: Task, seed: int) -> None:
     table = Table("law", "change of joint positions, rad", "largest error, mm", box=None)
     for check in checks:
         table.add_row(check.law, f"{check.change:.1e}", f"{check.worst_error_mm:.2g}")
-    console = Output(highlight=False)
+    console = Console(highlight=False)
     console.print("\nThe same motion of the tool, asked of a tool frame displaced at random:")
     console.print(table)
 
 
 def print_contact_frame_check(task: Task, seed: int, physics: str) -> None:
-    """What displaced frames of tool, sensor and contact change, under our law and the textbook's."""
+    """How much other frames of tool, sensor and contact change a run under each controller."""
     from invariantqp.compare.measure.contact_frames import contact_frame_check
 
     with progress("displacing frames", quiet=False) as report:
@@ -151,13 +145,13 @@ def print_contact_frame_check(task: Task, seed: int, physics: str) -> None:
         errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
         forces = (_percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
         table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
-    console = Output(highlight=False)
+    console = Console(highlight=False)
     console.print("\nThe same task, with the frames of tool, sensor and contact displaced at random:")
     console.print(table)
 
 
 def print_stability(outcomes: list[Outcome]) -> None:
-    """The stability cases, one row a law, failures in red."""
+    """A table of how each law did in each difficult case, with failures in red."""
     columns = (
         "case",
         "law",
@@ -186,17 +180,17 @@ def print_stability(outcomes: list[Outcome]) -> None:
             f"{run.exceptions}" if run.exceptions else "",
         )
         before = run.case
-    console = Output(highlight=False, width=None if Console().is_terminal else WIDE)
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
     console.print(table)
     console.print(
-        "finite: no, with the number of ticks whose answer was not; inside limits: the largest excess over one; error: "
-        "at the end; tail: largest joint speed in the last tenth of the run; chatter: total variation of the velocity, "
-        "over that of the least-squares QP; raised: ticks in which the law raised an exception."
+        "finite: ticks whose answer was not; inside limits: largest excess; error at the end; tail: largest joint "
+        "speed in the last tenth; chatter: total variation of the velocity over the least-squares QP's; raised: ticks "
+        "in which the law raised."
     )
 
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
-    """A comparison's summary, what follows from it in sentences, and where the rest is written."""
+    """The summary of a comparison, its findings, and the files that were written."""
     from invariantqp.compare.report.findings import findings
     from invariantqp.compare.report.tables import summary
 
@@ -204,15 +198,15 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
     table = Table(*found.columns, box=None)
     for row in found.rows:
         table.add_row(*(escape(cell) for cell in row))
-    console = Output(highlight=False, width=None if Console().is_terminal else WIDEST)
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
     for sentence in findings(results):
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:
-        console.print(f"{failed} of {len(results['cells'])} measurements could not be made; the report says why.")
+        console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
     for place, rho in (agreement or {}).items():
-        console.print(f"agreement of the ranks by time, {place}: Spearman {rho:.3f}", markup=False)
+        console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
     console.print(f"written: {', '.join(str(file) for file in files[:2])}, {len(files) - 2} pictures", markup=False)
 
 

@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Annotated, TextIO
 
 import typer
+from rich.console import Console
 from rich.table import Table
 
 from invariantqp.cli.compare import compare
@@ -27,7 +28,7 @@ from invariantqp.cli.status import (
     NotWritten,
 )
 from invariantqp.errors import InvariantQPError
-from invariantqp.printing import Output, say
+from invariantqp.printing import say
 from invariantqp.version import __version__
 
 app: typer.Typer = typer.Typer(
@@ -66,7 +67,7 @@ def main() -> None:
     try:
         for sentence in sentences:
             say(sentence, style="red")
-    except OSError:  # standard error is gone or full too
+    except (OSError, SystemExit):  # standard error is gone or full too
         _forget(sys.stderr)
     sys.exit(status)
 
@@ -108,7 +109,7 @@ def _forget(stream: TextIO) -> None:
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """A warning as a note, without the line of code that it comes from."""
-    with suppress(OSError):
+    with suppress(OSError, SystemExit):
         say(f"note: {message}", style="yellow")
 
 
@@ -135,7 +136,7 @@ def tasks() -> None:
     table = Table("task", "what it is", box=None)
     for name in shipped_tasks():
         table.add_row(name, load_task(name).about)
-    Output().print(table)
+    Console().print(table)
 
 
 app.command(cls=ViewAlone, epilog=HELP)(run)

@@ -1,4 +1,4 @@
-"""`invariantqp compare`: our law and others on the same problems, in charts; or on problems that break them."""
+"""`invariantqp compare`: our law and others on the same problems, charted; or what breaks them."""
 
 from __future__ import annotations
 
@@ -17,36 +17,35 @@ from invariantqp.printing import print_comparison, print_stability, progress
 def compare(
     tasks: Annotated[
         list[str] | None,
-        typer.Argument(metavar="TASK", help="Task files or names; three that come with the package if left out."),
+        typer.Argument(metavar="TASK", help="Task files or names; three shipped ones if left out."),
     ] = None,
     methods: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help="Methods, families or parts of names, separated by commas; or all."),
+        typer.Option(metavar="NAMES", help="Methods, families, parts of names, apart by commas; all if left out."),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report, pictures and results.json.")] = Path(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where report, pictures and results.json go.")] = Path(
         "comparison"
     ),
-    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1: one a core.")] = -1,
-    quick: Annotated[bool, typer.Option("--quick", help="Few states, coarse ticks: a minute and a half.")] = False,
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 is all cores.")] = -1,
+    quick: Annotated[bool, typer.Option("--quick", help="Few states and coarse ticks: a minute and a half.")] = False,
     only: Annotated[
-        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: error, time, growth, ...")
+        str | None, typer.Option(metavar="KINDS", help="Measurements, apart by commas: error, time, growth, ...")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Of states, twists and displacements.", min=0)] = 0,
     against: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Another results.json: how much the two agree on ranks by time."),
+        Path | None, typer.Option(metavar="FILE", help="Another results.json: tell how alike the two rank by time.")
     ] = None,
     stability: Annotated[
-        bool, typer.Option("--stability", help="Run what breaks velocity control, under our law and the usual ones.")
+        bool, typer.Option("--stability", help="What breaks velocity control, under our law and the usual ones.")
     ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="With --stability: write every figure as JSON.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
-    """Compare speed and accuracy of our law and others, TASK by TASK; or, with --stability, how they fail.
+    """Chart speed against accuracy of our law and others, TASK by TASK; or, with --stability, what breaks them.
 
-    With --stability a run is accepted when our law stays finite and inside limits.
+    With --stability the exit status is 0 when ours stays finite and inside limits, 1 when not.
     """
     if stability:
         _refuse_beside_stability(
@@ -66,7 +65,7 @@ def compare(
     from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 
     if json_file is not None:
-        raise BadInput("--json", "no --stability", "--stability with it, or --out DIR, where results.json is written")
+        raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
     other = _earlier(against)

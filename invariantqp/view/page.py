@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import html
 import json
-import re
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -34,8 +33,10 @@ def page(film: Film) -> str:
         "RUN": json.dumps(_run(film), allow_nan=False).replace("<", "\\u003c"),
         "SCRIPTS": "\n".join(_part(name) for name in SCRIPTS),
     }
-    # All at once: what a task is called may look like a name to be replaced.
-    return re.sub("@({})@".format("|".join(parts)), lambda found: parts[found[1]], _part("page.html"))
+    text = _part("page.html")
+    for name, value in parts.items():
+        text = text.replace(f"@{name}@", value)
+    return text
 
 
 def animation(trace: Trace, file: Path | str) -> Path:

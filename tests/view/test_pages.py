@@ -266,14 +266,6 @@ def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
     assert len([t for t, _ in tags if t == "script"]) == 2
 
 
-@pytest.mark.parametrize("name", ["@SCRIPTS@", "@RUN@ @TITLE@", "@ABOUT@", r"\1 \g"])
-def test_a_task_called_as_a_part_of_the_page_is_not_replaced_by_it(film, name):
-    text = page(replace(film, title=name, about="@RUN@"))
-    assert f"<title>{name}</title>" in text
-    assert "<span>@RUN@</span>" in text
-    assert len(text) < len(page(film)) + 100
-
-
 def test_joints_without_limits_are_drawn_without(tmp_path):
     bare = {**TASK, "robot": {"screws": [{"axis": [0, 0, 1.0]}], "start": [0.3], "tool_point": [0.5, 0, 0]}}
     bare["path"] = {"kind": "joints", "duration": 0.1, "waypoints": [[0.5]]}
