@@ -62,13 +62,14 @@ def compare(
         return
     from invariantqp.compare.report.ranking import rank_agreement
     from invariantqp.compare.report.report import write_report
+    from invariantqp.compare.results import load_results
     from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 
     if json_file is not None:
         raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
-    other = _earlier(against)
+    other = None if against is None else load_results(against)
     folder("--out", out)
     with progress("measuring", quiet) as report:
         results = sweep(
@@ -97,17 +98,6 @@ def _refuse_beside_stability(options: dict[str, Any]) -> None:
 def _words(text: str | None) -> list[str] | None:
     """What is separated by commas."""
     return None if text is None else [word.strip() for word in text.split(",")]
-
-
-def _earlier(against: Path | None) -> dict[str, Any] | None:
-    """The results to compare with, if any."""
-    if against is None:
-        return None
-    from invariantqp.compare.results import load_results
-
-    if not against.is_file():
-        raise BadInput("--against", f"{against}, which is not a file", "a results.json of invariantqp compare")
-    return load_results(against)
 
 
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:

@@ -26,7 +26,7 @@ class Chart {
     this.canvas.addEventListener("pointermove", e => { if (e.buttons) at(e); });
   }
 
-  // The vertical axis: [low, high, ticks], in powers of ten where it is logarithmic.
+  // The vertical axis: [low, high, ticks], as exponents of ten if it is logarithmic.
   axis() {
     const { log, span, values, levels } = this.chart;
     const all = [...values.data, ...levels].filter(Number.isFinite).map(x => log ? Math.log10(x) : x);
@@ -51,7 +51,7 @@ class Chart {
     return last * Math.min(1, Math.max(0, (x - left) / (right - left)));
   }
 
-  // Everything but the cursor, on a sheet of its own.
+  // Draw everything but the cursor once, on a canvas of its own.
   layout() {
     const { canvas, sheet, chart, time, limited } = this, fine = window.devicePixelRatio || 1;
     const w = canvas.clientWidth, h = canvas.clientHeight;

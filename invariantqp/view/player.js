@@ -1,4 +1,4 @@
-// Time: play, pause, scrub; each moment draws the scene, the curves' cursors and the joints' bars.
+// Play, pause and seek; each moment draws the scene, the cursors of the curves and the bars of the joints.
 
 const $ = id => document.getElementById(id);
 const decoded = a => {
@@ -11,7 +11,7 @@ for (const chart of run.charts) chart.values = decoded(chart.values);
 const { data: time } = arrays.time, last = time[time.length - 1], frames = time.length;
 const limited = run.limit_active;
 
-// The numbers of an array in one frame, and between two frames what lies between.
+// The numbers of an array in one frame, and interpolated between two frames.
 const row = (name, i) => {
   const { shape, data } = arrays[name], n = shape.slice(1).reduce((a, b) => a * b, 1);
   return Array.from(data.subarray(i * n, (i + 1) * n));
@@ -162,6 +162,6 @@ addEventListener("resize", layout);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", layout);
 setRate();
 layout();
-// page.html#2.5 opens at that second, standing still; otherwise it plays.
+// page.html#2.5 opens at 2.5 s and does not play; without a number the page plays.
 const moment = location.hash.length > 1 ? Number(location.hash.slice(1)) : NaN;
 if (Number.isFinite(moment)) seek(moment); else play(true);

@@ -13,7 +13,7 @@ REFUSED = [
     (["arm_3r", "--only", "zzz"], "unknown measurement 'zzz'; known: error, time,"),
     (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
     (["--out", "{file}"], "--out: found {file}: File exists; expected a folder"),
-    (["--against", "nowhere.json"], "--against: found nowhere.json, which is not a file; expected a results.json"),
+    (["--against", "nowhere.json"], "expected a results.json of invariantqp compare"),
     (["--against", "{file}"], "expected a results.json of invariantqp compare"),
     (["--json", "{file}"], "--json: found no --stability beside it"),
     (["--stability", "arm_3r"], "TASK: found --stability too; expected one of them"),
