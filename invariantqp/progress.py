@@ -1,4 +1,4 @@
-"""How long work tells how far it is: a function of (steps done, steps in all)."""
+"""How a long job reports its progress: it calls progress(done, total), with total the number of steps in all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The version of the package."""
+"""The version of this package; pyproject.toml reads it here."""
 
 from __future__ import annotations
 
