@@ -2,6 +2,7 @@ import ast
 import json
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,6 @@ def loaded_by(code):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def test_importing_the_package_loads_nothing_foreign():
-    assert loaded_by("import invariantqp") == []
-
-
 def test_the_algebra_needs_numpy_alone():
     code = (
         "import numpy as np, invariantqp as iq\n"
@@ -38,25 +35,61 @@ def test_a_chain_loads_no_pinocchio():
     assert not {"pinocchio", "matplotlib", "osqp"} & set(loaded_by(code))
 
 
-def test_every_public_name_resolves():
-    assert len(iq.__all__) == len(set(iq.__all__))
-    for name in iq.__all__:
-        assert getattr(iq, name) is not None
-    assert set(dir(iq)) == set(iq.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'pseudo_inverse'"):
-        iq.pseudo_inverse  # noqa: B018
+NAMESPACES = ["invariantqp", "invariantqp.contacts", "invariantqp.se3", "invariantqp.systems", "invariantqp.tasks"]
 
 
-def test_names_for_type_checkers_are_the_names_at_run_time():
-    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("name", NAMESPACES)
+def test_every_public_name_resolves(name):
+    namespace = import_module(name)
+    assert len(namespace.__all__) == len(set(namespace.__all__))
+    for public in namespace.__all__:
+        assert getattr(namespace, public) is not None
+    assert set(dir(namespace)) == {*namespace.__all__, *namespace._NAMESPACES}
+    with pytest.raises(AttributeError, match=f"module '{name}' has no attribute 'pseudo_inverse'"):
+        namespace.pseudo_inverse  # noqa: B018
+
+
+@pytest.mark.parametrize("name", NAMESPACES)
+def test_names_for_type_checkers_are_the_names_at_run_time(name):
+    namespace = import_module(name)
+    tree = ast.parse(Path(namespace.__file__).read_text(encoding="utf-8"))
     block = next(node for node in tree.body if isinstance(node, ast.If))
-    typed = {
-        (alias.name, node.module.removeprefix("invariantqp."))
-        for node in block.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    assert typed == set(iq._MODULE_OF.items())
+    imports = [(alias, node.module) for node in block.body for alias in node.names]
+    assert all(alias.asname == alias.name for alias, _ in imports)  # what makes them public for a checker
+    typed = {(alias.name, module) for alias, module in imports if module != "invariantqp"}
+    assert typed == set(namespace._MODULE_OF.items())
+    assert {alias.name for alias, module in imports if module == "invariantqp"} == set(namespace._NAMESPACES)
+
+
+def test_a_public_name_in_a_namespace_is_the_one_at_the_top():
+    for name in NAMESPACES[1:]:
+        namespace = import_module(name)
+        for public in set(namespace.__all__) & set(iq.__all__):
+            assert getattr(namespace, public) is getattr(iq, public)
+
+
+@pytest.mark.parametrize("first", ["", "import invariantqp.systems.involution\n"])
+def test_a_name_spelled_as_its_file_is_the_name(first):
+    """`systems.involution` is the function, whether its file has been imported before, is then, or is later."""
+    code = (
+        f"{first}import invariantqp as iq\nfrom invariantqp.systems import involution\n"
+        "import invariantqp.systems.classification, invariantqp.systems.involution\n"
+        "from invariantqp.systems.involution import Involution\n"
+        "assert involution is iq.systems.involution is iq.involution, involution\n"
+        "assert callable(involution)\n"
+    )
+    assert loaded_by(code) == []
+
+
+@pytest.mark.parametrize("name", NAMESPACES)
+def test_importing_a_namespace_loads_nothing_foreign(name):
+    assert loaded_by(f"import {name}") == []
+
+
+def test_namespaces_are_attributes_of_the_package():
+    for name in NAMESPACES[1:]:
+        assert getattr(iq, name.removeprefix("invariantqp.")) is import_module(name)
+    assert issubclass(iq.pink.InvariantFrameTask, object)
 
 
 @pytest.mark.parametrize("file", sorted(PACKAGE.rglob("*.py")), ids=lambda f: str(f.relative_to(PACKAGE)))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from invariantqp.cli.places import folder, writable
-from invariantqp.cli.status import NOT_ACCEPTED
+from invariantqp.cli.places import folder, writable, write
+from invariantqp.cli.status import NotAccepted
 from invariantqp.errors import BadInput
 from invariantqp.printing import print_comparison, print_not_installed, print_stability, progress
 
@@ -52,6 +52,16 @@ def compare(
     and inside the limits, 1 if not.
     """
     if stability:
+        _refuse_beside_stability(
+            {
+                "TASK": tasks,
+                "--methods": methods,
+                "--only": only,
+                "--against": against,
+                "--quick": quick,
+                "--seed": seed,
+            }
+        )
         _compare_stability(json_file, quiet)
         return
     from invariantqp.compare.report.ranking import rank_agreement
@@ -68,7 +78,7 @@ def compare(
     missing = not_installed(methods, kinds)
     if not quiet:
         print_not_installed(missing)
-    folder(out)
+    folder("--out", out)
     with progress("measuring", quiet) as report:
         results = sweep(
             tasks or DEFAULT_TASKS,
@@ -86,16 +96,29 @@ def compare(
         print_comparison(results, files, None if other is None else rank_agreement(results, other))
 
 
+def _refuse_beside_stability(options: dict[str, Any]) -> None:
+    """Refuse options that --stability would ignore."""
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise BadInput(given[0], "--stability too", "one of them: --stability has its own tasks and laws")
+
+
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:
+    """Run what breaks velocity control.
+
+    Raises:
+        NotAccepted: our law was not finite, or left its limits.
+    """
     from invariantqp.compare.measure.stability import compare_stability
     from invariantqp.compare.names import OURS
 
-    writable(json_file)
+    writable("--json", json_file)
     with progress("comparing", quiet) as report:
         outcomes = compare_stability(report)
+    if json_file is not None:
+        write(json_file, json.dumps([run.as_json() for run in outcomes], indent=1) + "\n")
     if not quiet:
         print_stability(outcomes)
-    if json_file is not None:
-        json_file.write_text(json.dumps([run.as_json() for run in outcomes], indent=1) + "\n", encoding="utf-8")
-    if not all(run.finite and run.inside for run in outcomes if run.law == OURS):
-        raise typer.Exit(NOT_ACCEPTED)
+    failed = [run.case for run in outcomes if run.law == OURS and not (run.finite and run.inside)]
+    if failed:
+        raise NotAccepted([f"{case}: an answer of ours was not finite, or outside limits" for case in failed])

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.run import MakeController
+from invariantqp.runs.controllers import MakeController
 
 # (J (6, m), s (6,), lower (m,), upper (m,)) to a joint velocity (m,); J and s are in the frame that the method names.
 Solve = Callable[[Array, Array, Array, Array], Array]

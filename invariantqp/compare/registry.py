@@ -9,7 +9,7 @@ from invariantqp.compare.laws import damped, invariant, moore_penrose, qp_backen
 from invariantqp.compare.laws.baselines import controller_of
 from invariantqp.compare.method import FAMILIES, Method
 from invariantqp.errors import BadInput, UnknownName
-from invariantqp.runs.run import MakeController
+from invariantqp.runs.controllers import MakeController
 
 # A known name at least this similar to an unknown one (ratio of difflib) is suggested.
 SIMILAR = 0.5

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
-from math import inf
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from invariantqp.control.demands import Exact, View, demands_of, require_rows, r
 from invariantqp.control.joint_rows import Rows, joint_rows
 from invariantqp.control.own_form import choose_form
 from invariantqp.control.posture import joint_gains, posture_gain
+from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -74,7 +74,7 @@ class Controller:
         posture: float | bool = True,
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
-        exact: Exact | Sequence[Exact] | Literal["position"] | None = None,
+        exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None = None,
         acceleration_limit: ArrayLike | None = None,
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
@@ -96,7 +96,7 @@ class Controller:
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
             exact: what is met exactly, while the form measures the rest: "position" for the tool frame's origin, an
-                ExactPoint, ExactAxis, ExactPlane or ExactJoints, or several of them.
+                ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
                 also keeps room to brake before its position limits. None is no limit.
             position_margin: distance kept from position limits [rad, length].
@@ -176,12 +176,8 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
-        s = sighting.error * self._gains
-        if feedforward is not None:
-            s += arrays.vector(feedforward, 6, "feedforward")
-        if not s.dot(s) < inf:  # NaN is not below infinity either
-            raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
-        return self._tick(_State(positions, sighting, target), s, velocity, self.gain, feedforward)
+        s = tracking_twist(sighting, self._gains, feedforward)
+        return self._tick(_Observed(positions, sighting, target), s, velocity, self.gain, feedforward)
 
     def follow(
         self,
@@ -231,13 +227,13 @@ class Controller:
             raise BadInput("reason", excerpt(reason), "a text")
         return self._tick(self._here(positions, sighting), np.zeros(6), velocity, 0.0, None, stand=reason)
 
-    def _here(self, positions: Array, sighting: Sighting | None) -> _State:
+    def _here(self, positions: Array, sighting: Sighting | None) -> _Observed:
         """The state of an arm whose target is where its tool is now."""
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
         elif not isinstance(sighting, Sighting):
             raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
-        return _State(positions, sighting, sighting.pose)
+        return _Observed(positions, sighting, sighting.pose)
 
     def _bounds(self, positions: Array, before: Array) -> tuple[Array, Array, tuple[tuple[int, str], ...]]:
         """The box of this tick, and the joints whose limits contradict each other."""
@@ -247,7 +243,7 @@ class Controller:
 
     def _tick(
         self,
-        state: _State,
+        state: _Observed,
         s: Array,
         velocity: ArrayLike | None,
         gain: float,
@@ -286,13 +282,13 @@ class Controller:
         reason = "; ".join([*joints, solution.reason] if solution.reason else joints)
         return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
 
-    def _rows(self, state: _State, gain: float, ahead: ArrayLike | None) -> tuple[ExactRows | None, Array | None]:
+    def _rows(self, state: _Observed, gain: float, ahead: ArrayLike | None) -> tuple[ExactRows | None, Array | None]:
         """The exact demands of this tick, and the point that they fix."""
         twist = np.zeros(6) if ahead is None else np.asarray(ahead, dtype=np.float64)
         return rows_of(self.exact, View(self.robot, state.sighting, state.target, gain, twist))
 
 
-class _State(NamedTuple):
+class _Observed(NamedTuple):
     """One tick: checked joint positions, what the robot saw at them, and its target."""
 
     positions: Array

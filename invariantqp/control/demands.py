@@ -231,8 +231,10 @@ def require_rows(rows: object, m: int) -> None:
         raise BadInput("rows", f"rows on {np.shape(rows.A)[1]} joints", f"rows on {m}, one for each joint")
 
 
-def demands_of(exact: Exact | Sequence[Exact] | Literal["position"] | None) -> tuple[Exact, ...]:
-    """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin.
+def demands_of(
+    exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None,
+) -> tuple[Exact, ...]:
+    """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin, ExactRows are ExactJoints.
 
     Raises:
         BadInput: something that has no rows.
@@ -242,10 +244,12 @@ def demands_of(exact: Exact | Sequence[Exact] | Literal["position"] | None) -> t
     if isinstance(exact, str) and exact == "position":
         return (ExactPoint(),)
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
-    for one in several:
+    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in several)
+    for one in demands:
         if isinstance(one, type) or not hasattr(one, "rows"):
-            raise BadInput("exact", excerpt(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
-    return several
+            expected = '"position", an ExactPoint, ExactAxis, ExactRows, ... or several of them'
+            raise BadInput("exact", excerpt(one), expected)
+    return demands
 
 
 def rows_of(demands: tuple[Exact, ...], view: View) -> tuple[ExactRows | None, Array | None]:

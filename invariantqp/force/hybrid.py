@@ -20,6 +20,7 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid_task import HybridTask, Split
 from invariantqp.force.watch import HOLD, RETREAT, SLOW, Watch
@@ -172,11 +173,7 @@ class HybridController:
         if velocity is not None:
             velocity = arrays.vector(velocity, len(robot.names), "velocity")
         sighting = robot.sight(positions, target)
-        s = loop.gain * sighting.error
-        if feedforward is not None:
-            s += arrays.vector(feedforward, 6, "feedforward")
-        if not s.dot(s) < inf:
-            raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
+        s = tracking_twist(sighting, loop.gain, feedforward)
         tool = robot.pose(positions)
         if contact is None:
             contact = self.task.contact_at(tool)

@@ -88,8 +88,8 @@ def _errors(axes: Axes, trace: Trace) -> None:
 
 def _settling(axes: Axes, trace: Trace, label: str) -> None:
     """Shade the time in which the contact settles: errors count after it."""
-    if trace.settled:
-        until = float(trace.time[trace.settled])
+    if trace.counted_from:
+        until = float(trace.time[trace.counted_from])
         axes.axvspan(0.0, until, color=SHADE, alpha=0.18, linewidth=0)
         inside = axes.get_xaxis_transform()
         axes.text(0.5 * until, 0.03, label, transform=inside, ha="center", fontsize=8, color=RULE)
@@ -97,7 +97,7 @@ def _settling(axes: Axes, trace: Trace, label: str) -> None:
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     across = _axes_of(contact.normal)
-    first = trace.settled
+    first = trace.counted_from
     asked = 1e3 * (contact.asked[first:] - contact.asked[0]).dot(across.T)
     drawn = 1e3 * (contact.drawn[first:] - contact.asked[0]).dot(across.T)
     axes.plot(*asked.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")

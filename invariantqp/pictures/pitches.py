@@ -97,7 +97,7 @@ def _distance(axes: Axes, joint: int, swept: Survey, seen: Survey) -> None:
 
 def _absent(row: Array, inspection: Inspection) -> None:
     """Say why the panels of pitches are empty, where they are."""
-    if inspection.recommended.form == "carried":
+    if inspection.recommended.form == "tool":
         reason = "no pitch works"
         row[0].set_yticks([])
     elif inspection.survey.attainable_rank == 6:

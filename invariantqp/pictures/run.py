@@ -56,7 +56,7 @@ def picture(trace: Trace, path: Path | str) -> Path:
 
 def _title(trace: Trace) -> str:
     mm = 1e3 * trace.position_error
-    limits = f"limits active in {100.0 * np.mean(trace.bound):.0f} % of ticks (shaded)"
+    limits = f"limits active in {100.0 * np.mean(trace.limit_active):.0f} % of ticks (shaded)"
     return f"{trace.task.name}: error median {np.median(mm):.2g} mm, max {mm.max():.2g} mm; {limits}"
 
 
@@ -94,6 +94,7 @@ def _velocities(axes: Axes, trace: Trace) -> None:
 
 def _shade(axes: Axes, trace: Trace) -> None:
     """Shade the ticks in which a limit was active."""
-    if any(trace.bound):
+    if any(trace.limit_active):
         inside = axes.get_xaxis_transform()
-        axes.fill_between(trace.time[1:], 0, 1, where=trace.bound, transform=inside, color=SHADE, alpha=0.18, lw=0)
+        where = trace.limit_active
+        axes.fill_between(trace.time[1:], 0, 1, where=where, transform=inside, color=SHADE, alpha=0.18, lw=0)

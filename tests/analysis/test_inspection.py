@@ -19,8 +19,8 @@ ARMS = [
     ("so101", 5, 5, 5, "h", "pitch"),
     ("ur5", 6, 6, 6, "SE3", "pitch"),
     ("panda", 7, 6, 6, "SE3", "pitch"),
-    ("scara", 4, 4, 4, "IIC", "carried"),
-    ("planar_3r", 3, 3, 3, "IIC", "carried"),
+    ("scara", 4, 4, 4, "IIC", "tool"),
+    ("planar_3r", 3, 3, 3, "IIC", "tool"),
     ("arm_3r", 3, 3, 3, "IB0", "pitch"),
 ]
 
@@ -86,7 +86,7 @@ def test_redundant_joints_are_no_singularity():
 def test_arms_without_a_length_of_their_own():
     gantry = iq.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4), position_lower=0.0, position_upper=1.0)
     found = iq.inspect(gantry)
-    assert (found.recommended.form, found.recommended.length) == ("carried", 1.0)
+    assert (found.recommended.form, found.recommended.length) == ("tool", 1.0)
     assert found.as_json()["own_length"] is None
     np.testing.assert_array_equal(iq.tool_metric(gantry).matrix, np.eye(6))
     wrist = iq.Chain(np.array([iq.revolute(a, (1.0, 2.0, 3.0)) for a in np.eye(3)]).T, np.eye(4))

@@ -110,7 +110,7 @@ def test_a_task_file_can_limit_acceleration_and_keep_a_margin():
     task = iq.load_task("arm_3r")
     free = iq.run_task(task, dt=0.02)
     assert free.acceleration_violation is None
-    trace = iq.run_task(task, acceleration=[2.0, 2.0, 2.0], margin=0.01, dt=0.01)
+    trace = iq.run_task(task, acceleration_limit=[2.0, 2.0, 2.0], position_margin=0.01, dt=0.01)
     assert trace.acceleration_violation < 1e-9
     assert trace.summary()["acceleration_violation"] < 1e-9
     jumps = np.abs(np.diff(trace.velocity, axis=0)).max() / 0.01

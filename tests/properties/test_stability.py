@@ -8,7 +8,7 @@ from invariantqp.compare.measure.stability import YARDSTICK, Case, cases, run_ca
 from invariantqp.compare.names import OURS
 from invariantqp.compare.registry import controller_named
 from invariantqp.robots.kinematics import middle
-from invariantqp.runs.run import our_controller
+from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import shipped_tasks
 
 INSIDE = 1e-9
@@ -53,7 +53,7 @@ def test_what_can_be_reached_is(runs, name):
 def test_the_error_falls_once_the_target_can_be_reached_and_no_limit_binds(runs, name):
     (_, trace), _ = runs(Case(f"stability/{name}"))
     back = round(trace.task.path.end / trace.task.law.dt) + 1
-    last = max(back, np.flatnonzero(trace.bound).max() + 1)
+    last = max(back, np.flatnonzero(trace.limit_active).max() + 1)
     assert last < len(trace.velocity) - 50
     for error in (trace.position_error, trace.orientation_error):
         assert (np.diff(error[last:]) <= ROUNDING).all()

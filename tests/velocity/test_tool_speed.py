@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from support.random_systems import motion
+from support.task_files import run_displaced
 from support.velocity_reference import convex_form, regular_problem, tight_box
 
 import invariantqp as iq
@@ -234,10 +235,8 @@ def test_a_task_files_tool_speed_is_kept_at_its_point_wherever_the_tool_frame_is
     robot = task.load_robot()
     free = iq.run_task(task, dt=0.01)
     offset = iq.exp([0.3, -0.5, 0.2, 0.1, 0.2, -0.1])
-    runs = [
-        iq.run_task(task, dt=0.01, tool_speed=0.05, tool_speed_point=point, tool_offset=moved)
-        for moved in (None, offset)
-    ]
+    law = {"dt": 0.01, "tool_speed": 0.05, "tool_speed_point": point}
+    runs = [iq.run_task(task, **law), run_displaced(task, offset, **law)]
 
     def fastest(trace):
         at = [robot.pose(q) @ [*point, 1.0] for q in trace.q[:-1]]

@@ -91,7 +91,10 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
     assert len(opened.find_elements("css selector", "canvas")) == 1 + len(film.charts)
     rows = [row.text for row in opened.find_elements("css selector", "#joints tr")[1:]]
     assert [row.split()[0] for row in rows] == list(film.joints)
-    assert rows[1].split()[-1] == f"{np.degrees(film.q[50, 1]):.1f}°"
+    assert rows[1].split()[-2:] == [f"{np.degrees(film.q[50, 1]):.1f}°", f"{np.degrees(film.speed[50, 1]):.1f}°/s"]
+    header = opened.find_element("css selector", "#joints tr").text
+    assert header.split(maxsplit=3)[:3] == ["position,", "in", "its"]
+    assert "velocity, of its limit" in header
     assert "error" in opened.find_element("id", "told").text
 
 

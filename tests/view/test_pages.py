@@ -17,9 +17,9 @@ from support.views import TASK, read
 
 import invariantqp as iq
 from invariantqp.robots.load import KNOWN
-from invariantqp.runs.scene import scene_of
+from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.film import farthest, film_before, film_of, posture
+from invariantqp.view.film import arm_shape, extremes, film_before, film_of
 from invariantqp.view.page import page
 from invariantqp.view.widgets import joint_bars, paragraph, with_cursor
 
@@ -53,7 +53,7 @@ def test_joints_are_where_pinocchio_places_them(name):
     data = robot.model.createData()
     for q in states(robot):
         pin.computeJointJacobians(robot.model, data, q)
-        seen = posture(robot, q)
+        seen = arm_shape(robot, q)
         np.testing.assert_array_equal(seen.points[1:-1], [M.translation for M in data.oMi[1:]])
         np.testing.assert_array_equal(seen.points[-1], robot.pose(q)[:3, 3])
         for i, axis in enumerate(seen.axes):
@@ -121,7 +121,7 @@ def test_a_short_film_leaves_no_extreme_out(trace):
         trace,
         velocity=trace.velocity.copy(),
         position_error=trace.position_error.copy(),
-        bound=[k == 51 for k in range(100)],
+        limit_active=[k == 51 for k in range(100)],
         statuses=["guarded" if k == 73 else "ok" for k in range(100)],
     )
     spoilt.velocity[44, 2] = -9.0
@@ -132,14 +132,14 @@ def test_a_short_film_leaves_no_extreme_out(trace):
     assert film.speed[5, 2] == -9.0
     assert film.charts[0].values[0].argmax() == 7
     assert film.charts[0].values[0].max() == 500.0
-    assert film.bound == [i == 6 for i in range(11)]
+    assert film.limit_active == [i == 6 for i in range(11)]
     assert film.status == ["guarded" if i == 8 else "ok" for i in range(11)]
 
 
 def test_the_farthest_of_each_frames_ticks():
     values = np.random.default_rng(1).normal(size=(40, 3))
     ends = np.array([0, 1, 7, 40])
-    found = farthest(values, ends)
+    found = extremes(values, ends)
     for row, block in zip(found, (values[:1], values[:1], values[1:7], values[7:]), strict=True):
         assert row.tolist() == [max(column, key=abs) for column in block.T]
 
@@ -153,7 +153,7 @@ def test_before_the_run_the_path_is_there(task):
 
 def test_an_observer_sees_every_tick_and_changes_none(task, trace):
     seen = []
-    again = iq.run_task(task, observer=lambda k, truth, solution: seen.append((k, truth.q, solution.velocity)))
+    again = iq.run_task(task, observer=lambda k, state, solution: seen.append((k, state.q, solution.velocity)))
     assert [k for k, _, _ in seen] == list(range(100))
     np.testing.assert_array_equal([q for _, q, _ in seen], trace.q[1:])
     np.testing.assert_array_equal([x for _, _, x in seen], trace.velocity)
@@ -181,7 +181,7 @@ def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
     robot = task.load_robot()
     trace = iq.run_task(task)
     film = film_of(trace)
-    surface = scene_of(task.contact, task.force, robot.pose(task.start())).touch.surface
+    surface = scene_of(task, robot.pose(task.start())).springs.surface
     faces = film.surroundings.faces
     assert faces.shape[1:] == (4, 3)
     np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
@@ -251,7 +251,7 @@ def test_a_page_has_all_of_the_film(film):
     assert [c["title"] for c in run["charts"]] == [c.title for c in film.charts]
     for packed, chart in zip(run["charts"], film.charts, strict=True):
         np.testing.assert_array_equal(unpacked(packed["values"]), chart.values.astype("f4"))
-    assert (tuple(run["joints"]), run["status"], run["bound"]) == (film.joints, film.status, film.bound)
+    assert (tuple(run["joints"]), run["status"], run["limit_active"]) == (film.joints, film.status, film.limit_active)
 
 
 def test_the_longest_film_is_a_small_file(tmp_path):
@@ -278,7 +278,7 @@ def test_a_name_is_never_read_as_a_part_of_the_page(film, name):
 def test_joints_without_limits_are_drawn_without(tmp_path):
     bare = {**TASK, "robot": {"screws": [{"axis": [0, 0, 1.0]}], "start": [0.3], "tool_point": [0.5, 0, 0]}}
     bare["path"] = {"kind": "joints", "duration": 0.1, "waypoints": [[0.5]]}
-    bare["law"] = {"dt": 0.01, "form": "carried"}
+    bare["law"] = {"dt": 0.01, "form": "tool"}
     film = film_of(iq.run_task(task_from(bare, "bare")))
     assert [c.title for c in film.charts] == ["tracking error"]
     run = json.loads(read(page(film)).scripts[0])
@@ -309,7 +309,8 @@ def test_words_and_names_are_not_markup(film):
     assert paragraph("a < b & {c}").count("<") == 2
     bars = joint_bars(replace(film, joints=("<img>", *film.joints[1:])), 50)
     assert [tag for tag, _ in read(bars).tags if tag == "img"] == []
-    assert f"{np.degrees(film.q[50, 6]):.1f}°" in bars
+    assert f"{np.degrees(film.q[50, 6]):.1f}°<" in bars
+    assert f"{np.degrees(film.speed[50, 6]):.1f}°/s<" in bars
 
 
 def test_a_server_starts_serves_and_stops(task, trace, film, capfd):

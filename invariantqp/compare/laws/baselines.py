@@ -19,7 +19,7 @@ from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot, middle
-from invariantqp.runs.run import MakeController
+from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.systems.centre import centre
 from invariantqp.velocity.forms import PitchForm

@@ -16,7 +16,7 @@ from invariantqp.compare.method import Method, Setting, Solve
 from invariantqp.compare.names import FACTORED, GRAM, OURS, UNGUARDED
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.runs.run import our_controller
+from invariantqp.runs.controllers import our_controller
 from invariantqp.systems.pseudoinverse import pseudoinverse
 from invariantqp.velocity.damping import Damping, Fixed, None_, PaperLambda, Selective
 from invariantqp.velocity.forms import CarriedMetric, PitchForm

@@ -8,22 +8,25 @@ textbooks, whose task frame keeps its axes along the surface, as a user would se
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from invariantqp.compare.laws.raibert_craig import RaibertCraig
+from invariantqp.compare.measure.displaced import displaced
 from invariantqp.compare.measure.frames import random_displacement
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
-from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.pilots import Offsets, Wish
-from invariantqp.runs.plants.touch import Sensed
-from invariantqp.runs.run import MakeHybrid, our_hybrid, run_task
-from invariantqp.runs.scene import Scene
-from invariantqp.runs.taskfile import LawSpec, Task
+from invariantqp.runs.brief import Goal
+from invariantqp.runs.pilots import Pilot, pilot_of
+from invariantqp.runs.plants.plant import Measurement
+from invariantqp.runs.prepare import Setup, prepare
+from invariantqp.runs.run import run
+from invariantqp.runs.taskfile import Task
 from invariantqp.velocity.solution import VelocitySolution
 
 # Diagonal of the selection matrix for each shape of contact, rotations first: 1 for motion, 0 for force.
@@ -57,23 +60,31 @@ class ContactFrameCheck:
 
 
 class Textbook:
-    """Raibert and Craig's controller for the contact of a task file.
+    """Raibert and Craig's controller as a pilot, for the contact of a task file.
 
     Attributes:
-        measured: (6,) the wrench that the tool exerts according to the sensor, base frame.
+        wrench: (6,) the wrench that the tool exerts according to the sensor, base frame.
     """
 
     form = None
 
-    def __init__(self, robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> None:
-        """Take the arguments of `our_hybrid`; of the displaced frames only those of tool and sensor matter here."""
-        self._back = se3.inverse(offsets.tool, check=False)
-        self._scene = scene
-        self._sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
-        self._reading = se3.coadjoint(se3.inverse(offsets.sensor, check=False))
+    def __init__(self, setup: Setup, tool: Array | None = None) -> None:
+        """For a run described in displaced frames.
+
+        Args:
+            setup: of the run; of the displaced frames it knows the tool's and the sensor's.
+            tool: (4, 4) displacement of the tool frame, by which its task frame finds the surface; None is none.
+        """
+        brief, scene = setup.brief, setup.scene
+        if scene is None or brief.sensor is None:
+            raise BadInput("setup", "a task without contact", "one with [contact] and [force]")
+        law = brief.law
+        self._back = np.eye(4) if tool is None else se3.inverse(tool)
+        self._contact_at = scene.task.contact_at
+        self._sensor = brief.sensor
         self._loop = RaibertCraig(
-            robot,
-            SELECTIONS[scene.touch.shape],
+            brief.robot,
+            SELECTIONS[scene.springs.shape],
             np.eye(3),
             scene.wanted,
             dt=law.dt,
@@ -81,17 +92,22 @@ class Textbook:
             compliance=np.diag(np.asarray(scene.task.compliance)),
             sensor_axes=np.asarray(self._sensor.mount)[:3, :3],
         )
-        self.measured = np.zeros(6)
+        self.wrench = np.zeros(6)
 
-    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        if sensed.wrench is None:
+        if measured.wrench is None:
             raise BadInput("plant", "no force sensor", "a plant that measures the wrench at the tool")
-        tool = self._loop.robot.pose(sensed.q)
-        exerted = self._sensor.load(self._reading.dot(sensed.wrench), tool)
-        self.measured = self._sensor.in_base(exerted, tool)
-        self._loop.axes = np.asarray(self._scene.task.contact_at(tool.dot(self._back)).pose)[:3, :3]
-        return self._loop.step(sensed.q, wish.target, exerted, wish.ahead)
+        tool = self._loop.robot.pose(measured.q)
+        exerted = self._sensor.load(measured.wrench, tool)
+        self.wrench = self._sensor.in_base(exerted, tool)
+        self._loop.axes = np.asarray(self._contact_at(tool.dot(self._back)).pose)[:3, :3]
+        return self._loop.step(measured.q, goal.target, exerted, goal.feedforward)
+
+
+def ours(setup: Setup, tool: Array | None = None) -> Pilot:  # noqa: ARG001 (it needs to be told of no displacement)
+    """Our hybrid controller as a pilot."""
+    return pilot_of(setup.brief)
 
 
 def contact_frame_check(
@@ -111,7 +127,7 @@ def contact_frame_check(
     Raises:
         BadInput: no such plant, or one without a force sensor.
     """
-    laws: dict[str, MakeHybrid] = {"invariantqp": our_hybrid, "Raibert-Craig": Textbook}
+    laws: dict[str, Callable[[Setup, Array | None], Pilot]] = {"invariantqp": ours, "Raibert-Craig": Textbook}
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
     checks = []
     runs = 0
@@ -121,20 +137,12 @@ def contact_frame_check(
             progress(runs * total + done, 2 * len(laws) * total)
 
     for name, make in laws.items():
-        plain = run_task(task, physics=physics, hybrid=make, progress=count)
+        as_told, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
+        plain = run(as_told, make(as_told, None), count)
         runs += 1
-        moved = run_task(
-            task,
-            physics=physics,
-            hybrid=make,
-            progress=count,
-            tool_offset=tool,
-            sensor_offset=sensor,
-            contact_offset=contact,
-        )
+        other = run(moved, make(moved, tool), count)
         runs += 1
-        change = float(np.abs(plain.velocity - moved.velocity).max())
-        errors = (1e3 * float(run.position_error[run.settled :].max()) for run in (plain, moved))
-        as_told, displaced = errors
-        checks.append(ContactFrameCheck(name, change, as_told, plain.force_error, displaced, moved.force_error))
+        change = float(np.abs(plain.velocity - other.velocity).max())
+        errors = [1e3 * float(trace.position_error[trace.counted_from :].max()) for trace in (plain, other)]
+        checks.append(ContactFrameCheck(name, change, errors[0], plain.force_error, errors[1], other.force_error))
     return checks

@@ -11,12 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from invariantqp.compare.measure.displaced import displaced
 from invariantqp.compare.names import DLS, OURS, PINV
 from invariantqp.compare.registry import controller_named
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
-from invariantqp.runs.run import MakeController, our_controller, run_task
+from invariantqp.runs.controllers import MakeController, our_controller
+from invariantqp.runs.pilots import pilot_of
+from invariantqp.runs.prepare import prepare
+from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task
 
 # Standard deviation of the random displacement along each axis [m], about the length of a tool.
@@ -64,10 +68,10 @@ def frame_check(
     Returns:
         One FrameCheck for each law.
     """
-    offset = random_displacement(seed)
+    tool = random_displacement(seed)
     checks = []
     done = 0
-    total = 2 * len(laws) * max(1, round(task.path.duration / task.law.dt))
+    total = 2 * len(laws) * task.ticks
 
     def count(_: int, __: int) -> None:
         nonlocal done
@@ -76,8 +80,8 @@ def frame_check(
             progress(done, total)
 
     for name, make in laws.items():
-        plain = run_task(task, controller=make, progress=count)
-        displaced = run_task(task, controller=make, tool_offset=offset, progress=count)
-        change = float(np.abs(plain.q - displaced.q).max())
+        as_told, moved = prepare(task), displaced(prepare(task), tool)
+        plain = run(as_told, pilot_of(as_told.brief, make), count)
+        change = float(np.abs(plain.q - run(moved, pilot_of(moved.brief, make), count).q).max())
         checks.append(FrameCheck(name, change, 1e3 * float(plain.position_error.max())))
     return checks

@@ -26,7 +26,8 @@ from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.run import MakeController, our_controller, run_task
+from invariantqp.runs.controllers import MakeController, our_controller
+from invariantqp.runs.run import run_task
 from invariantqp.runs.taskfile import LawSpec, Task, load_task, shipped_tasks
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.damping import PaperLambda
@@ -105,7 +106,8 @@ class StabilityOutcome:
 
 def paper_law(robot: Robot, law: LawSpec) -> Controller:
     """The formula of [DS] with Lambda = lambda I, clipped to the limits; form and gain are those of the task."""
-    return Controller(robot, dt=law.dt, gain=law.gain, form=law.pitch, damping=PaperLambda(PAPER_LAMBDA))
+    pitch = law.form if isinstance(law.form, float) else None
+    return Controller(robot, dt=law.dt, gain=law.gain, form=pitch, damping=PaperLambda(PAPER_LAMBDA))
 
 
 def laws() -> dict[str, MakeController]:

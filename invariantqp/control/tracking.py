@@ -1,0 +1,34 @@
+"""The twist that follows a target: feedback on the tool's error, and the target's own twist.
+
+s = gain log(T_target T^-1) + feedforward
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Sighting
+
+
+def tracking_twist(sighting: Sighting, gain: float | Array, feedforward: ArrayLike | None = None) -> Array:
+    """(6,) twist to ask for, base frame [rad/s; length/s].
+
+    Args:
+        sighting: what the robot saw, with its tool's error.
+        gain: [1/s], or (6,) of them.
+        feedforward: (6,) twist of the target, base frame; None is a target at rest.
+
+    Raises:
+        BadInput: a feedforward that is no twist; a target with NaN or with numbers beyond any scale.
+    """
+    s = sighting.error * gain
+    if feedforward is not None:
+        s += arrays.vector(feedforward, 6, "feedforward")
+    if not s.dot(s) < inf:  # NaN is not below infinity either
+        raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
+    return s
