@@ -4,4 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+# What is expected of one, for messages.
+PROGRESS = "a function of (steps done, steps in all)"
 Progress = Callable[[int, int], None]

@@ -32,13 +32,6 @@ INNER = {
 }
 # What is not so yet, and why. Remove what is mended; the test says which.
 TO_MEND = {
-    "systems: the tolerance is not checked": "describe(tolerance) gibson_hunt(tolerance) gram_polynomial(tolerance) "
-    "self_reciprocal(tolerance) screw_system(tolerance) system_meet(tolerance) system_sum(tolerance)",
-    "systems: blames an argument of a function inside": "annihilator(S) reciprocal(S) self_reciprocal(S) "
-    "wrench_pseudoinverse(leg_metric) line_contact(direction) ContactKind.relabelled(offset)",
-    "systems: a flag is not checked": "point_contact(slip) line_contact(slip) face_contact(slip) "
-    "surface_contact(slip) ContactKind(unilateral)",
-    "systems: a pitch or a function is not checked": "hinge(pitch) surface_contact(normal)",
     "velocity: form_of converts before it checks": "TwistTask(form) solve_velocity(form) method_for(form) "
     "solve_velocities(form) Controller(form) HybridController(form) solve_pose(form) solve_poses(form) "
     "pink.InvariantFrameTask(h)",
@@ -46,8 +39,6 @@ TO_MEND = {
     "solve_velocities(bounds)",
     "velocity: not checked": "PaperLambda(matrix) ExactRows.with_rows(others) ToolSpeed(exact) solve_tasks(tasks) "
     "solve_tasks(bounds) solve_tasks(exact)",
-    "runs: not checked": "load_task(path_or_name) shipped_tasks(group)",
-    "analysis: not checked": "inspect(robot) inspect(samples) inspect(progress)",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {

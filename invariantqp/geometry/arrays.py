@@ -6,10 +6,10 @@ is a float64 array already is returned as it is, not copied.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import hypot, isfinite, isinf, isnan
 from operator import index
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput, excerpt
 
 Array = NDArray[np.float64]
+Result = TypeVar("Result")
 
 FLOAT64 = np.dtype(np.float64)
 # The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
@@ -205,6 +206,14 @@ def not_negative(value: float, argument: str, expected: str) -> float:
     return x
 
 
+def tolerance(value: float, argument: str = "tolerance") -> float:
+    """A relative error: a float above zero and below one."""
+    x = number(value, argument, "a relative error", positive=True)
+    if x >= 1.0:
+        raise BadInput(argument, f"{x:g}", "a relative error, below 1")
+    return x
+
+
 def _as_float(value: Any, argument: str, expected: str) -> float:
     try:
         wrong = isinstance(value, (str, bytes, bool, np.bool_)) or np.iscomplexobj(value) or np.ma.is_masked(value)
@@ -240,6 +249,13 @@ def flag(value: bool, argument: str) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise BadInput(argument, excerpt(value), "True or False")
     return bool(value)
+
+
+def function(value: Callable[..., Result], argument: str, expected: str = "a function") -> Callable[..., Result]:
+    """Something that can be called."""
+    if not callable(value):
+        raise BadInput(argument, excerpt(value), expected)
+    return value
 
 
 def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:

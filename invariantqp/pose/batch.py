@@ -11,7 +11,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.ik import PoseSearch, PoseSolution
-from invariantqp.progress import Progress
+from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot
 
 # Targets handed to a worker process at a time.
@@ -48,8 +48,8 @@ def solve_poses(
         BadInput: as `solve_pose`, and before anything is solved; a path on several processes.
     """
     search = PoseSearch(robot, **options)
-    if progress is not None and not callable(progress):
-        raise BadInput("progress", excerpt(progress), "a function of (targets done, targets in all), or None")
+    if progress is not None:
+        arrays.function(progress, "progress", PROGRESS)
     if not isinstance(targets, Iterable):
         raise BadInput("targets", excerpt(targets), "a list of poses")
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(targets)]

@@ -15,7 +15,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationError, model_validator
 
-from invariantqp.errors import BadInput, TaskFileError, UnknownName
+from invariantqp.errors import BadInput, TaskFileError, UnknownName, excerpt
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
@@ -33,6 +34,8 @@ else:
 
 # A run of more ticks than this would take hours and gigabytes: its duration or its tick is a typing error.
 MOST_TICKS = 10_000_000
+# Folders of tasks that come with the package.
+GROUPS = ("", "stability")
 
 
 def _form(given: Any) -> Any:
@@ -192,7 +195,11 @@ def shipped_tasks(group: str = "") -> dict[str, FilePath]:
     Args:
         group: "" for the tasks to start from; "stability" for what breaks velocity control, with names such as
             "stability/jump".
+
+    Raises:
+        BadInput: no such group.
     """
+    arrays.choice(group, "group", GROUPS)
     installed = FilePath(str(resources.files("invariantqp"))) / "task_files"
     folder = installed if installed.is_dir() else installed.parent.parent / "tasks"
     files = sorted((folder / group).glob("*.toml"))
@@ -209,7 +216,7 @@ def load_task(path_or_name: str | FilePath) -> Task:
             with its path.
     """
     if not isinstance(path_or_name, (str, FilePath)):
-        raise BadInput("path_or_name", repr(path_or_name), "the name of a task, or the path of a task file")
+        raise BadInput("path_or_name", excerpt(path_or_name), "the name of a task, or the path of a task file")
     name = str(path_or_name)
     known = shipped_tasks() | shipped_tasks("stability")
     path = known.get(name, FilePath(name))

@@ -137,12 +137,12 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
         GibsonHunt; near a border `.margin` is near 1 and `.next` names the type on the other side.
 
     Raises:
-        BadInput: not finite (6, m), all twists zero, or a tolerance that is not positive.
+        BadInput: not finite (6, m), all twists zero, or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 3, Tables 1 and 2; 4- and 5-systems by their reciprocals.
     """
     twists = arrays.columns(J)
-    limit = arrays.number(tolerance, "tolerance", positive=True)
+    limit = arrays.tolerance(tolerance)
     if not twists.any():
         raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
     point = own_point(twists)

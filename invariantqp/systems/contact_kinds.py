@@ -77,6 +77,7 @@ class ContactKind(Value):
         Raises:
             BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
         """
+        pressed = arrays.flag(unilateral, "unilateral")
         S = _independent(freedoms, "freedoms")
         if constraints is None:
             W = annihilator(S) if S.shape[1] else np.eye(6)
@@ -87,14 +88,14 @@ class ContactKind(Value):
         work = np.abs(W.T.dot(S))
         if (work > DUAL_TOLERANCE * np.abs(W).T.dot(np.abs(S)).max(initial=0.0)).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
-        if unilateral and not W.shape[1]:
+        if pressed and not W.shape[1]:
             raise BadInput("unilateral", "True without constraints", "a contact that can be pressed")
         way_out = None if out is None else arrays.twist(out, "out")
-        self.__attrs_init__(name, S, W, unilateral, way_out, arrays.vector(origin, 3, "origin"))
+        self.__attrs_init__(name, S, W, pressed, way_out, arrays.vector(origin, 3, "origin"))
 
     def relabelled(self, offset: ArrayLike) -> ContactKind:
         """The same physical contact expressed in a frame displaced by a (4, 4) offset in the old one."""
-        back = se3.inverse(offset)
+        back = se3.inverse(arrays.pose(offset, "offset"), check=False)
         A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
         out = None if self.out is None else A.dot(self.out)
         origin = back[:3, :3].dot(self.origin) + back[:3, 3]

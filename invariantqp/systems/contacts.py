@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from math import inf
 
 import numpy as np
 from attrs import field, frozen
@@ -30,6 +31,7 @@ from invariantqp.systems.contact_kinds import (
     ContactKind,
     screw_kind,
 )
+from invariantqp.systems.span import LENGTH_LIMIT
 
 # A tangent at an angle to the normal below this [rad] counts as parallel to it.
 ALONG = 1e-6
@@ -109,7 +111,7 @@ def point_contact(
     Raises:
         BadInput: NaN, a zero normal, a tangent parallel to it.
     """
-    return Contact(POINT if slip else ROLLING_POINT, _frame(point, normal, tangent))
+    return Contact(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, _frame(point, normal, tangent))
 
 
 def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, slip: bool = True) -> Contact:
@@ -124,7 +126,7 @@ def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, s
     Raises:
         BadInput: NaN, a zero normal, an edge parallel to it.
     """
-    return Contact(LINE if slip else ROLLING_LINE, _frame(point, normal, direction))
+    return Contact(LINE if arrays.flag(slip, "slip") else ROLLING_LINE, _frame(point, normal, direction, "direction"))
 
 
 def face_contact(
@@ -142,7 +144,8 @@ def face_contact(
     Raises:
         BadInput: NaN, a zero normal, a tangent parallel to it.
     """
-    kind = FACE if slip else PIVOTING_FACE if twist else STICKING_FACE
+    turns = arrays.flag(twist, "twist")
+    kind = FACE if arrays.flag(slip, "slip") else PIVOTING_FACE if turns else STICKING_FACE
     return Contact(kind, _frame(point, normal, tangent))
 
 
@@ -168,10 +171,11 @@ def surface_contact(
     if (normal is None) == (implicit is None):
         raise BadInput("normal", "neither" if normal is None else "both", "one of normal and implicit")
     if normal is not None:
-        n = arrays.direction(normal(p), "normal")
+        n = arrays.direction(arrays.function(normal, "normal", "a function of a point (3,)")(p), "normal")
     else:
+        height = arrays.function(implicit, "implicit", "a function of a point (3,)")  # type: ignore[arg-type]
         steps = GRADIENT_STEP * max(1.0, float(np.abs(p).max())) * np.eye(3)
-        ahead = [implicit(p + step) - implicit(p - step) for step in steps]  # type: ignore[misc]
+        ahead = [height(p + step) - height(p - step) for step in steps]
         n = arrays.direction(ahead, "implicit")
     return point_contact(p, n, slip=slip)
 
@@ -198,18 +202,22 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
         pitch: translation per radian [length/rad]; inf for a slide.
 
     Raises:
-        BadInput: NaN, a zero axis.
+        BadInput: NaN, a zero axis, a pitch that is no number or beyond any machine.
     """
-    return Contact(screw_kind(float(pitch)), _frame(point, -arrays.direction(axis, "axis"), None))
+    expected = "a pitch [length/rad], or inf for a slide"
+    h = arrays.number(pitch, "pitch", expected, infinite=True)
+    if LENGTH_LIMIT < abs(h) < inf:
+        raise BadInput("pitch", f"{h:.4g}, beyond any machine", expected)
+    return Contact(screw_kind(h), _frame(point, -arrays.direction(axis, "axis"), None))
 
 
-def _frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None) -> Array:
+def _frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
     z = -arrays.direction(normal, "normal")
-    along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, "tangent")
+    along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, argument)
     x = along - z * z.dot(along)
     if x.dot(x) < ALONG**2:
-        raise BadInput("tangent", "a direction parallel to the normal", "one along the surface")
+        raise BadInput(argument, "a direction parallel to the normal", "one along the surface")
     x = x / np.sqrt(x.dot(x))
     T = np.eye(4)
     T[:3, :3] = np.column_stack((x, se3.cross(z, x), z))

@@ -103,7 +103,7 @@ def principal_pitches(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 3 and 5; the reduction for systems with screws of infinite pitch is ours.
     """
@@ -124,14 +124,15 @@ def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
     """
+    limit = arrays.tolerance(tolerance)
     system = span(J)
     if system.rank in (0, 6):
         return np.empty(0), np.empty((6, 0))
-    part = _reduction(system, tolerance)
+    part = _reduction(system, limit)
     if part.c < part.N.shape[1]:
         raise BlindSystem(_blind(part))
     pencil = _pencil(part)
@@ -155,14 +156,15 @@ def blind_directions(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
         (6, b) unit columns (0; v); b = 0 iff some h works.
 
     Raises:
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
     """
+    limit = arrays.tolerance(tolerance)
     system = span(J)
     if system.rank in (0, 6):
         return np.empty((6, 0))
-    return _blind(_reduction(system, tolerance))
+    return _blind(_reduction(system, limit))
 
 
 def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
@@ -180,16 +182,17 @@ def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
         (m+1,) coefficients, lowest power first; that of h^i in units of length^(m-i) for angular parts without unit.
 
     Raises:
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """
+    limit = arrays.tolerance(tolerance)
     system = span(J)
     m = len(system.right)
     result = np.zeros(m + 1)
     if system.rank < m:
         return result
-    part = _reduction(system, tolerance)
+    part = _reduction(system, limit)
     d = part.N.shape[1]
     if part.c < d:
         return result

@@ -87,12 +87,12 @@ def involution(lines: ArrayLike, tolerance: float = ERROR_TOLERANCE) -> Involuti
 
     Raises:
         BadInput: shapes, NaN, fewer than 2 or more than 6 columns, a column whose pitch is not 0, a tolerance that is
-            not positive.
+            not between 0 and 1.
 
     Reference: [DS] Sect. 4.
     """
     J = _lines(lines)
-    limit = arrays.number(tolerance, "tolerance", positive=True)
+    limit = arrays.tolerance(tolerance)
     system, found = span(J), factors(J, 0.0)
     Q = pitch_form(0.0)  # in any unit of length the same matrix
     dependent = system.rank < J.shape[1]

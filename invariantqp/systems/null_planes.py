@@ -139,7 +139,7 @@ def null_plane(S: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> NullPlane | 
         tolerance: relative error of the twists that must not change the answer.
 
     Raises:
-        BadInput: S is not finite (6, m), all zero, or a tolerance that is not positive.
+        BadInput: S is not finite (6, m), all zero, or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Table 2, types IIA to IID.
     """

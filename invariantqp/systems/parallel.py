@@ -70,9 +70,10 @@ def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None
     """
     wrenches = arrays.columns(W, "W")
     pitch = finite_pitch(h)
+    metric = None if leg_metric is None else arrays.positive_definite(leg_metric, wrenches.shape[1], "leg_metric")
     swap = pitch_form(0.0)
     try:
-        result: Array = pseudoinverse(swap.dot(wrenches), -pitch, joint_metric=leg_metric).dot(swap)
+        result: Array = pseudoinverse(swap.dot(wrenches), -pitch, joint_metric=metric).dot(swap)
     except NoPseudoinverse as error:
         raise NoPseudoinverse(
             h=pitch,

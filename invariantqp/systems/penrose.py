@@ -74,7 +74,8 @@ def penrose_conditions(
         PenroseConditions; `.met` tells which hold, `.residuals` how well.
 
     Raises:
-        BadInput: shapes, NaN, infinite h, a metric that is not positive definite, a tolerance that is not positive.
+        BadInput: shapes, NaN, infinite h, a metric that is not positive definite, a tolerance that is not
+            between 0 and 1.
 
     Reference: [DS] (hP1)-(hP4).
     """
@@ -83,7 +84,7 @@ def penrose_conditions(
     inverse = arrays.matrix(X, (m, 6), "X")
     Q = pitch_form(finite_pitch(h) / unit)
     M = np.eye(m) if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
-    limit = arrays.number(tolerance, "tolerance", positive=True)
+    limit = arrays.tolerance(tolerance)
     A, B = twists.copy(), inverse.copy()
     A[3:] /= unit
     B[:, 3:] *= unit

@@ -23,11 +23,11 @@ def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
     """A basis of the screw system that (6, m) twists span: (6, k), orthonormal up to the unit of length.
 
     Raises:
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 2.2.
     """
-    system = span(J, tolerance)
+    system = span(J, arrays.tolerance(tolerance))
     return system.twists(np.eye(system.rank))
 
 
@@ -59,7 +59,7 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
     Reference: [DS] (2.9), (2.10).
     """
     pitch = finite_pitch(h)
-    system = span(S)
+    system = span(arrays.columns(S, "S"))
     return _in_unit(_complement(pitch_form(pitch / system.unit).dot(system.basis)), system.unit)
 
 
@@ -77,7 +77,7 @@ def annihilator(S: ArrayLike) -> Array:
 
     Reference: [DS] Sect. 6.2 (before (6.5)), Sect. 6.3.
     """
-    system = span(S)
+    system = span(arrays.columns(S, "S"))
     return _in_unit(_complement(system.basis), 1.0 / system.unit)
 
 
@@ -90,9 +90,9 @@ def system_sum(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLE
         tolerance: angle below which two directions count as one.
 
     Raises:
-        BadInput: either is not finite (6, m).
+        BadInput: either is not finite (6, m), or a tolerance that is not between 0 and 1.
     """
-    joined, _, unit = _join(arrays.columns(first, "first"), arrays.columns(second, "second"), tolerance)
+    joined, _, unit = _join(first, second, tolerance)
     return _in_unit(joined.basis, unit)
 
 
@@ -105,9 +105,9 @@ def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOL
         tolerance: angle below which two directions count as one.
 
     Raises:
-        BadInput: either is not finite (6, m).
+        BadInput: either is not finite (6, m), or a tolerance that is not between 0 and 1.
     """
-    joined, bases, unit = _join(arrays.columns(first, "first"), arrays.columns(second, "second"), tolerance)
+    joined, bases, unit = _join(first, second, tolerance)
     # U1 a + U2 b = 0 means that U1 a lies in both systems; those (a; b) are the null space of (U1 U2).
     still = np.linalg.qr(joined.right, mode="complete")[0][:, joined.rank :]
     k = bases[0].shape[1]
@@ -115,12 +115,14 @@ def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOL
     return _in_unit(np.linalg.qr(shared)[0], unit) if still.shape[1] else np.empty((6, 0))
 
 
-def _join(first: Array, second: Array, tolerance: float) -> tuple[Span, tuple[Array, Array], float]:
+def _join(first: ArrayLike, second: ArrayLike, tolerance: float) -> tuple[Span, tuple[Array, Array], float]:
     """The span of the orthonormal bases of two systems, those bases, and their common unit of length."""
-    unit = span(np.hstack((first, second))).unit
+    limit = arrays.tolerance(tolerance)
+    one, other = arrays.columns(first, "first"), arrays.columns(second, "second")
+    unit = span(np.hstack((one, other))).unit
     scale = np.array([[1.0], [1.0], [1.0], [unit], [unit], [unit]])
-    bases = span(first / scale, unit=1.0).basis, span(second / scale, unit=1.0).basis
-    return span(np.hstack(bases), tolerance, unit=1.0), bases, unit
+    bases = span(one / scale, unit=1.0).basis, span(other / scale, unit=1.0).basis
+    return span(np.hstack(bases), limit, unit=1.0), bases, unit
 
 
 def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERANCE) -> Array:
@@ -134,9 +136,10 @@ def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERA
         tolerance: angle between S and S^{perp h} below which they meet.
 
     Raises:
-        BadInput: S is not finite (6, m), or h is not finite.
+        BadInput: S is not finite (6, m), h is not finite, or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Theorem 3.1 (ii).
     """
+    limit = arrays.tolerance(tolerance)
     other = reciprocal(S, h)
-    return system_meet(S, other, tolerance) if other.shape[1] else np.empty((6, 0))
+    return system_meet(S, other, limit) if other.shape[1] else np.empty((6, 0))

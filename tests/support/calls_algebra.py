@@ -49,17 +49,7 @@ ALGEBRA = {
     "pitch": lambda: (iq.pitch, {"twist": TWIST}),
     "axis": lambda: (iq.axis, {"twist": TWIST}),
     # systems
-    **{
-        name: lambda name=name: (getattr(iq, name), {"J": J, "tolerance": 1e-10})
-        for name in [
-            "blind_directions",
-            "describe",
-            "gibson_hunt",
-            "gram_polynomial",
-            "principal_pitches",
-            "principal_screws",
-        ]
-    },
+    **{name: lambda name=name: (getattr(iq, name), {"J": S, "tolerance": 1e-10}) for name in WITH_TOLERANCE},
     **{name: lambda name=name: (getattr(iq, name), {"J": S, "h": H}) for name in WITH_PITCH},
     "annihilator": lambda: (iq.annihilator, {"S": S}),
     "reciprocal": lambda: (iq.reciprocal, {"S": S, "h": H}),

@@ -190,7 +190,7 @@ def test_contacts_of_ones_own():
         (lambda: iq.point_contact(P, [0, 0, 0]), "normal"),
         (lambda: iq.point_contact([0, np.nan, 0], N), "point"),
         (lambda: iq.point_contact(P, N, tangent=N), "tangent"),
-        (lambda: iq.line_contact(P, N, N), "tangent"),
+        (lambda: iq.line_contact(P, N, N), "direction"),
         (lambda: iq.peg_in_hole(P, [0, 0, 0]), "axis"),
         (lambda: iq.hinge(P, N, pitch=np.nan), "pitch"),
         (lambda: iq.surface_contact(P), "normal"),
