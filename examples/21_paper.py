@@ -58,7 +58,7 @@ def example_1():
     printed[1:, 1] = -top, top
     found = iq.pseudoinverse(J1, h)
     yield Row("type", "IB0", str(iq.gibson_hunt(moved(J1))))
-    yield Row("det(J'Q_h J): coefficients of 1, h, h^2, h^3", [0, 8, 0, 0], iq.gram_polynomial(J1))
+    yield Row("det(J'Q_h J): coefficients of 1, h, h^2, h^3", [0, 8, 0, 0], iq.systems.gram_polynomial(J1))
     half = np.linalg.det(J1.T @ (0.5 * iq.pitch_form(h)) @ J1)
     yield Row(
         "the same at h with the factor 1/2 of (2.6)", 8 * h, half, "1: (2.6) has a factor 1/2, the examples have not"
@@ -76,7 +76,7 @@ def example_2():
     kernel = columns((0, 1, 0, 0, 0, 0), (0, 0, 0, 0, 1, 0), (1, 0, 0, 2 * H, 0, 0))
     found = J2 @ iq.pseudoinverse(J2, H)
     yield Row("type", "IB0", str(iq.gibson_hunt(moved(J2))))
-    yield Row("det(J'Q_h J)", 2 * H * L**2, np.linalg.det(iq.gram_matrix(J2, H)))
+    yield Row("det(J'Q_h J)", 2 * H * L**2, np.linalg.det(iq.systems.gram_matrix(J2, H)))
     yield Row("0-pseudoinverse", "none", exists(moved(J2)))
     for i in range(6):
         yield Row(f"P_h, row {i + 1}", P_h[i], found[i])
@@ -86,11 +86,11 @@ def example_2():
 
 def example_3():
     arm = columns((1, 0, 0, 0, 2, 1), (0, 1, 1, 1, 0, 3), (0, 2, 1, 0, 1, 1))  # any arm of three joints
-    S = iq.motions_along((0, 0, 0), (1, 0, 0))
-    solution = iq.point_motion(arm, (0, 0, 0), (1, 0, 0)).velocities
+    S = iq.systems.motions_along((0, 0, 0), (1, 0, 0))
+    solution = iq.systems.point_motion(arm, (0, 0, 0), (1, 0, 0)).velocities
     printed = np.linalg.matrix_rank(iq.pseudoinverse(arm, H) @ S)
     turn, slide = np.array([0, 1, 0, 0, 0, 0]), np.array([0, 0, 0, 1, 0, 0])
-    closed = np.linalg.matrix_rank(np.column_stack((S, iq.bracket(turn, slide)))) == 4
+    closed = np.linalg.matrix_rank(np.column_stack((S, iq.se3.bracket(turn, slide)))) == 4
     yield Row("type of the reciprocal of the 4-system S", "IIA", str(iq.gibson_hunt(moved(S))))
     yield Row("dimension of the solutions", printed, solution.shape[1], "7: J^+h(S meet im J) + ker J, not J^+h(S)")
     answer = "is one" if closed else "is none"
@@ -99,11 +99,11 @@ def example_3():
 
 def example_4():
     h, s = H, np.array([0, 0.6, 0.8, 1, -0.8, 0.6])
-    point = iq.stationary_point(J1, s, h)
+    point = iq.systems.stationary_point(J1, s, h)
     v = np.array([-48 * h, -48 * h**2 + 160 * h - 45, 48 * h**2 - 32 * h - 15]) / (160 * h)
     yield Row("v = J^+h s", v, point.velocity)
     yield Row("Phi_h(v)", -9 * (80 * h**2 + 64 * h - 25) / (800 * h), point.value)
-    yield Row("Phi_h = 0 at h =", np.sort(np.roots([80, 64, -25])), iq.vanishing_pitches(J1, s))
+    yield Row("Phi_h = 0 at h =", np.sort(np.roots([80, 64, -25])), iq.systems.vanishing_pitches(J1, s))
 
 
 # Tables 1 and 2 as printed: the normal forms and their moduli.

@@ -1,4 +1,7 @@
-"""Contacts between a tool and its surroundings: what may move, what can be pressed. Loaded when first used."""
+"""Contacts between a tool and its surroundings: what may move, what can be pressed.
+
+Each name is loaded when first used.
+"""
 
 from __future__ import annotations
 

@@ -19,6 +19,19 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
+__all__ = [
+    "BadInput",
+    "BlindSystem",
+    "InvariantQPError",
+    "MissingExtra",
+    "NoPolarDecomposition",
+    "NoProjectors",
+    "NoPseudoinverse",
+    "RobotModelError",
+    "TaskFileError",
+    "UnknownName",
+]
+
 # No argument takes more of a message than this: a line.
 LONGEST_EXCERPT = 80
 _SHORT = reprlib.Repr()

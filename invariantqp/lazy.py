@@ -9,6 +9,7 @@ the two lists.
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Collection, Mapping
 from importlib import import_module
 from types import ModuleType
@@ -22,11 +23,13 @@ class LazyModule(ModuleType):
         __all__: the names.
         _MODULE_OF: where each lives.
         _NAMESPACES: modules below this one that `module.name` loads too.
+        _MOVED: the module that has a name which was here once.
     """
 
     __all__: list[str]
     _MODULE_OF: dict[str, str]
     _NAMESPACES: tuple[str, ...]
+    _MOVED: dict[str, str]
 
     def __getattr__(self, name: str) -> Any:
         if name in self._MODULE_OF:
@@ -35,6 +38,10 @@ class LazyModule(ModuleType):
             return value
         if name in self._NAMESPACES:
             return import_module(f"{self.__name__}.{name}")
+        if name in self._MOVED:
+            home = self._MOVED[name]
+            warnings.warn(f"{self.__name__}.{name} is now {home}.{name}", DeprecationWarning, stacklevel=2)
+            return getattr(import_module(home), name)
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -48,7 +55,12 @@ class LazyModule(ModuleType):
 
 
 def load_lazily(
-    module: str, names: Mapping[str, Collection[str]], namespaces: Collection[str] = (), own: Collection[str] = ()
+    module: str,
+    names: Mapping[str, Collection[str]],
+    *,
+    namespaces: Collection[str] = (),
+    own: Collection[str] = (),
+    moved: Mapping[str, Collection[str]] | None = None,
 ) -> None:
     """Give a module public names that are loaded when first used.
 
@@ -57,8 +69,19 @@ def load_lazily(
         names: public names by the modules that they live in.
         namespaces: modules below it to load in the same way.
         own: public names that it has already.
+        moved: names that it had once, by the modules that have them now; they still work, with a DeprecationWarning.
     """
-    module_of = {name: home for home, inside in names.items() for name in inside}
+    module_of = _by_name(names)
     lazy = sys.modules[module]
-    lazy.__dict__.update(_MODULE_OF=module_of, _NAMESPACES=tuple(namespaces), __all__=[*module_of, *own])
+    lazy.__dict__.update(
+        _MODULE_OF=module_of,
+        _NAMESPACES=tuple(namespaces),
+        _MOVED=_by_name(moved or {}),
+        __all__=[*module_of, *own],
+    )
     lazy.__class__ = LazyModule
+
+
+def _by_name(names: Mapping[str, Collection[str]]) -> dict[str, str]:
+    """The module of each name."""
+    return {name: home for home, inside in names.items() for name in inside}

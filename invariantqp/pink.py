@@ -31,6 +31,8 @@ from invariantqp.velocity.request import guard_of
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.tick import QUIET_SHARE
 
+__all__ = ["InvariantFrameTask"]
+
 # The cost of a joint direction that does not move the frame, relative to max|mu|: a thousandth of what a posture task
 # with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
 NULL_WEIGHT = 1e-9

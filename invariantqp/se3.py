@@ -1,4 +1,7 @@
-"""Rigid motions, twists and screws: poses are (4, 4), twists (omega; v), wrenches (m; f). Loaded when first used."""
+"""Rigid motions, twists and screws: poses are (4, 4), twists (omega; v), wrenches (m; f).
+
+Each name is loaded when first used.
+"""
 
 from __future__ import annotations
 

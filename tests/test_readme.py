@@ -115,7 +115,7 @@ def test_what_is_told_of_exact_rows_is_so():
     assert '`Controller(..., exact="position")`, or `exact=iq.ExactRows(A, b)`' in README
     q = [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]
     A, b = [[1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]], [0.1]
-    for exact in (iq.ExactRows(A, b), [iq.ExactPoint(), iq.ExactRows(A, b)]):
+    for exact in (iq.ExactRows(A, b), [iq.control.ExactPoint(), iq.ExactRows(A, b)]):
         x = iq.Controller(robot, dt=0.001, exact=exact).step(q, robot.pose(q)).velocity
         assert x[0] + x[1] == pytest.approx(0.1)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.demands import Exact, View, demands_of, require_rows, rows_of
-from invariantqp.control.joint_rows import Rows, joint_rows
+from invariantqp.control.joint_rows import PinkLimit, Rows, joint_rows
 from invariantqp.control.own_form import choose_form
 from invariantqp.control.posture import joint_gains, posture_gain
 from invariantqp.control.tracking import tracking_twist
@@ -79,7 +79,7 @@ class Controller:
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
         rows: Rows | None = None,
-        limits: Sequence[Any] = (),
+        limits: Sequence[PinkLimit] = (),
     ) -> None:
         """Make the loop's fixed part.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,6 +20,14 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits.rows import LimitRows
 
 Rows = LimitRows | Callable[[Array], LimitRows | None]
+
+
+class PinkLimit(Protocol):
+    """A limit or barrier made for Pink from `robot.model`: G dq <= h for the joint displacement dq of a tick."""
+
+    def compute_qp_inequalities(self, configuration: Any, dt: float) -> tuple[Any, Any] | None:
+        """G (k, m) and h (k,) in a `pink.Configuration` for a tick of dt [s]; None where nothing is limited now."""
+        ...
 
 
 _Part = tuple[Array, Array, Array]
@@ -36,7 +44,7 @@ class TickRows(NamedTuple):
     trouble: str = ""
 
 
-def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[Any], dt: float) -> JointRows | None:
+def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[PinkLimit], dt: float) -> JointRows | None:
     """The row limits of a loop, None where it has none; whatever can be checked before the first tick is checked.
 
     Args:
@@ -59,7 +67,7 @@ def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[Any], dt: float
 class JointRows:
     """All row limits of a loop: the user's first, then those of each of Pink's limits in turn."""
 
-    def __init__(self, robot: Robot, rows: Rows | None, limits: Sequence[Any], dt: float) -> None:
+    def __init__(self, robot: Robot, rows: Rows | None, limits: Sequence[PinkLimit], dt: float) -> None:
         """As `joint_rows`."""
         self._robot = robot
         self._m = len(robot.names)

@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import load_lazily
 
 if TYPE_CHECKING:
+    from invariantqp.systems.adjoints import form_adjoint as form_adjoint
+    from invariantqp.systems.adjoints import h_adjoint as h_adjoint
     from invariantqp.systems.centre import Centre as Centre
     from invariantqp.systems.centre import centre as centre
+    from invariantqp.systems.centre import reach as reach
     from invariantqp.systems.classification import Border as Border
     from invariantqp.systems.classification import GibsonHunt as GibsonHunt
     from invariantqp.systems.classification import gibson_hunt as gibson_hunt
+    from invariantqp.systems.damped import psi as psi
     from invariantqp.systems.existence import Existence as Existence
     from invariantqp.systems.existence import existence as existence
     from invariantqp.systems.existence import reciprocal_has_pseudoinverse as reciprocal_has_pseudoinverse
@@ -27,14 +31,21 @@ if TYPE_CHECKING:
     from invariantqp.systems.hyperbolic import hyperbolic_singular_values as hyperbolic_singular_values
     from invariantqp.systems.involution import Involution as Involution
     from invariantqp.systems.involution import involution as involution
-    from invariantqp.systems.normal_form import normal_form as normal_form
+    from invariantqp.systems.null_planes import NullPlane as NullPlane
+    from invariantqp.systems.null_planes import alpha_plane as alpha_plane
+    from invariantqp.systems.null_planes import beta_plane as beta_plane
+    from invariantqp.systems.null_planes import null_plane as null_plane
     from invariantqp.systems.parallel import leg_spectrum as leg_spectrum
     from invariantqp.systems.parallel import leg_wrenches as leg_wrenches
     from invariantqp.systems.parallel import platform_stiffness as platform_stiffness
     from invariantqp.systems.parallel import wrench_pseudoinverse as wrench_pseudoinverse
+    from invariantqp.systems.penrose import PenroseConditions as PenroseConditions
+    from invariantqp.systems.penrose import penrose_conditions as penrose_conditions
     from invariantqp.systems.point_motion import PointMotion as PointMotion
     from invariantqp.systems.point_motion import motions_along as motions_along
     from invariantqp.systems.point_motion import point_motion as point_motion
+    from invariantqp.systems.polar import HyperbolicPolar as HyperbolicPolar
+    from invariantqp.systems.polar import hyperbolic_polar as hyperbolic_polar
     from invariantqp.systems.projectors import DualProjectors as DualProjectors
     from invariantqp.systems.projectors import dual_projectors as dual_projectors
     from invariantqp.systems.pseudoinverse import has_pseudoinverse as has_pseudoinverse
@@ -55,8 +66,10 @@ if TYPE_CHECKING:
 load_lazily(
     __name__,
     {
-        "invariantqp.systems.centre": ("Centre", "centre"),
+        "invariantqp.systems.adjoints": ("form_adjoint", "h_adjoint"),
+        "invariantqp.systems.centre": ("Centre", "centre", "reach"),
         "invariantqp.systems.classification": ("Border", "GibsonHunt", "gibson_hunt"),
+        "invariantqp.systems.damped": ("psi",),
         "invariantqp.systems.existence": ("Existence", "existence", "reciprocal_has_pseudoinverse"),
         "invariantqp.systems.gram": (
             "blind_directions",
@@ -67,9 +80,11 @@ load_lazily(
         ),
         "invariantqp.systems.hyperbolic": ("HyperbolicSpectrum", "hyperbolic_singular_values"),
         "invariantqp.systems.involution": ("Involution", "involution"),
-        "invariantqp.systems.normal_form": ("normal_form",),
+        "invariantqp.systems.null_planes": ("NullPlane", "alpha_plane", "beta_plane", "null_plane"),
         "invariantqp.systems.parallel": ("leg_spectrum", "leg_wrenches", "platform_stiffness", "wrench_pseudoinverse"),
+        "invariantqp.systems.penrose": ("PenroseConditions", "penrose_conditions"),
         "invariantqp.systems.point_motion": ("PointMotion", "motions_along", "point_motion"),
+        "invariantqp.systems.polar": ("HyperbolicPolar", "hyperbolic_polar"),
         "invariantqp.systems.projectors": ("DualProjectors", "dual_projectors"),
         "invariantqp.systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
         "invariantqp.systems.report": ("SystemReport", "describe"),

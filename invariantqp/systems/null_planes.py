@@ -85,14 +85,14 @@ class NullPlane(Value):
             tolerance: relative error of the twist that must not change the answer.
 
         Raises:
-            BadInput: not six finite numbers, or the zero twist.
+            BadInput: not six finite numbers, the zero twist, or a tolerance that is not between 0 and 1.
         """
-        s = arrays.twist(twist)
+        s, limit = arrays.twist(twist), arrays.tolerance(tolerance)
         if not s.any():
             raise BadInput("twist", "the zero twist", "a non-zero twist", "Zero lies in every system.")
         form, screws = pitch_form(0.0 if self.h == inf else self.h), self.basis
         terms = np.abs(screws.T).dot(np.abs(form)).dot(np.abs(s))
-        return bool((np.abs(screws.T.dot(form).dot(s)) <= tolerance * terms).all())
+        return bool((np.abs(screws.T.dot(form).dot(s)) <= limit * terms).all())
 
 
 def alpha_plane(point: ArrayLike | None = None, h: float = 0.0, *, direction: ArrayLike | None = None) -> NullPlane:
@@ -143,7 +143,7 @@ def null_plane(S: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> NullPlane | 
 
     Reference: [DS] Table 2, types IIA to IID.
     """
-    kind = gibson_hunt(S, tolerance)
+    kind = gibson_hunt(arrays.columns(S, "S"), tolerance)
     if kind.dimension != 3 or kind.name not in _FAMILIES:
         return None
     axes, h = kind.motion[:3, :3], kind.moduli[0] if kind.moduli else inf

@@ -160,10 +160,6 @@ class PaperLambda:
         return Lambda
 
 
-# No damping at all, by name.
-None_: Fixed = Fixed(0.0)
-
-
 def damping_of(damping: Damping | float | None) -> Damping:
     """The policy meant: None is `Adaptive()`, a number is `Fixed`.
 

@@ -21,10 +21,12 @@ def test_the_toolbox_has_the_same_arm(name):
 
 def test_the_toolbox_has_slides_but_no_screws():
     pytest.importorskip("roboticstoolbox")
-    slide = iq.Chain(np.column_stack([iq.prismatic([1, 2, 0]), iq.revolute([0, 1, 0], [1, 0, 0])]), np.eye(4))
+    slide = iq.robots.Chain(
+        np.column_stack([iq.se3.prismatic([1, 2, 0]), iq.revolute([0, 1, 0], [1, 0, 0])]), np.eye(4)
+    )
     np.testing.assert_allclose(ets_of(slide).eval([0.3, 0.7]), slide.pose([0.3, 0.7]), atol=1e-12)
-    with pytest.raises(iq.RobotModelError, match="helical"):
-        ets_of(iq.Chain(iq.helical([0, 0, 1], pitch=0.1), np.eye(4)))
+    with pytest.raises(iq.errors.RobotModelError, match="helical"):
+        ets_of(iq.robots.Chain(iq.se3.helical([0, 0, 1], pitch=0.1), np.eye(4)))
 
 
 def test_everyone_runs_on_the_same_targets():

@@ -20,7 +20,7 @@ FAR = iq.exp([0.3, 0.2, 0.5, 0.3, -0.2, 0.4])  # joint speeds meet their limits 
 
 def wall(q, joint=1):
     """Rows that depend on where the arm is."""
-    return iq.LimitRows(np.eye(7)[[joint]], [-np.inf], [0.5 - q[joint]])
+    return iq.limits.LimitRows(np.eye(7)[[joint]], [-np.inf], [0.5 - q[joint]])
 
 
 def pink_limits(robot):
@@ -32,12 +32,15 @@ def pink_limits(robot):
 OPTIONS = {
     "plain": lambda _: {},
     "osqp": lambda _: {"backend": "osqp"},
-    "osqp, set": lambda _: {"backend": iq.Osqp(tolerance=1e-8, polishing=True)},
+    "osqp, set": lambda _: {"backend": iq.velocity.Osqp(tolerance=1e-8, polishing=True)},
     "quadprog": lambda _: {"backend": "quadprog"},
-    "exact and fast": lambda _: {"exact": [iq.ExactPoint(), iq.ExactAxis([0, 0, 1])], "tool_speed": 0.2},
-    "cone": lambda _: {"tool_speed": iq.ToolSpeed(0.2, exact=True)},
+    "exact and fast": lambda _: {
+        "exact": [iq.control.ExactPoint(), iq.control.ExactAxis([0, 0, 1])],
+        "tool_speed": 0.2,
+    },
+    "cone": lambda _: {"tool_speed": iq.limits.ToolSpeed(0.2, exact=True)},
     "braking": lambda _: {"acceleration_limit": 10.0, "position_margin": 0.01, "posture": 2.0},
-    "carried": lambda _: {"form": iq.CarriedMetric(np.ones(6)), "damping": iq.Selective(2.0)},
+    "carried": lambda _: {"form": iq.CarriedMetric(np.ones(6)), "damping": iq.velocity.Selective(2.0)},
     "rows": lambda _: {"rows": partial(wall, joint=3)},
     "pink": lambda robot: {"limits": pink_limits(robot)},
 }
@@ -117,13 +120,13 @@ def contact_under(tool, normal):
 
 
 VALUES = {
-    "point": lambda: iq.ExactPoint([1, 2, 3]),
-    "axis": lambda: iq.ExactAxis([1, 2, 3]),
-    "plane": lambda: iq.ExactPlane([1, 2, 3], [0, 0, 1]),
-    "joints": lambda: iq.ExactJoints(np.eye(3)),
-    "shared": lambda: iq.SharedTask(np.eye(6)[:, :2], np.eye(6)[:, 2:]),
+    "point": lambda: iq.control.ExactPoint([1, 2, 3]),
+    "axis": lambda: iq.control.ExactAxis([1, 2, 3]),
+    "plane": lambda: iq.control.ExactPlane([1, 2, 3], [0, 0, 1]),
+    "joints": lambda: iq.control.ExactJoints(np.eye(3)),
+    "shared": lambda: iq.control.SharedTask(np.eye(6)[:, :2], np.eye(6)[:, 2:]),
     "sensor": lambda: iq.WrenchSensor(UP, 0.3, [0, 0, 0.1]),
-    "chain": lambda: iq.Chain(np.eye(6), np.eye(4)),
+    "chain": lambda: iq.robots.Chain(np.eye(6), np.eye(4)),
 }
 
 
@@ -147,9 +150,9 @@ def test_values_compare_hash_and_show_themselves(name):
 
 def test_values_keep_their_own_arrays():
     point, normal, mount = np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, 1.0]), np.eye(4)
-    plane, sensor = iq.ExactPlane(normal, point), iq.WrenchSensor(mount)
+    plane, sensor = iq.control.ExactPlane(normal, point), iq.WrenchSensor(mount)
     point[:], normal[:], mount[:] = 7.0, 7.0, 7.0
-    assert plane == iq.ExactPlane([0, 0, 1], [1, 2, 3])
+    assert plane == iq.control.ExactPlane([0, 0, 1], [1, 2, 3])
     assert sensor == iq.WrenchSensor()
     with pytest.raises(ValueError, match="read-only"):
         plane.point[0] = 7.0

@@ -34,12 +34,12 @@ from invariantqp.compare.report.charts import CHARTS
 from invariantqp.compare.results import load_results
 out, results = Path(sys.argv[1]), load_results(Path(sys.argv[2]))
 motion = iq.load_task("scara")
-iq.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
+iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
 contact = iq.load_task("pen_on_paper")
 contact = contact.model_copy(update={"path": contact.path.model_copy(update={"duration": 0.05})})
-iq.picture(iq.run_task(contact), out / "contact.svg")
+iq.pictures.picture(iq.run_task(contact), out / "contact.svg")
 robot = iq.load_robot("so101")
-iq.pitch_picture(iq.inspect(robot, samples=8), robot, out / "pitches.pdf")
+iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8), robot, out / "pitches.pdf")
 for chart in CHARTS:
     chart.draw(results, out / f"{chart.slug}.svg")
 drawn = look()

@@ -125,7 +125,7 @@ def test_nor_which_pose_is_the_closest(name):
 
 
 def test_nor_what_is_met_exactly():
-    offset, point = random_displacement(8), iq.ExactPoint([0.0, 0.02, -0.05])
+    offset, point = random_displacement(8), iq.control.ExactPoint([0.0, 0.02, -0.05])
     target = SO101.pose(states(SO101, 1, 25)[0]) @ iq.exp([0.3, 0.5, 0.2, 0.0, 0.0, 0.0])
     here = iq.solve_pose(SO101, target, exact=point, restarts=8, **NO_LIMIT)
     moved = SO101.with_tool(offset)
@@ -239,7 +239,9 @@ def test_without_exact_demands_five_joints_trade_position_for_orientation():
 
 def test_an_exact_axis_leaves_the_turn_about_it_free():
     target = SO101.pose(states(SO101, 1, 23)[0]) @ iq.exp([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
-    found = iq.solve_pose(SO101, target, exact=[iq.ExactPoint(), iq.ExactAxis([0.0, 0.0, 1.0])], **NO_LIMIT)
+    found = iq.solve_pose(
+        SO101, target, exact=[iq.control.ExactPoint(), iq.control.ExactAxis([0.0, 0.0, 1.0])], **NO_LIMIT
+    )
     T = fk(SO101, found.q)
     assert found.success
     np.testing.assert_allclose(T.translation, target[:3, 3], atol=1e-6)
@@ -256,18 +258,18 @@ def test_an_exact_position_out_of_reach_is_no_success():
 def test_joints_that_slide_and_screw():
     lift = np.column_stack(
         [
-            iq.prismatic([0, 0, 1]),
+            iq.se3.prismatic([0, 0, 1]),
             iq.revolute([0, 0, 1]),
             iq.revolute([0, 0, 1], [0.5, 0, 0]),
-            iq.helical([0, 0, 1], [0.9, 0, 0], 0.05),
+            iq.se3.helical([0, 0, 1], [0.9, 0, 0], 0.05),
         ]
     )
-    arm = iq.Chain(lift, iq.transform(translation=[1.0, 0.0, 0.2]), (), -3.0, 3.0)
+    arm = iq.robots.Chain(lift, iq.transform(translation=[1.0, 0.0, 0.2]), (), -3.0, 3.0)
     q = np.array([0.4, 0.5, -1.0, 2.0])
     found = iq.solve_pose(arm, arm.pose(q), **NO_LIMIT)
     assert found.success
     np.testing.assert_allclose(arm.pose(found.q), arm.pose(q), atol=1e-6)
-    gantry = iq.Chain(np.eye(6)[:, 3:], np.eye(4), (), -1.0, 1.0)
+    gantry = iq.robots.Chain(np.eye(6)[:, 3:], np.eye(4), (), -1.0, 1.0)
     out = iq.solve_pose(gantry, iq.transform(translation=[0.5, -0.5, 2.0]), **NO_LIMIT)
     np.testing.assert_allclose(out.q, [0.5, -0.5, 1.0], atol=1e-9)
     assert out.active == (2,)
@@ -330,7 +332,7 @@ WRONG = {
     "half a restart": (lambda: iq.solve_pose(PANDA, T, restarts=0.5), "restarts"),
     "seed": (lambda: iq.solve_pose(PANDA, T, seed="a"), "seed"),
     "exact": (lambda: iq.solve_pose(PANDA, T, exact="orientation"), "exact"),
-    "exact joints": (lambda: iq.solve_pose(PANDA, T, exact=iq.ExactJoints(np.eye(7))), "exact"),
+    "exact joints": (lambda: iq.solve_pose(PANDA, T, exact=iq.control.ExactJoints(np.eye(7))), "exact"),
     "h = 0": (lambda: iq.solve_pose(PANDA, T, form=0.0), "form"),
     "complement": (lambda: iq.solve_pose(PANDA, T, form=iq.Complement(np.eye(6)[:, :1])), "form"),
     "word for a form": (lambda: iq.solve_pose(PANDA, T, form="tool"), "form"),

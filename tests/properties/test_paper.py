@@ -68,7 +68,7 @@ def test_example_1_the_columns_are_lines_of_an_ib0_system():
 
 def test_example_1_determinant_is_8h():
     assert determinant(J1) == 8 * h
-    np.testing.assert_allclose(iq.gram_polynomial(numbers(J1)), [0, 8, 0, 0], atol=1e-13)
+    np.testing.assert_allclose(iq.systems.gram_polynomial(numbers(J1)), [0, 8, 0, 0], atol=1e-13)
     np.testing.assert_allclose(iq.principal_pitches(numbers(J1)), [0.0], atol=1e-14)
 
 
@@ -105,7 +105,7 @@ def test_example_4():
     left = S4 - J1 * V4
     assert sp.simplify((left.T * Q * left)[0] - PHI4) == 0
     for x in AT:
-        found = iq.stationary_point(numbers(J1), numbers(S4)[:, 0], float(x))
+        found = iq.systems.stationary_point(numbers(J1), numbers(S4)[:, 0], float(x))
         np.testing.assert_allclose(found.velocity, numbers(V4, h=x)[:, 0], atol=1e-13)
         assert found.value == pytest.approx(float(PHI4.subs(h, x)))
         np.testing.assert_allclose(found.gradient, 0.0, atol=1e-12)
@@ -113,7 +113,7 @@ def test_example_4():
 
 def test_example_4_the_error_vanishes_at_two_pitches():
     roots = sorted(sp.solve(80 * h**2 + 64 * h - 25, h))
-    found = iq.vanishing_pitches(numbers(J1), numbers(S4)[:, 0])
+    found = iq.systems.vanishing_pitches(numbers(J1), numbers(S4)[:, 0])
     np.testing.assert_allclose(found, [float(r) for r in roots], atol=1e-13)
 
 
@@ -204,7 +204,7 @@ def test_tables_1_and_2(key):
     assert kind.admits_pseudoinverse == (expected != 0)
     polynomial = sp.Poly(sp.expand(sp.sympify(expected).subs(VALUES)), h).all_coeffs()[::-1]
     coefficients = [float(x) for x in polynomial] + [0.0] * (key[0] + 1 - len(polynomial))
-    np.testing.assert_allclose(iq.gram_polynomial(exact), coefficients, atol=1e-13)
+    np.testing.assert_allclose(iq.systems.gram_polynomial(exact), coefficients, atol=1e-13)
 
 
 # --- Table 3
@@ -340,7 +340,7 @@ def test_erratum_7_example_3_the_solution_is_smaller():
     solution = sp.Matrix.vstack(J[4, :], J[5, :]).nullspace()  # v_y = v_z = 0, by definition
     assert len(solution) == 1
     assert (inverse(J).subs(h, 1) * S).rank() == 3
-    found = iq.point_motion(numbers(J), (0, 0, 0), (1, 0, 0))
+    found = iq.systems.point_motion(numbers(J), (0, 0, 0), (1, 0, 0))
     assert found.velocities.shape == (3, 1)
     assert distance(found.velocities, numbers(solution[0])) < 1e-12
 
@@ -362,10 +362,10 @@ def test_erratum_8_hp4_is_meant_with_the_ordinary_transpose():
 
 def test_example_3_the_four_system_is_no_lie_algebra():
     """Beyond the eight: Example 3 calls the 4-system the Lie algebra of a subgroup; a bracket leaves it."""
-    S = iq.motions_along((0, 0, 0), (1, 0, 0))
+    S = iq.systems.motions_along((0, 0, 0), (1, 0, 0))
     turn, slide = np.array([0, 1, 0, 0, 0, 0]), np.array([0, 0, 0, 1, 0, 0])
     assert np.linalg.matrix_rank(np.column_stack((S, turn, slide))) == 4
-    assert np.linalg.matrix_rank(np.column_stack((S, iq.bracket(turn, slide)))) == 5
+    assert np.linalg.matrix_rank(np.column_stack((S, iq.se3.bracket(turn, slide)))) == 5
 
 
 # --- Sect. 4

@@ -82,7 +82,7 @@ def test_a_chain_from_the_same_screws_is_the_same_arm(name):
     robot = iq.load_robot(name)
     zero = np.zeros(len(robot.names))
     limits = (robot.position_lower, robot.position_upper, robot.velocity_limit)
-    chain = iq.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
+    chain = iq.robots.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
     rng = np.random.default_rng(1)
     for _ in range(3):
         q = inside(robot, rng)
@@ -160,7 +160,7 @@ def test_a_displaced_tool_is_the_same_arm(source):
 def test_a_urdf_of_ones_own(tmp_path):
     robot = iq.load_robot(urdf(tmp_path, SLIDER), tool="hook")
     assert robot.names == ("rail", "swing")
-    np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 0], iq.prismatic((1, 0, 0)), atol=1e-15)
+    np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 0], iq.se3.prismatic((1, 0, 0)), atol=1e-15)
     np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 1], iq.revolute((0, 1, 0), (0.1, 0, 0.2)), atol=1e-15)
     assert robot.position_upper.tolist() == [0.5, 2.0]
     side = iq.load_robot(str(urdf(tmp_path, SLIDER)), tool="side")
@@ -203,13 +203,13 @@ FAILING = {
 @pytest.mark.parametrize("case", FAILING)
 def test_robots_that_cannot_be_had(tmp_path, case):
     call, message = FAILING[case]
-    with pytest.raises(iq.RobotModelError, match=message) as caught:
+    with pytest.raises(iq.errors.RobotModelError, match=message) as caught:
         call(tmp_path)
-    assert isinstance(caught.value, iq.UnknownName) == ("unknown" in message)
+    assert isinstance(caught.value, iq.errors.UnknownName) == ("unknown" in message)
 
 
 def test_a_name_far_from_all_lists_them():
-    with pytest.raises(iq.UnknownName, match=r"known: panda, ur3, .*or the path of a \.urdf file"):
+    with pytest.raises(iq.errors.UnknownName, match=r"known: panda, ur3, .*or the path of a \.urdf file"):
         iq.load_robot("qqqq")
 
 
@@ -226,19 +226,27 @@ BAD = {
     "a robot": (lambda f: iq.load_robot(iq.load_robot(f)), "source", "PinocchioRobot slider"),
     "a letter a joint": (lambda f: iq.load_robot(f, joints="rail"), "joints", "'rail'"),
     "numbered joints": (lambda f: iq.load_robot(f, joints=[1]), "joints", "1 among"),
-    "zero screw": (lambda _: iq.Chain([[1, 0]] + [[0, 0]] * 5, np.eye(4)), "screws", "zero twist in column 1"),
-    "home": (lambda _: iq.Chain(np.eye(6), np.zeros((4, 4))), "home", "not a rotation"),
-    "names": (lambda _: iq.Chain(np.eye(6), np.eye(4), ["a"]), "names", "('a',)"),
-    "names twice": (lambda _: iq.Chain(np.eye(6), np.eye(4), ["a"] * 6), "names", "'a'"),
-    "crossed": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), 1.0, -1.0), "position_lower", "1 above -1 at joint 0"),
-    "nan limit": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), np.nan), "position_lower", "NaN"),
-    "empty limits": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), []), "position_lower", "shape (0,)"),
-    "no speed": (lambda _: iq.Chain(np.eye(6), np.eye(4), velocity_limit=[1, 1, 0, 1, 1, 1]), "velocity_limit", "0 at"),
+    "zero screw": (lambda _: iq.robots.Chain([[1, 0]] + [[0, 0]] * 5, np.eye(4)), "screws", "zero twist in column 1"),
+    "home": (lambda _: iq.robots.Chain(np.eye(6), np.zeros((4, 4))), "home", "not a rotation"),
+    "names": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), ["a"]), "names", "('a',)"),
+    "names twice": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), ["a"] * 6), "names", "'a'"),
+    "crossed": (
+        lambda _: iq.robots.Chain(np.eye(6), np.eye(4), (), 1.0, -1.0),
+        "position_lower",
+        "1 above -1 at joint 0",
+    ),
+    "nan limit": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), (), np.nan), "position_lower", "NaN"),
+    "empty limits": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), (), []), "position_lower", "shape (0,)"),
+    "no speed": (
+        lambda _: iq.robots.Chain(np.eye(6), np.eye(4), velocity_limit=[1, 1, 0, 1, 1, 1]),
+        "velocity_limit",
+        "0 at",
+    ),
     "q": (lambda f: iq.load_robot(f, tool="hook").pose([np.nan, 0.0]), "q", "NaN"),
     "q short": (lambda f: iq.load_robot(f, tool="hook").jacobian([0.0]), "q", "shape (1,)"),
-    "chain q": (lambda _: iq.Chain(np.eye(6), np.eye(4)).pose(np.zeros(5)), "q", "shape (5,)"),
+    "chain q": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4)).pose(np.zeros(5)), "q", "shape (5,)"),
     "offset": (lambda f: iq.load_robot(f, tool="hook").with_tool(np.zeros((4, 4))), "offset", "not a rotation"),
-    "chain offset": (lambda _: iq.Chain(np.eye(6), np.eye(4)).with_tool(np.eye(3)), "offset", "shape (3, 3)"),
+    "chain offset": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4)).with_tool(np.eye(3)), "offset", "shape (3, 3)"),
     "target": (lambda f: iq.load_robot(f, tool="hook").target(np.full((4, 4), np.nan)), "target", "NaN"),
 }
 
@@ -260,7 +268,7 @@ def test_without_the_extra_the_message_says_which(monkeypatch):
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "distribution", missing)
-    with pytest.raises(iq.MissingExtra, match=r"pip install 'invariantqp\[robots\]'"):
+    with pytest.raises(iq.errors.MissingExtra, match=r"pip install 'invariantqp\[robots\]'"):
         iq.load_robot("panda")
 
 
@@ -296,12 +304,14 @@ def test_a_model_with_joints_of_other_kinds(tmp_path):
     import pinocchio
 
     floating = pinocchio.buildModelFromXML(FLOATING)
-    with pytest.raises(iq.RobotModelError, match=r"joint 'rail' \(JointModelFreeFlyer\) has no single coordinate"):
+    with pytest.raises(
+        iq.errors.RobotModelError, match=r"joint 'rail' \(JointModelFreeFlyer\) has no single coordinate"
+    ):
         iq.load_robot(floating, tool="hook")
     assert iq.load_robot(floating, tool="hook", joints=["swing"]).names == ("swing",)
-    with pytest.raises(iq.RobotModelError, match=r"joint 'other' .*pass the URDF for a continuous one"):
+    with pytest.raises(iq.errors.RobotModelError, match=r"joint 'other' .*pass the URDF for a continuous one"):
         iq.load_robot(pinocchio.buildModelFromXML(SLIDER), tool="side")
-    with pytest.raises(iq.UnknownName, match="unknown frame 'hok'; did you mean hook"):
+    with pytest.raises(iq.errors.UnknownName, match="unknown frame 'hok'; did you mean hook"):
         iq.load_robot(floating, tool="hok")
 
 

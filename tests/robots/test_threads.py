@@ -30,7 +30,7 @@ def arm(kind):
         return robot
     zero = np.zeros(6)
     limits = (robot.position_lower, robot.position_upper, robot.velocity_limit)
-    return iq.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
+    return iq.robots.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
 
 
 def look(robot, q, target):
@@ -112,7 +112,7 @@ def test_a_robots_limits_cannot_be_written_to():
 
 def test_a_chain_keeps_its_own_arrays():
     screws, home, limit = np.eye(6), np.eye(4), np.ones(6)
-    chain = iq.Chain(screws, home, velocity_limit=limit)
+    chain = iq.robots.Chain(screws, home, velocity_limit=limit)
     before = chain.pose(np.full(6, 0.3))
     screws[:], home[:], limit[:] = 7.0, 7.0, 7.0
     np.testing.assert_array_equal(chain.pose(np.full(6, 0.3)), before)

@@ -37,7 +37,7 @@ def test_a_pitch_form_is_blind_there_and_says_so():
 def test_the_metric_is_that_of_the_arms_own_length_at_the_tool():
     robot = iq.load_task("planar_3r").load_robot()
     metric = iq.tool_metric(robot)
-    length = iq.centre(robot.jacobian([0.0, 1.4, 0.0])).length
+    length = iq.systems.centre(robot.jacobian([0.0, 1.4, 0.0])).length
     np.testing.assert_allclose(metric.matrix, np.diag(np.repeat((length**2, 1.0), 3)))
     assert metric.follows_tool
 
@@ -50,7 +50,7 @@ def content(**law):
 
 def test_a_joint_metric_settles_mixed_units():
     assert iq.run_task(task_from(content(form="tool", joint_metric=[1.0, 9.0]), "x")).passed
-    with pytest.warns(iq.UnitsMixed):
+    with pytest.warns(iq.velocity.UnitsMixed):
         iq.run_task(task_from(content(form="tool"), "x"))
     with pytest.raises(iq.BadInput, match="joint_metric"):
         iq.run_task(task_from(content(joint_metric=[1.0]), "x"))
@@ -72,5 +72,5 @@ def test_a_joint_metric_settles_mixed_units():
     ],
 )
 def test_what_the_law_does_not_take(law, said):
-    with pytest.raises(iq.TaskFileError, match=said):
+    with pytest.raises(iq.errors.TaskFileError, match=said):
         task_from(content(**law), "x")

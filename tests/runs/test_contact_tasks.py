@@ -148,7 +148,7 @@ def test_contacts_that_are_none(changes, said):
 
 def test_displaced_frames_change_nothing_of_ours_and_much_of_the_textbooks():
     """Tool, sensor and contact frames, on an arm that feels contact through a wrist sensor: joint velocities."""
-    ours, textbook = iq.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
+    ours, textbook = iq.compare.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
     assert 0.0 < ours.change < 1e-9
     assert ours.displaced_force_error == pytest.approx(ours.force_error, rel=1e-6)
     assert textbook.force_error == pytest.approx(ours.force_error, rel=0.1)  # as told it is as good
@@ -162,5 +162,5 @@ def test_a_missing_engine_is_named(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "mujoco", None)
     monkeypatch.delitem(sys.modules, "invariantqp.runs.plants.mujoco", raising=False)
-    with pytest.raises(iq.MissingExtra, match=r"pip install 'invariantqp\[sim\]'"):
+    with pytest.raises(iq.errors.MissingExtra, match=r"pip install 'invariantqp\[sim\]'"):
         iq.run_task(short(), physics="mujoco")

@@ -121,7 +121,7 @@ def test_what_has_no_model_is_refused():
     with pytest.raises(iq.BadInput, match="a face on a round bar"):
         panda(SurfaceSprings("face", FACE, bar, 1e4))
     with pytest.raises(iq.BadInput, match="a hinge with a pitch"):
-        panda(HingeSprings(FACE, T, iq.helical([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0], 0.05), 1e4))
+        panda(HingeSprings(FACE, T, iq.se3.helical([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0], 0.05), 1e4))
     task = iq.load_task("arm_3r")
     with pytest.raises(iq.BadInput, match="found a robot from joint screws"):
         iq.run_task(task, physics="mujoco")

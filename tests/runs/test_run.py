@@ -115,7 +115,7 @@ def test_overrides_and_arguments_that_do_not_exist():
         iq.run_task("panda_path")
     with pytest.raises(iq.BadInput, match="controller: found a velocity controller for a task in contact"):
         iq.run_task(iq.load_task("pen_on_paper"), controller=our_controller)
-    with pytest.raises(iq.UnknownName, match="did you mean daqp"):
+    with pytest.raises(iq.errors.UnknownName, match="did you mean daqp"):
         iq.run_task(panda(), backend="dapq")
     with pytest.raises(iq.BadInput, match=r"path\.waypoints\[0\]: found 2 numbers; expected 7, one for each joint"):
         iq.run_task(panda(path={"kind": "joints", "duration": 1.0, "waypoints": [[0.0, 0.1]]}))
@@ -153,7 +153,7 @@ def test_a_displaced_tool_frame_changes_no_joint(exact):
 
 
 def test_the_usual_laws_do_change():
-    rows = iq.frame_check(limited_panda(), seed=1)
+    rows = iq.compare.frame_check(limited_panda(), seed=1)
     assert [r.law for r in rows] == ["invariantqp", "Moore-Penrose, clipped", "DLS, clipped"]
     assert rows[0].change < 1e-8
     assert rows[2].change > 1e-3

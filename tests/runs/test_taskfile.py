@@ -154,7 +154,7 @@ RENAMED = {
 @pytest.mark.parametrize("where", RENAMED)
 def test_an_old_key_is_told_its_new_name(where):
     changes, said = RENAMED[where]
-    with pytest.raises(iq.TaskFileError) as caught:
+    with pytest.raises(iq.errors.TaskFileError) as caught:
         task_from(content(**changes), "t.toml")
     (problem,) = caught.value.problems
     assert problem.startswith(f"{where}: {said}")
@@ -173,7 +173,7 @@ def test_a_laws_keys_are_the_controllers_arguments():
 @pytest.mark.parametrize("case", PROBLEMS)
 def test_every_problem_has_its_path_and_what_would_be_right(case):
     changes, where, said, right = PROBLEMS[case]
-    with pytest.raises(iq.TaskFileError) as caught:
+    with pytest.raises(iq.errors.TaskFileError) as caught:
         task_from(content(**changes), "t.toml")
     error = caught.value
     assert error.source == "t.toml"
@@ -184,14 +184,16 @@ def test_every_problem_has_its_path_and_what_would_be_right(case):
 
 
 def test_all_problems_are_told_at_once():
-    with pytest.raises(iq.TaskFileError, match=r"t\.toml: 3 problems\n") as caught:
+    with pytest.raises(iq.errors.TaskFileError, match=r"t\.toml: 3 problems\n") as caught:
         task_from(content(law__gian=1.0, path__duration=-1.0, robot__start=None), "t.toml")
     assert len(caught.value.problems) == 3
 
 
 def test_a_start_for_another_robot_names_the_joints():
     task = task_from(content(robot__start=[0.0]), "t.toml")
-    with pytest.raises(iq.TaskFileError, match=r"\$\.robot\.start: 1 number \(give 7: panda_joint1, panda_joint2"):
+    with pytest.raises(
+        iq.errors.TaskFileError, match=r"\$\.robot\.start: 1 number \(give 7: panda_joint1, panda_joint2"
+    ):
         task.load_robot()
 
 
@@ -199,24 +201,24 @@ def test_a_start_for_another_robot_names_the_joints():
 def test_one_of_source_and_screws(both):
     changes = {"robot__screws": [SCREW]} if both else {"robot__source": None}
     said = "both source and screws are given" if both else "neither source nor screws is given"
-    with pytest.raises(iq.TaskFileError, match=rf"\$\.robot: {said}; give one of them"):
+    with pytest.raises(iq.errors.TaskFileError, match=rf"\$\.robot: {said}; give one of them"):
         task_from(content(**changes), "t.toml")
 
 
 def test_files_that_are_none(tmp_path):
-    with pytest.raises(iq.UnknownName, match=r"unknown task 'arm_3rr'; did you mean arm_3r"):
+    with pytest.raises(iq.errors.UnknownName, match=r"unknown task 'arm_3rr'; did you mean arm_3r"):
         iq.load_task("arm_3rr")
-    with pytest.raises(iq.UnknownName, match="unknown task"):
+    with pytest.raises(iq.errors.UnknownName, match="unknown task"):
         iq.load_task(tmp_path)
     broken = tmp_path / "broken.toml"
     broken.write_text('name = "a\n', encoding="utf-8")
-    with pytest.raises(iq.TaskFileError, match=r"\$: not TOML"):
+    with pytest.raises(iq.errors.TaskFileError, match=r"\$: not TOML"):
         iq.load_task(broken)
     broken.write_bytes(b"name = '\xff'")
-    with pytest.raises(iq.TaskFileError, match=r"\$: not TOML"):
+    with pytest.raises(iq.errors.TaskFileError, match=r"\$: not TOML"):
         iq.load_task(broken)
     broken.write_text("", encoding="utf-8")
-    with pytest.raises(iq.TaskFileError, match=r"\$\.robot: field required"):
+    with pytest.raises(iq.errors.TaskFileError, match=r"\$\.robot: field required"):
         iq.load_task(broken)
 
 
@@ -253,7 +255,7 @@ def test_a_task_is_named_by_text_or_a_path(given):
 
 @pytest.mark.parametrize("name", ["", ".", "/", "a" * 300, "no\0name"])
 def test_what_no_file_is_called_is_an_unknown_task(name):
-    with pytest.raises((iq.UnknownName, iq.TaskFileError)):
+    with pytest.raises((iq.errors.UnknownName, iq.errors.TaskFileError)):
         iq.load_task(name)
 
 

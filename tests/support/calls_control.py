@@ -16,7 +16,7 @@ def ur5():
 
 @cache
 def chain():
-    return iq.Chain(J, T)
+    return iq.robots.Chain(J, T)
 
 
 @cache
@@ -61,7 +61,7 @@ def sensor():
 
 
 def shared():
-    return iq.SharedTask(S, h=H)
+    return iq.control.SharedTask(S, h=H)
 
 
 def robot_calls(name, robot):
@@ -80,7 +80,7 @@ CONTROL = {
     "load_robot": lambda: (iq.load_robot, {"source": "ur5", "tool": None, "joints": None}),
     "load_robot, screws": lambda: (iq.load_robot, {"source": J, "tool": T, "joints": None}),
     "Chain": lambda: (
-        iq.Chain,
+        iq.robots.Chain,
         {
             "screws": J,
             "home": T,
@@ -100,17 +100,17 @@ CONTROL = {
         {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None},
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
-    "ExactPoint": lambda: (iq.ExactPoint, {"point": POINT}),
-    "ExactAxis": lambda: (iq.ExactAxis, {"axis": AXIS}),
-    "ExactPlane": lambda: (iq.ExactPlane, {"normal": AXIS, "point": POINT}),
-    "ExactJoints": lambda: (iq.ExactJoints, {"A": J[:2], "b": 0.0}),
-    "ExactPoint.moved": lambda: (iq.ExactPoint(POINT).moved, {"offset": T}),
-    "ExactAxis.moved": lambda: (iq.ExactAxis(AXIS).moved, {"offset": T}),
-    "ExactPlane.moved": lambda: (iq.ExactPlane(AXIS).moved, {"offset": T}),
-    "ExactJoints.moved": lambda: (iq.ExactJoints(J).moved, {"offset": T}),
-    "own_form": lambda: (iq.own_form, {"robot": chain()}),
+    "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
+    "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
+    "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),
+    "ExactJoints": lambda: (iq.control.ExactJoints, {"A": J[:2], "b": 0.0}),
+    "ExactPoint.moved": lambda: (iq.control.ExactPoint(POINT).moved, {"offset": T}),
+    "ExactAxis.moved": lambda: (iq.control.ExactAxis(AXIS).moved, {"offset": T}),
+    "ExactPlane.moved": lambda: (iq.control.ExactPlane(AXIS).moved, {"offset": T}),
+    "ExactJoints.moved": lambda: (iq.control.ExactJoints(J).moved, {"offset": T}),
+    "own_form": lambda: (iq.forms.own_form, {"robot": chain()}),
     "tool_metric": lambda: (iq.tool_metric, {"robot": chain()}),
-    "SharedTask": lambda: (iq.SharedTask, {"S1": S, "S2": None, "h": H, "metric": None}),
+    "SharedTask": lambda: (iq.control.SharedTask, {"S1": S, "S2": None, "h": H, "metric": None}),
     "SharedTask.moved": lambda: (shared().moved, {"pose": T}),
     "SharedTask.twist": lambda: (shared().twist, {"robot": TWIST, "operator": TWIST}),
     # force
@@ -193,19 +193,19 @@ CONTROL = {
         },
     ),
     # Pink
-    "pink.InvariantFrameTask": lambda: (
+    "InvariantFrameTask": lambda: (
         InvariantFrameTask,
         {"frame": "tool0", "h": H, "cost": 1.0, "damping": None, "guard": True, "gain": 1.0, "lm_damping": 1e-3},
     ),
-    "pink.InvariantFrameTask.set_target": lambda: (
+    "InvariantFrameTask.set_target": lambda: (
         InvariantFrameTask("tool0").set_target,
         {"transform_target_to_world": T},
     ),
     # runs, analysis, pictures
     "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),
-    "shipped_tasks": lambda: (iq.shipped_tasks, {"group": ""}),
+    "shipped_tasks": lambda: (iq.tasks.shipped_tasks, {"group": ""}),
     "inspect": lambda: (
-        iq.inspect,
+        iq.analysis.inspect,
         {"robot": ur5(), "name": "robot", "q": Q, "samples": 4, "jobs": 1, "progress": None},
     ),
 }

@@ -39,7 +39,7 @@ def test_the_h_adjoint_of_a_jacobian(seed, m, h):
     Q = iq.pitch_form(h)
     np.testing.assert_allclose(h_adjoint(J, h), J.T @ Q, atol=1e-15)
     np.testing.assert_allclose(h_adjoint(J, h, joint_metric=M), form_adjoint(J, M, Q), atol=1e-12)
-    np.testing.assert_allclose(h_adjoint(J, h) @ J, iq.gram_matrix(J, h), atol=1e-12)
+    np.testing.assert_allclose(h_adjoint(J, h) @ J, iq.systems.gram_matrix(J, h), atol=1e-12)
     Ad = iq.adjoint(motion(rng))
     np.testing.assert_allclose(h_adjoint(Ad @ J, h) @ Ad, h_adjoint(J, h), atol=1e-11)
 

@@ -17,7 +17,7 @@ def test_it_maps_to_where_the_cost_is_stationary(seed, m, h):
     rng = np.random.default_rng(seed)
     J, s, A = rng.normal(size=(6, m)), rng.normal(size=6), rng.normal(size=(m, m))
     Lambda, Q = A + A.T, iq.pitch_form(h)
-    total = iq.gram_matrix(J, h) + Lambda
+    total = iq.systems.gram_matrix(J, h) + Lambda
     if np.linalg.cond(total) > 1e4:
         return
     x = np.linalg.solve(total, J.T @ Q @ s)
@@ -36,7 +36,7 @@ def test_it_maps_to_where_the_cost_is_stationary(seed, m, h):
 def test_its_eigenvalues_are_the_gains_that_are_stated(seed, m, h):
     rng = np.random.default_rng(seed)
     J, A = rng.normal(size=(6, m)), rng.normal(size=(m, m))
-    G = iq.gram_matrix(J, h)
+    G = iq.systems.gram_matrix(J, h)
     for Lambda in (0.3 * np.eye(m), A @ A.T + 0.1 * np.eye(m)):
         mu = np.linalg.eigvals(np.linalg.solve(Lambda, G)).real
         if np.abs(mu + 1.0).min() < 1e-3:
@@ -50,7 +50,7 @@ def test_its_eigenvalues_are_the_gains_that_are_stated(seed, m, h):
 def test_signs_of_the_gains():
     """Lambda = lambda I: damped for mu > 0, negative for -lambda < mu < 0, above 1 below that, a pole between."""
     S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, -0.1, 0), (0, 0, 1, 0, 0, -0.9)]).T  # G = diag(1, -0.2, -1.8)
-    np.testing.assert_allclose(np.diag(iq.gram_matrix(S, 0.0)), [1.0, -0.2, -1.8])
+    np.testing.assert_allclose(np.diag(iq.systems.gram_matrix(S, 0.0)), [1.0, -0.2, -1.8])
     np.testing.assert_allclose(
         np.sort(np.linalg.eigvals(psi(S, 0.0, 0.4)).real)[[0, -2, -1]], [-1.0, 1 / 1.4, 1.8 / 1.4]
     )
@@ -64,7 +64,7 @@ def test_signs_of_the_gains():
 def test_the_inverse_as_lambda_damps_whatever_the_signs(seed, m, h, size):
     rng = np.random.default_rng(seed)
     J = rng.normal(size=(6, m))
-    G = iq.gram_matrix(J, h)
+    G = iq.systems.gram_matrix(J, h)
     if np.linalg.cond(G) > 1e5:
         return
     mu = np.linalg.eigvalsh(G)
@@ -89,7 +89,7 @@ def test_h_adjoint_frames_and_the_projector_it_tends_to():
 def test_it_is_what_the_law_does_with_the_papers_damping():
     rng = np.random.default_rng(2)
     J, s = rng.normal(size=(6, 4)), rng.normal(size=6)
-    solution = iq.solve_velocity(J, s, form=0.4, damping=iq.PaperLambda(0.3))
+    solution = iq.solve_velocity(J, s, form=0.4, damping=iq.velocity.PaperLambda(0.3))
     np.testing.assert_allclose(J @ solution.velocity, psi(J, 0.4, 0.3) @ s, atol=1e-12)
 
 

@@ -21,7 +21,7 @@ def scara(rng):
     elbow = rng.uniform(0.1, 0.6) * np.array([np.cos(a), np.sin(a), 0.0])
     wrist = elbow + rng.uniform(0.1, 0.6) * np.array([np.cos(a + b), np.sin(a + b), 0.0])
     z = (0.0, 0.0, 1.0)
-    return np.column_stack((iq.revolute(z), iq.revolute(z, elbow), iq.revolute(z, wrist), iq.prismatic(z)))
+    return np.column_stack((iq.revolute(z), iq.revolute(z, elbow), iq.revolute(z, wrist), iq.se3.prismatic(z)))
 
 
 def assert_refused(J, h):
@@ -31,10 +31,10 @@ def assert_refused(J, h):
     assert caught.value.gram_rank < caught.value.rank
     with pytest.raises(iq.NoProjectors):
         iq.dual_projectors(J, h=h)
-    said = iq.existence(J, h)
+    said = iq.systems.existence(J, h)
     assert said.degenerate == (True, True, True)
     assert not said.exists
-    assert not iq.reciprocal_has_pseudoinverse(J, h)
+    assert not iq.systems.reciprocal_has_pseudoinverse(J, h)
 
 
 @pytest.mark.parametrize("far", [0.0, 2.0, 1e3])
@@ -54,7 +54,7 @@ def test_the_so101_has_one_at_every_other_pitch():
         for exponent in np.linspace(-10.0, 4.0, 57):
             J = arm.jacobian(rng.uniform(arm.position_lower, arm.position_upper))
             J, h = iq.adjoint(motion(rng)) @ J, 10.0**exponent
-            said = iq.existence(J, h)
+            said = iq.systems.existence(J, h)
             assert said.exists == (said.condition <= LARGEST_CONDITION)
             if exponent > -7.0:
                 assert said.exists
@@ -83,7 +83,7 @@ def any_system(rng, i):
         J, _ = sample(rng, CLASSES[rng.integers(len(CLASSES))], upper=bool(rng.integers(2)))
     elif kind == 3:
         pitches = rng.choice([0.0, 0.3, np.inf], size=m)
-        J = np.column_stack([iq.helical(*rng.normal(size=(2, 3)), pitch=p) for p in pitches])
+        J = np.column_stack([iq.se3.helical(*rng.normal(size=(2, 3)), pitch=p) for p in pitches])
     else:
         J = rng.normal(size=(6, m)) * 10.0 ** rng.uniform(-4.0, 4.0, size=m)
     J = iq.adjoint(motion(rng, 10.0 ** rng.uniform(-1.0, 3.0))) @ J
@@ -170,10 +170,10 @@ def test_dependent_joints_with_a_metric(seed):
 def test_two_small_numbers_that_only_together_are_too_small():
     """A screw of a principal pitch beside two that are almost one: neither the form nor the joints alone say no."""
     rng = np.random.default_rng(5)
-    _, z = iq.principal_screws(rng.normal(size=(6, 3)))
+    _, z = iq.systems.principal_screws(rng.normal(size=(6, 3)))
     for nearness, offset, exists in [(1e-2, 1e-8, True), (1e-8, 1e-2, True), (1e-8, 1e-8, False)]:
         J = np.column_stack((z[:, 0], z[:, 1], z[:, 1] + nearness * z[:, 2]))
-        assert iq.has_pseudoinverse(J, float(iq.pitch(z[:, 0])) + offset) is exists
+        assert iq.has_pseudoinverse(J, float(iq.se3.pitch(z[:, 0])) + offset) is exists
 
 
 @pytest.mark.parametrize("m", [4, 6, 7])

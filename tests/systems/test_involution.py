@@ -15,7 +15,7 @@ def line(rng):
 
 def transversals_by_the_line_equations(lines):
     """Lines that meet four given ones: through x = a1 + t d1 the one that meets lines 2 and 3, made to meet line 4."""
-    points, directions = zip(*((iq.axis(s)[1], iq.axis(s)[0]) for s in lines.T), strict=True)
+    points, directions = zip(*((iq.se3.axis(s)[1], iq.se3.axis(s)[0]) for s in lines.T), strict=True)
 
     def through(t):
         x = points[0] + t * directions[0]
@@ -73,7 +73,7 @@ def check(J, found):
     )  # a force along a line, or a couple: not a wrench of finite pitch
     for t in found.transversals.T:
         np.testing.assert_allclose(J.T @ Q0 @ t, 0.0, atol=1e-9)
-        assert iq.pitch(t) == pytest.approx(0.0, abs=1e-9)
+        assert iq.se3.pitch(t) == pytest.approx(0.0, abs=1e-9)
         assert np.linalg.norm(t[:3]) == pytest.approx(1.0)
     assert np.linalg.matrix_rank(found.transversals) == found.transversals.shape[1]
     for t in found.at_infinity.T:
@@ -235,7 +235,7 @@ def test_five_lines_are_in_involution_where_they_share_a_transversal():
     rng = np.random.default_rng(7)
     for _ in range(20):
         t = line(rng)
-        u, p = iq.axis(t)
+        u, p = iq.se3.axis(t)
         J = np.array([iq.revolute(rng.normal(size=3), p + rng.normal() * u) for _ in range(5)]).T
         found = iq.involution(J)
         check(J, found)
@@ -281,8 +281,8 @@ def test_what_is_not_a_line_is_refused():
     rng = np.random.default_rng(10)
     a = line(rng)
     for other, words in [
-        (iq.prismatic((0, 0, 1)), "column 1 of pitch inf"),
-        (iq.helical((0, 0, 1), pitch=0.1), "column 1 of pitch 0.1"),
+        (iq.se3.prismatic((0, 0, 1)), "column 1 of pitch inf"),
+        (iq.se3.helical((0, 0, 1), pitch=0.1), "column 1 of pitch 0.1"),
         (np.zeros(6), "zero column 1"),
     ]:
         with pytest.raises(iq.BadInput, match=words):

@@ -30,18 +30,18 @@ def test_their_screws_are_the_ones_they_are_named_for(seed, h):
     rng = np.random.default_rng(seed)
     p, q, u, n = rng.normal(size=(4, 3))
     for s in (alpha_plane(p, h).basis @ rng.normal(size=(3, 4))).T:
-        direction, foot = iq.axis(s)
+        direction, foot = iq.se3.axis(s)
         np.testing.assert_allclose(np.cross(direction, p - foot), 0.0, atol=1e-12)
-        assert iq.pitch(s) == pytest.approx(h, abs=1e-12)
+        assert iq.se3.pitch(s) == pytest.approx(h, abs=1e-12)
     for s in (beta_plane(q, n, h).basis @ rng.normal(size=(3, 4))).T:
-        direction, foot = iq.axis(s)
+        direction, foot = iq.se3.axis(s)
         assert direction @ n == pytest.approx(0.0, abs=1e-12)
         assert (foot - q) @ n == pytest.approx(0.0, abs=1e-10)
-        assert iq.pitch(s) == pytest.approx(h, abs=1e-10)
+        assert iq.se3.pitch(s) == pytest.approx(h, abs=1e-10)
     for s in (alpha_plane(direction=u, h=h).basis @ rng.normal(size=(3, 4))).T:
-        direction, _ = iq.axis(s)
+        direction, _ = iq.se3.axis(s)
         np.testing.assert_allclose(np.cross(direction, u), 0.0, atol=1e-12)
-        assert iq.pitch(s) == pytest.approx(h, abs=1e-10)
+        assert iq.se3.pitch(s) == pytest.approx(h, abs=1e-10)
 
 
 @settings(max_examples=40, deadline=None)
@@ -63,13 +63,13 @@ def test_two_families(seed, h):
     rng = np.random.default_rng(seed)
     found = [*planes(rng, h).values(), *list(planes(rng, h).values())[:3]]
     for one, other in combinations(found, 2):
-        shared = iq.system_meet(one.basis, other.basis, 1e-9).shape[1]
+        shared = iq.systems.system_meet(one.basis, other.basis, 1e-9).shape[1]
         assert shared % 2 == (1 if one.family == other.family else 0)
     p, n = rng.normal(size=(2, 3))
     through = alpha_plane(p, h)
-    pencil = iq.system_meet(through.basis, beta_plane(p, n, h).basis, 1e-9)
+    pencil = iq.systems.system_meet(through.basis, beta_plane(p, n, h).basis, 1e-9)
     assert pencil.shape[1] == 2
-    assert iq.system_meet(through.basis, beta_plane(p + n, n, h).basis, 1e-9).shape[1] == 0
+    assert iq.systems.system_meet(through.basis, beta_plane(p + n, n, h).basis, 1e-9).shape[1] == 0
 
 
 @settings(max_examples=60, deadline=None)
@@ -103,14 +103,14 @@ def test_membership(seed, h, unit):
     u = rng.normal(size=3)
     plane, flat = alpha_plane(p, unit * h), beta_plane(p, n, unit * h)
     across = np.cross(n, u)
-    assert plane.contains(iq.helical(u, p, unit * h))
-    assert not plane.contains(iq.helical(u, p + 1e-3 * across, unit * h))
-    assert not plane.contains(iq.helical(u, p, unit * (h + 1e-3)))
-    assert not plane.contains(iq.prismatic(u))
-    assert flat.contains(iq.helical(across, p + 0.3 * np.cross(n, across), unit * h))
-    assert flat.contains(iq.prismatic(n))
-    assert not flat.contains(iq.helical(across, p + 1e-3 * n, unit * h))
-    assert not flat.contains(iq.prismatic(across))
+    assert plane.contains(iq.se3.helical(u, p, unit * h))
+    assert not plane.contains(iq.se3.helical(u, p + 1e-3 * across, unit * h))
+    assert not plane.contains(iq.se3.helical(u, p, unit * (h + 1e-3)))
+    assert not plane.contains(iq.se3.prismatic(u))
+    assert flat.contains(iq.se3.helical(across, p + 0.3 * np.cross(n, across), unit * h))
+    assert flat.contains(iq.se3.prismatic(n))
+    assert not flat.contains(iq.se3.helical(across, p + 1e-3 * n, unit * h))
+    assert not flat.contains(iq.se3.prismatic(across))
 
 
 def test_those_that_are_groups_of_motions_close_under_the_bracket():
@@ -118,7 +118,7 @@ def test_those_that_are_groups_of_motions_close_under_the_bracket():
 
     def closed(plane):
         S = plane.basis
-        made = [iq.bracket(a, b) for a, b in combinations(S.T, 2)]
+        made = [iq.se3.bracket(a, b) for a, b in combinations(S.T, 2)]
         return np.linalg.matrix_rank(np.column_stack((S, *made)), tol=1e-9) == 3
 
     p = (0.3, -0.2, 0.5)

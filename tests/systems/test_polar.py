@@ -18,7 +18,7 @@ SEEDS = st.integers(0, 2**31)
 
 def spread(J, h):
     """Largest over smallest |mu| that counts: what rounding is magnified by."""
-    mu = np.abs(np.linalg.eigvalsh(iq.gram_matrix(J, h)))
+    mu = np.abs(np.linalg.eigvalsh(iq.systems.gram_matrix(J, h)))
     mu = np.sort(mu)[::-1][: np.linalg.matrix_rank(J)]
     return mu[0] / mu[-1]
 
@@ -109,8 +109,8 @@ def test_signs_tell_screws_of_pitch_above_h_from_those_below():
         J, h = rng.normal(size=(6, m)), 0.3
         found = hyperbolic_polar(J, h)
         for w, sign in zip(found.screws.T, found.signs, strict=True):
-            assert np.sign(iq.pitch(w) - h) == sign
-            assert 2.0 * w[:3] @ w[:3] * (iq.pitch(w) - h) == pytest.approx(sign)
+            assert np.sign(iq.se3.pitch(w) - h) == sign
+            assert 2.0 * w[:3] @ w[:3] * (iq.se3.pitch(w) - h) == pytest.approx(sign)
 
 
 def test_gains_make_the_manipulability():

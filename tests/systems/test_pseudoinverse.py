@@ -115,7 +115,7 @@ def test_no_pseudoinverse_carries_its_proof():
             size = np.linalg.norm(J) * (1.0 + abs(h))
             np.testing.assert_allclose(J.T @ iq.pitch_form(h) @ z, 0.0, atol=1e-13 * size)
             assert np.linalg.norm(J @ np.linalg.pinv(J) @ z - z) < 1e-12  # z is in the system
-            assert iq.pitch(z) == pytest.approx(h, abs=1e-9)
+            assert iq.se3.pitch(z) == pytest.approx(h, abs=1e-9)
             distance = np.abs(error.principal_pitches - h)
             assert distance[0] < 1e-12
             assert (np.diff(distance) >= 0.0).all()

@@ -46,7 +46,7 @@ def trace():
 @pytest.fixture
 def opened(browser, trace, tmp_path):
     """The page, standing still at half a second."""
-    file = iq.animation(trace, tmp_path / "short.html")
+    file = iq.view.animation(trace, tmp_path / "short.html")
     browser.get("about:blank")
     browser.get_log("browser"), browser.get_log("performance")
     browser.get(f"{file.as_uri()}#0.5")
@@ -154,7 +154,7 @@ def test_the_served_page_plays_and_pauses(browser, monkeypatch):
     monkeypatch.setattr(server, "PICTURES", 5)  # software draws each of them
     monkeypatch.setattr(server, "PLOTS", 1)
     task = task_from({**TASK, "path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}, "a minute")
-    viewer = iq.Viewer(task, port=0)
+    viewer = iq.view.Viewer(task, port=0)
     serving = threading.Thread(target=viewer.play, args=(iq.run_task(task, observer=viewer.watch),))
     try:
         serving.start()

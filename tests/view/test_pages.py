@@ -66,7 +66,7 @@ def test_joints_are_where_pinocchio_places_them(name):
 def test_the_joints_of_a_chain_are_on_their_axes_and_its_links_keep_their_lengths(name):
     arm = iq.load_robot(name)
     zero = np.zeros(len(arm.names))
-    chain = iq.Chain(arm.jacobian(zero), arm.pose(zero))
+    chain = iq.robots.Chain(arm.jacobian(zero), arm.pose(zero))
     turning = arm.jacobian(zero)[:3].any(axis=0)
     lengths = []
     for q in states(arm):
@@ -81,7 +81,7 @@ def test_the_joints_of_a_chain_are_on_their_axes_and_its_links_keep_their_length
 def test_a_chain_is_drawn_as_it_is_built():
     planar = iq.load_task("planar_3r").load_robot()
     np.testing.assert_allclose(planar.origins([0.0, 0.0, 0.0]), [[0, 0, 0], [0.4, 0, 0], [0.75, 0, 0]], atol=1e-15)
-    raised = iq.Chain(
+    raised = iq.robots.Chain(
         np.column_stack((iq.revolute([0, 1, 0], [0, 0, 0.3]), iq.revolute([0, 0, 1], [0.5, 0, 0]))), np.eye(4)
     )
     np.testing.assert_allclose(raised.origins([0.0, 0.0]), [[0, 0, 0.3], [0.5, 0, 0.3]], atol=1e-15)
@@ -91,7 +91,7 @@ def test_a_chain_is_drawn_as_it_is_built():
         [[0, 0, 0], [0.325, 0, 0], [0.325, 0.275, 0], [0.325, 0.275, -0.1]],
         atol=1e-15,
     )
-    gantry = iq.Chain(np.eye(6)[:, 3:], iq.transform(translation=(1.0, 2.0, 3.0)))
+    gantry = iq.robots.Chain(np.eye(6)[:, 3:], iq.transform(translation=(1.0, 2.0, 3.0)))
     np.testing.assert_allclose(gantry.origins([0.1, 0.2, 0.3]), [[1, 2, 3], [1.1, 2, 3], [1.1, 2.2, 3]])
 
 
@@ -257,7 +257,7 @@ def test_a_page_has_all_of_the_film(film):
 def test_the_longest_film_is_a_small_file(tmp_path):
     long = iq.run_task(iq.load_task("panda_path"), dt=0.005)
     assert len(film_of(long).time) == 600
-    assert iq.animation(long, tmp_path / "long.html").stat().st_size < 450_000
+    assert iq.view.animation(long, tmp_path / "long.html").stat().st_size < 450_000
 
 
 def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
@@ -287,7 +287,7 @@ def test_joints_without_limits_are_drawn_without(tmp_path):
 
 def test_a_page_that_cannot_be_written_says_so(trace, tmp_path):
     with pytest.raises(iq.BadInput, match="expected a file that can be written"):
-        iq.animation(trace, tmp_path)
+        iq.view.animation(trace, tmp_path)
 
 
 # The server
@@ -314,7 +314,7 @@ def test_words_and_names_are_not_markup(film):
 
 
 def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
-    viewer = iq.Viewer(task, port=0)
+    viewer = iq.view.Viewer(task, port=0)
     port = int(viewer.url.rsplit(":", 1)[1])
     try:
         iq.run_task(task, observer=viewer.watch)

@@ -18,7 +18,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
 from invariantqp.runs.controllers import our_controller
 from invariantqp.systems.pseudoinverse import pseudoinverse
-from invariantqp.velocity.damping import Damping, Fixed, None_, PaperLambda, Selective
+from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, Selective
 from invariantqp.velocity.forms import CarriedMetric, PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solve import solve
@@ -52,7 +52,7 @@ def _unlimited(setting: Setting, damping: Damping) -> Solve:
 
 
 def _eigen(setting: Setting) -> Solve:
-    return _unlimited(setting, None_)
+    return _unlimited(setting, Fixed(0.0))
 
 
 def _fixed(setting: Setting) -> Solve:
