@@ -34,7 +34,7 @@ print(f"  {solution.reason}")
 
 print("\nSome systems have no h at all. A planar arm, and what a face on a table may still do:")
 planar = np.column_stack([iq.revolute([0, 0, 1], point=[x, y, 0]) for x, y in ((0, 0), (0.4, 0), (0.5, 0.3))])
-sliding = np.column_stack([iq.revolute([0, 0, 1]), iq.prismatic([1, 0, 0]), iq.prismatic([0, 1, 0])])
+sliding = np.column_stack([iq.revolute([0, 0, 1]), iq.se3.prismatic([1, 0, 0]), iq.se3.prismatic([0, 1, 0])])
 for name, system in (("planar arm", planar), ("face contact", sliding)):
     kind = iq.gibson_hunt(system)
     print(f"  {name}: type {kind}, an h that works: {'yes' if kind.admits_pseudoinverse else 'none'}")

@@ -13,7 +13,7 @@ DT = 0.002  # [s]
 
 robot = iq.load_robot("so101")
 q0 = np.array([0.0, -0.4, 0.5, 0.6, 0.0])  # [rad]
-form, why = iq.own_form(robot)
+form, why = iq.forms.own_form(robot)
 print(f"The arm's own form: {form.describe()} [m/rad].\n  {why}\n")
 
 # Another frame on the same link: 10 cm beyond the first and turned. The same motion of the same body is asked of it.
@@ -59,7 +59,7 @@ for name, law in {
     "damped least squares": partial(damped_least_squares, robot),
     "pitch form alone": ours(robot),
     'exact="position"': ours(robot, exact="position"),
-    "ExactAxis, along z": ours(robot, exact=iq.ExactAxis([0, 0, 1])),
+    "ExactAxis, along z": ours(robot, exact=iq.control.ExactAxis([0, 0, 1])),
 }.items():
     q, target = followed(law, robot, here)
     error = iq.inverse(robot.pose(q)) @ target

@@ -43,7 +43,7 @@ for name, limits in {
     "+ 8 rad/s^2": {"acceleration_limit": 8.0},
     "+ tool at 0.25 m/s": {"acceleration_limit": 8.0, "tool_speed": 0.25},
     # Joints 0 and 2 share a hose: their speeds may differ by no more than 0.1 rad/s.
-    "+ a row": ALL | {"rows": iq.LimitRows([[1, 0, -1, 0, 0, 0, 0]], [-0.1], [0.1])},
+    "+ a row": ALL | {"rows": iq.limits.LimitRows([[1, 0, -1, 0, 0, 0, 0]], [-0.1], [0.1])},
 }.items():
     _, most, _, error = run(target, **limits)
     said = (

@@ -32,7 +32,7 @@ def read_sensor(q):
     tool = robot.pose(q)
     up = np.array([0, 0, STIFFNESS * max(0.0, paper - tool[2, 3])])
     reaction = np.concatenate((np.cross(tool[:3, 3], up), up))
-    return sensor.unloaded(tool) + iq.coadjoint(iq.inverse(tool @ sensor.mount)) @ reaction
+    return sensor.tare(tool) + iq.coadjoint(iq.inverse(tool @ sensor.mount)) @ reaction
 
 
 presses, errors, first = [], [], None

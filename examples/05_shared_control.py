@@ -14,15 +14,17 @@ loop = iq.Controller(robot, dt=DT)
 q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])  # [rad]
 upright = robot.pose(q)
 surface = upright[2, 3] - 0.12  # the tool is 20 mm too high
-slides = np.column_stack([iq.prismatic([1, 0, 0]), iq.prismatic([0, 1, 0])])  # the operator's: two slides
-kept = np.column_stack([iq.prismatic([0, 0, 1]), *(iq.revolute(axis) for axis in np.eye(3))])  # the robot's: the rest
+slides = np.column_stack([iq.se3.prismatic([1, 0, 0]), iq.se3.prismatic([0, 1, 0])])  # the operator's: two slides
+kept = np.column_stack(
+    [iq.se3.prismatic([0, 0, 1]), *(iq.revolute(axis) for axis in np.eye(3))]
+)  # the robot's: the rest
 rng = np.random.default_rng(0)
 hand, heights, slid = np.zeros(6), [], []
 
 for _ in range(1000):
     tool = robot.pose(q)
     at_tool = iq.transform(translation=tool[:3, 3])
-    task = iq.SharedTask(kept, slides).moved(at_tool)  # two systems that fill six dimensions: no form is needed
+    task = iq.control.SharedTask(kept, slides).moved(at_tool)  # two systems that fill six dimensions: no form is needed
     hand += 0.02 * (0.2 * rng.standard_normal(6) - hand)  # a restless hand on all six axes of a joystick
     wanted = upright.copy()
     wanted[:3, 3] = [tool[0, 3], tool[1, 3], surface + DISTANCE]

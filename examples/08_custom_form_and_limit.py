@@ -49,7 +49,7 @@ class Wall:
         tool = robot.pose(q)[:3, 3]
         J = robot.jacobian(q)
         row = self.normal @ (J[3:] + np.cross(J[:3], tool, axis=0))
-        return iq.LimitRows([row], [-np.inf], [self.rate * (self.distance - self.normal @ tool)])
+        return iq.limits.LimitRows([row], [-np.inf], [self.rate * (self.distance - self.normal @ tool)])
 
 
 # A solver: anything with a name and solve(qp); what it leaves undone is checked, and DAQP takes over if it fails.

@@ -18,7 +18,7 @@ corners = [[x, y, 0.0] for x in (-HALF, HALF) for y in (-HALF, HALF)]
 
 # What the contact allows: two slides and a turn about the normal; a press and no moments are wanted.
 def contact(tool):
-    return iq.face_contact(tool[:3, 3], normal=[0, 0, 1])
+    return iq.contacts.face_contact(tool[:3, 3], normal=[0, 0, 1])
 
 
 try:

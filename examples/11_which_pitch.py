@@ -39,7 +39,7 @@ for name, joints in ARMS.items():
     for q in rng.uniform(low, high, (STATES, len(low))):
         J = robot.jacobian(q)[:, joints]
         tool = robot.pose(q)[:3, 3]
-        own = iq.centre(J)
+        own = iq.systems.centre(J)
         omega, v = rng.standard_normal((2, 3))
         omega *= np.radians(30.0) / np.linalg.norm(omega)
         v *= 0.1 / np.linalg.norm(v)
@@ -47,7 +47,7 @@ for name, joints in ARMS.items():
         for k in MULTIPLES:
             h = k * own.length
             inverse = iq.pseudoinverse(J, h)
-            conditioning = iq.method_for(J, twist, form=h).conditioning
+            conditioning = iq.velocity.method_for(J, twist, form=h).conditioning
             norm = own_norm(J, inverse, own.point, own.length)
             rows[f"h = {k:g} L"].append((*missed(J, inverse @ twist, twist, tool), norm, conditioning))
         at_tool = iq.adjoint(iq.transform(translation=-tool))

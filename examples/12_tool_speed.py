@@ -12,7 +12,10 @@ import invariantqp as iq
 LIMIT = 0.25  # [m/s]
 robot = iq.load_robot("ur5")
 rng = np.random.default_rng(0)
-limits = {"planes": iq.ToolSpeed(LIMIT, point=[0, 0, 0]), "cone": iq.ToolSpeed(LIMIT, point=[0, 0, 0], exact=True)}
+limits = {
+    "planes": iq.limits.ToolSpeed(LIMIT, point=[0, 0, 0]),
+    "cone": iq.limits.ToolSpeed(LIMIT, point=[0, 0, 0], exact=True),
+}
 bounds = iq.Bounds(-robot.velocity_limit, robot.velocity_limit)
 spent = {name: [] for name in limits}
 apart, fastest = 0.0, 0.0

@@ -17,32 +17,34 @@ def platform(turn: float) -> tuple[np.ndarray, np.ndarray]:
 def main() -> None:
     """Print what the legs do, here and seen from an origin a metre away."""
     stiffness_of_leg = np.full(6, 2e7)  # [N/m]
-    W = iq.leg_wrenches(*platform(0.0))
+    W = iq.systems.leg_wrenches(*platform(0.0))
     away = iq.transform(translation=(1.0, -0.4, 0.3))  # the same machine in another frame
     W_away = iq.coadjoint(away) @ W
     h = 0.3  # [m/rad], about the platform's own size
 
     load = np.array([0.0, 0.0, 0.0, 100.0, 0.0, -500.0])  # a side force and a weight [N], moments first
-    forces = iq.wrench_pseudoinverse(W, h) @ load
+    forces = iq.systems.wrench_pseudoinverse(W, h) @ load
     print("leg forces [N]:         ", np.round(forces, 1))
-    print("  seen from elsewhere:  ", np.round(iq.wrench_pseudoinverse(W_away, h) @ iq.coadjoint(away) @ load, 1))
+    print(
+        "  seen from elsewhere:  ", np.round(iq.systems.wrench_pseudoinverse(W_away, h) @ iq.coadjoint(away) @ load, 1)
+    )
 
-    K = iq.platform_stiffness(W, stiffness_of_leg)
+    K = iq.systems.platform_stiffness(W, stiffness_of_leg)
     twist = np.linalg.solve(K, load)
     print(f"sinks under the load by: {1e6 * -twist[5]:.2f} um")
 
     print("\nConditioning, ordinary and frame-free (and from the other origin):")
     for turn in (0, 30, 60, 80, 88):
-        W = iq.leg_wrenches(*platform(np.radians(turn)))
+        W = iq.systems.leg_wrenches(*platform(np.radians(turn)))
         there = iq.coadjoint(away) @ W
-        ours = [iq.leg_spectrum(x, h).condition for x in (W, there)]
+        ours = [iq.systems.leg_spectrum(x, h).condition for x in (W, there)]
         usual = [np.linalg.cond(x) for x in (W, there)]
         print(f"  top turned {turn:2d} deg:  cond(W) = {usual[0]:8.2f} ({usual[1]:8.2f})", end="   ")
         print(f"hyperbolic = {ours[0]:8.2f} ({ours[1]:8.2f})")
 
     # Four legs hold four directions; the type of their screws says what the other two are.
-    four = iq.leg_wrenches(*(points[:4] for points in platform(0.0)))
-    free = iq.annihilator(four)
+    four = iq.systems.leg_wrenches(*(points[:4] for points in platform(0.0)))
+    free = iq.systems.annihilator(four)
     print(f"\nWith four legs the platform is free along a 2-system of type {iq.gibson_hunt(free)},")
     print("principal pitches", np.round(iq.principal_pitches(free), 4), "m/rad")
 

@@ -1,195 +1,198 @@
 """Task-space velocity control of robot arms whose answers do not depend on frames or length units.
 
-Names are loaded when first used: importing the package loads neither Pinocchio nor a solver.
+Here are the names that most scripts use; the namespaces have the others. Names are loaded when first used: importing
+the package loads neither Pinocchio nor a solver.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from invariantqp.lazy import load_lazily
+from invariantqp.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from invariantqp.analysis.inspection import Inspection, inspect
-    from invariantqp.analysis.recommendation import Recommendation
-    from invariantqp.analysis.survey import Survey
-    from invariantqp.compare.measure.contact_frames import ContactFrameCheck, contact_frame_check
-    from invariantqp.compare.measure.frames import FrameCheck, frame_check
-    from invariantqp.control.controller import Controller
-    from invariantqp.control.demands import ExactAxis, ExactJoints, ExactPlane, ExactPoint
-    from invariantqp.control.measure import tool_metric
-    from invariantqp.control.shared import SharedTask
-    from invariantqp.errors import (
-        BadInput,
-        BlindSystem,
-        InvariantQPError,
-        MissingExtra,
-        NoProjectors,
-        NoPseudoinverse,
-        RobotModelError,
-        TaskFileError,
-        UnknownName,
-    )
-    from invariantqp.force.hybrid import HybridController, HybridSolution
-    from invariantqp.force.hybrid_task import HybridTask
-    from invariantqp.force.wrench import WrenchSensor
-    from invariantqp.geometry.forms import invariant_form, pitch_form, pitch_form_inverse
-    from invariantqp.geometry.screws import axis, helical, pitch, prismatic, revolute
-    from invariantqp.geometry.se3 import adjoint, bracket, coadjoint, exp, inverse, log, transform
-    from invariantqp.pictures.pitches import pitch_picture
-    from invariantqp.pictures.run import picture
-    from invariantqp.pose.batch import solve_poses
-    from invariantqp.pose.ik import PoseSolution, solve_pose
-    from invariantqp.robots.chain import Chain
-    from invariantqp.robots.kinematics import Robot
-    from invariantqp.robots.load import load_robot
-    from invariantqp.runs.log import ContactTrace
-    from invariantqp.runs.run import run_task
-    from invariantqp.runs.taskfile import Task, load_task, shipped_tasks
-    from invariantqp.runs.trace import Trace
-    from invariantqp.systems.centre import centre
-    from invariantqp.systems.classification import Border, GibsonHunt, gibson_hunt
-    from invariantqp.systems.contact_kinds import ContactKind
-    from invariantqp.systems.contacts import (
-        Contact,
-        face_contact,
-        hinge,
-        line_contact,
-        peg_in_hole,
-        point_contact,
-        surface_contact,
-    )
-    from invariantqp.systems.existence import Existence, existence, reciprocal_has_pseudoinverse
-    from invariantqp.systems.gram import (
-        blind_directions,
-        gram_matrix,
-        gram_polynomial,
-        principal_pitches,
-        principal_screws,
-    )
-    from invariantqp.systems.hyperbolic import HyperbolicSpectrum, hyperbolic_singular_values
-    from invariantqp.systems.involution import Involution, involution
-    from invariantqp.systems.parallel import leg_spectrum, leg_wrenches, platform_stiffness, wrench_pseudoinverse
-    from invariantqp.systems.point_motion import PointMotion, motions_along, point_motion
-    from invariantqp.systems.projectors import DualProjectors, dual_projectors
-    from invariantqp.systems.pseudoinverse import has_pseudoinverse, pseudoinverse
-    from invariantqp.systems.report import SystemReport, describe
-    from invariantqp.systems.stationarity import StationaryPoint, error_form, stationary_point, vanishing_pitches
-    from invariantqp.systems.subspaces import (
-        annihilator,
-        reciprocal,
-        screw_system,
-        self_reciprocal,
-        system_meet,
-        system_sum,
-    )
-    from invariantqp.velocity.batch import VelocitySolutions, solve_velocities
-    from invariantqp.velocity.damping import Adaptive, Fixed, PaperLambda, Selective
-    from invariantqp.velocity.exact import ExactRows
-    from invariantqp.velocity.forms import CarriedMetric, Complement, PitchForm
-    from invariantqp.velocity.guard import Guard
-    from invariantqp.velocity.limits.box import Bounds
-    from invariantqp.velocity.limits.rows import LimitRows
-    from invariantqp.velocity.limits.toolspeed import ToolSpeed
-    from invariantqp.velocity.qp.backends import Osqp
-    from invariantqp.velocity.qp.scaling import BoxQP
-    from invariantqp.velocity.request import MethodChoice, method_for, solve_velocity
-    from invariantqp.velocity.several import JointTask, TwistTask, solve_tasks
-    from invariantqp.velocity.solution import VelocitySolution
-    from invariantqp.view.page import animation
-    from invariantqp.view.server import Viewer
+    from invariantqp import analysis as analysis
+    from invariantqp import compare as compare
+    from invariantqp import contacts as contacts
+    from invariantqp import control as control
+    from invariantqp import errors as errors
+    from invariantqp import force as force
+    from invariantqp import forms as forms
+    from invariantqp import limits as limits
+    from invariantqp import pictures as pictures
+    from invariantqp import pink as pink
+    from invariantqp import pose as pose
+    from invariantqp import robots as robots
+    from invariantqp import se3 as se3
+    from invariantqp import systems as systems
+    from invariantqp import tasks as tasks
+    from invariantqp import velocity as velocity
+    from invariantqp import view as view
+    from invariantqp.control.controller import Controller as Controller
+    from invariantqp.control.measure import tool_metric as tool_metric
+    from invariantqp.errors import BadInput as BadInput
+    from invariantqp.errors import BlindSystem as BlindSystem
+    from invariantqp.errors import InvariantQPError as InvariantQPError
+    from invariantqp.errors import NoProjectors as NoProjectors
+    from invariantqp.errors import NoPseudoinverse as NoPseudoinverse
+    from invariantqp.force.hybrid import HybridController as HybridController
+    from invariantqp.force.hybrid_task import HybridTask as HybridTask
+    from invariantqp.force.wrench import WrenchSensor as WrenchSensor
+    from invariantqp.geometry.forms import pitch_form as pitch_form
+    from invariantqp.geometry.forms import pitch_form_inverse as pitch_form_inverse
+    from invariantqp.geometry.screws import revolute as revolute
+    from invariantqp.geometry.se3 import adjoint as adjoint
+    from invariantqp.geometry.se3 import coadjoint as coadjoint
+    from invariantqp.geometry.se3 import exp as exp
+    from invariantqp.geometry.se3 import inverse as inverse
+    from invariantqp.geometry.se3 import log as log
+    from invariantqp.geometry.se3 import transform as transform
+    from invariantqp.pose.batch import solve_poses as solve_poses
+    from invariantqp.pose.ik import solve_pose as solve_pose
+    from invariantqp.robots.load import load_robot as load_robot
+    from invariantqp.runs.run import run_task as run_task
+    from invariantqp.runs.taskfile import load_task as load_task
+    from invariantqp.systems.classification import gibson_hunt as gibson_hunt
+    from invariantqp.systems.contacts import point_contact as point_contact
+    from invariantqp.systems.gram import principal_pitches as principal_pitches
+    from invariantqp.systems.involution import involution as involution
+    from invariantqp.systems.projectors import dual_projectors as dual_projectors
+    from invariantqp.systems.pseudoinverse import has_pseudoinverse as has_pseudoinverse
+    from invariantqp.systems.pseudoinverse import pseudoinverse as pseudoinverse
+    from invariantqp.systems.subspaces import reciprocal as reciprocal
+    from invariantqp.velocity.batch import solve_velocities as solve_velocities
+    from invariantqp.velocity.exact import ExactRows as ExactRows
+    from invariantqp.velocity.forms import CarriedMetric as CarriedMetric
+    from invariantqp.velocity.forms import Complement as Complement
+    from invariantqp.velocity.forms import PitchForm as PitchForm
+    from invariantqp.velocity.guard import Guard as Guard
+    from invariantqp.velocity.limits.box import Bounds as Bounds
+    from invariantqp.velocity.request import solve_velocity as solve_velocity
 
-__version__ = "0.1.0"
-
-# Where each public name lives; the floors below load as they are asked for.
-_HOME = {
-    "compare.measure.contact_frames": ("ContactFrameCheck", "contact_frame_check"),
-    "compare.measure.frames": ("FrameCheck", "frame_check"),
-    "control.controller": ("Controller",),
-    "control.demands": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint"),
-    "force.hybrid": ("HybridController", "HybridSolution"),
-    "force.hybrid_task": ("HybridTask",),
-    "runs.log": ("ContactTrace",),
-    "control.measure": ("tool_metric",),
-    "analysis.inspection": ("Inspection", "inspect"),
-    "pictures.run": ("picture",),
-    "pictures.pitches": ("pitch_picture",),
-    "pose.batch": ("solve_poses",),
-    "pose.ik": ("PoseSolution", "solve_pose"),
-    "analysis.recommendation": ("Recommendation",),
-    "control.shared": ("SharedTask",),
-    "runs.run": ("run_task",),
-    "analysis.survey": ("Survey",),
-    "runs.taskfile": ("Task", "load_task", "shipped_tasks"),
-    "runs.trace": ("Trace",),
-    "force.wrench": ("WrenchSensor",),
-    "errors": (
-        "BadInput",
-        "BlindSystem",
-        "InvariantQPError",
-        "MissingExtra",
-        "NoProjectors",
-        "NoPseudoinverse",
-        "RobotModelError",
-        "TaskFileError",
-        "UnknownName",
+load_lazily(
+    __name__,
+    {
+        "invariantqp.control.controller": ("Controller",),
+        "invariantqp.control.measure": ("tool_metric",),
+        "invariantqp.errors": ("BadInput", "BlindSystem", "InvariantQPError", "NoProjectors", "NoPseudoinverse"),
+        "invariantqp.force.hybrid": ("HybridController",),
+        "invariantqp.force.hybrid_task": ("HybridTask",),
+        "invariantqp.force.wrench": ("WrenchSensor",),
+        "invariantqp.geometry.forms": ("pitch_form", "pitch_form_inverse"),
+        "invariantqp.geometry.screws": ("revolute",),
+        "invariantqp.geometry.se3": ("adjoint", "coadjoint", "exp", "inverse", "log", "transform"),
+        "invariantqp.pose.batch": ("solve_poses",),
+        "invariantqp.pose.ik": ("solve_pose",),
+        "invariantqp.robots.load": ("load_robot",),
+        "invariantqp.runs.run": ("run_task",),
+        "invariantqp.runs.taskfile": ("load_task",),
+        "invariantqp.systems.classification": ("gibson_hunt",),
+        "invariantqp.systems.contacts": ("point_contact",),
+        "invariantqp.systems.gram": ("principal_pitches",),
+        "invariantqp.systems.involution": ("involution",),
+        "invariantqp.systems.projectors": ("dual_projectors",),
+        "invariantqp.systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
+        "invariantqp.systems.subspaces": ("reciprocal",),
+        "invariantqp.velocity.batch": ("solve_velocities",),
+        "invariantqp.velocity.exact": ("ExactRows",),
+        "invariantqp.velocity.forms": ("CarriedMetric", "Complement", "PitchForm"),
+        "invariantqp.velocity.guard": ("Guard",),
+        "invariantqp.velocity.limits.box": ("Bounds",),
+        "invariantqp.velocity.request": ("solve_velocity",),
+    },
+    namespaces=(
+        "analysis",
+        "compare",
+        "contacts",
+        "control",
+        "errors",
+        "force",
+        "forms",
+        "limits",
+        "pictures",
+        "pink",
+        "pose",
+        "robots",
+        "se3",
+        "systems",
+        "tasks",
+        "velocity",
+        "view",
     ),
-    "geometry.forms": ("invariant_form", "pitch_form", "pitch_form_inverse"),
-    "geometry.screws": ("axis", "helical", "pitch", "prismatic", "revolute"),
-    "geometry.se3": ("adjoint", "bracket", "coadjoint", "exp", "inverse", "log", "transform"),
-    "robots.chain": ("Chain",),
-    "robots.kinematics": ("Robot",),
-    "robots.load": ("load_robot",),
-    "systems.centre": ("centre",),
-    "systems.classification": ("Border", "GibsonHunt", "gibson_hunt"),
-    "systems.contact_kinds": ("ContactKind",),
-    "systems.contacts": (
-        "Contact",
-        "face_contact",
-        "hinge",
-        "line_contact",
-        "peg_in_hole",
-        "point_contact",
-        "surface_contact",
-    ),
-    "systems.existence": ("Existence", "existence", "reciprocal_has_pseudoinverse"),
-    "systems.gram": ("blind_directions", "gram_matrix", "gram_polynomial", "principal_pitches", "principal_screws"),
-    "systems.hyperbolic": ("HyperbolicSpectrum", "hyperbolic_singular_values"),
-    "systems.involution": ("Involution", "involution"),
-    "systems.parallel": ("leg_spectrum", "leg_wrenches", "platform_stiffness", "wrench_pseudoinverse"),
-    "systems.point_motion": ("PointMotion", "motions_along", "point_motion"),
-    "systems.projectors": ("DualProjectors", "dual_projectors"),
-    "systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
-    "systems.report": ("SystemReport", "describe"),
-    "systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
-    "systems.subspaces": ("annihilator", "reciprocal", "screw_system", "self_reciprocal", "system_meet", "system_sum"),
-    "velocity.qp.backends": ("Osqp",),
-    "velocity.batch": ("VelocitySolutions", "solve_velocities"),
-    "velocity.qp.scaling": ("BoxQP",),
-    "velocity.damping": ("Adaptive", "Fixed", "PaperLambda", "Selective"),
-    "velocity.exact": ("ExactRows",),
-    "velocity.guard": ("Guard",),
-    "velocity.limits.box": ("Bounds",),
-    "velocity.forms": ("CarriedMetric", "Complement", "PitchForm"),
-    "velocity.request": ("MethodChoice", "method_for", "solve_velocity"),
-    "velocity.limits.rows": ("LimitRows",),
-    "velocity.several": ("JointTask", "TwistTask", "solve_tasks"),
-    "velocity.solution": ("VelocitySolution",),
-    "velocity.limits.toolspeed": ("ToolSpeed",),
-    "view.page": ("animation",),
-    "view.server": ("Viewer",),
-}
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
-
-__all__ = [*_MODULE_OF, "__version__"]  # noqa: PLE0604 (names are strings; a test resolves each)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'invariantqp' has no attribute {name!r}")
-    value = getattr(import_module(f"invariantqp.{_MODULE_OF[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+    own=("__version__",),
+    # Names that were here once, by the namespace that has them now. They work, with a DeprecationWarning.
+    moved={
+        "invariantqp.analysis": ("Inspection", "Recommendation", "Survey", "inspect"),
+        "invariantqp.compare": ("ContactFrameCheck", "FrameCheck", "contact_frame_check", "frame_check"),
+        "invariantqp.contacts": (
+            "Contact",
+            "ContactKind",
+            "face_contact",
+            "hinge",
+            "line_contact",
+            "peg_in_hole",
+            "surface_contact",
+        ),
+        "invariantqp.control": ("ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint", "SharedTask"),
+        "invariantqp.errors": ("MissingExtra", "RobotModelError", "TaskFileError", "UnknownName"),
+        "invariantqp.force": ("HybridSolution",),
+        "invariantqp.forms": ("invariant_form",),
+        "invariantqp.limits": ("LimitRows", "ToolSpeed"),
+        "invariantqp.pictures": ("picture", "pitch_picture"),
+        "invariantqp.pose": ("PoseSolution",),
+        "invariantqp.robots": ("Chain", "Robot"),
+        "invariantqp.se3": ("axis", "bracket", "helical", "pitch", "prismatic"),
+        "invariantqp.systems": (
+            "Border",
+            "DualProjectors",
+            "Existence",
+            "GibsonHunt",
+            "HyperbolicSpectrum",
+            "Involution",
+            "PointMotion",
+            "StationaryPoint",
+            "SystemReport",
+            "annihilator",
+            "blind_directions",
+            "centre",
+            "describe",
+            "error_form",
+            "existence",
+            "gram_matrix",
+            "gram_polynomial",
+            "hyperbolic_singular_values",
+            "leg_spectrum",
+            "leg_wrenches",
+            "motions_along",
+            "platform_stiffness",
+            "point_motion",
+            "principal_screws",
+            "reciprocal_has_pseudoinverse",
+            "screw_system",
+            "self_reciprocal",
+            "stationary_point",
+            "system_meet",
+            "system_sum",
+            "vanishing_pitches",
+            "wrench_pseudoinverse",
+        ),
+        "invariantqp.tasks": ("ContactTrace", "Task", "Trace", "shipped_tasks"),
+        "invariantqp.velocity": (
+            "Adaptive",
+            "BoxQP",
+            "Fixed",
+            "JointTask",
+            "MethodChoice",
+            "Osqp",
+            "PaperLambda",
+            "Selective",
+            "TwistTask",
+            "VelocitySolution",
+            "VelocitySolutions",
+            "method_for",
+            "solve_tasks",
+        ),
+        "invariantqp.view": ("Viewer", "animation"),
+    },
+)

@@ -1,12 +1,14 @@
 """Every error this library raises: what was found, what was expected, what to do next.
 
 `InvariantQPError` is the base. Each subclass keeps its evidence as attributes and builds its own message, so a
-handler can read numbers instead of parsing text.
+handler can read numbers instead of parsing text. Errors can be pickled and copied, message and attributes with them, so
+they cross from a worker process to the one that waits for it.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import reprlib
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +18,24 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+
+__all__ = [
+    "BadInput",
+    "BlindSystem",
+    "InvariantQPError",
+    "MissingExtra",
+    "NoPolarDecomposition",
+    "NoProjectors",
+    "NoPseudoinverse",
+    "RobotModelError",
+    "TaskFileError",
+    "UnknownName",
+]
+
+# No argument takes more of a message than this: a line.
+LONGEST_EXCERPT = 80
+_SHORT = reprlib.Repr()
+_SHORT.maxother = _SHORT.maxstring = LONGEST_EXCERPT
 
 # Numbers below this are written as 0 in sentences: in unit vectors, and in lengths in any unit of a machine,
 # they are rounding.
@@ -27,8 +47,29 @@ def written(x: float, digits: int = 4) -> str:
     return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
 
 
+def excerpt(value: object) -> str:
+    """An argument for a message: its repr on one short line."""
+    try:
+        text = " ".join(_SHORT.repr(value).split())
+    except Exception:  # noqa: BLE001 (an int of 5 000 digits has no repr, nor have objects whose own fails)
+        return f"an object of type {type(value).__name__}"
+    return text if len(text) <= LONGEST_EXCERPT else f"{text[:LONGEST_EXCERPT]}..."
+
+
 class InvariantQPError(Exception):
     """Base of every error raised by invariantqp."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How to make the error again: from its message and attributes, since its arguments are not kept."""
+        return _restore, (type(self), self.args, vars(self))
+
+
+def _restore(kind: type[InvariantQPError], args: tuple[Any, ...], attributes: dict[str, Any]) -> InvariantQPError:
+    """An error as it was, without calling its own `__init__`."""
+    error = kind.__new__(kind)
+    super(InvariantQPError, error).__init__(*args)  # ValueError's, KeyError's or ImportError's: they keep the message
+    vars(error).update(attributes)
+    return error
 
 
 class BadInput(InvariantQPError, ValueError):
@@ -56,9 +97,11 @@ class NoPseudoinverse(InvariantQPError):
     Attributes:
         h: the pitch asked for [length].
         rank: rank of J, or of the wrenches W.
-        gram_rank: rank of the Gram matrix.
+        gram_rank: rank of the Gram matrix, as far as rounding lets it be told; equal to `rank` where the columns are
+            so nearly dependent that rounding decides, whatever h is.
         self_reciprocal: (6,) unit screw z of the system that the form pairs to zero with all of it, the proof; a twist
-            in the span of J, or Q_0 w for a wrench w in the span of W.
+            in the span of J, or Q_0 w for a wrench w in the span of W. Where gram_rank = rank, the screw that the
+            columns hardly reach.
         principal_pitches: (k',) every pitch at which the pseudoinverse fails, nearest to h first; empty when it
             fails at all of them.
     """
@@ -78,10 +121,38 @@ class NoPseudoinverse(InvariantQPError):
                 "or CarriedMetric(matrix, pose)."
             )
         z = ", ".join(written(x) for x in self_reciprocal)
+        if gram_rank == rank:
+            super().__init__(
+                f"no {h:g}-pseudoinverse: the columns are so nearly dependent that rounding decides what they do along "
+                f"the screw ({z}). Leave out a column, or use damping."
+            )
+            return
         super().__init__(
             f"no {h:g}-pseudoinverse: the Gram matrix has rank {gram_rank}, the system rank {rank}; "
             f"its screw z = ({z}) is paired to zero with all of it. {remedy}"
         )
+
+
+class NoPolarDecomposition(NoPseudoinverse):
+    """No hyperbolic polar decomposition J = W S: S would lose a joint velocity that moves the tool.
+
+    Attributes:
+        h, rank, gram_rank, self_reciprocal, principal_pitches: as in `NoPseudoinverse`.
+    """
+
+    def __init__(self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array) -> None:
+        super().__init__(h, rank, gram_rank, self_reciprocal, principal_pitches)
+        z = ", ".join(written(x) for x in self_reciprocal)
+        if gram_rank == rank:
+            why = f"the gain of the screw z = ({z}) is so small beside the largest that it is rounding."
+            remedy = "The joints are nearly dependent: leave one out."
+        else:
+            why = f"the joints move the tool by the screw z = ({z}), whose gain is zero."
+            listed = ", ".join(written(p, 6) for p in principal_pitches)
+            remedy = (
+                f"Choose h away from the principal pitches ({listed})." if listed else "No h works for this system."
+            )
+        self.args = (f"no polar decomposition for h = {h:g}: {why} {remedy}",)
 
 
 class NoProjectors(NoPseudoinverse):
@@ -103,12 +174,9 @@ class NoProjectors(NoPseudoinverse):
         else:
             remedy = f"No h works for this type: give {choices}."
         z = ", ".join(written(x) for x in self_reciprocal)
-        self._message = (
-            f"no projectors for h = {h:g}: S, {system}, shares the twist z = ({z}) with its h-reciprocal. {remedy}"
+        self.args = (
+            f"no projectors for h = {h:g}: S, {system}, shares the twist z = ({z}) with its h-reciprocal. {remedy}",
         )
-
-    def __str__(self) -> str:
-        return self._message
 
 
 class BlindSystem(InvariantQPError):
@@ -144,12 +212,12 @@ class UnknownName(RobotModelError, KeyError):
         self.kind = kind
         self.name = name
         self.near: tuple[str, ...] = tuple(near)
-        listed = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}."
-        self._message = f"unknown {kind} {name!r}; {listed}"
-        super().__init__(self._message)
+        comma = "; " if any("," in name for name in (*near, *known)) else ", "
+        listed = f"did you mean {comma.join(near)}?" if near else f"known: {comma.join(known)}."
+        super().__init__(f"unknown {kind} {excerpt(name)}; {listed}")
 
-    def __str__(self) -> str:  # KeyError would show the repr
-        return self._message
+    def __str__(self) -> str:
+        return Exception.__str__(self)  # KeyError would show the repr
 
 
 class TaskFileError(InvariantQPError):
@@ -168,8 +236,14 @@ class TaskFileError(InvariantQPError):
 
 
 class MissingExtra(InvariantQPError, ImportError):
-    """An optional dependency is not installed; says which extra brings it."""
+    """An optional dependency is not installed; says which extra brings it.
+
+    Attributes:
+        what: the package that is missing.
+        extra: the extra of this package that installs it.
+    """
 
     def __init__(self, what: str, extra: str) -> None:
+        self.what = what
         self.extra = extra
         super().__init__(f"{what} is not installed. Run: pip install 'invariantqp[{extra}]'")

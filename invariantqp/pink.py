@@ -1,70 +1,76 @@
-"""Pink's frame task with a metric that no choice of tool frame can change: one line of a Pink program is another.
+"""Pink's frame task measured at one physical point of the tool; a Pink program changes in one line.
 
-    minimise 1/2 (dq - dq*)'H(dq - dq*),   H = V diag(sqrt(mu^2 + lambda^2)) V',   J'Q_h J = V diag(mu) V'
+    minimise 1/2 (dq - dq*)'H(dq - dq*),   H = A'A + damping,   A = root J,   |root s|^2 = L^2 |omega|^2 + |v at the point|^2
 
-dq* is what our own law answers where no limit is met, guard and all; H says what may give way where one is, or where
-another task wants something else. Pink's limits, barriers and other tasks stay as they are.
+dq* is the displacement of this library's own law without limits; H weighs departures from it where a limit is active or
+another task competes. Pink's limits, barriers and other tasks stay as they are.
 
-Reference: Caron et al., Pink (pin-pink); [DS] Sect. 6.2.
+Reference: Caron et al., Pink (pin-pink); [DS] Sect. 6.2 for pitch forms.
 """
 
 from __future__ import annotations
 
-from math import hypot, isinf
-from typing import Any
+from dataclasses import dataclass
+from math import inf
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from invariantqp.control.own_form import own_form
-from invariantqp.errors import BadInput
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.models import chain_to
 from invariantqp.robots.pink import Configuration, FrameTask
-from invariantqp.robots.pinocchio import ANGULAR_FIRST, chain_to, placement
-from invariantqp.systems.centre import centre, measured
-from invariantqp.velocity.damping import Damping, PaperLambda, Selective, damping_of
-from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
+from invariantqp.robots.pinocchio import ANGULAR_FIRST, placement
+from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
+from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import not_below_zero
-from invariantqp.velocity.request import guard_of
+from invariantqp.velocity.posed import posed
+from invariantqp.velocity.problem import guard_of
 from invariantqp.velocity.solve import solve
-from invariantqp.velocity.tick import QUIET_SHARE
 
-# What a direction costs that the task does not see, relative to max|mu|: a thousandth of a posture task beside it with
-# Pink's usual cost of 1e-3, and enough for DAQP where there is none.
+__all__ = ["InvariantFrameTask"]
+
+# The cost of a joint direction that does not move the frame, relative to the largest: a thousandth of what a posture
+# task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
 NULL_WEIGHT = 1e-9
-# Enough for a UR5 to be still at a target three metres out of reach, where without it (as under Pink's task without
-# its own) the arm rattles at full speed; at an error of 5 cm it takes less than a thousandth from any motion that is
-# not damped anyway.
+# Enough for a UR5 to stand still at a target three metres out of reach, where without it (as with Pink's own task) the
+# arm oscillates at full speed; at an error of 5 cm it takes less than a thousandth from any motion that is
+# not damped for another reason.
 LM_DAMPING = 1e-3
 
 
 class InvariantFrameTask(FrameTask):  # type: ignore[misc]
-    """Regulate the pose of a frame of the robot; where on its link the frame was put changes no joint velocity.
+    """Regulate the pose of a frame of the robot, measured at a point of it; where the frame is beside does not matter.
 
     Attributes:
-        form: how twists are measured; None until the first configuration is seen, where it is the arm's own choice.
-        form_reason: why, in words.
+        form: what is attempted of a twist beyond the joints, or how twists are measured; None is least squares at the
+            point.
+        point: (3,) in the frame [length], or "own".
         cost: [cost]/[m].
-        damping: the policy near singularities.
-        guard: the descent guard, or None.
+        damping: the policy near singularities; None before the first configuration if the task chooses it for the arm.
+        guard: the descent guard of a form, or None.
     """
 
-    form: Form | None
-    form_reason: str
+    form: Form | CarriedMetric | None
+    point: Array | str
     cost: float
-    damping: Damping
+    damping: Damping | PaperLambda
     guard: Guard | None
 
     def __init__(
         self,
         frame: str,
-        h: Form | float | None = None,
+        h: Form | CarriedMetric | float | None = None,
         *,
         cost: float = 1.0,
         damping: Damping | float | None = None,
         guard: Guard | bool = True,
+        point: ArrayLike | Literal["own"] | None = None,
+        length: float | None = None,
         gain: float = 1.0,
         lm_damping: float = LM_DAMPING,
     ) -> None:
@@ -72,35 +78,41 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
 
         Args:
             frame: name of the frame.
-            h: pitch [length/rad], or a form in the world frame: PitchForm, CarriedMetric ("tool" is this frame),
-                Complement. None is what `Controller` takes for the joints that move the frame.
-            cost: weight against other tasks, for a metre what Pink's position_cost is [cost]/[m]; a radian costs what
-                |h| metres do with a pitch form, and what they themselves say with the others.
-            damping: as in `invariantqp.solve_velocity`; `Selective` has its speed for a step [rad], and no lm_damping.
+            h: what is attempted of a twist beyond the joints, as `form` of `Controller`, in the world frame.
+            cost: weight against other tasks, Pink's position_cost [cost]/[m]; a radian costs as much as L metres.
+            damping: as in `invariantqp.solve_velocity`; `Selective` has its speed for a step [rad].
             guard: as in `invariantqp.solve_velocity`; it does not see Pink's limits.
+            point: (3,) in the frame, as in `Controller`; None is the frame's origin.
+            length: L [length/rad], as in `Controller`.
             gain: share of the error removed in a step, in [0, 1].
-            lm_damping: more damping the larger the error, lambda / max|mu| = lm_damping |s|_W^2 / |J|_W^2, W at the
-                arm's own point. It vanishes with the error; 0 is none.
+            lm_damping: more damping the larger the error, lambda^2 = lm_damping |error|^2 in the measure. It vanishes
+                with the error; 0 is none.
 
         Raises:
-            BadInput: numbers out of range, or no form.
+            BadInput: numbers out of range, or something that is no form.
         """
         if not isinstance(frame, str):
-            raise BadInput("frame", repr(frame), "a frame's name")
-        self.form = None if h is None else form_of(h, np.eye(6))
-        self.form_reason = "" if h is None else "as asked"
-        self.damping = damping_of(damping)
+            raise BadInput("frame", excerpt(frame), "a frame's name")
+        self.form = form_of(h)
+        self.point = "own" if isinstance(point, str) else np.zeros(3)
+        if isinstance(point, str) and point != "own":
+            raise BadInput("point", repr(point), '"own" or (3,) in the frame')
+        if point is not None and not isinstance(point, str):
+            self.point = arrays.vector(point, 3, "point")
+        self._length = None if length is None else arrays.number(length, "length", "a length", positive=True)
+        self.damping = damping_of(damping, limited=False)
         self.guard = guard_of(guard)
-        share = not_below_zero(gain, "gain", "a share of the error")
+        share = arrays.not_negative(gain, "gain", "a share of the error")
         if share > 1.0:
-            raise BadInput("gain", f"{share:g}", "a share of the error, from 0 to 1", "More overshoots.")
-        super().__init__(frame, 1.0, 1.0, not_below_zero(lm_damping, "lm_damping", "a scale"), share)
-        self.cost = not_below_zero(cost, "cost", "a weight")  # one number: no frame has axes for more
+            raise BadInput("gain", f"{share:g}", "a share of the error, from 0 to 1", "A larger gain overshoots.")
+        super().__init__(frame, 1.0, 1.0, arrays.not_negative(lm_damping, "lm_damping", "a scale"), share)
+        self.cost = arrays.not_negative(cost, "cost", "a weight")  # one number: no frame's axes are preferred
         self._model: Any = None
+        self._measure: ToolMeasure | None = None
         self._moving = np.empty(0, dtype=np.intp)
 
     def set_target(self, transform_target_to_world: Any) -> None:
-        """The pose to be at.
+        """Set the wanted pose.
 
         Args:
             transform_target_to_world: a `pinocchio.SE3`, or (4, 4) in the world frame.
@@ -118,56 +130,60 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             RobotModelError: no joint moves the frame.
             pink.exceptions.TargetNotSet: no target.
         """
-        form = self._form(configuration)
+        measure = self._measured(configuration)
         pose = configuration.get_transform_frame_to_world(self.frame)
         carry = pose.action[ANGULAR_FIRST]  # from the frame, linear part first, to the world, angular part first
-        J = carry.dot(configuration.get_frame_jacobian(self.frame)[:, self._moving])
+        J = arrays.columns(carry.dot(configuration.get_frame_jacobian(self.frame)[:, self._moving]), "configuration")
         s = arrays.twist(carry.dot(self.gain * self.compute_error(configuration)), "target")
-        point = None
-        if isinstance(form, CarriedMetric) and form.follows_tool:
-            form, point = form.at(pose.homogeneous), pose.translation  # the guard measures where the form does
+        root = measure.root_for(J, pose.homogeneous)
         none = np.full(len(self._moving), np.inf)
-        demand = Demand(arrays.columns(J, "configuration"), s, -none, none, anchor=point)
-        # A displacement is a velocity held for one unit of time.
-        law = VelocityLaw(form=form, damping=self._damping(J, s), guard=self.guard, dt=1.0)
-        own, _ = law.build(demand).convex.qp(NULL_WEIGHT)
+        demand = Demand(J, s, root, -none, none)
+        # A displacement is a velocity held for one unit of time; what damps it here is told by `lm_damping`.
+        law = VelocityLaw(
+            form=None if isinstance(self.form, CarriedMetric) else self.form,
+            damping=self._damping(root.dot(s)),
+            guard=self.guard,
+        )
+        K = posed(law, demand, law.damping).objective(1.0).root()
         H = np.zeros((configuration.model.nv, configuration.model.nv))
-        H[np.ix_(self._moving, self._moving)] = self.cost**2 * _per_metre(form) * own
+        H[np.ix_(self._moving, self._moving)] = self.cost**2 * K.T.dot(K)
         wanted = np.zeros(len(H))
         wanted[self._moving] = solve(law, demand).velocity
         return H, -H.dot(wanted)
 
-    def _damping(self, J: Array, s: Array) -> Damping:
-        """The policy, and more of it the larger the error."""
-        share = self.lm_damping * _error_share(J, s)
-        if share <= QUIET_SHARE or isinstance(self.damping, (Selective, PaperLambda)):
+    def _damping(self, b: Array) -> Damping:
+        """The policy, with more damping for a larger error, b (6,) in the measure."""
+        if self.lm_damping == 0.0 or isinstance(self.damping, PaperLambda):
             return self.damping
-        return lambda smallest, largest: hypot(self.damping(smallest, largest), share * largest)
+        return _Softened(self.damping, self.lm_damping * float(b.dot(b)))
 
-    def _form(self, configuration: Configuration) -> Form:
-        """The form; for a model not seen before, which joints move the frame and what they make of it."""
-        form = self.form
-        if form is None or configuration.model is not self._model:
+    def _measured(self, configuration: Configuration) -> ToolMeasure:
+        """The measure; for a new model, also which joints move the frame."""
+        if self._measure is None or configuration.model is not self._model:
             chain, self._moving = chain_to(configuration.model, self.frame)
-            if form is None:
-                form, self.form_reason = own_form(chain)
-                self.form = form
+            carried = self.form if isinstance(self.form, CarriedMetric) else None
+            self._measure = ToolMeasure(chain, self.point, self._length, carried)
             self._model = configuration.model
-        return form
+        return self._measure
 
     def __repr__(self) -> str:
-        measured_by = "the arm's own form" if self.form is None else self.form.describe()
-        return f"InvariantFrameTask({self.frame!r}, {measured_by}, cost={self.cost:g}, gain={self.gain:g})"
+        form = "least squares" if self.form is None else self.form.describe()
+        return f"InvariantFrameTask({self.frame!r}, {form}, cost={self.cost:g}, gain={self.gain:g})"
 
 
-def _per_metre(form: Form) -> float:
-    """What makes a unit of the form a squared metre: s'Q_h s counts 2 |h| for a radian that is to count h^2."""
-    return 0.5 * (abs(form.h) or 1.0) if isinstance(form, PitchForm) else 1.0
+@dataclass(frozen=True)
+class _Softened:
+    """A policy with the same more in every direction."""
 
+    policy: Damping
+    more: float
 
-def _error_share(J: Array, s: Array) -> float:
-    """|s|_W^2 / |J|_W^2; a radian counts 1 where all axes meet, and nothing where no joint turns."""
-    point, length = centre(J, s)
-    length = 0.0 if isinf(length) else length or 1.0
-    twists, wanted = measured(J, point, length), measured(s, point, length)
-    return float(wanted.dot(wanted) / np.vdot(twists, twists))
+    @property
+    def threshold(self) -> float:
+        """As the policy's, unless more is added to all."""
+        return inf if self.more > 0.0 else self.policy.threshold
+
+    def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
+        """lambda^2 of the policy and what is added."""
+        squares: Array = self.policy.squares(sigma, wanted, largest) + self.more
+        return squares

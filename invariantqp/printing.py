@@ -1,43 +1,55 @@
-"""What the commands print: summaries as tables and sentences on standard output, progress on standard error."""
+"""What the commands print: tables and sentences on standard output, progress and errors on standard error."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
+
+from invariantqp.progress import Progress
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from invariantqp.analysis.inspection import Inspection
-    from invariantqp.compare.measure.stability import Outcome
+    from invariantqp.compare.measure.stability import StabilityOutcome
     from invariantqp.runs.taskfile import Task
     from invariantqp.runs.trace import Trace
 
-# Of paragraphs where no terminal says how wide it is.
+# Width of paragraphs where no terminal says how wide it is.
 PLAIN_WIDTH = 100
-# Of tables there.
+# Width of tables there.
 WIDE = 140
 WIDEST = 180
-# How often a progress bar moves on its way.
+# How many times a progress bar is drawn.
 STEPS = 200
 
 
+def say(sentence: str, *, style: str | None = None) -> None:
+    """Print on standard error what is not a result."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
+
+
 @contextmanager
-def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+def progress(what: str, quiet: bool) -> Iterator[Progress | None]:
     """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich import progress as bars
 
-    with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), console=console
+    with bars.Progress(
+        bars.TextColumn(what),
+        bars.BarColumn(),
+        bars.TextColumn("{task.percentage:3.0f} %"),
+        bars.TimeRemainingColumn(),
+        console=console,
     ) as bar:
         job = bar.add_task(what, total=None)
 
@@ -49,10 +61,10 @@ def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | No
 
 
 def print_run(trace: Trace) -> None:
-    """A run's figures."""
+    """A run's figures, and whether it is accepted."""
     figures = trace.summary()
     console = Console(highlight=False, soft_wrap=True)
-    console.print(f"[bold]{figures['task']}[/bold]  {trace.task.about}")
+    console.print(f"[bold]{escape(figures['task'])}[/bold]  {escape(trace.task.about)}")
     table = Table("", "median", "p99", "max", box=None)
     for label, key, form in (
         ("position error, mm", "position_error_mm", "{:.2g}"),
@@ -62,37 +74,39 @@ def print_run(trace: Trace) -> None:
         spread = figures[key]
         table.add_row(label, *(form.format(spread[k]) for k in ("median", "p99", "max")))
     console.print(table)
-    felt = figures["force_error_relative_rms_measured"]
-    lines = [
-        *([f"physics: {figures['physics']}"] if figures["physics"] != "ideal" else []),
-        *([_force_line(trace, felt)] if felt is not None else []),
-        f"ticks {figures['ticks']}, limits active in {_percent(figures['limits_active'])}",
-        f"largest excess over a limit {figures['limit_violation']:.1e}, peak joint speed {figures['peak_speed']:.3g}",
-        *([f"twists by the {figures['form']}"] if figures["form"] else []),
-        f"method: {_shares(figures['methods'])};  status: {_shares(figures['statuses'])}",
-        *(f"[yellow]note:[/yellow] {_plain(w)}" for w in figures["warnings"]),
-        "[green]accepted[/green]" if figures["passed"] else "[red]not accepted[/red]",
-    ]
-    for line in lines:
+    for line in _run_lines(trace, figures):
         console.print(line)
 
 
-def _force_line(trace: Trace, felt: float) -> str:
-    seconds = trace.time[trace.settled]
-    counted = f"counted from {seconds:g} s on, when contact has had its time to settle"
-    error = f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(felt)} as the controller read it"
-    return f"force error {error}; {counted}"
+def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
+    if figures["physics"] != "ideal":
+        yield f"physics: {figures['physics']}"
+    read = figures["force_error_relative_rms_measured"]
+    if read is not None:
+        error = (
+            f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(read)} as the controller read it"
+        )
+        yield f"force error: {error}; counted from {trace.time[trace.counted_from]:g} s on, after contact has settled"
+    yield f"{figures['ticks']} ticks; a limit was active in {_percent(figures['limits_active'])} of them"
+    excess, speed = figures["limit_violation"], figures["peak_speed"]
+    yield f"largest excess over a limit: {excess:.1e}; largest joint speed: {speed:.3g} (SI units)"
+    if figures["form"]:
+        yield f"twists are measured by the {figures['form']}"
+    yield f"methods: {_shares(figures['methods'])}; statuses: {_shares(figures['statuses'])}"
+    for warning in figures["warnings"]:
+        yield f"[yellow]note:[/yellow] {escape(warning)}"
+    yield "[green]accepted[/green]" if figures["passed"] else "[red]not accepted[/red]"
 
 
 def print_inspection(found: Inspection) -> None:
-    """An arm in words."""
+    """An arm in words: the state asked for, its joint range, and the form to give it."""
     console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else PLAIN_WIDTH
     advice = found.recommended
     use = f"the pitch form, h = {advice.h:g}" if advice.h is not None else "the metric carried by the tool"
-    key = f"pitch = {advice.h}" if advice.h is not None else 'form = "carried"'
+    key = f"form = {advice.h}" if advice.h is not None else 'form = "tool"'
     call = f"form={advice.h:g}" if advice.h is not None else "form=invariantqp.tool_metric(robot)"
-    console.print(f"[bold]{_plain(found.robot)}[/bold], {len(found.joints)} joints to {_plain(found.tool)}")
+    console.print(f"[bold]{escape(found.robot)}[/bold], {len(found.joints)} joints to {escape(found.tool)}")
     for title, words in (
         (f"{found.where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
         (f"over the joint range, {len(found.survey.q)} states", found.range_words()),
@@ -104,39 +118,48 @@ def print_inspection(found: Inspection) -> None:
             console.print(paragraph, markup=False)
 
 
-def print_frame_check(task: Task, seed: int, quiet: bool) -> None:
-    """What a displaced tool frame changes, law by law."""
+def print_frame_check(task: Task, seed: int) -> None:
+    """How much another tool frame changes a run under each law."""
     from invariantqp.compare.measure.frames import frame_check
 
-    with progress("tool frame displaced", quiet) as report:
+    with progress("displacing the tool frame", quiet=False) as report:
         checks = frame_check(task, seed, report)
     table = Table("law", "change of joint positions, rad", "largest error, mm", box=None)
     for check in checks:
         table.add_row(check.law, f"{check.change:.1e}", f"{check.worst_error_mm:.2g}")
     console = Console(highlight=False)
-    console.print("\nthe same motion, with the tool frame displaced at random:")
+    console.print("\nThe same motion of the tool, asked of a tool frame displaced at random:")
     console.print(table)
 
 
-def print_contact_frame_check(task: Task, seed: int, physics: str, quiet: bool) -> None:
-    """What displaced frames of tool, sensor and contact change, ours and the textbook's."""
+def print_contact_frame_check(task: Task, seed: int, physics: str) -> None:
+    """How much other frames of tool, sensor and contact change a run under each controller."""
     from invariantqp.compare.measure.contact_frames import contact_frame_check
 
-    with progress("frames displaced", quiet) as report:
+    with progress("displacing frames", quiet=False) as report:
         checks = contact_frame_check(task, seed, physics, report)
-    columns = ("law", "change of joint velocities, rad/s", "path error, mm", "displaced", "force error", "displaced")
+    told = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
+    columns = ("law", "change of joint velocities, rad/s", *told)
     table = Table(*columns, box=None)
     for c in checks:
         errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
         forces = (_percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
         table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
     console = Console(highlight=False)
-    console.print("\nthe same task, told in displaced frames of tool, sensor and contact:")
+    console.print("\nThe same task, with the frames of tool, sensor and contact displaced at random:")
     console.print(table)
 
 
-def print_stability(outcomes: list[Outcome]) -> None:
-    """The stability cases, law by law, failures in red."""
+def print_not_installed(missing: dict[str, list[str]]) -> None:
+    """What a comparison will leave out, on standard error, and how to install it; {extra: names}."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    for extra, names in missing.items():
+        listed = "; ".join(names)
+        console.print(f"not installed, so left out: {listed}. Run: pip install 'invariantqp[{extra}]'", markup=False)
+
+
+def print_stability(outcomes: list[StabilityOutcome]) -> None:
+    """A table of how each law did in each difficult case, with failures in red."""
     columns = (
         "case",
         "law",
@@ -153,8 +176,8 @@ def print_stability(outcomes: list[Outcome]) -> None:
     before = ""
     for run in outcomes:
         table.add_row(
-            "" if run.case == before else _plain(run.case),
-            _plain(run.law),
+            "" if run.case == before else escape(run.case),
+            escape(run.law),
             "yes" if run.finite else f"[red]no: {run.not_finite}[/red]",
             "yes" if run.inside else f"[red]{run.excess:.1e}[/red]",
             f"{run.peak:.3f}",
@@ -168,28 +191,28 @@ def print_stability(outcomes: list[Outcome]) -> None:
     console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
     console.print(table)
     console.print(
-        "finite: ticks whose answer was not; inside limits: largest excess; error at the end; tail: largest joint "
-        "speed in the last tenth; chatter: total variation of the velocity over the least-squares QP's; raised: ticks "
-        "in which the law raised."
+        "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; error: at the "
+        "end of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
+        "relative to the least-squares QP; raised: number of ticks in which the law raised an exception."
     )
 
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
-    """A comparison's summary, what it says in sentences, and where the rest is."""
+    """The summary of a comparison, its findings, and the files that were written."""
     from invariantqp.compare.report.findings import findings
     from invariantqp.compare.report.tables import summary
 
     found = summary(results)
     table = Table(*found.columns, box=None)
     for row in found.rows:
-        table.add_row(*(_plain(cell) for cell in row))
+        table.add_row(*(escape(cell) for cell in row))
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
     for sentence in findings(results):
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:
-        console.print(f"{failed} of {len(results['cells'])} measurements could not be made: the report says why.")
+        console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
     for place, rho in (agreement or {}).items():
         console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
     console.print(f"written: {', '.join(str(file) for file in files[:2])}, {len(files) - 2} pictures", markup=False)
@@ -201,7 +224,3 @@ def _shares(counts: dict[str, Any]) -> str:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.3g} %"
-
-
-def _plain(text: str) -> str:
-    return text.replace("[", r"\[")

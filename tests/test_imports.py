@@ -2,6 +2,7 @@ import ast
 import json
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,6 @@ def loaded_by(code):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def test_importing_the_package_loads_nothing_foreign():
-    assert loaded_by("import invariantqp") == []
-
-
 def test_the_algebra_needs_numpy_alone():
     code = (
         "import numpy as np, invariantqp as iq\n"
@@ -38,25 +35,63 @@ def test_a_chain_loads_no_pinocchio():
     assert not {"pinocchio", "matplotlib", "osqp"} & set(loaded_by(code))
 
 
-def test_every_public_name_resolves():
-    assert len(iq.__all__) == len(set(iq.__all__))
-    for name in iq.__all__:
-        assert getattr(iq, name) is not None
-    assert set(dir(iq)) == set(iq.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'pseudo_inverse'"):
-        iq.pseudo_inverse  # noqa: B018
+NAMED = [f"invariantqp.{name}" for name in iq._NAMESPACES]
+# All but two, which are files of their own.
+NAMESPACES = ["invariantqp", *(name for name in NAMED if isinstance(import_module(name), type(iq)))]
 
 
-def test_names_for_type_checkers_are_the_names_at_run_time():
-    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("name", NAMESPACES)
+def test_every_public_name_resolves(name):
+    namespace = import_module(name)
+    assert len(namespace.__all__) == len(set(namespace.__all__))
+    for public in namespace.__all__:
+        assert getattr(namespace, public) is not None
+    assert set(dir(namespace)) == {*namespace.__all__, *namespace._NAMESPACES}
+    with pytest.raises(AttributeError, match=f"module '{name}' has no attribute 'pseudo_inverse'"):
+        namespace.pseudo_inverse  # noqa: B018
+
+
+@pytest.mark.parametrize("name", NAMESPACES)
+def test_names_for_type_checkers_are_the_names_at_run_time(name):
+    namespace = import_module(name)
+    tree = ast.parse(Path(namespace.__file__).read_text(encoding="utf-8"))
     block = next(node for node in tree.body if isinstance(node, ast.If))
-    typed = {
-        (alias.name, node.module.removeprefix("invariantqp."))
-        for node in block.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    assert typed == set(iq._MODULE_OF.items())
+    imports = [(alias, node.module) for node in block.body for alias in node.names]
+    assert all(alias.asname == alias.name for alias, _ in imports)  # what makes them public for a checker
+    typed = {(alias.name, module) for alias, module in imports if module != "invariantqp"}
+    assert typed == set(namespace._MODULE_OF.items())
+    assert {alias.name for alias, module in imports if module == "invariantqp"} == set(namespace._NAMESPACES)
+
+
+def test_a_public_name_in_a_namespace_is_the_one_at_the_top():
+    for name in NAMESPACES[1:]:
+        namespace = import_module(name)
+        for public in set(namespace.__all__) & set(iq.__all__):
+            assert getattr(namespace, public) is getattr(iq, public)
+
+
+@pytest.mark.parametrize("first", ["", "import invariantqp.systems.involution\n"])
+def test_a_name_spelled_as_its_file_is_the_name(first):
+    """`systems.involution` is the function, whether its file has been imported before, is then, or is later."""
+    code = (
+        f"{first}import invariantqp as iq\nfrom invariantqp.systems import involution\n"
+        "import invariantqp.systems.classification, invariantqp.systems.involution\n"
+        "from invariantqp.systems.involution import Involution\n"
+        "assert involution is iq.systems.involution is iq.involution, involution\n"
+        "assert callable(involution)\n"
+    )
+    assert loaded_by(code) == []
+
+
+@pytest.mark.parametrize("name", NAMESPACES)
+def test_importing_a_namespace_loads_nothing_foreign(name):
+    assert loaded_by(f"import {name}") == []
+
+
+def test_namespaces_are_attributes_of_the_package():
+    for name in NAMED:
+        assert getattr(iq, name.removeprefix("invariantqp.")) is import_module(name)
+    assert set(NAMED) - set(NAMESPACES) == {"invariantqp.errors", "invariantqp.pink"}
 
 
 @pytest.mark.parametrize("file", sorted(PACKAGE.rglob("*.py")), ids=lambda f: str(f.relative_to(PACKAGE)))
@@ -67,10 +102,10 @@ def test_no_assert_and_a_first_line_in_every_file(file):
 
 
 def test_errors_have_one_base():
-    for name in ("BadInput", "BlindSystem", "MissingExtra", "NoPseudoinverse", "RobotModelError", "TaskFileError"):
-        assert issubclass(getattr(iq, name), iq.InvariantQPError)
-    assert issubclass(iq.UnknownName, iq.RobotModelError)
-    error = iq.MissingExtra("cvxpy", "cvxpy")
+    for name in iq.errors.__all__:
+        assert issubclass(getattr(iq.errors, name), iq.InvariantQPError)
+    assert issubclass(iq.errors.UnknownName, iq.errors.RobotModelError)
+    error = iq.errors.MissingExtra("cvxpy", "cvxpy")
     assert str(error) == "cvxpy is not installed. Run: pip install 'invariantqp[cvxpy]'"
     assert isinstance(error, ImportError)
 
@@ -78,14 +113,14 @@ def test_errors_have_one_base():
 # What a user does first with each extra, and the packages that are not there.
 EXTRAS = {
     "robots": ("iq.load_robot('panda')", ["example-robot-data"]),
-    "cvxpy": ("iq.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
+    "cvxpy": ("iq.limits.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "peers": (
         "import invariantqp.compare.laws.pink_law as p; p.PinkLaw(iq.load_robot('ur5'), iq.load_task('scara').law)",
         ["pink"],
     ),
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
-    "view": ("iq.Viewer(iq.load_task('scara'))", ["viser"]),
+    "view": ("iq.view.Viewer(iq.load_task('scara'))", ["viser"]),
     "compare": ("import invariantqp.compare.exact.references", ["mpmath"]),
 }
 ABSENT = """
@@ -105,7 +140,7 @@ metadata.distribution = without
 import invariantqp as iq
 try:
     {use}
-except iq.MissingExtra as error:
+except iq.errors.MissingExtra as error:
     print(error)
 """
 
@@ -124,8 +159,8 @@ def test_stated_shapes_are_returned(m):
     J, s = rng.normal(size=(6, m)), rng.normal(size=6)
     T = iq.exp(s)
     solution = iq.solve_velocity(J.tolist(), s.tolist(), form=0.4)
-    point, length = iq.centre(J)
-    direction, foot = iq.axis(s)
+    point, length = iq.systems.centre(J)
+    direction, foot = iq.se3.axis(s)
     shapes = {
         "pitch_form": (iq.pitch_form(0.4), (6, 6)),
         "pitch_form_inverse": (iq.pitch_form_inverse(0.4), (6, 6)),
@@ -133,12 +168,12 @@ def test_stated_shapes_are_returned(m):
         "coadjoint": (iq.coadjoint(T.tolist()), (6, 6)),
         "exp": (T, (4, 4)),
         "log": (iq.log(T), (6,)),
-        "bracket": (iq.bracket(s, s), (6,)),
+        "bracket": (iq.se3.bracket(s, s), (6,)),
         "inverse": (iq.inverse(T), (4, 4)),
         "revolute": (iq.revolute((0, 0, 1)), (6,)),
         "axis": (np.stack((direction, foot)), (2, 3)),
         "centre": (point, (3,)),
-        "gram_matrix": (iq.gram_matrix(J, 0.4), (m, m)),
+        "gram_matrix": (iq.systems.gram_matrix(J, 0.4), (m, m)),
         "pseudoinverse": (iq.pseudoinverse(J.tolist(), 0.4), (m, 6)),
         "principal_pitches": (iq.principal_pitches(J), ({1: 1, 3: 3, 6: 0, 7: 0}[m],)),
         "reciprocal": (iq.reciprocal(J), (6, max(0, 6 - m))),
@@ -150,6 +185,6 @@ def test_stated_shapes_are_returned(m):
         assert value.dtype == np.float64, name
     assert isinstance(length, float)
     assert isinstance(iq.has_pseudoinverse(J, 0.4), bool)
-    assert isinstance(iq.pitch(s), float)
+    assert isinstance(iq.se3.pitch(s), float)
     assert isinstance(solution.scale, float)
     assert isinstance(solution.active, tuple)

@@ -230,7 +230,7 @@ def test_bad_input_is_refused_by_name(arms):
     here = configuration(robot, np.zeros(6))
     task = InvariantFrameTask("nowhere")
     task.set_target(pin.SE3.Identity())
-    with pytest.raises(iq.UnknownName, match="nowhere"):
+    with pytest.raises(iq.errors.UnknownName, match="nowhere"):
         task.compute_qp_objective(here)
     task = InvariantFrameTask(robot.tool)
     with pytest.raises(pink.exceptions.TargetNotSet):
@@ -336,7 +336,7 @@ def test_limits_for_another_model_are_refused(arms):
         iq.Controller(arms["panda"], dt=DT, limits=[VelocityLimit(arms["ur5"].model)]).step(np.zeros(7), np.eye(4))
     with pytest.raises(iq.BadInput, match="compute_qp_inequalities"):
         iq.Controller(arms["panda"], dt=DT, limits=[3.0])
-    chain = iq.Chain(np.eye(6), np.eye(4))
+    chain = iq.robots.Chain(np.eye(6), np.eye(4))
     with pytest.raises(iq.BadInput, match="one of a URDF"):
         iq.Controller(chain, dt=DT, joint_metric=np.ones(6), limits=[VelocityLimit(arms["ur5"].model)])
 

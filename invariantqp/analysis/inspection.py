@@ -17,16 +17,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.analysis.recommendation import Recommendation, recommend
-from invariantqp.analysis.survey import Progress, Survey, spread, survey
+from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.progress import PROGRESS, Progress
+from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.centre import centre
 from invariantqp.systems.report import SystemReport, describe
 
 # States looked at where nobody says how many: some 50 ms, and enough to tell an arm's nature from one state's.
 DEFAULT_SAMPLES = 64
+# A quarter of an hour.
+MOST_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,14 +143,16 @@ def inspect(
         progress: called with (states done, states in all).
 
     Raises:
-        BadInput: wrong number of joint positions, NaN, no samples.
+        BadInput: not a robot, wrong number of joint positions, NaN, no samples.
     """
-    mid = middle(robot)
+    mid = middle(require_robot(robot))
     state, where = mid, "in the middle of the joint range"
     if q is not None:
         state, where = arrays.vector(q, len(robot.names), "q"), "at the joint positions given"
-    if samples < 1:
-        raise BadInput("samples", str(samples), "one or more")
+    if not arrays.count(samples, "samples", MOST_SAMPLES):
+        raise BadInput("samples", "0", "one or more")
+    if progress is not None:
+        arrays.function(progress, "progress", PROGRESS)
     report = describe(robot.jacobian(state))
     seen = survey(robot, spread(robot, samples), jobs=jobs, progress=progress)
     if q is None and report.rank < seen.attainable_rank:

@@ -36,13 +36,13 @@ class Recommendation:
     """What to measure twists by.
 
     Attributes:
-        form: "pitch" (`PitchForm(h)`) or "carried" (`tool_metric(robot)`).
-        h: pitch [length/rad]; None with a carried metric.
-        length: what a radian counts in the carried metric [length/rad]; None with a pitch form.
+        form: "pitch" (`PitchForm(h)`) or "tool" (`tool_metric(robot)`, the metric carried by the tool).
+        h: pitch [length/rad]; None with that metric.
+        length: what a radian counts in that metric [length/rad]; None with a pitch form.
         reason: in words.
     """
 
-    form: Literal["pitch", "carried"]
+    form: Literal["pitch", "tool"]
     h: float | None
     length: float | None
     reason: str
@@ -131,9 +131,9 @@ def _carried(blind: Array, share: float, own_length: float) -> Recommendation:
     reason = (
         f"No h works{where}: every pitch form is blind to translation along {listed}; it would neither ask for such a "
         f"motion nor correct it. Measure twists at the tool instead, |v|^2 + L^2 |omega|^2 with L = {length:.3g}, "
-        f'{named}: "carried". Or name what may be given up: Complement(Z).'
+        f"{named}. Or name what may be given up: Complement(Z)."
     )
-    return Recommendation("carried", None, length, reason)
+    return Recommendation("tool", None, length, reason)
 
 
 def directions(blind: Array) -> str:

@@ -8,17 +8,16 @@ Reference: the sequence is Roberts', a generalisation of the golden ratio's to m
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.report import describe
-
-Progress = Callable[[int, int], None]
 
 # From here on worker processes, which take a second to start, are worth it; each gets so many states at a time.
 PARALLEL_FROM = 2000

@@ -1,36 +1,116 @@
-"""The command line: parsing only (`printing` prints). Exit status 0 done, 1 not accepted, 2 bad input."""
+"""The command line. It only parses; `printing` prints. Exit statuses are those of `status`."""
 
 from __future__ import annotations
 
+import os
 import sys
-from typing import Annotated
+import traceback
+import warnings
+from contextlib import suppress
+from typing import Annotated, TextIO
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from invariantqp import __version__
 from invariantqp.cli.compare import compare
 from invariantqp.cli.inspect import ManyNumbers, inspect
 from invariantqp.cli.run import ViewAlone, run
-from invariantqp.cli.status import BAD_INPUT
+from invariantqp.cli.status import (
+    BAD_INPUT,
+    DEFECT,
+    DONE,
+    HELP,
+    INTERRUPTED,
+    NOT_ACCEPTED,
+    NOT_WRITTEN,
+    NotAccepted,
+    NotWritten,
+)
 from invariantqp.errors import InvariantQPError
+from invariantqp.printing import say
+from invariantqp.version import __version__
 
 app: typer.Typer = typer.Typer(
     help="Task-space velocity control of robot arms whose answers do not depend on frames or length units.",
+    epilog=HELP,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+REPORT = "Please report it where you got invariantqp from, with all of these lines."
+# What each kind of exception leaves with; any other is a defect.
+STATUSES = (
+    (NotAccepted, NOT_ACCEPTED),
+    (InvariantQPError, BAD_INPUT),
+    (NotWritten, NOT_WRITTEN),
+    (OSError, NOT_WRITTEN),
+    (KeyboardInterrupt, INTERRUPTED),
+)
 
 
 def main() -> None:
-    """Run the command line; our own errors become one message and exit status 2."""
+    """Run the command line and leave with a status of `invariantqp.cli.status`."""
+    for stream in ("stdout", "stderr"):
+        if getattr(sys, stream) is None:  # closed by whoever started this
+            setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123 (open to the end)
+    warnings.showwarning = _show_warning
+    sentences: list[str] = []
+    try:
+        status = _called()
+        sys.stdout.flush()
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 (what is none of ours is reported as a defect)
+        status = next((status for kind, status in STATUSES if isinstance(error, kind)), DEFECT)
+        sentences = _sentences(error)
+        if isinstance(error, OSError):
+            _forget(sys.stdout)
+    try:
+        for sentence in sentences:
+            say(sentence, style="red")
+    except (OSError, SystemExit):  # standard error is gone or full too
+        _forget(sys.stderr)
+    sys.exit(status)
+
+
+def _sentences(error: BaseException) -> list[str]:
+    """What to say of an error."""
+    if isinstance(error, NotAccepted):
+        return [f"not accepted: {reason}" for reason in error.reasons]
+    if isinstance(error, (KeyboardInterrupt, BrokenPipeError)):
+        return []
+    if isinstance(error, (InvariantQPError, NotWritten)):
+        return [f"error: {error}"]
+    if isinstance(error, OSError):
+        return [f"error: output could not be written: {error.strerror or error}"]
+    return [
+        "".join(traceback.format_exception(error)).rstrip(),
+        f"This is a defect of invariantqp {__version__}, not of your input. {REPORT}",
+        f"The command was: {' '.join(['invariantqp', *sys.argv[1:]])}",
+    ]
+
+
+def _called() -> int:
+    """The status with which Typer leaves, or Rich: 1 is what they leave with where nobody reads their output."""
     try:
         app()
-    except InvariantQPError as error:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(f"error: {error}", style="red", markup=False)
-        sys.exit(BAD_INPUT)
+    except SystemExit as leaving:
+        if leaving.code == 1:
+            _forget(sys.stdout)
+            return NOT_WRITTEN
+        return leaving.code if isinstance(leaving.code, int) else DONE
+    return DONE
+
+
+def _forget(stream: TextIO) -> None:
+    """Let what could not be written go nowhere. Python would try again when it ends, and leave with status 120."""
+    with suppress(OSError, ValueError):  # a stream that is no file needs none of this
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """A warning as a note, without the line of code that it comes from."""
+    with suppress(OSError, SystemExit):
+        say(f"note: {message}", style="yellow")
 
 
 def _version(wanted: bool) -> None:
@@ -42,13 +122,13 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Task-space velocity control of robot arms whose answers do not depend on frames or length units."""
 
 
-@app.command()
+@app.command(epilog=HELP)
 def tasks() -> None:
     """List the tasks that come with the package."""
     from invariantqp.runs.taskfile import load_task, shipped_tasks
@@ -59,6 +139,6 @@ def tasks() -> None:
     Console().print(table)
 
 
-app.command(cls=ViewAlone)(run)
-app.command(cls=ManyNumbers)(inspect)
-app.command()(compare)
+app.command(cls=ViewAlone, epilog=HELP)(run)
+app.command(cls=ManyNumbers, epilog=HELP)(inspect)
+app.command(epilog=HELP)(compare)

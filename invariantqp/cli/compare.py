@@ -1,66 +1,84 @@
-"""`invariantqp compare`: our law and others on the same problems, charted; or what breaks them."""
+"""`invariantqp compare`: our law and other methods on the same tasks, in charts; or difficult tasks in a table."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from invariantqp.cli.places import folder, writable
-from invariantqp.cli.status import NOT_ACCEPTED
+from invariantqp.cli.places import folder, writable, write
+from invariantqp.cli.status import NotAccepted
 from invariantqp.errors import BadInput
-from invariantqp.printing import print_comparison, print_stability, progress
+from invariantqp.printing import print_comparison, print_not_installed, print_stability, progress
 
 
 def compare(
     tasks: Annotated[
         list[str] | None,
-        typer.Argument(metavar="TASK", help="Task files or names; three shipped ones if left out."),
+        typer.Argument(metavar="TASK", help="Names or files of tasks; three shipped ones by default."),
     ] = None,
     methods: Annotated[
-        str | None,
-        typer.Option(metavar="NAMES", help="Methods, families, parts of names, apart by commas; all if left out."),
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A method, a family, or part of a name; give it again for each further one. Default: all.",
+        ),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where report, pictures and results.json go.")] = Path(
-        "comparison"
-    ),
-    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 is all cores.")] = -1,
-    quick: Annotated[bool, typer.Option("--quick", help="Few states and coarse ticks: a minute and a half.")] = False,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the report, its pictures and results.json.")
+    ] = Path("comparison"),
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 uses all cores.")] = -1,
+    quick: Annotated[bool, typer.Option("--quick", help="Measure few states and long ticks: about a minute.")] = False,
     only: Annotated[
-        str | None, typer.Option(metavar="KINDS", help="Measurements, apart by commas: error, time, growth, ...")
+        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: error, time, growth, ...")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of states, twists and displacements.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
     against: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Another results.json: tell how alike the two rank by time.")
+        Path | None, typer.Option(metavar="FILE", help="Another results.json: print how alike both rank by time.")
     ] = None,
     stability: Annotated[
-        bool, typer.Option("--stability", help="What breaks velocity control, under our law and the usual ones.")
+        bool, typer.Option("--stability", help="Run difficult tasks under our law and the usual ones.")
     ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="With --stability: write every figure as JSON.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
-    """Chart speed against accuracy of our law and others, TASK by TASK; or, with --stability, what breaks them.
+    """Compare time and accuracy of our law and other methods on each TASK, in charts, tables and a page.
 
-    With --stability the exit status is 0 when ours stays finite and inside limits, 1 when not.
+    With --stability, print how each law does in difficult tasks; the exit status is 0 if our answers are always finite
+    and inside the limits, 1 if not.
     """
     if stability:
+        _refuse_beside_stability(
+            {
+                "TASK": tasks,
+                "--methods": methods,
+                "--only": only,
+                "--against": against,
+                "--quick": quick,
+                "--seed": seed,
+            }
+        )
         _compare_stability(json_file, quiet)
         return
     from invariantqp.compare.report.ranking import rank_agreement
     from invariantqp.compare.report.report import write_report
     from invariantqp.compare.results import load_results
-    from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
+    from invariantqp.compare.sweep import DEFAULT_TASKS, not_installed, sweep
 
     if json_file is not None:
-        raise BadInput("--json", "no --stability beside it", "--out DIR, which has results.json")
+        raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
     other = None if against is None else load_results(against)
-    folder(out)
+    kinds = None if only is None else [word.strip() for word in only.split(",")]
+    missing = not_installed(methods, kinds)
+    if not quiet:
+        print_not_installed(missing)
+    folder("--out", out)
     with progress("measuring", quiet) as report:
         results = sweep(
             tasks or DEFAULT_TASKS,
@@ -69,7 +87,7 @@ def compare(
             seed=seed,
             quick=quick,
             jobs=jobs,
-            only=None if only is None else [word.strip() for word in only.split(",")],
+            only=kinds,
             progress=report,
         )
     with progress("drawing", quiet) as report:
@@ -78,16 +96,29 @@ def compare(
         print_comparison(results, files, None if other is None else rank_agreement(results, other))
 
 
-def _compare_stability(json_file: Path | None, quiet: bool) -> None:
-    from invariantqp.compare.laws.invariant import OURS
-    from invariantqp.compare.measure.stability import compare_stability
+def _refuse_beside_stability(options: dict[str, Any]) -> None:
+    """Refuse options that --stability would ignore."""
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise BadInput(given[0], "--stability too", "one of them: --stability has its own tasks and laws")
 
-    writable(json_file)
+
+def _compare_stability(json_file: Path | None, quiet: bool) -> None:
+    """Run what breaks velocity control.
+
+    Raises:
+        NotAccepted: our law was not finite, or left its limits.
+    """
+    from invariantqp.compare.measure.stability import compare_stability
+    from invariantqp.compare.names import OURS
+
+    writable("--json", json_file)
     with progress("comparing", quiet) as report:
         outcomes = compare_stability(report)
+    if json_file is not None:
+        write(json_file, json.dumps([run.as_json() for run in outcomes], indent=1) + "\n")
     if not quiet:
         print_stability(outcomes)
-    if json_file is not None:
-        json_file.write_text(json.dumps([run.as_json() for run in outcomes], indent=1) + "\n", encoding="utf-8")
-    if not all(run.finite and run.inside for run in outcomes if run.law == OURS):
-        raise typer.Exit(NOT_ACCEPTED)
+    failed = [run.case for run in outcomes if run.law == OURS and not (run.finite and run.inside)]
+    if failed:
+        raise NotAccepted([f"{case}: an answer of ours was not finite, or outside limits" for case in failed])

@@ -9,16 +9,18 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from invariantqp.cli.places import PICTURES, writable
+from invariantqp.cli.places import PICTURES, writable, write, writing
 from invariantqp.errors import BadInput
 from invariantqp.printing import print_inspection, progress
+
+Q_EXPECTED = "numbers, one for each joint, such as --q 0 0.5 -1"
 
 
 class ManyNumbers(TyperCommand):
     """A command in which every number after --q belongs to it: --q 0 0.5 -1 means --q 0,0.5,-1."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Join them before anything else looks at them: -1 is no option."""
+        """Join the numbers before anything else reads the arguments: -1 is not an option."""
         joined: list[str] = []
         for word in args:
             before = joined[-2:]
@@ -38,11 +40,14 @@ def _is_numbers(text: str) -> bool:
 
 
 def _numbers(text: str) -> list[float]:
-    """Numbers apart by commas or spaces."""
+    """Numbers separated by commas or spaces."""
     try:
-        return [float(word) for word in text.replace(",", " ").split()]
+        numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
-        raise BadInput("--q", repr(text), "numbers, one a joint, such as --q 0 0.5 -1") from error
+        raise BadInput("--q", repr(text), Q_EXPECTED) from error
+    if not numbers:
+        raise BadInput("--q", repr(text), Q_EXPECTED)
+    return numbers
 
 
 def inspect(
@@ -54,7 +59,7 @@ def inspect(
         str | None, typer.Option("--q", metavar="NUMBERS", help="Joint positions; the middle of the range if left out.")
     ] = None,
     samples: Annotated[
-        int | None, typer.Option(metavar="N", help="States of the joint range to look at.", min=1)
+        int | None, typer.Option(metavar="N", help="How many states of the joint range to look at.", min=1)
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
     plot: Annotated[
@@ -62,23 +67,24 @@ def inspect(
         typer.Option("--plot", metavar="FILE", help="Draw the principal pitches over the range (.png, .svg, .pdf)."),
     ] = None,
 ) -> None:
-    """Tell what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
+    """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
     from invariantqp.analysis.inspection import DEFAULT_SAMPLES
     from invariantqp.analysis.inspection import inspect as look
     from invariantqp.runs.arm import arm
 
     if q is not None and samples is not None:
-        raise BadInput("--q", "--samples beside it", "one of them: a state, or the range")
-    writable(json_file)
-    writable(plot, PICTURES)
+        raise BadInput("--q", "--samples too", "one of them: --q for one state, --samples for the joint range")
+    writable("--json", json_file)
+    writable("--plot", plot, PICTURES)
     loaded = arm(robot, tool)
     state = None if q is None else _numbers(q)
-    with progress("looking", samples is None) as report:
+    with progress("inspecting", samples is None) as report:
         found = look(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
-    print_inspection(found)
     if json_file is not None:
-        json_file.write_text(json.dumps(found.as_json(), indent=1) + "\n", encoding="utf-8")
+        write(json_file, json.dumps(found.as_json(), indent=1) + "\n")
     if plot is not None:
         from invariantqp.pictures.pitches import pitch_picture
 
-        pitch_picture(found, loaded, plot)
+        with writing(plot):
+            pitch_picture(found, loaded, plot)
+    print_inspection(found)

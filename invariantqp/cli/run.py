@@ -1,4 +1,4 @@
-"""`invariantqp run`: a task in closed loop, and where it is told, drawn and seen."""
+"""`invariantqp run`: a task in closed loop, and where it is written, drawn and shown."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from typer.core import TyperCommand
 
-from invariantqp.cli.places import PAGES, PICTURES, writable
-from invariantqp.cli.status import NOT_ACCEPTED
-from invariantqp.printing import print_contact_frame_check, print_frame_check, print_run, progress
+from invariantqp.cli.places import PAGES, PICTURES, writable, write, writing
+from invariantqp.cli.status import NotAccepted
+from invariantqp.errors import BadInput
+from invariantqp.printing import print_contact_frame_check, print_frame_check, print_run, progress, say
 
 if TYPE_CHECKING:
     from invariantqp.runs.taskfile import Task
+    from invariantqp.runs.trace import Trace
     from invariantqp.view.server import Viewer
 
 
@@ -24,11 +25,13 @@ class ViewAlone(TyperCommand):
     """A command whose --view may stand alone (--view means --view=) or before a file (--view a.html, --view=a.html)."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Join them before anything else looks at them: a task's name has no ending, a task's file has .toml."""
+        """Join --view and its file, if it has one: a task's name has no ending, and a task's file has .toml."""
         joined: list[str] = []
         for word in args:
-            is_file = not word.startswith("-") and Path(word).suffix not in ("", ".toml")
-            if is_file and joined[-1:] == ["--view="]:
+            after_view = joined[-1:] == ["--view="]
+            if after_view and not word:
+                raise BadInput("--view", "an empty name", "a file that ends in .html, or --view alone")
+            if after_view and not word.startswith("-") and Path(word).suffix not in ("", ".toml"):
                 joined[-1] += word
             else:
                 joined.append("--view=" if word == "--view" else word)
@@ -46,57 +49,46 @@ def run(
     ] = None,
     view: Annotated[
         str | None,
-        typer.Option(metavar="[FILE]", help="Watch in a browser; to a FILE, or where there is no display, one .html."),
+        typer.Option(
+            metavar="[FILE]",
+            help="Watch in a browser; with a FILE, or without a display, write an .html page.",
+        ),
     ] = None,
     backend: Annotated[
         str | None, typer.Option(metavar="NAME", help="QP solver: daqp, osqp, or any that qpsolvers has.")
     ] = None,
     physics: Annotated[
-        str, typer.Option(metavar="NAME", help="ideal, or mujoco: friction, lag and noise as an independent referee.")
+        str, typer.Option(metavar="NAME", help="ideal, or mujoco with friction, lag and noise.")
     ] = "ideal",
     check_frame: Annotated[
-        bool, typer.Option("--check-frame", help="Also displace the tool frame and show what that changes.")
+        bool, typer.Option("--check-frame", help="Also displace the tool frame, and show what that changes.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Of the displacement of --check-frame.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the displacement of --check-frame.", min=0)] = 0,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
-    """Run TASK in closed loop and tell how it went: 0 when its acceptance numbers are met, 1 when not."""
+    """Run TASK in closed loop, and say whether its acceptance numbers are met."""
     from invariantqp.runs.run import run_task
     from invariantqp.runs.taskfile import load_task
 
     problem = load_task(task)
-    writable(json_file)
-    writable(plot, PICTURES)
+    writable("--json", json_file)
+    writable("--plot", plot, PICTURES)
     page, viewer = _watched(ctx, problem, view, quiet)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
         observer = None if viewer is None else viewer.watch
         trace = run_task(problem, physics=physics, progress=report, observer=observer, **overrides)
+    _write(trace, json_file, plot, page)
+    if page is not None and not view and not quiet:
+        say(f"no display: the view is written to {page}")
     if not quiet:
         print_run(trace)
-    if json_file is not None:
-        json_file.write_text(json.dumps(trace.as_json(), indent=1) + "\n", encoding="utf-8")
-    if plot is not None:
-        from invariantqp.pictures.run import picture
-
-        picture(trace, plot)
-    if check_frame:
-        if trace.contact is None:
-            print_frame_check(trace.task, seed, quiet)
-        else:
-            print_contact_frame_check(trace.task, seed, trace.physics, quiet)
-    if page is not None:
-        from invariantqp.view.page import animation
-
-        animation(trace, page)
+        if check_frame:
+            _check_frames(trace, seed)
     if viewer is not None:
-        with suppress(KeyboardInterrupt):
-            _tell("playing; Ctrl-C leaves", quiet)
-            viewer.play(trace)
+        _play(viewer, trace, quiet)
     if not trace.passed:
-        complaint = "\n".join(f"not accepted: {s}" for s in trace.shortfalls)
-        Console(stderr=True, highlight=False).print(complaint, style="red", markup=False)
-        raise typer.Exit(NOT_ACCEPTED)
+        raise NotAccepted(trace.shortfalls)
 
 
 def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path | None, Viewer | None]:
@@ -107,20 +99,45 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
 
     if view or not has_display():
         page = Path(view or page_name(task))
-        writable(page, PAGES)
-        if not view:
-            _tell(f"no display: the view is written to {page}", quiet)
+        writable("--view", page, PAGES)
         return page, None
     from invariantqp.view.server import Viewer
 
     viewer = Viewer(task)
     ctx.call_on_close(viewer.close)
     viewer.open_browser()
-    _tell(f"the view is at {viewer.url}", quiet)
+    if not quiet:
+        say(f"the view is at {viewer.url}")
     return None, viewer
 
 
-def _tell(sentence: str, quiet: bool) -> None:
-    """Say on standard error what is no result."""
-    if not quiet:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(sentence, markup=False)
+def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path | None) -> None:
+    """The files that were asked for."""
+    if json_file is not None:
+        write(json_file, json.dumps(trace.as_json(), indent=1) + "\n")
+    if plot is not None:
+        from invariantqp.pictures.run import picture
+
+        with writing(plot):
+            picture(trace, plot)
+    if page is not None:
+        from invariantqp.view.film import film_of
+        from invariantqp.view.page import page as page_of
+
+        write(page, page_of(film_of(trace)))
+
+
+def _check_frames(trace: Trace, seed: int) -> None:
+    """What displaced frames change, printed."""
+    if trace.contact is None:
+        print_frame_check(trace.task, seed)
+    else:
+        print_contact_frame_check(trace.task, seed, trace.physics)
+
+
+def _play(viewer: Viewer, trace: Trace, quiet: bool) -> None:
+    """Show a run that is done until Ctrl-C."""
+    with suppress(KeyboardInterrupt):
+        if not quiet:
+            say("playing; Ctrl-C ends it")
+        viewer.play(trace)

@@ -1,45 +1,34 @@
-"""What charts and report read: results.json, one cell a line of the comparison, and nothing else.
+"""results.json: everything that a sweep measured, and all that charts and report read.
 
-The schema is told in `compare.sweep`. Charts are functions of the results alone: a committed file can be drawn again.
+    {"schema": 1, "machine": {...}, "versions": {...}, "seed": 0, "quick": false, "tasks": [...],
+     "methods": [Method.as_json(), ...],
+     "cells": [{"kind": "error", "task": "panda_path", "method": "DLS", "result": {...}}, ...]}
+
+A figure that is not finite is null. A measurement that failed has the result {"failed": "why"}: charts leave it out,
+and the report lists it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from invariantqp.errors import BadInput
 
 SCHEMA = 1
+# Significant digits of a figure in the file: repeated measurements do not agree to more.
+DIGITS = 4
 
 Results = dict[str, Any]
 
 
-class Chart(NamedTuple):
-    """A picture of the results.
-
-    Attributes:
-        slug: its file's stem.
-        title: its heading.
-        draw: (results, file) draws it; the file's ending tells the format.
-        caption: what the results say, computed from them: where others win, and where not.
-        shows: the kinds of cells that it needs; it is left out where the results have none of one.
-    """
-
-    slug: str
-    title: str
-    draw: Callable[[Results, Path], None]
-    caption: Callable[[Results], str]
-    shows: tuple[str, ...]
-
-
 def load_results(file: Path) -> Results:
-    """Results from a file that `invariantqp compare` wrote.
+    """Read results that `invariantqp compare` wrote.
 
     Raises:
-        BadInput: no such file, or not one of these.
+        BadInput: there is no such file, or it is no results.json of this schema.
     """
     try:
         results = json.loads(file.read_text(encoding="utf-8"))
@@ -53,8 +42,38 @@ def load_results(file: Path) -> Results:
     return results
 
 
-def picked(results: Results, kind: str) -> dict[tuple[str, str], dict[str, Any]]:
-    """{(task, method): result} of one kind, without those that failed."""
+def write_results(file: Path, results: Results) -> None:
+    """Write results with one cell in a line, so that two files can be compared line by line.
+
+    The file appears complete or not at all, even if the program is interrupted.
+
+    Raises:
+        BadInput: the file cannot be written.
+    """
+    content = plain(results)
+    lines = ",\n  ".join(json.dumps(cell, allow_nan=False, separators=(",", ":")) for cell in content.pop("cells"))
+    head = json.dumps(content, indent=1, allow_nan=False)
+    part = file.with_suffix(".part")
+    try:
+        part.write_text(f'{head[:-2]},\n "cells": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
+        part.replace(file)
+    except OSError as error:
+        raise BadInput(str(file), f"{error}", "a folder that can be written to") from error
+
+
+def plain(value: Any) -> Any:
+    """The value as JSON has it: null for a figure that is not finite, four significant digits for every other one."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+    return value
+
+
+def results_of(results: Results, kind: str) -> dict[tuple[str, str], dict[str, Any]]:
+    """{(task, method): result} of one measurement, without those that failed."""
     return {
         (cell["task"], cell["method"]): cell["result"]
         for cell in results["cells"]
@@ -62,11 +81,11 @@ def picked(results: Results, kind: str) -> dict[tuple[str, str], dict[str, Any]]
     }
 
 
-def kinds(results: Results) -> set[str]:
-    """The kinds that there are results of."""
+def kinds_in(results: Results) -> set[str]:
+    """The measurements that the results contain."""
     return {cell["kind"] for cell in results["cells"]}
 
 
 def family(results: Results, method: str) -> str:
-    """The family of a method in the results."""
+    """The family of a method according to the results; "" for an unknown method."""
     return next((str(m["family"]) for m in results["methods"] if m["name"] == method), "")

@@ -9,7 +9,7 @@ where acceleration limits need room to brake (`approach`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
+from copy import deepcopy
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,19 +17,21 @@ from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import braking_share, same_way
 from invariantqp.control.convergence import Convergence
-from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, rows_of
-from invariantqp.control.joint_rows import JointRows, Rows
+from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, rows_of
+from invariantqp.control.joint_rows import PinkLimit, Rows, joint_rows
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.errors import BadInput
+from invariantqp.control.posture import joint_gains, posture_gain
+from invariantqp.control.tracking import tracking_twist
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, Sighting, checked_robot, middle
+from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.damping import Adaptive, Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import JointBox, accelerations, not_below_zero
+from invariantqp.velocity.limits.box import JointBox, accelerations
 from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.objective import least_squares
@@ -38,18 +40,19 @@ from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
-# How fast an arm with joints to spare drifts to the middle of their ranges [1/s]: a second's worth of patience, slow
-# beside any tracking gain, and what keeps it out of its limits on long paths.
-POSTURE_GAIN = 1.0
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
 # The most of the error removed within a told delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
 DELAY_SHARE = 0.25
+# The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
+WHOLE_ERROR = 1.0 + 1e-9
 
 
 class Controller:
-    """Task-space velocity control of one arm; `step` is one tick.
+    """Task-space velocity control of one arm; `step` is one tick. One controller drives one arm, in one thread.
+
+    A copy, shallow or deep, is a loop of its own.
 
     Attributes:
         robot: the arm.
@@ -81,7 +84,7 @@ class Controller:
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
         rows: Rows | None = None,
-        limits: Sequence[Any] = (),
+        limits: Sequence[PinkLimit] = (),
     ) -> None:
         """Make the loop's fixed part.
 
@@ -103,33 +106,33 @@ class Controller:
                 or, without one, the tool frame's origin; "own" is the arm's own point, for those who name none.
             length: as in `solve_velocity`, by default the arm's reach to the point.
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
-                also keeps room to brake before its position limits, and the tool before its target. None is none.
+                also keeps room to brake before its position limits, and the tool before its target. None is no limit.
             delay: dead time between a command and its effect on the next measurement, beyond one tick [s].
             position_margin: distance kept from position limits [rad, length].
-            tool_speed: the most that a point of the tool may move at [length/s], 0.25 m/s beside a person; a number is
-                for the tool frame's origin.
+            tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
+                limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
             limits: limits and barriers made for Pink from `robot.model`: anything with
-                `compute_qp_inequalities(configuration, dt)`. They add to the robot's own; the box of those goes first,
-                rows give way to it. Numbered in reasons after `rows`, in their order.
+                `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
+                they contradict these. Reasons number them after `rows`, in their order. Pink cannot pickle them.
 
         Raises:
-            BadInput: a dt or gain that is not positive, gain above 1/dt, limits that are none, or an argument
-                `solve_velocity` would refuse.
+            BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is no limit, or an argument
+                that `solve_velocity` would refuse.
             UnknownName: no such back end.
             MissingExtra: `limits` without Pink.
         """
-        self.robot = checked_robot(robot)
+        self.robot = require_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
-        late = not_below_zero(delay, "delay", "a dead time in seconds")
+        late = arrays.not_negative(delay, "delay", "a dead time in seconds")
         usual = TRACKING_SHARE / self.dt if late == 0.0 else min(TRACKING_SHARE / self.dt, DELAY_SHARE / late)
         self.gain: float = usual if gain is None else arrays.number(gain, "gain", positive=True)
-        if self.gain * self.dt > 1.0 + 1e-9:
+        if self.gain * self.dt > WHOLE_ERROR:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
-        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # the first tick is then no slower than the next
+        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # what the first look loads is loaded before the loop
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
         anchor = next((d.point for d in self.exact if isinstance(d, ExactPoint)), None) if point is None else point
@@ -142,24 +145,26 @@ class Controller:
             backend=backend_of(backend),
             dt=self.dt,
         )
-        self.posture_gain: float = _posture_gain(posture) if m > 6 else 0.0
-        bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
+        self.posture_gain: float = posture_gain(posture, m)
         self._middle = mid
-        self._pull = np.where(bounded, self.posture_gain, 0.0)
-        margin = not_below_zero(position_margin, "position_margin", "a distance kept from position limits")
+        self._pull = joint_gains(robot, self.posture_gain)
+        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
         self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
         self._braking: BrakingBox | None = None
         if acceleration_limit is not None:
             self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
-        self._joint_rows = JointRows(robot, rows, limits, self.dt) if rows is not None or len(limits) else None
+        self._joint_rows = joint_rows(robot, rows, limits, self.dt)
         if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
             tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
         self._tool_speed = tool_speed
-        given = None if tool_speed is None else tool_speed.point
-        self._limited_point = np.zeros(3) if given is None else np.asarray(given)
+        fast = None if tool_speed is None else tool_speed.point
+        self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
         root = self.measure.root(robot, robot.sight(mid, robot.target(robot.pose(mid))), robot.pose(mid))
         self._fastest = float(np.linalg.norm(root.dot(J) * robot.velocity_limit))  # what the arm can do at full speed
         self._memory = _Memory(np.zeros(m), None, Convergence())
+
+    def __copy__(self) -> Controller:
+        return deepcopy(self)  # solvers and limits write to what they keep between ticks
 
     def step(
         self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
@@ -174,7 +179,7 @@ class Controller:
                 last, zero before the first tick.
 
         Returns:
-            VelocitySolution: q + dt velocity is inside the position limits, or on its way back there.
+            VelocitySolution: q + dt velocity is inside the position limits, or on its way back inside.
 
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
@@ -182,17 +187,15 @@ class Controller:
         positions = arrays.vector(q, len(self._middle), "q")
         before = self._last(velocity)
         sighting = self.robot.sight(positions, target)
-        ahead = None if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
         error = same_way(sighting.error, self._memory.turn)
-        s = self.gain * error if ahead is None else self.gain * error + ahead
-        if not s.dot(s) < inf:  # a target made elsewhere has not been looked at
-            raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
+        s = tracking_twist(error, self.gain, feedforward)
+        ahead = None if feedforward is None else s - self.gain * error
         root = self.measure.root(self.robot, sighting, target)
         share = 1.0
         if self._braking is not None:
             share = self._braking_share(sighting.J, error, root)
             s -= (1.0 - share) * self.gain * error
-        state = _State(positions, sighting, target, root, before)
+        state = _Observed(positions, sighting, target, root, before)
         watch = self._memory.convergence.seen(root.dot(error))
         solution = self._tick(state, s, share * self.gain, ahead)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
@@ -207,17 +210,15 @@ class Controller:
         velocity: ArrayLike | None = None,
         rows: ExactRows | None = None,
         sighting: Sighting | None = None,
-        at: ArrayLike | None = None,
     ) -> VelocitySolution:
-        """One tick for a twist of the tool instead of a target; what is met exactly is then met for that twist.
+        """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             twist: (6,) wanted, base frame [rad/s; length/s].
             velocity: as in `step`.
             rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
-            sighting: what the robot saw at q in this tick, if it has looked already.
-            at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
+            sighting: what `robot.sight` returned at q, if it was called in this tick already.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -227,17 +228,18 @@ class Controller:
         """
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.twist(twist)
-        where = None if at is None else arrays.vector(at, 3, "at")
-        return self._tick(self._here(positions, sighting, self._last(velocity), where), s, 0.0, s, rows)
+        if rows is not None:
+            require_rows(rows, len(self._middle))
+        return self._tick(self._here(positions, sighting, self._last(velocity)), s, 0.0, s, rows)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
     ) -> VelocitySolution:
-        """One tick of standing still, or of the way back inside limits that leave no rest.
+        """One tick of standing still; outside its limits, an arm moves back inside.
 
         Args:
             q: (m,) measured joint positions [rad, length].
-            reason: why, for the solution.
+            reason: why, in words; the solution repeats it.
             velocity: as in `step`.
             sighting: as in `follow`.
 
@@ -245,15 +247,19 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
-        state = self._here(positions, sighting, self._last(velocity), None)
+        if not isinstance(reason, str):
+            raise BadInput("reason", excerpt(reason), "a text")
+        state = self._here(positions, sighting, self._last(velocity))
         return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
 
-    def _here(self, positions: Array, sighting: Sighting | None, before: Array, at: Array | None) -> _State:
-        """A state whose target is where the tool is; the robot looks where it has not."""
+    def _here(self, positions: Array, sighting: Sighting | None, before: Array) -> _Observed:
+        """The state of an arm whose target is where its tool is now."""
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
-        root = self.measure.root(self.robot, sighting, sighting.pose, at)
-        return _State(positions, sighting, sighting.pose, root, before)
+        elif not isinstance(sighting, Sighting):
+            raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
+        root = self.measure.root(self.robot, sighting, sighting.pose)
+        return _Observed(positions, sighting, sighting.pose, root, before)
 
     def _last(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last."""
@@ -270,7 +276,7 @@ class Controller:
 
     def _tick(
         self,
-        state: _State,
+        state: _Observed,
         s: Array,
         gain: float,
         ahead: Array | None,
@@ -279,7 +285,7 @@ class Controller:
     ) -> VelocitySolution:
         """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`.
 
-        `stand` is why to stand still instead, None for no reason to.
+        `stand` is a reason to stand still instead, None for none.
         """
         positions, sighting, target, root, before = state
         if self._braking is None:
@@ -306,8 +312,8 @@ class Controller:
         return _troubled(solution, "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained))
 
 
-class _State(NamedTuple):
-    """Where the arm is and should be, in one tick: checked joint positions, what the robot saw, its target."""
+class _Observed(NamedTuple):
+    """One tick: checked joint positions, what the robot saw at them, its target, the measure, the velocity before."""
 
     positions: Array
     sighting: Sighting
@@ -328,9 +334,3 @@ def _troubled(solution: VelocitySolution, trouble: str) -> VelocitySolution:
     """The solution with something said that is not as asked."""
     reason = "; ".join(filter(None, (trouble, solution.reason)))
     return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)
-
-
-def _posture_gain(posture: float | bool) -> float:
-    if isinstance(posture, bool):
-        return POSTURE_GAIN if posture else 0.0
-    return not_below_zero(posture, "posture", "a gain in 1/s, True or False")

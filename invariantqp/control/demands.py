@@ -1,4 +1,4 @@
-"""What a controller meets exactly, as values; the form judges the rest.
+"""What a controller meets exactly, as values; the form measures the rest of the twist.
 
     ExactPoint    v + omega x p = gain (p_d - p) + v_d(p)                a point of the tool follows its target
     ExactAxis     omega, but for its part about the axis a               a direction of the tool follows its target
@@ -12,29 +12,31 @@ direction.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.exact import ExactRows
 
-# Below this sine two directions are parallel: the turn that takes one to the other is none, or any.
+# Below this sine two directions count as parallel: no axis of the turn from one to the other can be computed.
 PARALLEL = 1e-12
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class View(NamedTuple):
-    """One tick as a demand sees it.
+    """What a demand reads of one tick.
 
     Attributes:
         robot: the arm.
-        sighting: its state.
+        sighting: what it saw of its state.
         target: where its tool should be, as `robot.target` gave it.
         gain: [1/s].
         feedforward: (6,) twist of the target, base frame.
@@ -48,120 +50,158 @@ class View(NamedTuple):
 
 
 class Exact(Protocol):
-    """A demand that is met exactly; implement it to bring one."""
+    """A demand on the tool or the joints, met exactly in every tick; implement it to bring one."""
 
     def rows(self, view: View) -> ExactRows:
         """The rows of this tick."""
         ...
 
-    def moved(self, offset: Array) -> Exact:
-        """The same demand for a tool frame displaced in itself by a (4, 4) offset."""
+    def moved(self, offset: ArrayLike) -> Exact:
+        """The same demand for a tool frame displaced in itself by a (4, 4) offset.
+
+        Raises:
+            BadInput: not a rigid motion.
+        """
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class ExactPoint:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ExactPoint(Value):
     """A point of the tool follows its target exactly.
 
     Attributes:
-        point: (3,) in the tool frame [length]; its origin by default.
+        point: (3,) in the tool frame [length].
     """
 
-    point: ArrayLike = (0.0, 0.0, 0.0)
+    point: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point", arrays.vector(self.point, 3, "point"))
+    def __init__(self, point: ArrayLike = ORIGIN) -> None:
+        """A point of the tool.
+
+        Args:
+            point: (3,) in the tool frame [length]; its origin by default.
+
+        Raises:
+            BadInput: not three finite numbers.
+        """
+        self.__attrs_init__(arrays.vector(point, 3, "point"))
 
     def rows(self, view: View) -> ExactRows:
         """The velocity of the point, three rows."""
-        here, there = view.robot.points(view.sighting, view.target, np.asarray(self.point))
+        here, there = view.robot.points(view.sighting, view.target, self.point)
         b = view.gain * (there - here) + velocity_at(view.feedforward, there)
         return ExactRows.point(view.sighting.J, here, b)
 
-    def moved(self, offset: Array) -> ExactPoint:
+    def moved(self, offset: ArrayLike) -> ExactPoint:
         """The same point of the tool in the displaced frame."""
-        return ExactPoint(offset[:3, :3].T.dot(np.asarray(self.point) - offset[:3, 3]))
+        T = arrays.pose(offset, "offset")
+        return ExactPoint(T[:3, :3].T.dot(self.point - T[:3, 3]))
 
 
-@dataclass(frozen=True, eq=False)
-class ExactAxis:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ExactAxis(Value):
     """A direction of the tool follows its target exactly; the turn about it is left free.
 
     Attributes:
-        axis: (3,) in the tool frame, of any length.
+        axis: (3,) unit direction in the tool frame.
     """
 
-    axis: ArrayLike
+    axis: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "axis", arrays.direction(self.axis, "axis"))
+    def __init__(self, axis: ArrayLike) -> None:
+        """A direction of the tool.
+
+        Args:
+            axis: (3,) in the tool frame, of any length.
+
+        Raises:
+            BadInput: the zero vector, or not three finite numbers.
+        """
+        self.__attrs_init__(arrays.direction(axis, "axis"))
 
     def rows(self, view: View) -> ExactRows:
         """The angular velocity across the axis, two rows."""
-        origin, axis = np.zeros(3), np.asarray(self.axis)
-        roots = view.robot.points(view.sighting, view.target, origin)
-        tips = view.robot.points(view.sighting, view.target, axis)
+        roots = view.robot.points(view.sighting, view.target, np.zeros(3))
+        tips = view.robot.points(view.sighting, view.target, self.axis)
         here, there = tips[0] - roots[0], tips[1] - roots[1]
         turn = np.cross(here, there)
         sine, cosine = float(np.linalg.norm(turn)), float(here.dot(there))
         if sine > PARALLEL:
             turn *= np.arctan2(sine, cosine) / sine
-        elif cosine < 0.0:  # opposite: any half turn will do, about a fixed one of the axes across
+        elif cosine < 0.0:  # opposite: half a turn about one axis across, always the same
             turn = np.pi * np.linalg.svd(here.reshape(1, 3))[2][1]
         return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3])
 
-    def moved(self, offset: Array) -> ExactAxis:
+    def moved(self, offset: ArrayLike) -> ExactAxis:
         """The same direction of the tool in the displaced frame."""
-        return ExactAxis(offset[:3, :3].T.dot(np.asarray(self.axis)))
+        return ExactAxis(arrays.pose(offset, "offset")[:3, :3].T.dot(self.axis))
 
 
-@dataclass(frozen=True, eq=False)
-class ExactPlane:
-    """A point of the tool keeps its target's height over a plane exactly; along the plane the form judges.
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ExactPlane(Value):
+    """A point of the tool keeps its target's height over a plane exactly; its motion along the plane is left free.
 
     Attributes:
-        normal: (3,) of the plane, in the base frame.
+        normal: (3,) unit normal of the plane, in the base frame.
         point: (3,) in the tool frame [length].
     """
 
-    normal: ArrayLike
-    point: ArrayLike = (0.0, 0.0, 0.0)
+    normal: Array = field(converter=own)
+    point: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "normal", arrays.direction(self.normal, "normal"))
-        object.__setattr__(self, "point", arrays.vector(self.point, 3, "point"))
+    def __init__(self, normal: ArrayLike, point: ArrayLike = ORIGIN) -> None:
+        """A point of the tool and the planes it is to stay in.
+
+        Args:
+            normal: (3,) in the base frame, of any length.
+            point: (3,) in the tool frame [length]; its origin by default.
+
+        Raises:
+            BadInput: a zero normal, or not three finite numbers.
+        """
+        self.__attrs_init__(arrays.direction(normal, "normal"), arrays.vector(point, 3, "point"))
 
     def rows(self, view: View) -> ExactRows:
         """The speed of the point along the normal, one row."""
-        n = np.asarray(self.normal)
-        here, there = view.robot.points(view.sighting, view.target, np.asarray(self.point))
+        n = self.normal
+        here, there = view.robot.points(view.sighting, view.target, self.point)
         speed = n.dot(view.gain * (there - here) + velocity_at(view.feedforward, there))
         return ExactRows.plane(view.sighting.J, here, n, float(speed))
 
-    def moved(self, offset: Array) -> ExactPlane:
+    def moved(self, offset: ArrayLike) -> ExactPlane:
         """The same point of the tool in the displaced frame."""
         return ExactPlane(self.normal, ExactPoint(self.point).moved(offset).point)
 
 
-@dataclass(frozen=True, eq=False)
-class ExactJoints:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ExactJoints(Value):
     """A fixed combination of joint velocities: A x = b; b = 0 keeps A q where it is.
 
     Attributes:
         A: (k, m).
-        b: (k,), or one number for all.
+        b: (k,) [rad/s, length/s].
     """
 
-    A: ArrayLike
-    b: ArrayLike = 0.0
+    A: Array = field(converter=own)
+    b: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        A = arrays.array(self.A, "A", "a (k, m) matrix")
-        A = A.reshape(1, -1) if A.ndim == 1 else A
-        b = arrays.array(self.b, "b", "k numbers")
-        checked = ExactRows(A, np.full(len(A), float(b)) if b.ndim == 0 else b)
-        object.__setattr__(self, "A", checked.A)
-        object.__setattr__(self, "b", checked.b)
+    def __init__(self, A: ArrayLike, b: ArrayLike = 0.0) -> None:
+        """Rows on the joint velocities.
+
+        Args:
+            A: (k, m), or (m,) for one row.
+            b: (k,) [rad/s, length/s], or one number for all rows.
+
+        Raises:
+            BadInput: NaN, or shapes that do not fit.
+        """
+        rows = arrays.array(A, "A", "a (k, m) matrix")
+        rows = rows.reshape(1, -1) if rows.ndim == 1 else rows
+        demands = arrays.array(b, "b", "k numbers")
+        if demands.ndim == 0 and rows.ndim == 2:
+            demands = np.full(len(rows), float(demands))
+        checked = ExactRows(rows, demands)
+        self.__attrs_init__(np.asarray(checked.A), np.asarray(checked.b))
 
     def rows(self, view: View) -> ExactRows:
         """The rows as they are.
@@ -170,19 +210,31 @@ class ExactJoints:
             BadInput: they are for another number of joints.
         """
         m = len(view.robot.names)
-        if np.shape(self.A)[1] != m:
-            raise BadInput("exact", f"rows on {np.shape(self.A)[1]} joints", f"rows on {m}, one for each joint")
+        if self.A.shape[1] != m:
+            raise BadInput("exact", f"rows on {self.A.shape[1]} joints", f"rows on {m}, one for each joint")
         return ExactRows(self.A, self.b)
 
-    def moved(self, offset: Array) -> ExactJoints:  # noqa: ARG002 (joints know nothing of tool frames)
+    def moved(self, offset: ArrayLike) -> ExactJoints:  # noqa: ARG002 (joints know nothing of tool frames)
         """Itself."""
         return self
+
+
+def require_rows(rows: object, m: int) -> None:
+    """Refuse what is not exact rows on m joints.
+
+    Raises:
+        BadInput: something else, or rows on another number of joints.
+    """
+    if not isinstance(rows, ExactRows):
+        raise BadInput("rows", excerpt(rows), "ExactRows(A, b)")
+    if np.shape(rows.A)[1] != m:
+        raise BadInput("rows", f"rows on {np.shape(rows.A)[1]} joints", f"rows on {m}, one for each joint")
 
 
 def demands_of(
     exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None,
 ) -> tuple[Exact, ...]:
-    """The demands meant: "position" is the tool frame's origin, rows are fixed ones on the joints.
+    """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin, ExactRows are ExactJoints.
 
     Raises:
         BadInput: something that has no rows.
@@ -192,11 +244,12 @@ def demands_of(
     if isinstance(exact, str) and exact == "position":
         return (ExactPoint(),)
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
-    several = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in several)
-    for one in several:
-        if not hasattr(one, "rows"):
-            raise BadInput("exact", repr(one), '"position", an ExactPoint, ExactAxis, ... or several of them')
-    return several
+    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in several)
+    for one in demands:
+        if isinstance(one, type) or not hasattr(one, "rows"):
+            expected = '"position", an ExactPoint, ExactAxis, ExactRows, ... or several of them'
+            raise BadInput("exact", excerpt(one), expected)
+    return demands
 
 
 def rows_of(demands: tuple[Exact, ...], view: View) -> ExactRows:

@@ -1,20 +1,20 @@
 """Limits on combinations of joint velocities in the loop: the user's rows, and limits and barriers made for Pink.
 
     lower <= C x <= upper                      rows of the user's, fixed or a function of q
-    G x <= h / dt, rows of unit length         what a Pink limit or barrier answers, G dq <= h
+    G x <= h / dt, rows of unit length         what a Pink limit or barrier returns, G dq <= h
 
-What no number comes from is no limit that could be kept: the tick is then held, with the reason.
+Where a limit gives NaN or allows no velocity, it cannot be kept: the tick is then held, with the reason.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits.rows import LimitRows
@@ -22,52 +22,64 @@ from invariantqp.velocity.limits.rows import LimitRows
 Rows = LimitRows | Callable[[Array], LimitRows | None]
 
 
+class PinkLimit(Protocol):
+    """A limit or barrier made for Pink from `robot.model`: G dq <= h for the joint displacement dq of a tick."""
+
+    def compute_qp_inequalities(self, configuration: Any, dt: float) -> tuple[Any, Any] | None:
+        """G (k, m) and h (k,) in a `pink.Configuration` for a tick of dt [s]; None where nothing is limited now."""
+        ...
+
+
 _Part = tuple[Array, Array, Array]
 
 
 class _Unusable(Exception):
-    """Why no row of this tick can be used."""
+    """Why the rows of this tick cannot be used."""
 
 
 class TickRows(NamedTuple):
-    """The rows of one tick, None where there are none; and what makes them unusable, "" for nothing."""
+    """The rows of one tick, None where there are none; and why they cannot be used, "" where they can."""
 
     rows: LimitRows | None
     trouble: str = ""
 
 
+def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[PinkLimit], dt: float) -> JointRows | None:
+    """The row limits of a loop, None where it has none; whatever can be checked before the first tick is checked.
+
+    Args:
+        robot: the arm.
+        rows: the user's own.
+        limits: objects with `compute_qp_inequalities(configuration, dt)`, as Pink's are.
+        dt: tick [s].
+
+    Raises:
+        BadInput: neither rows nor a function; a limit that has no inequalities; a robot without a Pinocchio model.
+        MissingExtra: limits without Pink.
+    """
+    if rows is not None and not isinstance(rows, LimitRows) and not callable(rows):
+        raise BadInput("rows", excerpt(rows), "LimitRows(C, lower, upper), or a function of q that returns it")
+    if not isinstance(limits, (list, tuple)):
+        raise BadInput("limits", excerpt(limits), "a list of Pink's limits or barriers")
+    return JointRows(robot, rows, limits, dt) if rows is not None or limits else None
+
+
 class JointRows:
-    """All row limits of a loop: the user's first, then those of each foreign limit in turn."""
+    """All row limits of a loop: the user's first, then those of each of Pink's limits in turn."""
 
-    def __init__(self, robot: Robot, rows: Rows | None, limits: Sequence[Any], dt: float) -> None:
-        """Check what can be checked before the first tick.
-
-        Args:
-            robot: the arm.
-            rows: the user's own.
-            limits: objects with `compute_qp_inequalities(configuration, dt)`, as Pink's are.
-            dt: tick [s].
-
-        Raises:
-            BadInput: neither rows nor a function; a limit that has no inequalities; a robot without a Pinocchio model.
-            MissingExtra: limits without Pink.
-        """
-        if rows is not None and not isinstance(rows, LimitRows) and not callable(rows):
-            raise BadInput(
-                "rows", type(rows).__name__, "LimitRows(C, lower, upper), or a function of q that returns it"
-            )
-        if not isinstance(limits, Sequence):
-            raise BadInput("limits", type(limits).__name__, "a list of Pink's limits or barriers")
+    def __init__(self, robot: Robot, rows: Rows | None, limits: Sequence[PinkLimit], dt: float) -> None:
+        """As `joint_rows`."""
+        self._robot = robot
         self._m = len(robot.names)
         self._rows = rows
         self._dt = dt
         self._limits = tuple(limits)
         self._configuration: Any = None
         if isinstance(rows, LimitRows):
-            self._checked(rows)
+            self._require(rows)
         for limit in self._limits:
             if not hasattr(limit, "compute_qp_inequalities"):
-                raise BadInput("limits", repr(limit), "Pink's limits or barriers: compute_qp_inequalities(...)")
+                raise BadInput("limits", excerpt(limit), "Pink's limits or barriers: compute_qp_inequalities(...)")
         if self._limits:
             model: Any = getattr(robot, "model", None)
             if model is None:
@@ -75,6 +87,10 @@ class JointRows:
             from invariantqp.robots.pink import Configuration  # Pink is loaded when a limit of its kind is
 
             self._configuration = Configuration(model, model.createData(), np.zeros(model.nq))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> JointRows:
+        """Row limits for another loop, which shares rows and limits but has a configuration of its own."""
+        return JointRows(self._robot, self._rows, self._limits, self._dt)
 
     def at(self, q: Array, before: Array) -> TickRows:
         """The rows at joint positions q (m,), `before` (m,) being the velocity now.
@@ -99,7 +115,7 @@ class JointRows:
             except BadInput as error:
                 raise _Unusable(f"rows: {error}") from error
             if own is not None:
-                self._checked(own)
+                self._require(own)
         if own is not None:
             yield np.asarray(own.C), np.asarray(own.lower), np.asarray(own.upper)
 
@@ -108,8 +124,8 @@ class JointRows:
             self._configuration.update(q)
         for limit in self._limits:
             if hasattr(limit, "set_last_integration"):  # an acceleration limit
-                limit.set_last_integration(before, self._dt)
-            with np.errstate(invalid="ignore"):  # NaN is looked for
+                limit.set_last_integration(before.copy(), self._dt)
+            with np.errstate(invalid="ignore"):  # NaN is checked for below
                 answer = limit.compute_qp_inequalities(self._configuration, self._dt)
             if answer is not None:
                 yield self._part(type(limit).__name__, *answer)
@@ -131,7 +147,8 @@ class JointRows:
         length = length[kept]
         return C[kept] / length[:, None], np.full(len(length), -inf), upper[kept] / length
 
-    def _checked(self, rows: object) -> None:
+    def _require(self, rows: object) -> None:
+        """Refuse what is not rows on the arm's joints."""
         if not isinstance(rows, LimitRows):
             raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
         if np.shape(rows.C)[1] != self._m:

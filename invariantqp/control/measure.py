@@ -54,12 +54,18 @@ class ToolMeasure:
         self.length: float = length_at(J, there) if given is None else given
         self.carried = carried
 
-    def root(self, robot: Robot, sighting: Sighting, target: Any, at: Array | None = None) -> Array:
-        """(6, 6) root of the metric in this tick; `at` (3,) is the point in the base frame, where it is another one."""
+    def root_for(self, J: Array, pose: Array) -> Array:
+        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose` (4, 4)."""
+        if self.carried is not None:
+            return self.carried.root(pose if self.carried.follows_tool else None)
+        at = own_point(J) if self.point is None else pose[:3, :3].dot(self.point) + pose[:3, 3]
+        return root_at(at, self.length)
+
+    def root(self, robot: Robot, sighting: Sighting, target: Any) -> Array:
+        """(6, 6) root of the metric in this tick."""
         if self.carried is not None:
             return self.carried.root(_homogeneous(sighting.pose) if self.carried.follows_tool else None)
-        if at is None:
-            at = own_point(sighting.J) if self.point is None else robot.points(sighting, target, self.point)[0]
+        at = own_point(sighting.J) if self.point is None else robot.points(sighting, target, self.point)[0]
         return root_at(at, self.length)
 
 

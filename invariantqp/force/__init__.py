@@ -1,1 +1,25 @@
-"""Force and motion at once: contacts' tasks, wrench sensors, the hybrid controller."""
+"""Force and motion at once: tasks in contact, wrench sensors, the hybrid controller.
+
+Each name is loaded when first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from invariantqp.lazy import load_lazily
+
+if TYPE_CHECKING:
+    from invariantqp.force.hybrid import HybridController as HybridController
+    from invariantqp.force.hybrid import HybridSolution as HybridSolution
+    from invariantqp.force.hybrid_task import HybridTask as HybridTask
+    from invariantqp.force.wrench import WrenchSensor as WrenchSensor
+
+load_lazily(
+    __name__,
+    {
+        "invariantqp.force.hybrid": ("HybridController", "HybridSolution"),
+        "invariantqp.force.hybrid_task": ("HybridTask",),
+        "invariantqp.force.wrench": ("WrenchSensor",),
+    },
+)

@@ -1,14 +1,15 @@
-"""A force/motion task as a value: what the contact allows, the wrench to exert on it, and how softly to answer.
+"""A force/motion task as a value: the contact, the wrench to exert on it, and the compliance of the force law.
 
     s = P s_motion + (I - P) C (I - P)' (W_d - W)            P* = (I - P)'
 
-Motion keeps to S and force to S*: a wrench error never moves the tool along S, and a motion never asks for force.
-C is a compliance, twist per wrench, carried by the contact as a tensor (Ad C Ad'), so that no frame is preferred.
+Motion keeps to the freedoms S and force to the constraints S*: a wrench error never moves the tool along S, and motion
+never changes the force. The compliance C, twist per wrench, is a tensor fixed to the contact (it changes frames as
+Ad C Ad'), so that no frame is preferred.
 
     intensities w of the constraints:   dw/dt = K W'C W (w_d - w)     on a contact of stiffness K
 
-Stable for dt c k < 2 with one stiffness k [force/length] and C = c [length/s/force]; without overshoot below 1; a
-low-pass in between with time constant T wants c k T < 1/4 as well.
+For one stiffness k [force/length] and C = c [length/s/force] the loop is stable below dt c k = 2 and does not overshoot
+below 1; a low-pass with time constant T also needs c k T < 1/4.
 
 Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 """
@@ -16,36 +17,38 @@ Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass, replace
 from math import inf
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+from attrs import evolve, field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared, Value, own
+from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.contact_kinds import ContactKind
 from invariantqp.systems.contacts import Contact
 from invariantqp.systems.projectors import DualProjectors, dual_projectors
-from invariantqp.velocity.limits.box import not_below_zero
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
 
-# Share of the wanted press below which the contact is taken as lost: above the noise of a sensor in the air.
+# Share of the wanted press below which the contact counts as lost: above the noise of a sensor in the air.
 LOST_SHARE = 0.1
 
 
 class Split(NamedTuple):
-    """The task's constants for one kind of contact, in the contact's own frame.
+    """What a task needs of one kind of contact, in the contact's own frame.
 
     Attributes:
         kind: of contact.
         projectors: P and P*.
-        admittance: (6, 6) (I - P) C (I - P)', a wrench error to the twist that mends it.
-        intensities: (6-k, 6) a wrench to its parts in the constraints.
+        admittance: (6, 6) (I - P) C (I - P)', from a wrench error to the twist that reduces it.
+        intensities: (6-k, 6), from a wrench to its parts in the constraints.
     """
 
     kind: ContactKind
@@ -54,7 +57,7 @@ class Split(NamedTuple):
     intensities: Array
 
     def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
-        """(6,) W_d in S* for what a task or a tick asks: parts in the constraints, or a wrench.
+        """(6,) W_d in S*, from parts in the constraints or from a wrench.
 
         Raises:
             BadInput: neither as many numbers as constraints, nor six.
@@ -74,88 +77,117 @@ class Split(NamedTuple):
         return parts
 
 
-@dataclass(frozen=True, eq=False)
-class HybridTask:
-    """Move as the contact allows, press as it resists.
+@frozen(init=False, eq=False, repr=False, slots=False)
+class HybridTask(Value):
+    """Move along the freedoms of a contact, press against its constraints.
 
     Attributes:
         contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
-        wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is the
-            press [N]), or a (6,) wrench (m; f) in the contact's own frame, of which the part in S* counts. Six numbers
-            are always a wrench.
-        h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
-        complement: Z itself, (6, 6-k) in the contact's own frame.
-        metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance.
-            With none of the three Z follows from the compliance, Z = C W: it exists for every contact.
-        compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6) in
-            the contact's own frame.
-        size: over what length the contact spreads, which weighs moments against forces [length].
-        lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
-        lost_after: for how long [s].
-        on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until it
-            is felt again; "retreat" leaves; "continue" only says so. Before the first touch it is "approach".
-        approach_speed: the most that the force law moves the place of contact in the air [length/s].
-        max_force: force [N] at which "overload" is said; inf is never.
-        max_moment: moment about the place of contact likewise [N length].
-        on_overload: "hold" or "retreat", until `HybridController.reset`.
-        retreat_speed: along the contact's way out [length/s].
-        retreat_distance: then stand still [length].
-
-    Raises:
-        BadInput: more than one of h, complement and metric, NaN, shapes, a contact that cannot be left and "retreat".
-        NoProjectors: h does not do for this contact; names its type.
+        wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, or a (6,) wrench.
+        h: pitch whose reciprocal system is the complement Z, or None.
+        complement: Z itself, (6, 6-k) in the contact's own frame, or None.
+        metric: (6, 6) in the contact's own frame, or None.
+        compliance: (6, 6) C, twist per wrench, in the contact's own frame.
+        size: over what length the contact spreads [length].
+        lost_below, lost_after, on_loss, approach_speed: when a contact is lost, and what is done then.
+        max_force, max_moment, on_overload: what is too much, and what is done then.
+        retreat_speed, retreat_distance: how a contact is left.
     """
 
     contact: Contact | Callable[[Array], Contact]
-    wrench: ArrayLike
-    _: KW_ONLY
-    h: float | None = None
-    complement: ArrayLike | None = None
-    metric: ArrayLike | None = None
-    compliance: ArrayLike = 1e-3
-    size: float = 0.05
-    lost_below: float | None = None
-    lost_after: float = 0.1
-    on_loss: OnLoss = "approach"
-    approach_speed: float = 0.02
-    max_force: float = inf
-    max_moment: float = inf
-    on_overload: OnOverload = "hold"
-    retreat_speed: float = 0.02
-    retreat_distance: float = 0.02
+    wrench: Array = field(converter=own)
+    h: float | None
+    complement: Array | None = field(converter=optional(own))
+    metric: Array | None = field(converter=optional(own))
+    compliance: Array = field(converter=own, repr=False)
+    size: float = field(repr=False)
+    lost_below: float | None = field(repr=False)
+    lost_after: float = field(repr=False)
+    on_loss: str = field(repr=False)
+    approach_speed: float = field(repr=False)
+    max_force: float = field(repr=False)
+    max_moment: float = field(repr=False)
+    on_overload: str = field(repr=False)
+    retreat_speed: float = field(repr=False)
+    retreat_distance: float = field(repr=False)
 
-    def __post_init__(self) -> None:
-        rules = [n for n in ("h", "complement", "metric") if getattr(self, n) is not None]
-        if len(rules) > 1:
-            raise BadInput(rules[0], " and ".join(rules), "one of h, complement, metric, or none")
-        self._check_numbers()
-        object.__setattr__(self, "wrench", arrays.vector(self.wrench, None, "wrench").copy())
-        c = arrays.array(self.compliance, "compliance", "a number, 6 numbers or a (6, 6) matrix")
-        if c.ndim == 0:
-            one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
-            c = np.repeat((one / self.size**2, one), 3)
-        object.__setattr__(self, "compliance", arrays.positive_definite(c, 6, "compliance"))
-        if self.metric is not None:
-            object.__setattr__(self, "metric", arrays.positive_definite(self.metric, 6, "metric"))
-        if self.complement is not None:
-            object.__setattr__(self, "complement", arrays.system(self.complement, "complement"))
-        if isinstance(self.contact, Contact):
-            self.split(self.contact.kind)
-        elif not callable(self.contact):
-            raise BadInput("contact", repr(self.contact), "a Contact, or a function of the tool's pose that gives one")
+    def __init__(
+        self,
+        contact: Contact | Callable[[Array], Contact],
+        wrench: ArrayLike,
+        *,
+        h: float | None = None,
+        complement: ArrayLike | None = None,
+        metric: ArrayLike | None = None,
+        compliance: ArrayLike = 1e-3,
+        size: float = 0.05,
+        lost_below: float | None = None,
+        lost_after: float = 0.1,
+        on_loss: OnLoss = "approach",
+        approach_speed: float = 0.02,
+        max_force: float = inf,
+        max_moment: float = inf,
+        on_overload: OnOverload = "hold",
+        retreat_speed: float = 0.02,
+        retreat_distance: float = 0.02,
+    ) -> None:
+        """The task for one contact.
 
-    def _check_numbers(self) -> None:
-        for name in ("size", "approach_speed", "retreat_speed", "retreat_distance"):
-            arrays.number(getattr(self, name), name, positive=True)
-        for name in ("max_force", "max_moment"):
-            if getattr(self, name) != inf:
-                arrays.number(getattr(self, name), name, "a number, or inf", positive=True)
-        not_below_zero(self.lost_after, "lost_after", "a time in seconds")
-        if self.lost_below is not None:
-            not_below_zero(self.lost_below, "lost_below", "a force")
-        for name, allowed in (("on_loss", get_args(OnLoss)), ("on_overload", get_args(OnOverload))):
-            if getattr(self, name) not in allowed:
-                raise BadInput(name, repr(getattr(self, name)), " or ".join(repr(a) for a in allowed))
+        Args:
+            contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
+            wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is
+                the press [N]), or a (6,) wrench (m; f) in the contact's own frame, of which the part in S* counts. Six
+                numbers are always a wrench.
+            h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
+            complement: Z itself, (6, 6-k) in the contact's own frame.
+            metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance. With
+                none of the three, Z = C W follows from the compliance; it exists for every contact.
+            compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
+                in the contact's own frame.
+            size: over what length the contact spreads, which weighs moments against forces [length].
+            lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
+            lost_after: for how long [s].
+            on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
+                it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
+            approach_speed: the most that the force law moves the place of contact in the air [length/s].
+            max_force: force [N] above which the status is "overload"; inf is never.
+            max_moment: moment about the place of contact likewise [N length].
+            on_overload: "hold" or "retreat", until `HybridController.reset`.
+            retreat_speed: along the contact's way out [length/s].
+            retreat_distance: after it, stand still [length].
+
+        Raises:
+            BadInput: more than one of h, complement and metric, NaN, shapes, "retreat" from a contact that cannot be
+                left.
+            NoProjectors: h does not do for this contact; names its type.
+        """
+        rules = {"h": h, "complement": complement, "metric": metric}
+        given = [name for name, rule in rules.items() if rule is not None]
+        if len(given) > 1:
+            raise BadInput(given[0], " and ".join(given), "one of h, complement, metric, or none")
+        if not isinstance(contact, Contact) and not callable(contact):
+            raise BadInput("contact", excerpt(contact), "a Contact, or a function of the tool's pose that gives one")
+        length = arrays.number(size, "size", "a length", positive=True)
+        self.__attrs_init__(
+            contact=contact,
+            wrench=arrays.vector(wrench, None, "wrench"),
+            h=None if h is None else finite_pitch(h),
+            complement=None if complement is None else arrays.system(complement, "complement"),
+            metric=None if metric is None else arrays.positive_definite(metric, 6, "metric"),
+            compliance=_compliance(compliance, length),
+            size=length,
+            lost_below=None if lost_below is None else arrays.not_negative(lost_below, "lost_below", "a force"),
+            lost_after=arrays.not_negative(lost_after, "lost_after", "a time in seconds"),
+            on_loss=arrays.choice(on_loss, "on_loss", get_args(OnLoss)),
+            approach_speed=arrays.number(approach_speed, "approach_speed", "a speed", positive=True),
+            max_force=_limit(max_force, "max_force"),
+            max_moment=_limit(max_moment, "max_moment"),
+            on_overload=arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
+            retreat_speed=arrays.number(retreat_speed, "retreat_speed", "a speed", positive=True),
+            retreat_distance=arrays.number(retreat_distance, "retreat_distance", "a length", positive=True),
+        )
+        if isinstance(contact, Contact):
+            self.split(contact.kind)
 
     def contact_at(self, tool: Array) -> Contact:
         """The contact with the tool at a (4, 4) pose.
@@ -167,7 +199,7 @@ class HybridTask:
             return self.contact
         contact = self.contact(tool)
         if not isinstance(contact, Contact):
-            raise BadInput("contact", f"a function that gave {contact!r}", "one that gives a Contact")
+            raise BadInput("contact", f"a function that gave {excerpt(contact)}", "one that gives a Contact")
         return contact
 
     def split(self, kind: ContactKind) -> Split:
@@ -176,37 +208,63 @@ class HybridTask:
         Raises:
             BadInput, NoProjectors: the task does not fit this contact.
         """
+        if not isinstance(kind, ContactKind):
+            raise BadInput("kind", excerpt(kind), "a ContactKind, such as contact.kind")
         if kind.out is None and "retreat" in (self.on_loss, self.on_overload):
             raise BadInput("contact", f"a {kind.name} and a retreat", "a contact that can be left", "Hold instead.")
-        S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), np.asarray(self.compliance)
-        complement: Any = self.complement
+        S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance
+        complement = self.complement
         if self.h is None and self.metric is None and complement is None:
             complement = C.dot(W)
         projectors = dual_projectors(S, h=self.h, complement=complement, metric=self.metric)
         Z, F = projectors.complement, projectors.force
         parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
         split = Split(kind, projectors, F.T.dot(C).dot(F), parts)
-        split.wanted(np.asarray(self.wrench))
+        split.wanted(self.wrench)
         return split
 
     def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
-        """The same task told in other frames: the contact's displaced by `offset` in itself, the tool's by its own.
+        """The same task in other frames: the contact's displaced by `offset` in itself, the tool's by `tool_offset`.
 
         Raises:
             BadInput: not finite (4, 4) rigid motions.
         """
         X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
-        back = se3.inverted(X)
-        untold = np.eye(4) if tool_offset is None else se3.inverse(tool_offset)
-        A, B = se3.carried(back), se3.carried_wrenches(back)
-        given = self.contact
-        contact = given.relabelled(X) if isinstance(given, Contact) else lambda T: given(T.dot(untold)).relabelled(X)
-        M, Z, w = self.metric, self.complement, np.asarray(self.wrench)
-        return replace(
+        Y = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
+        back = se3.inverse(X, check=False)
+        A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
+        contact, M, Z, w = self.contact, self.metric, self.complement, self.wrench
+        return evolve(
             self,
-            contact=contact,
+            contact=contact.relabelled(X) if isinstance(contact, Contact) else _Relabelled(contact, X, Y),
             wrench=B.dot(w) if len(w) == 6 else w,
-            complement=None if Z is None else A.dot(np.asarray(Z)),
-            metric=None if M is None else B.dot(np.asarray(M)).dot(B.T),
-            compliance=A.dot(np.asarray(self.compliance)).dot(A.T),
+            complement=None if Z is None else A.dot(Z),
+            metric=None if M is None else B.dot(M).dot(B.T),
+            compliance=A.dot(self.compliance).dot(A.T),
         )
+
+
+@frozen(eq=False, slots=False)
+class _Relabelled(Compared):
+    """A function that gives a contact, for other frames of contact and tool."""
+
+    function: Callable[[Array], Contact]
+    offset: Array
+    tool_offset: Array
+
+    def __call__(self, tool: Array) -> Contact:
+        """The contact for a tool's pose in the new tool frame."""
+        return self.function(tool.dot(se3.inverse(self.tool_offset, check=False))).relabelled(self.offset)
+
+
+def _compliance(value: ArrayLike, size: float) -> Array:
+    """(6, 6) C from one number, six or a matrix."""
+    c = arrays.array(value, "compliance", "a number, 6 numbers or a (6, 6) matrix")
+    if c.ndim == 0:
+        one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
+        c = np.repeat((one / size**2, one), 3)
+    return arrays.positive_definite(c, 6, "compliance")
+
+
+def _limit(value: float, argument: str) -> float:
+    return arrays.number(value, argument, "a number, or inf,", positive=True, infinite=True)

@@ -1,4 +1,4 @@
-"""Contact lost, or too hard: what the hybrid law does about it, and the only memory it has.
+"""Contact lost or overloaded: what the hybrid controller does then, and what it remembers between ticks.
 
 lost        unilateral contact, press < lost_below for longer than lost_after; over when it is felt again
 overload    |f| > max_force or |m about the place of contact| > max_moment; stays until `reset`
@@ -19,7 +19,7 @@ FOLLOW, SLOW, HOLD, RETREAT = "follow", "slow", "hold", "retreat"
 
 
 class Verdict(NamedTuple):
-    """What to do in this tick, under which status, and why."""
+    """What to do in this tick, with which status, and why; "" is the velocity law's own status."""
 
     action: str
     status: str
@@ -30,12 +30,12 @@ FINE = Verdict(FOLLOW, "", "")
 
 
 class Watch(NamedTuple):
-    """What is remembered from tick to tick; `seen` gives the next one.
+    """What is remembered from tick to tick; `after` makes the next one.
 
     Attributes:
-        airborne: for how long nothing has been felt [s]; inf before the first touch.
-        leaving: why it is in retreat or was stopped for good, "" if it is not.
-        status: under which status then.
+        airborne: for how long no contact has been felt [s]; inf before the first touch.
+        leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
+        status: the status then.
         left: how far it has retreated [length].
     """
 
@@ -44,12 +44,12 @@ class Watch(NamedTuple):
     status: str = ""
     left: float = 0.0
 
-    def seen(self, task: HybridTask, press: tuple[float, float] | None, load: tuple[float, float], dt: float) -> Watch:
+    def after(self, task: HybridTask, press: tuple[float, float] | None, load: tuple[float, float], dt: float) -> Watch:
         """The watch after a tick.
 
         Args:
-            task: what is allowed.
-            press: as felt and as wanted [force]; None where the contact cannot be lost.
+            task: its limits.
+            press: felt and wanted [force]; None where the contact cannot be lost.
             load: force, and moment about the place of contact.
             dt: tick [s].
         """
@@ -71,17 +71,17 @@ class Watch(NamedTuple):
             return Watch(airborne, f"press {written(felt)} N below {written(limit)}", "lost", 0.0)
         return Watch(airborne)
 
-    def further(self, moved: float) -> Watch:
-        """The watch after a tick of retreat that led the place of contact so far out [length]."""
+    def after_retreat(self, moved: float) -> Watch:
+        """The watch after a tick of retreat that moved the place of contact outwards by a distance [length]."""
         return self._replace(left=self.left + max(0.0, moved))
 
     def verdict(self, task: HybridTask) -> Verdict:
         """What to do now."""
         if self.status:
-            asked = task.on_overload if self.status == "overload" else task.on_loss
-            action = RETREAT if asked == "retreat" and self.left < ALL_THE_WAY * task.retreat_distance else HOLD
-            said = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
-            return Verdict(action, self.status, f"{self.leaving}: {said}")
+            answer = task.on_overload if self.status == "overload" else task.on_loss
+            action = RETREAT if answer == "retreat" and self.left < ALL_THE_WAY * task.retreat_distance else HOLD
+            what = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
+            return Verdict(action, self.status, f"{self.leaving}: {what}")
         if self.airborne <= task.lost_after:
             return FINE
         if self.airborne == inf:

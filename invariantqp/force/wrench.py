@@ -1,140 +1,170 @@
-"""A wrench sensor's reading made into what the law needs: the wrench that the tool exerts, in the base frame.
+"""From a wrench sensor's reading to what the law needs: the wrench that the tool exerts, in the base frame.
 
-    W = -Ad*_{base<-sensor} dead(smooth(reading - bias - weight(R)))
+    W = -Ad*_{base<-sensor} deadband(smooth(reading - bias - weight(R)))
 
     weight    (c x R'g m; R'g m), c the tool's centre of mass in the sensor's frame
-    dead      soft thresholds, f max(0, 1 - d/|f|): continuous, forces and moments apart
+    deadband  soft thresholds, f max(0, 1 - d/|f|): continuous, forces and moments apart
     smooth    first-order low-pass, y += (1 - exp(-2 pi f_c dt)) (x - y)
 
-The coadjoint carries moments along: a wrist sensor 100 mm off the tip reads moments that the tip does not feel.
-All of it happens in the sensor's frame, where a pressed wrench keeps its numbers while the tool travels.
+The coadjoint changes moments with the point they are about: a wrist sensor 100 mm off the tip reads moments that the
+tip does not feel. Everything but the last step happens in the sensor's frame, where the wrench of a steady press does
+not change while the tool travels.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from math import exp, inf, pi
 from typing import Literal, NamedTuple
 
 import numpy as np
+from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.limits.box import not_below_zero
+from invariantqp.geometry.fields import Value, own
 
 # Standard gravity in a base frame whose z points up [m/s^2].
 GRAVITY = (0.0, 0.0, -9.80665)
 
 
-@dataclass(frozen=True, eq=False)
-class WrenchSensor:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class WrenchSensor(Value):
     """Where a sensor sits, what hangs on it, and how its reading is cleaned.
 
     Attributes:
-        mount: (4, 4) pose of the sensor's frame in the tool frame; the identity by default.
+        mount: (4, 4) pose of the sensor's frame in the tool frame.
         mass: of everything beyond the sensor [kg].
         centre: (3,) centre of that mass in the sensor's frame [length].
         gravity: (3,) in the base frame [length/s^2].
         bias: (6,) reading of the unloaded sensor, (m; f).
         cutoff: of the low-pass [Hz]; inf is none.
-        force_deadband: forces below this are nothing [N].
-        moment_deadband: moments below this, about `origin`, are nothing [N length].
-        reads: "reaction" is what the world does to the tool: pressing on a table reads a force upwards, the weight of
-            the tool one downwards. "action" is the opposite.
+        force_deadband: forces below this count as zero [N].
+        moment_deadband: moments below this, about `origin`, count as zero [N length].
+        reads: "reaction" or "action".
         origin: (3,) the point about which the moment deadband is taken, in the sensor's frame.
-
-    Raises:
-        BadInput: NaN, shapes, a negative mass, cut-off or deadband.
     """
 
-    mount: ArrayLike | None = None
-    mass: float = 0.0
-    centre: ArrayLike = (0.0, 0.0, 0.0)
-    gravity: ArrayLike = GRAVITY
-    bias: ArrayLike = (0.0,) * 6
-    cutoff: float = inf
-    force_deadband: float = 0.0
-    moment_deadband: float = 0.0
-    reads: Literal["reaction", "action"] = "reaction"
-    origin: ArrayLike = (0.0, 0.0, 0.0)
+    mount: Array = field(converter=own)
+    mass: float
+    centre: Array = field(converter=own)
+    gravity: Array = field(converter=own, repr=False)
+    bias: Array = field(converter=own)
+    cutoff: float
+    force_deadband: float
+    moment_deadband: float
+    reads: str
+    origin: Array = field(converter=own, repr=False)
 
-    def __post_init__(self) -> None:
-        for name in ("centre", "gravity", "origin"):
-            object.__setattr__(self, name, arrays.vector(getattr(self, name), 3, name))
-        object.__setattr__(self, "mount", np.eye(4) if self.mount is None else arrays.pose(self.mount, "mount"))
-        object.__setattr__(self, "bias", arrays.vector(self.bias, 6, "bias"))
-        for name, unit in (("mass", "kg"), ("force_deadband", "N"), ("moment_deadband", "N m")):
-            not_below_zero(getattr(self, name), name, f"a number in {unit}")
-        if self.cutoff != inf:
-            arrays.number(self.cutoff, "cutoff", "a frequency in Hz, or inf", positive=True)
-        if self.reads not in ("reaction", "action"):
-            raise BadInput("reads", repr(self.reads), '"reaction" or "action"')
+    def __init__(
+        self,
+        mount: ArrayLike | None = None,
+        mass: float = 0.0,
+        centre: ArrayLike = (0.0, 0.0, 0.0),
+        gravity: ArrayLike = GRAVITY,
+        bias: ArrayLike = (0.0,) * 6,
+        cutoff: float = inf,
+        force_deadband: float = 0.0,
+        moment_deadband: float = 0.0,
+        reads: Literal["reaction", "action"] = "reaction",
+        origin: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        """A sensor; by default it sits in the tool frame, nothing hangs on it and nothing is filtered.
 
-    def unloaded(self, tool: ArrayLike) -> Array:
-        """(6,) what the sensor would read with nothing touching the tool, at a (4, 4) tool pose in the base frame."""
-        return self._unloaded(arrays.pose(tool, "tool"))
+        Args:
+            mount: (4, 4) pose of the sensor's frame in the tool frame; None is the identity.
+            mass: of everything beyond the sensor [kg].
+            centre: (3,) centre of that mass in the sensor's frame [length].
+            gravity: (3,) in the base frame [length/s^2]; standard gravity against z by default.
+            bias: (6,) reading of the unloaded sensor, (m; f).
+            cutoff: of the low-pass [Hz]; inf is none.
+            force_deadband: forces below this count as zero [N].
+            moment_deadband: moments below this, about `origin`, count as zero [N length].
+            reads: "reaction" is what the world does to the tool: pressing on a table reads a force upwards, the weight
+                of the tool one downwards. "action" is the opposite.
+            origin: (3,) the point about which the moment deadband is taken, in the sensor's frame.
 
-    def loaded(self, reading: ArrayLike, tool: ArrayLike) -> Array:
-        """(6,) the reading without bias and weight, in the sensor's frame, as the tool exerts it.
+        Raises:
+            BadInput: NaN, shapes, a negative mass, cut-off or deadband.
+        """
+        self.__attrs_init__(
+            mount=np.eye(4) if mount is None else arrays.pose(mount, "mount"),
+            mass=arrays.not_negative(mass, "mass", "a number in kg"),
+            centre=arrays.vector(centre, 3, "centre"),
+            gravity=arrays.vector(gravity, 3, "gravity"),
+            bias=arrays.vector(bias, 6, "bias"),
+            cutoff=arrays.number(cutoff, "cutoff", "a frequency in Hz, or inf,", positive=True, infinite=True),
+            force_deadband=arrays.not_negative(force_deadband, "force_deadband", "a number in N"),
+            moment_deadband=arrays.not_negative(moment_deadband, "moment_deadband", "a number in N m"),
+            reads=arrays.choice(reads, "reads", ("reaction", "action")),
+            origin=arrays.vector(origin, 3, "origin"),
+        )
+
+    def tare(self, tool: ArrayLike) -> Array:
+        """(6,) what the sensor reads with nothing touching the tool, at a (4, 4) tool pose in the base frame."""
+        R = arrays.pose(tool, "tool")[:3, :3].dot(self.mount[:3, :3])
+        f = self.mass * R.T.dot(self.gravity)
+        weight = np.concatenate((se3.cross(self.centre, f), f))
+        reading: Array = self.bias + (weight if self.reads == "reaction" else -weight)
+        return reading
+
+    def load(self, reading: ArrayLike, tool: ArrayLike) -> Array:
+        """(6,) the wrench that the tool exerts, in the sensor's frame: the reading without bias and weight.
 
         Raises:
             BadInput: NaN, shapes.
         """
-        return self._loaded(arrays.vector(reading, 6, "wrench"), arrays.pose(tool, "tool"))
+        load: Array = arrays.vector(reading, 6, "reading") - self.tare(tool)
+        return -load if self.reads == "reaction" else load
 
     def in_base(self, wrench: ArrayLike, tool: ArrayLike) -> Array:
-        """(6,) a wrench in the sensor's frame told in the base frame, its moment about the base's origin."""
-        T = arrays.pose(tool, "tool").dot(np.asarray(self.mount))
-        carried: Array = se3.carried_wrenches(T).dot(arrays.vector(wrench, 6, "wrench"))
-        return carried
+        """(6,) a wrench given in the sensor's frame, in the base frame, its moment about the base's origin."""
+        T = arrays.pose(tool, "tool").dot(self.mount)
+        there: Array = se3.coadjoint(T, check=False).dot(arrays.vector(wrench, 6, "wrench"))
+        return there
 
-    def measured(self, reading: ArrayLike, tool: ArrayLike) -> Array:
+    def wrench(self, reading: ArrayLike, tool: ArrayLike) -> Array:
         """(6,) the wrench that the tool exerts, base frame: bias, weight and deadbands taken off, not smoothed.
 
         Raises:
             BadInput: NaN, shapes.
         """
-        return self.in_base(self.dead(self.loaded(reading, tool)), tool)
+        return self.in_base(self.deadband(self.load(reading, tool)), tool)
 
-    def dead(self, wrench: Array) -> Array:
-        """(6,) a wrench in the sensor's frame after the deadbands."""
+    def deadband(self, wrench: ArrayLike) -> Array:
+        """(6,) a wrench in the sensor's frame after the deadbands.
+
+        Raises:
+            BadInput: NaN, shapes.
+        """
+        w = arrays.vector(wrench, 6, "wrench")
         if self.force_deadband == 0.0 and self.moment_deadband == 0.0:
-            return wrench
-        p = np.asarray(self.origin)
-        f = wrench[3:]
-        m = wrench[:3] - se3.cross(p, f)
+            return w
+        f = w[3:]
+        m = w[:3] - se3.cross(self.origin, f)
         f = soft(f, self.force_deadband)
-        return np.concatenate((soft(m, self.moment_deadband) + se3.cross(p, f), f))
+        return np.concatenate((soft(m, self.moment_deadband) + se3.cross(self.origin, f), f))
 
     def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> WrenchSensor:
-        """The same sensor told with its frame displaced by `offset` in itself, and the tool's by `tool_offset`."""
+        """The same sensor in other frames: its own displaced by `offset` in itself, the tool's by `tool_offset`.
+
+        Raises:
+            BadInput: not finite (4, 4) rigid motions.
+        """
         X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
         Y = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
-        back = se3.inverted(X)
-        return replace(
+        back = se3.inverse(X, check=False)
+        return evolve(
             self,
-            mount=se3.inverted(Y).dot(np.asarray(self.mount)).dot(X),
-            centre=back[:3, :3].dot(np.asarray(self.centre)) + back[:3, 3],
-            origin=back[:3, :3].dot(np.asarray(self.origin)) + back[:3, 3],
-            bias=se3.carried_wrenches(back).dot(np.asarray(self.bias)),
+            mount=se3.inverse(Y, check=False).dot(self.mount).dot(X),
+            centre=back[:3, :3].dot(self.centre) + back[:3, 3],
+            origin=back[:3, :3].dot(self.origin) + back[:3, 3],
+            bias=se3.coadjoint(back, check=False).dot(self.bias),
         )
-
-    def _unloaded(self, tool: Array) -> Array:
-        R = tool[:3, :3].dot(np.asarray(self.mount)[:3, :3])
-        f = self.mass * R.T.dot(np.asarray(self.gravity))
-        weight = np.concatenate((se3.cross(np.asarray(self.centre), f), f))
-        reading: Array = np.asarray(self.bias) + (weight if self.reads == "reaction" else -weight)
-        return reading
-
-    def _loaded(self, reading: Array, tool: Array) -> Array:
-        load = reading - self._unloaded(tool)
-        return -load if self.reads == "reaction" else load
 
 
 class Smoothing(NamedTuple):
-    """A low-pass in one state: its owner replaces it by `after` once in every tick.
+    """The state of a low-pass: its owner replaces it by what `after` returns, once in every tick.
 
     Attributes:
         share: of a step that one tick passes on, 1 - exp(-2 pi f_c dt).
@@ -156,7 +186,7 @@ class Smoothing(NamedTuple):
 
 
 def soft(vector: Array, width: float) -> Array:
-    """The vector shortened by `width`, zero where it is shorter: continuous, and the same whatever way axes point."""
+    """The vector shortened by `width`, zero where it is shorter: continuous, and the same for axes of any direction."""
     length = float(np.sqrt(vector.dot(vector)))
     share = 1.0 - width / length if length > width else 0.0
     shortened: Array = vector * share

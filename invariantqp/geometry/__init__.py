@@ -1,1 +1,1 @@
-"""Rigid motions, twists, wrenches and the invariant forms on them: numpy alone, pure functions on plain arrays."""
+"""Rigid motions, twists, wrenches and the invariant forms on them: pure functions on plain arrays. numpy and attrs."""

@@ -1,23 +1,29 @@
-"""Array aliases, and one boundary check a kind: finite, of the right shape, float64, or a `BadInput`.
+"""The array alias, and one check for each kind of argument: real, finite, of the right shape, float64, or a `BadInput`.
 
-Everything that enters the library passes one of these once; inside it nothing is checked again.
+Everything that enters the library passes one of these checks once; inside it nothing is checked again. An argument that
+is a float64 array already is returned as it is, not copied.
 """
 
 from __future__ import annotations
 
-from math import hypot, isfinite
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Sequence
+from math import hypot, isfinite, isinf, isnan
+from operator import index
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.errors import BadInput
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from invariantqp.errors import BadInput, excerpt
 
 Array = NDArray[np.float64]
+Result = TypeVar("Result")
 
+FLOAT64 = np.dtype(np.float64)
+# The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
+REAL_KINDS = "iufO"
+# Of every homogeneous matrix of a rigid motion.
+LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
 # How far a_ij and a_ji may differ, relative to sqrt(a_ii a_jj): where entries cancel, rounding is all that is left.
@@ -25,15 +31,38 @@ SYMMETRY_TOLERANCE = 1e-9
 
 
 def array(value: ArrayLike, argument: str, expected: str) -> Array:
-    """`value` as float64, or `BadInput`."""
+    """`value` as a float64 array.
+
+    Raises:
+        BadInput: not real numbers; text, truth values, complex numbers and masked entries are refused, not converted.
+    """
+    if type(value) is np.ndarray and value.dtype is FLOAT64:
+        return value
     try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise BadInput(argument, f"{type(value).__name__} that is not numeric ({error})", expected) from error
+        found = _as_float64(value)
+    except Exception as error:
+        raise BadInput(argument, f"{excerpt(value)}, which is not numeric ({error})", expected) from error
+    if isinstance(found, str):
+        raise BadInput(argument, found, expected)
+    return found
+
+
+def _as_float64(value: Any) -> Array | str:
+    """The array, or what there is instead of real numbers."""
+    if value is None:
+        return "None"
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        return "a masked array with masked entries"
+    a = np.asarray(value)
+    if a.dtype.kind == "c":
+        return "complex numbers"
+    if a.dtype.kind not in REAL_KINDS:
+        return f"{excerpt(value)}, which is not numeric"
+    return a.astype(np.float64)
 
 
 def _finite(a: Array, argument: str, expected: str) -> Array:
-    # One reduction in the usual case; a square that overflows is looked at again, entry by entry.
+    # One sum in the usual case, by vdot, which warns of no overflow; where it does overflow, entry by entry.
     if not isfinite(np.vdot(a, a)) and not np.isfinite(a).all():
         bad = [tuple(int(i) for i in index) for index in np.argwhere(~np.isfinite(a))[:4]]
         where = ", ".join(str(i[0]) if len(i) == 1 else str(i) for i in bad)
@@ -54,7 +83,7 @@ def direction(value: ArrayLike, argument: str) -> Array:
     u = vector(value, 3, argument)
     length = hypot(*u.tolist())  # squares nothing that could overflow or vanish
     if length == 0.0:
-        raise BadInput(argument, "the zero vector", "a direction", "Give one of any length but zero.")
+        raise BadInput(argument, "the zero vector", "a direction", "Any length but zero will do.")
     return u / length
 
 
@@ -95,11 +124,13 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     """A symmetric positive-definite (size, size) matrix; a (size,) vector is its diagonal."""
     expected = f"a symmetric positive-definite ({size}, {size}) matrix or its {size} diagonal entries"
     a = array(value, argument, expected)
-    a = np.diag(a) if a.ndim == 1 else a
-    a = matrix(a, (size, size), argument)
+    a = np.diag(a) if a.shape == (size,) else a
+    if a.shape != (size, size):
+        raise BadInput(argument, f"shape {a.shape}", expected)
+    a = _finite(a, argument, expected)
     root = np.sqrt(np.abs(np.diag(a)))
     if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.outer(root, root)).any():
-        raise BadInput(argument, "a matrix that is not symmetric", expected, "Pass (A + A.T) / 2 if that is meant.")
+        raise BadInput(argument, "a matrix that is not symmetric", expected, "Its symmetric part is (A + A.T) / 2.")
     try:
         np.linalg.cholesky(a)
     except np.linalg.LinAlgError as error:
@@ -115,29 +146,130 @@ def pose(value: ArrayLike, argument: str = "pose") -> Array:
     """
     expected = "a (4, 4) homogeneous rigid motion"
     homogeneous: Any = getattr(value, "homogeneous", value)
-    a = matrix(homogeneous, (4, 4), argument)
-    R = a[:3, :3]
-    (a0, a1, a2), (b0, b1, b2), (c0, c1, c2) = R.tolist()
-    volume = a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
-    if volume < 0.0 or np.abs(R.T.dot(R) - np.eye(3)).max() > ROTATION_TOLERANCE:
-        raise BadInput(argument, "an upper-left block that is not a rotation", expected, "Orthonormalise it first.")
-    if a[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+    a = array(homogeneous, argument, expected)
+    if a.shape != (4, 4):
+        raise BadInput(argument, f"shape {a.shape}", expected)
+    if is_rigid(a):
+        return a
+    _finite(a, argument, expected)
+    if is_rigid(np.vstack((a[:3], LAST_ROW))):
         raise BadInput(argument, f"last row {a[3].tolist()}", "last row [0, 0, 0, 1]")
-    return a
+    raise BadInput(argument, "an upper-left block that is not a rotation", expected, "Orthonormalise it first.")
 
 
-def number(value: float, argument: str, expected: str = "a finite number", *, positive: bool = False) -> float:
-    """A finite (optionally positive) float."""
-    try:
-        x = float(value)
-    except (TypeError, ValueError) as error:
-        raise BadInput(argument, f"{value!r}", expected) from error
-    if not isfinite(x) or (positive and x <= 0.0):
+def is_rigid(T: Array) -> bool:
+    """Whether a (4, 4) matrix is a finite rigid motion: columns orthonormal and right-handed, last row (0, 0, 0, 1).
+
+    In floats, which for so few numbers is faster than in arrays.
+    """
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
+    tolerance = ROTATION_TOLERANCE
+    return (
+        a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0.0
+        and -tolerance <= a * a + d * d + g * g - 1.0 <= tolerance
+        and -tolerance <= b * b + e * e + h * h - 1.0 <= tolerance
+        and -tolerance <= c * c + f * f + i * i - 1.0 <= tolerance
+        and -tolerance <= a * b + d * e + g * h <= tolerance
+        and -tolerance <= a * c + d * f + g * i <= tolerance
+        and -tolerance <= b * c + e * f + h * i <= tolerance
+        and isfinite(x)
+        and isfinite(y)
+        and isfinite(z)
+        and last == LAST_ROW
+    )
+
+
+def number(
+    value: float,
+    argument: str,
+    expected: str = "a finite number",
+    *,
+    positive: bool = False,
+    infinite: bool = False,
+) -> float:
+    """A float: above zero if `positive`, possibly infinite if `infinite`, never NaN.
+
+    Raises:
+        BadInput: something else; True and False are no numbers here.
+    """
+    x = value if type(value) is float else _as_float(value, argument, expected)
+    if isnan(x) or (isinf(x) and not infinite) or (positive and x <= 0.0):
         raise BadInput(argument, f"{x!r}", f"{expected}{' above zero' if positive else ''}")
     return x
 
 
+def not_negative(value: float, argument: str, expected: str) -> float:
+    """A finite float, zero or more."""
+    x = number(value, argument, expected)
+    if x < 0.0:
+        raise BadInput(argument, f"{x:g}", f"{expected}, not below zero")
+    return x
+
+
+def tolerance(value: float, argument: str = "tolerance") -> float:
+    """A relative error: a float above zero and below one."""
+    x = number(value, argument, "a relative error", positive=True)
+    if x >= 1.0:
+        raise BadInput(argument, f"{x:g}", "a relative error, below 1")
+    return x
+
+
+def _as_float(value: Any, argument: str, expected: str) -> float:
+    try:
+        wrong = isinstance(value, (str, bytes, bool, np.bool_)) or np.iscomplexobj(value) or np.ma.is_masked(value)
+        x = None if wrong or np.ndim(value) else float(value)
+    except Exception as error:
+        raise BadInput(argument, excerpt(value), expected) from error
+    if x is None:
+        raise BadInput(argument, excerpt(value), expected)
+    return x
+
+
+def count(value: int, argument: str, most: int | None = None) -> int:
+    """A whole number from zero to `most`."""
+    expected = f"a whole number, {'zero or more' if most is None else f'from 0 to {most}'}"
+    try:
+        whole = -1 if isinstance(value, (bool, np.bool_)) else index(value)
+    except TypeError as error:
+        raise BadInput(argument, excerpt(value), expected) from error
+    if whole < 0 or (most is not None and whole > most):
+        raise BadInput(argument, excerpt(value), expected)
+    return whole
+
+
+def choice(value: str, argument: str, allowed: Sequence[str]) -> str:
+    """One of a few words."""
+    if not isinstance(value, str) or value not in allowed:
+        raise BadInput(argument, excerpt(value), " or ".join(repr(word) for word in allowed))
+    return value
+
+
+def flag(value: bool, argument: str) -> bool:
+    """True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise BadInput(argument, excerpt(value), "True or False")
+    return bool(value)
+
+
+def function(value: Callable[..., Result], argument: str, expected: str = "a function") -> Callable[..., Result]:
+    """Something that can be called."""
+    if not callable(value):
+        raise BadInput(argument, excerpt(value), expected)
+    return value
+
+
+def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:
+    """Several strings, such as joint names; a single string is refused, not split into its letters."""
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
+        raise BadInput(argument, excerpt(values), "a list of names")
+    several = tuple(values)
+    for value in several:
+        if not isinstance(value, str):
+            raise BadInput(argument, f"{excerpt(value)} among the names", "a list of names")
+    return several
+
+
 def names(values: Sequence[str], limit: int = 6) -> str:
-    """A short human list."""
+    """A few of them in words, for a message."""
     shown = ", ".join(values[:limit])
     return shown + (f", ... ({len(values)})" if len(values) > limit else "")

@@ -1,17 +1,16 @@
-"""The invariant quadratic forms on twists: one pencil, Q_h = Q_0 - h (2 diag(I, 0)), and no other.
+"""The quadratic forms on twists that every rigid motion leaves unchanged: the pencil Q_h = Q_0 - 2h diag(I, 0).
 
     s'Q_h s = 2 (omega.v - h omega.omega)          Q_h = [[-2h I, I], [I, 0]]      Q_h^-1 = [[0, I], [I, 2h I]]
 
-Q_h is indefinite, signature (3, 3), for every finite h; Q_inf = -2 diag(I, 0), half the Killing form,
-is degenerate.
-We leave out the factor 1/2 of [DS] (2.6), as its own Examples 1 and 4 and Sect. 6.3 do.
+Q_h is indefinite, signature (3, 3), for every finite h; Q_inf = -2 diag(I, 0), half the Killing form, is degenerate.
+The factor 1/2 of [DS] (2.6) is left out, as in its own Examples 1 and 4, its Sect. 6.3 and its remark on Q_inf.
 
 Reference: [DS] Theorem 2.1, (2.6), Sect. 6.3.
 """
 
 from __future__ import annotations
 
-from math import isinf, isnan
+from math import isinf
 
 import numpy as np
 
@@ -43,7 +42,7 @@ def invariant_form(alpha: float, beta: float) -> Array:
 
 
 def pitch_form(h: float) -> Array:
-    """Q_h, the invariant form of pitch h; its null twists are those of pitch h.
+    """Q_h, the invariant form of pitch h; its null twists are those of pitch h, and all translations.
 
     Args:
         h: pitch [length/rad], a float, or +-inf for half the Killing form.
@@ -56,9 +55,8 @@ def pitch_form(h: float) -> Array:
 
     Reference: [DS] (2.6), without its factor 1/2.
     """
-    if isinstance(h, (int, float)) and isinf(h):
-        return invariant_form(1.0, 0.0)
-    return invariant_form(arrays.number(h, "h", "a pitch, finite or inf"), 1.0)
+    pitch = arrays.number(h, "h", "a pitch, finite or inf", infinite=True)
+    return invariant_form(1.0, 0.0) if isinf(pitch) else invariant_form(pitch, 1.0)
 
 
 def pitch_form_inverse(h: float) -> Array:
@@ -83,7 +81,13 @@ def pitch_form_inverse(h: float) -> Array:
 
 
 def finite_pitch(h: float, argument: str = "h") -> float:
-    """h as a finite float, or `BadInput` that says why infinity will not do."""
-    if isinstance(h, (int, float)) and not isnan(h) and isinf(h):
-        raise BadInput(argument, str(h), "a finite pitch", "The Killing form Q_inf is degenerate and has no inverse.")
-    return arrays.number(h, argument, "a finite pitch")
+    """h as a finite float.
+
+    Raises:
+        BadInput: not a number, or infinite: the message says why that cannot be.
+    """
+    pitch = arrays.number(h, argument, "a finite pitch", infinite=True)
+    if isinf(pitch):
+        remedy = "The Killing form Q_inf is degenerate and has no inverse."
+        raise BadInput(argument, str(pitch), "a finite pitch", remedy)
+    return pitch

@@ -1,4 +1,4 @@
-"""Joint twists and what they are geometrically: s = (u; q x u + h u), pitch h = omega.v / omega.omega, axis q + R u.
+"""Joint twists, their pitch and their axis: s = (u; q x u + h u), h = omega.v / omega.omega, axis {q + t u}.
 
 A revolute joint is a twist of pitch 0, a helical joint one of finite pitch h [length/rad], a prismatic joint one of
 infinite pitch (0; u).
@@ -30,19 +30,20 @@ def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 
         BadInput: zero axis, NaN, a pitch that is not a number.
     """
     u = arrays.direction(axis, "axis")
-    if isinstance(pitch, (int, float)) and isinf(pitch):
+    q = arrays.vector(point, 3, "point")
+    h = arrays.number(pitch, "pitch", "a pitch, finite or inf", infinite=True)
+    if isinf(h):
         return np.concatenate((np.zeros(3), u))
-    h = arrays.number(pitch, "pitch", "a pitch, finite or inf")
-    return np.concatenate((u, np.cross(arrays.vector(point, 3, "point"), u) + h * u))
+    return np.concatenate((u, np.cross(q, u) + h * u))
 
 
 def revolute(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """The (6,) twist of a revolute joint (a hinge) about the line through `point` along `axis`: pitch 0."""
+    """The (6,) unit twist of a revolute joint (a hinge) about the line through `point` along `axis`: pitch 0."""
     return helical(axis, point)
 
 
 def prismatic(axis: ArrayLike) -> Array:
-    """The (6,) twist of a prismatic joint (a slide) along `axis`: infinite pitch."""
+    """The (6,) unit twist of a prismatic joint (a slide) along `axis`: infinite pitch."""
     return helical(axis, pitch=inf)
 
 
@@ -61,7 +62,7 @@ def pitch(twist: ArrayLike) -> float:
 
 
 def axis(twist: ArrayLike) -> tuple[Array, Array]:
-    """Unit direction (3,) and the point (3,) nearest the origin of a twist's axis.
+    """The axis of a (6,) twist: its unit direction (3,) and its point (3,) nearest to the origin.
 
     Raises:
         BadInput: the twist has no finite axis (zero or a pure translation).

@@ -4,6 +4,9 @@
 
 Poses are 4x4 homogeneous, twists (omega; v), wrenches (m; f). `x_from_y` maps y-coordinates to x-coordinates.
 
+Functions of a pose or a twist check it first. `check=False` leaves the check out and saves its time: for float64
+arrays that come from this library or were checked before.
+
 Reference: [DS] Sect. 2.1 (2.2)-(2.4). [DS] is Donelan & Selig, Hyperbolic pseudoinverses for kinematics in the
 Euclidean group.
 """
@@ -11,6 +14,7 @@ Euclidean group.
 from __future__ import annotations
 
 from math import sin, sqrt, tan
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,13 +54,17 @@ def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None =
     return arrays.pose(T, "rotation")
 
 
-def inverse(pose: ArrayLike) -> Array:
-    """The inverse (4, 4) pose."""
-    return inverted(arrays.pose(pose))
+def inverse(pose: ArrayLike, *, check: bool = True) -> Array:
+    """The inverse (4, 4) pose.
 
+    Args:
+        pose: (4, 4) homogeneous.
+        check: whether to check the pose.
 
-def inverted(T: Array) -> Array:
-    """`inverse` of a (4, 4) pose that is known to be one."""
+    Raises:
+        BadInput: not a finite rigid motion.
+    """
+    T: Any = pose if check is False else arrays.pose(pose)
     R_t = T[:3, :3].T
     result = np.eye(4)
     result[:3, :3] = R_t
@@ -64,11 +72,12 @@ def inverted(T: Array) -> Array:
     return result
 
 
-def adjoint(pose: ArrayLike) -> Array:
+def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
     """Ad of a pose: moves twists from the pose's frame to the frame it is expressed in.
 
     Args:
         pose: (4, 4) homogeneous, a_from_b.
+        check: whether to check the pose.
 
     Returns:
         (6, 6) matrix [[R, 0], [p^ R, R]] with s_a = Ad s_b.
@@ -78,11 +87,7 @@ def adjoint(pose: ArrayLike) -> Array:
 
     Reference: [DS] (2.2).
     """
-    return carried(arrays.pose(pose))
-
-
-def carried(T: Array) -> Array:
-    """`adjoint` of a (4, 4) pose that is known to be one."""
+    T: Any = pose if check is False else arrays.pose(pose)
     R = T[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R
@@ -90,8 +95,8 @@ def carried(T: Array) -> Array:
     return A
 
 
-def carried_back(T: Array) -> Array:
-    """`adjoint` of the inverse of a (4, 4) pose that is known to be one: [[R', 0], [-R'p^, R']]."""
+def inverse_adjoint(T: Array) -> Array:
+    """`adjoint` of the inverse of a (4, 4) pose, which is not checked: [[R', 0], [-R'p^, R']]."""
     R_t = T[:3, :3].T
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R_t
@@ -99,11 +104,12 @@ def carried_back(T: Array) -> Array:
     return A
 
 
-def coadjoint(pose: ArrayLike) -> Array:
+def coadjoint(pose: ArrayLike, *, check: bool = True) -> Array:
     """Ad^-T of a pose: moves wrenches as `adjoint` moves twists, moments included; W'.s' = W.s.
 
     Args:
         pose: (4, 4) homogeneous, a_from_b.
+        check: whether to check the pose.
 
     Returns:
         (6, 6) matrix [[R, p^ R], [0, R]] with W_a = Ad* W_b.
@@ -113,11 +119,7 @@ def coadjoint(pose: ArrayLike) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    return carried_wrenches(arrays.pose(pose))
-
-
-def carried_wrenches(T: Array) -> Array:
-    """`coadjoint` of a (4, 4) pose that is known to be one."""
+    T: Any = pose if check is False else arrays.pose(pose)
     R = T[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R
@@ -134,17 +136,17 @@ def bracket(first: ArrayLike, second: ArrayLike) -> Array:
     return np.concatenate((np.cross(a[:3], b[:3]), np.cross(a[:3], b[3:]) + np.cross(a[3:], b[:3])))
 
 
-def exp(twist: ArrayLike) -> Array:
+def exp(twist: ArrayLike, *, check: bool = True) -> Array:
     """The (4, 4) rigid motion reached by moving with a (6,) twist for unit time.
+
+    Args:
+        twist: (6,) angular part [rad] first.
+        check: whether to check the twist.
 
     Raises:
         BadInput: not six finite numbers.
     """
-    return motion(arrays.twist(twist))
-
-
-def motion(s: Array) -> Array:
-    """`exp` of a (6,) twist that is known to be finite."""
+    s: Any = twist if check is False else arrays.twist(twist)
     w, v = s[:3], s[3:]
     theta = sqrt(w.dot(w))
     W = _cross(w)
@@ -165,19 +167,19 @@ def motion(s: Array) -> Array:
     return T
 
 
-def log(pose: ArrayLike) -> Array:
+def log(pose: ArrayLike, *, check: bool = True) -> Array:
     """The (6,) twist whose unit-time motion is the pose, rotation angle in [0, pi].
 
     At exactly pi the axis is determined up to sign; either is a logarithm.
 
+    Args:
+        pose: (4, 4) homogeneous.
+        check: whether to check the pose.
+
     Raises:
         BadInput: not a finite rigid motion.
     """
-    return displacement(arrays.pose(pose))
-
-
-def displacement(T: Array) -> Array:
-    """`log` of a (4, 4) pose that is known to be one."""
+    T: Any = pose if check is False else arrays.pose(pose)
     from scipy.spatial.transform import Rotation  # 80 ms to import: only when a logarithm is taken
 
     w = np.asarray(Rotation.from_matrix(T[:3, :3]).as_rotvec(), dtype=np.float64)

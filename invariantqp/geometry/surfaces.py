@@ -36,7 +36,7 @@ class Cylinder(NamedTuple):
         r = p - self.point
         across = r - self.axis.dot(r) * self.axis
         distance = hypot(*across.tolist())
-        if distance == 0.0:  # on the axis every way is out
+        if distance == 0.0:  # on the axis every direction across it leads out
             i = int(np.abs(self.axis).argmin())
             across = np.cross(self.axis, np.eye(3)[i])
             return self.radius, across / hypot(*across.tolist())

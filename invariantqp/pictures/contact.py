@@ -1,41 +1,47 @@
-"""A run in contact in one picture: force and path error over time, and the curve drawn over the wanted one.
+"""A run in contact in one picture: force and path error over time, and the curve drawn beside the curve wanted.
 
-The curve is seen along the contact's normal, or along a hinge's axis, from where the tool started.
+The view of the curves is along the contact's normal, or along the axis of a hinge. The point where the tool started is
+the origin.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")  # files only; no display is needed or opened
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.run import COLOURS
+from invariantqp.pictures.figure import figure_file
+from invariantqp.pictures.palette import BLACK, BLUE, ORANGE, RULE, SHADE, SKY, VERMILION
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.trace import Trace
 
-# A normal this much along the base's x has the base's y as the picture's first axis.
+# Where the normal is this nearly parallel to x of the base (cosine), the first axis of the picture is the base's y.
 NEARLY_ALONG = 0.9
-# Readings are drawn this far beyond the wanted force at most, so that noise does not hide the force.
+# A direction whose largest component is this close to 1 is called x, y or z.
+ALONG = 1e-9
+# The force axis ends at this multiple of the wanted force, so that noisy readings do not hide the force.
 SHOWN = 2.0
-# Path errors below this [mm] are drawn as this: the axis is logarithmic.
-FLOOR = 1e-6
+# The error axis is logarithmic and has no zero: smaller errors [mm, deg] are drawn at this value.
+SMALLEST = 1e-6
 
 
 def contact_picture(trace: Trace, contact: ContactTrace, path: Path | str) -> Path:
-    """Write force, path error and the curve drawn to a PNG, SVG or PDF.
+    """Write force, path error and the curve drawn to a file.
+
+    Args:
+        trace: a run in contact.
+        contact: its record of the contact.
+        path: a .png, .svg or .pdf file.
+
+    Returns:
+        The file.
 
     Raises:
-        ValueError: Matplotlib does not know the file's ending.
+        BadInput: Matplotlib cannot write a file with this ending, or the file cannot be written.
     """
-    with mpl.rc_context({"font.size": 9}):
-        figure = plt.figure(figsize=(9.5, 5.4), layout="constrained")
+    with figure_file(path, (9.5, 5.4), {"font.size": 9}) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1.0))
         force = figure.add_subplot(grid[0, 0])
         error = figure.add_subplot(grid[1, 0], sharex=force)
@@ -46,8 +52,6 @@ def contact_picture(trace: Trace, contact: ContactTrace, path: Path | str) -> Pa
         for axes in (force, error, curve):
             axes.grid(alpha=0.25)
         figure.suptitle(_title(trace), fontsize=10)
-        figure.savefig(path, dpi=120)
-        plt.close(figure)
     return Path(path)
 
 
@@ -61,9 +65,9 @@ def _title(trace: Trace) -> str:
 
 def _force(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     t = trace.time[1:]
-    axes.plot(t, contact.measured_press, color=COLOURS[4], linewidth=0.5, alpha=0.6, label="read")
-    axes.plot(t, contact.press, color=COLOURS[0], linewidth=1.2, label="true")
-    axes.axhline(contact.wanted, color="#000000", linestyle="--", linewidth=0.9, label="wanted")
+    axes.plot(t, contact.measured_press, color=SKY, linewidth=0.5, alpha=0.6, label="measured")
+    axes.plot(t, contact.press, color=BLUE, linewidth=1.2, label="true")
+    axes.axhline(contact.wanted, color=BLACK, linestyle="--", linewidth=0.9, label="wanted")
     axes.set_ylim(min(-0.1 * contact.wanted, 0.0), SHOWN * contact.wanted)
     axes.set_ylabel("force [N]")
     axes.legend(loc="upper right", fontsize=8, ncols=3)
@@ -72,41 +76,42 @@ def _force(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
 
 def _errors(axes: Axes, trace: Trace) -> None:
     t = trace.time[1:]
-    axes.semilogy(t, np.maximum(1e3 * trace.position_error, FLOOR), color=COLOURS[0], linewidth=1.1, label="path [mm]")
-    deg = np.maximum(np.degrees(trace.orientation_error), FLOOR)
-    axes.semilogy(t, deg, color=COLOURS[1], linewidth=1.1, label="orientation [deg]")
-    axes.set_ylabel("error along the contact's freedoms")
+    axes.semilogy(t, np.maximum(1e3 * trace.position_error, SMALLEST), color=BLUE, linewidth=1.1, label="path [mm]")
+    deg = np.maximum(np.degrees(trace.orientation_error), SMALLEST)
+    axes.semilogy(t, deg, color=ORANGE, linewidth=1.1, label="orientation [deg]")
+    axes.set_ylabel("error in the free directions")
     axes.set_xlabel("time [s]")
     axes.set_ylim(bottom=0.05 * axes.get_ylim()[0])  # room for the legend
     axes.legend(loc="lower right", fontsize=8, ncols=2)
     _settling(axes, trace, "settling")
 
 
-def _settling(axes: Axes, trace: Trace, said: str) -> None:
-    if trace.settled:
-        until = float(trace.time[trace.settled])
-        axes.axvspan(0.0, until, color="#999999", alpha=0.18, linewidth=0)
+def _settling(axes: Axes, trace: Trace, label: str) -> None:
+    """Shade the time in which the contact settles: errors count after it."""
+    if trace.counted_from:
+        until = float(trace.time[trace.counted_from])
+        axes.axvspan(0.0, until, color=SHADE, alpha=0.18, linewidth=0)
         inside = axes.get_xaxis_transform()
-        axes.text(0.5 * until, 0.03, said, transform=inside, ha="center", fontsize=8, color="#555555")
+        axes.text(0.5 * until, 0.03, label, transform=inside, ha="center", fontsize=8, color=RULE)
 
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     across = _axes_of(contact.normal)
-    first = trace.settled
+    first = trace.counted_from
     asked = 1e3 * (contact.asked[first:] - contact.asked[0]).dot(across.T)
     drawn = 1e3 * (contact.drawn[first:] - contact.asked[0]).dot(across.T)
-    axes.plot(*asked.T, color="#999999", linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
-    axes.plot(*drawn.T, color=COLOURS[5], linewidth=1.2, label="drawn")
+    axes.plot(*asked.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
+    axes.plot(*drawn.T, color=VERMILION, linewidth=1.2, label="drawn")
     axes.set_aspect("equal", adjustable="datalim")
     names = [_named(a) for a in across]
     axes.set_xlabel(f"{names[0]} [mm]")
     axes.set_ylabel(f"{names[1]} [mm]")
     axes.legend(loc="upper right", fontsize=8)
-    axes.set_title("the tool's point in the contact's plane", fontsize=9)
+    axes.set_title("path of the tool point in the plane of contact", fontsize=9)
 
 
 def _axes_of(normal: Array) -> Array:
-    """(2, 3) the picture's axes: right-handed about the normal, the first along the base's x where it can be."""
+    """(2, 3) the axes of the picture: right-handed about the normal, the first as close to the base's x as possible."""
     x = np.eye(3)[0 if abs(normal[0]) < NEARLY_ALONG else 1]
     x = x - normal * normal.dot(x)
     x /= np.linalg.norm(x)
@@ -114,6 +119,7 @@ def _axes_of(normal: Array) -> Array:
 
 
 def _named(axis: Array) -> str:
+    """A direction as "x", "-y", "z", or by its components."""
     i = int(np.abs(axis).argmax())
-    along = abs(axis[i]) > 1.0 - 1e-9
+    along = abs(axis[i]) > 1.0 - ALONG
     return f"{'-' if axis[i] < 0.0 else ''}{'xyz'[i]}" if along else f"({', '.join(f'{a:.2f}' for a in axis)})"

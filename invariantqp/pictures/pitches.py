@@ -1,52 +1,51 @@
-"""The principal pitches of an arm over its joint range: one column a joint, with the recommended pitch among them.
+"""The principal pitches of an arm over its joint range, one column for each joint, and the pitch that is recommended.
 
-Lines: one joint moves through its range, the others stay where the inspection was made. Dots: the states of its survey.
-Below, how far each state is from a singularity.
+Lines: this joint moves through its range and the others stay where the arm was inspected. Dots: states spread over the
+whole joint range. The lower row shows how far each state is from a singularity.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-
-mpl.use("Agg")  # files only; no display is needed or opened
-
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from invariantqp.analysis.inspection import Inspection
 from invariantqp.analysis.survey import Survey, joint_ranges, survey
 from invariantqp.errors import written
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.run import COLOURS
+from invariantqp.pictures.figure import figure_file
+from invariantqp.pictures.palette import BLUE, RULE, SKY, TEXT, VERMILION
 from invariantqp.robots.kinematics import Robot
 
-# Points of a line: enough for a curve without corners at the width of a panel.
+# Points of a line: enough for a smooth curve at the width of a panel.
 SWEEP = 121
-# Pitches go to infinity towards states in which no pitch works; drawn is what is within this many recommended pitches.
+# Near states where no pitch works, principal pitches go to infinity: the axis ends at this multiple of the best h.
 VIEW = 4.0
 RANGE, ALONE = "states of the range", "this joint alone"
-LINE, DOT, ADVICE, STATE = COLOURS[0], COLOURS[4], COLOURS[5], "#777777"
+LINE, DOT, ADVICE, STATE = BLUE, SKY, VERMILION, RULE
 
 
 def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Path:
-    """Write principal pitches and distance from a singularity over the range of each joint to a PNG, SVG or PDF.
+    """Write principal pitches and distance from a singularity over the range of each joint to a file.
 
     Args:
         inspection: of `robot`.
         robot: the arm.
-        path: the file.
+        path: a .png, .svg or .pdf file.
+
+    Returns:
+        The file.
 
     Raises:
-        ValueError: Matplotlib does not know the file's ending.
+        BadInput: Matplotlib cannot write a file with this ending, or the file cannot be written.
     """
     m = len(inspection.joints)
     low, high = joint_ranges(robot)
-    with mpl.rc_context({"font.size": 9, "axes.titlesize": 9}):
-        size = (max(6.0, 1.9 * m + 1.2), 5.4)
-        figure, axes = plt.subplots(2, m, sharex="col", sharey="row", figsize=size, layout="constrained", squeeze=False)
+    size = (max(6.0, 1.9 * m + 1.2), 5.4)
+    with figure_file(path, size, {"font.size": 9, "axes.titlesize": 9}) as figure:
+        axes = figure.subplots(2, m, sharex="col", sharey="row", squeeze=False)
         for i, name in enumerate(inspection.joints):
             states = np.repeat(inspection.q[None, :], SWEEP, axis=0)
             states[:, i] = np.linspace(low[i], high[i], SWEEP)
@@ -68,8 +67,6 @@ def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Pat
             label: handle for a in axes.ravel() for handle, label in zip(*a.get_legend_handles_labels(), strict=True)
         }
         figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=len(marks), frameon=False)
-        figure.savefig(path, dpi=120)
-        plt.close(figure)
     return Path(path)
 
 
@@ -89,7 +86,7 @@ def _pitches(axes: Axes, joint: int, swept: Survey, inspection: Inspection) -> N
 
 
 def _regular(states: Survey, rank: int) -> Array:
-    """(n, 6) pitches where the arm has its rank; NaN elsewhere, where they belong to another system."""
+    """(n, 6) the pitches of states with this rank; NaN in other states, whose pitches are those of another system."""
     return np.where((states.rank == rank)[:, None], states.pitches, np.nan)
 
 
@@ -99,16 +96,16 @@ def _distance(axes: Axes, joint: int, swept: Survey, seen: Survey) -> None:
 
 
 def _absent(row: Array, inspection: Inspection) -> None:
-    """Say why there is nothing to see where there is nothing to see."""
-    if inspection.recommended.form == "carried":
-        said = "no pitch works"
+    """Say why the panels of pitches are empty, where they are."""
+    if inspection.recommended.form == "tool":
+        reason = "no pitch works"
         row[0].set_yticks([])
     elif inspection.survey.attainable_rank == 6:
-        said = "every pitch works"
+        reason = "every pitch works"
     else:
         return
     for axes in row:
-        axes.text(0.5, 0.75, said, transform=axes.transAxes, ha="center", va="center", color="#444444")
+        axes.text(0.5, 0.75, reason, transform=axes.transAxes, ha="center", va="center", color=TEXT)
 
 
 def _title(inspection: Inspection) -> str:

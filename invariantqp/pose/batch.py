@@ -1,23 +1,23 @@
-"""Many poses of one arm: each by itself, on as many processes as wanted, or along a path, each from the one before."""
+"""Joint positions for many poses: each on its own, in several processes, or along a path, each from the one before."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.ik import PoseSearch, PoseSolution
+from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot
-
-Progress = Callable[[int, int], None]
 
 # Targets handed to a worker process at a time.
 CHUNK = 50
+# More processes than any machine has cores.
+MOST_JOBS = 10_000
 
 
 def solve_poses(
@@ -42,32 +42,38 @@ def solve_poses(
         options: of `solve_pose`: form, exact, tolerance, time_limit, restarts, seed.
 
     Returns:
-        One PoseSolution a target, in order; for targets by themselves what `solve_pose` answers.
+        One PoseSolution a target, in order; without `along`, what `solve_pose` returns for each.
 
     Raises:
         BadInput: as `solve_pose`, and before anything is solved; a path on several processes.
     """
-    wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(targets)]
-    starts = _starts(q0, len(wanted), len(robot.names), along=along)
-    if along and jobs != 1:
-        raise BadInput("jobs", f"{jobs} for a path", "1", "Each pose of a path begins where the one before ended.")
     search = PoseSearch(robot, **options)
-    if jobs == 1:
+    if progress is not None:
+        arrays.function(progress, "progress", PROGRESS)
+    if not isinstance(targets, Iterable):
+        raise BadInput("targets", excerpt(targets), "a list of poses")
+    wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(targets)]
+    path = arrays.flag(along, "along")
+    starts = _starts(q0, len(wanted), len(robot.names), along=path)
+    processes = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", MOST_JOBS)
+    if processes == 0:
+        raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
+    if path and processes != 1:
+        raise BadInput("jobs", f"{jobs} for a path", "1", "Each pose of a path begins where the one before ended.")
+    if processes == 1:
         solutions: list[PoseSolution] = []
         for target, start in zip(wanted, starts, strict=True):
-            begin = solutions[-1].q if along and solutions else start
+            begin = solutions[-1].q if path and solutions else start
             solutions.append(search.solve(target, begin))
             if progress is not None:
                 progress(len(solutions), len(wanted))
         return solutions
-    if jobs == 0:
-        raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
     from joblib import Parallel, delayed
 
     pieces = [slice(i, i + CHUNK) for i in range(0, len(wanted), CHUNK)]
     work = (delayed(_piece)(search, wanted[piece], starts[piece]) for piece in pieces)
     solutions = []
-    for part in Parallel(n_jobs=jobs, return_as="generator")(work):
+    for part in Parallel(n_jobs=processes, return_as="generator")(work):
         solutions.extend(part)
         if progress is not None:
             progress(len(solutions), len(wanted))
@@ -75,7 +81,7 @@ def solve_poses(
 
 
 def _piece(search: PoseSearch, targets: list[Array], starts: list[Array | None]) -> list[PoseSolution]:
-    """Some of the targets, in a process of their own."""
+    """Some of the targets, in a worker process."""
     return [search.solve(target, start) for target, start in zip(targets, starts, strict=True)]
 
 
@@ -83,6 +89,7 @@ def _starts(q0: ArrayLike | None, n: int, m: int, *, along: bool) -> list[Array 
     """The start of each target."""
     if q0 is None:
         return [None] * n
-    if np.ndim(q0) == 2 and not along:
-        return list(arrays.matrix(q0, (n, m), "q0"))
-    return [arrays.vector(q0, m, "q0")] * n
+    begin = arrays.array(q0, "q0", f"{m} joint positions, or as many for each target")
+    if begin.ndim == 2 and not along:
+        return list(arrays.matrix(begin, (n, m), "q0"))
+    return [arrays.vector(begin, m, "q0")] * n

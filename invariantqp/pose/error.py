@@ -1,10 +1,11 @@
-"""How far a tool is from where it should be, in one definite measure, and how the joints change that.
+"""How far a tool is from its target, in one definite measure, and how the joints change that.
 
     r = F (omega; p_d - p),    f(q) = 1/2 |r|^2,    F'F = W,    grad f = -A'r
 
-omega is the rotation vector that is missing, p and p_d where a point c of the last link is and should be. By default
-W = diag(L^2 I, I) with the arm's own length L, and c is at the arm's own point in the middle of its range: neither
-depends on where the tool frame is, so no step and no answer does. Exact demands, C x = b, are counted beside it.
+omega is the rotation vector from the tool to its target, p and p_d are the positions of a point c of the last link, now
+and at the target. By default W = diag(L^2 I, I) with the arm's own length L, and c is the arm's own point in the middle
+of its range: neither depends on where the tool frame is, so no step and no answer does. Exact demands, C x = b, are
+measured apart from it.
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ from invariantqp.systems.centre import centre
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
 STILL = np.zeros(6)
-# Joint displacement for differences of the gradient: they keep seven digits, and Newton asks for one.
+# Joint displacement for differences of the gradient: they keep seven digits, and Newton needs one.
 DIFFERENCE = 1e-7
 
 
-class Look(NamedTuple):
-    """One state of the arm against its target.
+class Linearization(NamedTuple):
+    """The error in one state of the arm, to first order.
 
     Attributes:
         q: (m,) joint positions.
-        A: (6, m) what the joints do to r, to first order: r -> r - A x.
+        A: (6, m) a joint step x changes r to r - A x.
         r: (6,) [length].
         f: half of |r|^2.
         C: (k, m) rows of the exact demands, or None.
-        b: (k,) what is missing there, or None.
+        b: (k,) what they miss, or None.
     """
 
     q: Array
@@ -71,8 +72,8 @@ class PoseError(NamedTuple):
         target: as `robot.target` returned it.
         root: (6, 6) F.
         point: (3,) c, in the tool frame [length].
-        even: whether W counts turns about every axis alike; r then needs no derivative of the logarithm for f to have
-            its true gradient.
+        even: whether W weighs turns about every axis alike; the gradient of f then needs no derivative of the
+            logarithm.
         exact: demands to be met exactly.
     """
 
@@ -85,28 +86,28 @@ class PoseError(NamedTuple):
 
     @property
     def least(self) -> float:
-        """The smallest singular value of F, at most 1: |r| below this share of a tolerance keeps omega within it."""
+        """The smallest singular value of F, at most 1: |omega| is within a tolerance if |r| is in this share of it."""
         return min(1.0, float(np.linalg.svd(self.root, compute_uv=False)[-1]))
 
-    def at(self, q: Array) -> Look:
-        """The state q (m,)."""
+    def at(self, q: Array) -> Linearization:
+        """The error at joint positions q (m,)."""
         sighting = self.robot.sight(q, self.target)
         omega, J = sighting.error[:3], sighting.J
         here, there = self.robot.points(sighting, self.target, self.point)
-        turning = J[:3] if self.even else _logarithmic(omega).dot(J[:3])
+        turning = J[:3] if self.even else _log_derivative(omega).dot(J[:3])
         A = self.root.dot(np.concatenate((turning, se3.velocity_at(J, here))))
         r = self.root.dot(np.concatenate((omega, there - here)))
-        look = Look(q, A, r, 0.5 * float(r.dot(r)))
+        state = Linearization(q, A, r, 0.5 * float(r.dot(r)))
         if not self.exact:
-            return look
-        rows, _ = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, STILL))
-        return look if rows is None else look._replace(C=np.asarray(rows.A), b=np.asarray(rows.b))
+            return state
+        rows = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, STILL))
+        return state._replace(C=np.asarray(rows.A), b=np.asarray(rows.b))
 
-    def curvature(self, look: Look) -> Array:
-        """The (m, m) second derivative of f, the signs of its spectrum taken off, by differences of grad f."""
-        q, m = look.q, len(look.q)
+    def curvature(self, state: Linearization) -> Array:
+        """The (m, m) second derivative of f by differences of grad f, with the absolute values of its eigenvalues."""
+        q, m = state.q, len(state.q)
         h = np.where(q + DIFFERENCE > self.robot.position_upper, -DIFFERENCE, DIFFERENCE)
-        H = np.array([(look.descent - self.at(q + h[i] * e).descent) / h[i] for i, e in enumerate(np.eye(m))])
+        H = np.array([(state.descent - self.at(q + h[i] * e).descent) / h[i] for i, e in enumerate(np.eye(m))])
         mu, V = np.linalg.eigh(0.5 * (H + H.T))
         definite: Array = (V * np.abs(mu)).dot(V.T)
         return definite
@@ -120,10 +121,10 @@ class PoseError(NamedTuple):
 
 
 def pose_error(robot: Robot, target: Any, form: Form | float | None, exact: tuple[Exact, ...]) -> PoseError:
-    """The measure meant by `form`; exact demands on a point take c there.
+    """The measure that `form` describes; with an exact demand on a point, c is that point.
 
     Raises:
-        BadInput: a target that is no pose, a form that measures nothing, demands that no pose has.
+        BadInput: a target that is no pose, a form that does not measure distances, demands on joint velocities.
     """
     wanted = robot.target(target)
     mid = middle(robot)
@@ -134,29 +135,29 @@ def pose_error(robot: Robot, target: Any, form: Form | float | None, exact: tupl
     place, L = centre(J)
     L = L if 0.0 < L < inf else 1.0
     if form is not None:
-        form = form_of(form, J)
+        form = form_of(form)
         if isinstance(form, CarriedMetric):
-            T = se3.motion(robot.sight(mid, wanted).error).dot(here)  # the target as a matrix
-            return _carried(robot, wanted, form.at(T) if form.follows_tool else form, T, exact)
+            T = se3.exp(robot.sight(mid, wanted).error, check=False).dot(here)  # the target as a matrix
+            return _metric_error(robot, wanted, form, T, exact)
         if not isinstance(form, PitchForm) or form.h == 0.0:
             found = "h = 0" if isinstance(form, PitchForm) else "a complement"
-            raise BadInput("form", f"{found}, which cannot say what is near", "a pitch other than 0, or CarriedMetric")
+            raise BadInput("form", f"{found}, which measures no distance", "a pitch other than 0, or CarriedMetric")
         L = abs(form.h)
     anchors = [np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)]
     point = anchors[0] if anchors else here[:3, :3].T.dot(place - here[:3, 3])
     return PoseError(robot, wanted, np.diag(np.repeat((L, 1.0), 3)), point, even=True, exact=exact)
 
 
-def _carried(robot: Robot, wanted: Any, metric: CarriedMetric, T: Array, exact: tuple[Exact, ...]) -> PoseError:
-    """The measure of a metric whose pose, in the base frame, is on the target's body."""
-    pose = np.asarray(metric.pose)
+def _metric_error(robot: Robot, wanted: Any, metric: CarriedMetric, T: Array, exact: tuple[Exact, ...]) -> PoseError:
+    """The measure of a metric that is fixed to the body at the target; its pose is in the base frame."""
+    pose = T if metric.follows_tool else np.asarray(metric.pose)
     W = np.asarray(metric.matrix)
     turn = np.kron(np.eye(2), pose[:3, :3].T)
     point = T[:3, :3].T.dot(pose[:3, 3] - T[:3, 3])
     return PoseError(robot, wanted, np.linalg.cholesky(W).T.dot(turn), point, even=False, exact=exact)
 
 
-def _logarithmic(omega: Array) -> Array:
+def _log_derivative(omega: Array) -> Array:
     """The (3, 3) matrix K of log(exp(omega) exp(-t)) = omega - K t + ..."""
     theta = sqrt(omega.dot(omega))
     W = se3.cross_matrix(omega)

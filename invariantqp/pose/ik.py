@@ -1,59 +1,64 @@
-"""Joint positions for a pose, inside the joint limits: tries of damped Newton, spread over the joint range.
+"""Joint positions for a pose, inside the joint limits: damped Newton from starts spread over the joint range.
 
     q = argmin f(q),   q_min <= q <= q_max,   f = 1/2 |(omega; p_d - p)|_W^2       zero where the pose can be reached
 
-One try in two to six, by the arm, ends in a local minimum; it is cut where it stalls, and the next one starts
-elsewhere. Where no try meets the target the answer is the closest pose found, and says so. Every step reads joint
-limits and quantities that no choice of tool frame changes, and so does the answer.
+Depending on the arm, one try in two to six ends in a local minimum; a try that stalls is given up, and the next one
+starts elsewhere. Where no try reaches the target the answer is the closest pose found, and its reason says so. Every
+step reads only joint limits and quantities that no choice of tool frame changes, so the answer does not depend on it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf, sqrt
-from operator import attrgetter, index
+from math import sqrt
+from operator import attrgetter
 from time import perf_counter
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
+from attrs import frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.analysis.survey import spread
 from invariantqp.control.demands import Exact, demands_of
-from invariantqp.errors import BadInput, written
+from invariantqp.errors import written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
 from invariantqp.pose.error import PoseError, pose_error
 from invariantqp.pose.joint_space import JointSpace
 from invariantqp.pose.newton import Try, descend
-from invariantqp.robots.kinematics import Robot, checked_robot, middle
+from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.velocity.forms import Form
 
-# Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and no tool
-# frame has a say in which step is the last.
+# Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and the tool
+# frame does not decide which step is the last.
 GOAL_SHARE = 1e-3
 # Share of the time that is spent on tries, without and with exact demands; the rest is for the last digits of the
-# closest few, which take longer where something is kept exactly.
+# closest few, which take longer with exact demands.
 SEARCH_SHARE, EXACT_SHARE, CLOSEST = 0.8, 0.6, 4
-# Poses whose f is this near the least are equally close: rounding is not to choose between mirror images.
+# Poses whose f is this near the least count as equally close, so that rounding does not choose between mirror images.
 ALIKE = 1.0 + 1e-9
 # Tries after the first, unless told otherwise: of 1 000 random targets on each of five arms one needed more.
 RESTARTS = 64
+# Their starts are made together, and take memory.
+MOST_RESTARTS = 100_000
 
 
-class PoseSolution(NamedTuple):
+@frozen(eq=False, repr=False, slots=False)
+class PoseSolution(Compared):
     """What `solve_pose` found.
 
     Attributes:
         q: (m,) joint positions, never outside their limits; those of the closest pose found if the target is not met.
-        success: whether the target is met: position and orientation within the tolerance or, with exact demands, these
-            within it and nothing found to bring the rest nearer.
+        success: whether position and orientation are within the tolerance; with exact demands, whether these are within
+            it and no step was found that brings the rest nearer.
         position_error: distance of the tool frame's origin from its target [length].
         orientation_error: angle from the target [rad].
         error: |(omega; p_d - p)|_W, the measure of what is closest [length].
         iterations: Newton steps, of all tries.
         restarts: tries after the first.
-        limits_active: joints at a position limit.
+        active: joints at a position limit.
         reason: "" where the target is met; otherwise what is missing, and why.
     """
 
@@ -64,7 +69,7 @@ class PoseSolution(NamedTuple):
     error: float
     iterations: int
     restarts: int
-    limits_active: tuple[int, ...]
+    active: tuple[int, ...]
     reason: str
 
 
@@ -83,27 +88,25 @@ class PoseSearch:
         seed: int = 0,
     ) -> None:
         """As `solve_pose`."""
-        self._robot = checked_robot(robot)
+        self._robot = require_robot(robot)
         self._space = JointSpace(robot)
         self._form = form
         self._exact = demands_of(exact)
         self._tolerance = arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True)
-        if time_limit != inf:
-            arrays.number(time_limit, "time_limit", "seconds, or inf,", positive=True)
-        self._time_limit = float(time_limit)
-        self._restarts = _count(restarts, "restarts")
-        self._seed = _count(seed, "seed")
+        self._time_limit = arrays.number(time_limit, "time_limit", "seconds, or inf,", positive=True, infinite=True)
+        self._restarts = arrays.count(restarts, "restarts", MOST_RESTARTS)
+        self._seed = arrays.count(seed, "seed")
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
         """Joint positions for one target, from q0 first."""
         robot, space = self._robot, self._space
         error = pose_error(robot, target, self._form, self._exact)
         start = middle(robot) if q0 is None else space.inside(arrays.vector(q0, len(robot.names), "q0"))
-        error.misses(start)  # what is loaded at its first use is not this target's time
+        error.misses(start)  # anything that loads at its first use loads now, not in this target's time
         begun = perf_counter()
         goal = GOAL_SHARE * self._tolerance * error.least
         deadline = begun + (EXACT_SHARE if self._exact else SEARCH_SHARE) * self._time_limit
-        # Joints to spare can follow a path past a limit without one of them turning over: that is tried first.
+        # An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first.
         spare = len(start) > 6 or bool(self._exact)
         tried = [descend(error, space, start, goal, deadline, turning=q0 is None or not spare)]
         for state in self._starts() if not tried[0].met else ():
@@ -114,11 +117,11 @@ class PoseSearch:
         late = perf_counter() > deadline
         if not best.met:
             nearest = sorted(tried, key=attrgetter("merit"))[:CLOSEST]
-            finished = [descend(error, space, one.look.q, goal, last, patient=True) for one in nearest]
+            finished = [descend(error, space, one.state.q, goal, last, patient=True) for one in nearest]
             steps += sum(one.steps for one in finished)
             least = min(one.merit for one in finished)
             best = next(one for one in finished if one.merit <= ALIKE * least)
-        return self._told(error, best, start, steps, len(tried), late=late)
+        return self._answer(error, best, start, steps, len(tried), late=late)
 
     def _starts(self) -> Iterator[Array]:
         """States spread over the joint range; the seed says where the sequence begins."""
@@ -126,12 +129,12 @@ class PoseSearch:
             origin = np.random.default_rng(self._seed).random(len(self._robot.names))
             yield from spread(self._robot, self._restarts, origin)
 
-    def _told(self, error: PoseError, best: Try, start: Array, steps: int, tries: int, *, late: bool) -> PoseSolution:
-        """The answer in full."""
-        q = self._space.near(best.look.q, start)
+    def _answer(self, error: PoseError, best: Try, start: Array, steps: int, tries: int, *, late: bool) -> PoseSolution:
+        """The solution for the best try."""
+        q = self._space.near(best.state.q, start)
         position, orientation = error.misses(q)
         reached = position <= self._tolerance and orientation <= self._tolerance
-        exactly = bool(self._exact) and best.look.unmet <= self._tolerance
+        exactly = bool(self._exact) and best.state.unmet <= self._tolerance
         kept = exactly and best.at_rest
         found = f"{written(position)} and {written(orientation)} rad off"
         among = "" if tries == 1 else f", the closest of {tries} tries"
@@ -148,23 +151,12 @@ class PoseSearch:
             success=not reason or kept,
             position_error=position,
             orientation_error=orientation,
-            error=sqrt(2.0 * best.look.f),
+            error=sqrt(2.0 * best.state.f),
             iterations=steps,
             restarts=tries - 1,
-            limits_active=self._space.at_limits(q),
+            active=self._space.at_limits(q),
             reason=reason,
         )
-
-
-def _count(value: int, argument: str) -> int:
-    """A whole number, zero or more."""
-    try:
-        count = index(value)
-    except TypeError as error:
-        raise BadInput(argument, repr(value), "a whole number, zero or more") from error
-    if count < 0:
-        raise BadInput(argument, str(count), "a whole number, zero or more")
-    return count
 
 
 def solve_pose(
@@ -189,22 +181,22 @@ def solve_pose(
         target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`.
         q0: (m,) where to begin [rad, length], put inside the limits first; None is the middle of the joint range. Along
             a path, the answer before: hinges that can turn over end as near it as whole turns bring them.
-        form: what says how close a pose is. None is diag(L^2 I, I) at the arm's own point, carried by its last link, L
-            the arm's own length, both in the middle of its range; a pitch h counts a radian as |h| instead; a
-            CarriedMetric (`tool_metric(robot)`, for instance) is yours, its pose on the body at the target. Where the
-            target can be reached it changes the way there, and nothing else.
+        form: the measure of how close a pose is. None is diag(L^2 I, I) at the arm's own point, fixed to its last link,
+            with the arm's own length L, both taken in the middle of its range; a pitch h counts a radian as |h|
+            instead; a CarriedMetric (`tool_metric(robot)`, for instance) is fixed to the body at the target. Where the
+            target can be reached, the measure changes only the way there.
         exact: demands met before all else, as in `Controller`: "position" for the tool frame's origin, ExactPoint,
-            ExactAxis, ExactPlane or several. For arms with fewer than six joints: position first, orientation as well
-            as the arm can. All tries are then made unless one meets the whole pose. On arms with more than six joints
-            rounding chooses among the postures left, so a displaced tool frame may change the answer (0.002 rad in one
-            target of ten of a Panda), and success may be said where another posture would bring the rest nearer.
-        tolerance: of success, in lengths and radians.
+            ExactAxis, ExactPlane or several. For arms with fewer than six joints: position first, then orientation as
+            well as the arm can. All tries are then made unless one reaches the whole pose. On arms with more than six
+            joints rounding chooses among the postures left, so a displaced tool frame may change the answer (0.002 rad
+            in one target of ten of a Panda), and `success` may be True where another posture is nearer in the rest.
+        tolerance: of success, in lengths and in radians.
         time_limit: [s]; inf is none.
         restarts: tries after the first, at most; 0 is Newton from q0 alone.
         seed: where the sequence of starts begins.
 
     Returns:
-        PoseSolution: q inside the limits, whatever happened; `reason` says what is missing.
+        PoseSolution: q is inside the limits in any case; `reason` says what is missing.
 
     Raises:
         BadInput: NaN or wrong shapes, a target that is no rigid motion, a form that cannot say what is close, demands

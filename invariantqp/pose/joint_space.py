@@ -1,8 +1,8 @@
-"""Where the joints of an arm may be: limits, and the whole turns that change nothing.
+"""The joint limits of an arm, and the whole turns of its hinges, which change no pose.
 
     q_i and q_i + 2 pi are one pose of a hinge
 
-Where the range of a hinge holds a whole turn, a shift by turns undoes its limits.
+Where the range of a hinge is a whole turn or more, every angle has an equal one inside it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
-from invariantqp.velocity.qp.boxqp import UNBOUNDED
+from invariantqp.velocity.qp.scaling import UNBOUNDED
 
 # |omega.v| of a hinge relative to |omega| |v|: below this its pitch is rounding.
 HINGE = 1e-9
@@ -41,14 +41,14 @@ class JointSpace:
         self._open = np.where(self.whole, -UNBOUNDED, self.lower), np.where(self.whole, UNBOUNDED, self.upper)
 
     def steps(self, q: Array, *, turning: bool) -> tuple[Array, Array]:
-        """The least and the largest step (m,) from q; half a turn where `turning` and whole turns undo the limits."""
+        """The least and the largest step (m,) from q; with `turning`, half a turn for a hinge that can turn over."""
         if not (turning and self._turning):
             return self.lower - q, self.upper - q
         lower, upper = self._open
         return np.maximum(lower - q, -self._half), np.minimum(upper - q, self._half)
 
     def inside(self, q: Array) -> Array:
-        """q shifted by whole turns into the limits; at the limit where no turn helps."""
+        """q shifted by whole turns into the limits; clipped to them where no turn helps."""
         clipped: Array = np.minimum(np.maximum(q, self.lower), self.upper)
         if not self._turning or clipped.tobytes() == q.tobytes():
             return clipped

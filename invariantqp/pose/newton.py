@@ -1,11 +1,11 @@
-"""One try at a pose: damped Newton steps inside the joint limits, none of which leaves the error larger.
+"""One try at a pose: damped Newton steps inside the joint limits; no step makes the error larger.
 
     x = argmin 1/2 |r - A x|^2 + 1/2 mu |x|^2   over   q_min <= q + x <= q_max,      mu = lambda |r|^2
 
-Damping that follows the error is quadratic convergence where the target is met and rest where it is not. Where the box
-does not matter and six joints or more move the tool, x = A'(AA' + mu)^-1 r, which with mu = 0 is J^{+h} s for every
-pitch h, s the twist of r. Exact demands are rows of the same problem with a weight no other row has; f + nu |b| then
-judges a step.
+Damping that vanishes with the error converges quadratically where the target can be reached and comes to rest where it
+cannot. Where no limit is active and six joints or more move the tool, x = A'(AA' + mu)^-1 r. With mu = 0 that is
+J^{+h} s for every pitch h, s the twist of r. Exact demands are rows of the same problem with a far larger weight; then
+a step is accepted if it reduces f + nu |b|.
 
 Reference: Levenberg 1944; Chan and Lawrence 1988 (damping by the error); Sugihara 2011; Han 1977 (the exact penalty).
 """
@@ -20,32 +20,32 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.pose.error import Look, PoseError
+from invariantqp.pose.error import Linearization, PoseError
 from invariantqp.pose.joint_space import JointSpace
 from invariantqp.velocity.qp.backends import Daqp, SolverFailure
-from invariantqp.velocity.qp.boxqp import BoxQP
+from invariantqp.velocity.qp.scaling import BoxQP
 
-# lambda at the start of a try [1 / rad^2], what a step that helped leaves of it, what one that did not makes of it, and
-# the least.
+# lambda at the start of a try [1 / rad^2], its factors after a step that reduced the error and after one that did not,
+# and its least value.
 DAMPING, EASED, STIFFENED, LEAST = 0.1, 0.5, 4.0, 1e-3
 # Shares of the trace of A'A that keep AA' and A'A definite, far below any damping that acts.
 FLOOR, QP_FLOOR = 1e-13, 1e-8
-# A try is given up where this many steps have not halved the error; it is at rest where so many have gained nothing.
+# A try is given up where this many steps have not halved the error; it is at rest where this many have gained nothing.
 STALLED, FINISHED = 6, 3
-# Steps in one try, and where the last digits count; a valley flatter than that is at rest.
+# The most steps in a try, and in one for the last digits; an error that falls more slowly counts as at rest.
 LONGEST, PATIENCE = 100, 1000
-# A try ends where even steps this small, lambda, do not make the error smaller: rounding is all that is left.
+# A try ends where even steps with this much damping do not make the error smaller: rounding is all that is left.
 STIFFEST = 1e8
-# A merit that fell by no more than this share of itself in so many steps has come to rest.
+# A try whose merit fell by no more than this share of itself in as many steps is at rest.
 AT_REST = 1e-12
-# What an exact row weighs, over trace A'A: so much less is it missed than all others.
+# The weight of an exact row relative to trace A'A.
 EXACT_WEIGHT = 1e8
-# Multipliers of rows that the limits forbid are no prices: none is above this many |A| |r| / |C|.
+# Multipliers are bounded by this many |A| |r| / |C|: those of rows that the limits forbid have no meaning.
 DEAREST = 10.0
 # The penalty is kept above the multipliers of the exact rows by this factor.
 PENALTY_MARGIN = 2.0
 
-# Asked without the checks and second opinions of `backends.minimise`: a bad step is known by what the error does.
+# Called without the checks of `backends.minimise`: a bad step shows in the error.
 _SOLVER = Daqp()
 
 
@@ -53,14 +53,14 @@ class Try(NamedTuple):
     """Where one try ended.
 
     Attributes:
-        look: the last state, the best of the try.
-        merit: f, and what is missing of the exact demands at the price it had.
+        state: the last state, the best of the try.
+        merit: f + nu |b| there.
         steps: Newton steps.
         met: whether the error went below the goal.
         at_rest: whether no step would make the error smaller by more than rounding.
     """
 
-    look: Look
+    state: Linearization
     merit: float
     steps: int
     met: bool
@@ -77,45 +77,45 @@ def descend(
     turning: bool = True,
     patient: bool = False,
 ) -> Try:
-    """Steps from a start inside the limits until the goal is met or nothing is gained.
+    """Steps from a start inside the limits until the goal is met or no step gains anything.
 
     Args:
-        error: what is to be made small.
-        space: the limits.
+        error: the measure to minimise.
+        space: the joint limits.
         start: (m,) inside them.
-        goal: |r| and what is missing of the exact demands, together, where the target is met.
+        goal: the target counts as met where |r| and |b| together are below this.
         deadline: of `time.perf_counter` [s].
         turning: whether a joint may leave its limits and be shifted back by whole turns.
-        patient: whether to go on to the last digit where the target is not met.
+        patient: whether to go on to the last digit where the target cannot be met.
     """
-    look = error.at(start)
+    state = error.at(start)
     damping, penalty = DAMPING, 0.0
     past: list[float] = []
     longest, window, least = (PATIENCE, FINISHED, 0.0) if patient else (LONGEST, STALLED, LEAST)
     for steps in range(longest):
-        merit = look.f + penalty * look.unmet
+        merit = state.f + penalty * state.unmet
         past.append(merit)
-        if look.distance <= goal or perf_counter() > deadline:
-            return Try(look, merit, steps, look.distance <= goal, at_rest=False)
+        if state.distance <= goal or perf_counter() > deadline:
+            return Try(state, merit, steps, state.distance <= goal, at_rest=False)
         before = past[-1 - window] if steps > window else inf
         if not patient and merit > 0.5 * before:
-            return Try(look, merit, steps, met=False, at_rest=False)
+            return Try(state, merit, steps, met=False, at_rest=False)
         if damping > STIFFEST or before - merit <= AT_REST * merit:
-            return Try(look, merit, steps, met=False, at_rest=True)
-        H = error.curvature(look) if patient and look.C is None else None
-        x, price = _step(look, H, 2.0 * damping * look.f, *space.steps(look.q, turning=turning))
+            return Try(state, merit, steps, met=False, at_rest=True)
+        H = error.curvature(state) if patient and state.C is None else None
+        x, price = _step(state, H, 2.0 * damping * state.f, *space.steps(state.q, turning=turning))
         penalty = max(penalty, PENALTY_MARGIN * price)
-        seen = error.at(space.inside(look.q + x))
-        if seen.f + penalty * seen.unmet < look.f + penalty * look.unmet:
-            look, damping = seen, max(EASED * damping, least)
+        seen = error.at(space.inside(state.q + x))
+        if seen.f + penalty * seen.unmet < state.f + penalty * state.unmet:
+            state, damping = seen, max(EASED * damping, least)
         else:
             damping *= STIFFENED
-    return Try(look, look.f + penalty * look.unmet, longest, met=False, at_rest=True)
+    return Try(state, state.f + penalty * state.unmet, longest, met=False, at_rest=True)
 
 
-def _step(look: Look, H: Array | None, mu: float, lower: Array, upper: Array) -> tuple[Array, float]:
+def _step(state: Linearization, H: Array | None, mu: float, lower: Array, upper: Array) -> tuple[Array, float]:
     """The step x (m,) inside the box, by the second derivative H or else A'A, and the multiplier of the exact rows."""
-    A, r, C = look.A, look.r, look.C
+    A, r, C = state.A, state.r, state.C
     m, size = A.shape[1], float(np.vdot(A, A))
     x = None
     if C is None and H is None and m >= 6:
@@ -123,33 +123,33 @@ def _step(look: Look, H: Array | None, mu: float, lower: Array, upper: Array) ->
         S.flat[::7] += mu + FLOOR * size
         _, y, failed = lapack.dposv(S, r)
         x = y.dot(A)
-        if not failed and _allowed(x, lower, upper):
+        if not failed and _is_inside(x, lower, upper):
             return x, 0.0
     g, unit = r.dot(A), 1.0 / size
     H = A.T.dot(A) if H is None else H
-    if C is not None and look.b is not None:
+    if C is not None and state.b is not None:
         H += EXACT_WEIGHT * size * C.T.dot(C)
-        g += EXACT_WEIGHT * size * look.b.dot(C)
+        g += EXACT_WEIGHT * size * state.b.dot(C)
     H.flat[:: m + 1] += max(mu, QP_FLOOR * size)
     if x is None:
         _, x, failed = lapack.dposv(H, g)
-        if failed or not _allowed(x, lower, upper):
-            x = _boxed(H, g, unit, lower, upper)
+        if failed or not _is_inside(x, lower, upper):
+            x = _box_minimum(H, g, unit, lower, upper)
     else:
-        x = _boxed(H, g, unit, lower, upper)
-    if C is None or look.b is None:
+        x = _box_minimum(H, g, unit, lower, upper)
+    if C is None or state.b is None:
         return x, 0.0
-    miss = look.b - C.dot(x)
-    most = DEAREST * sqrt(2.0 * size * look.f / float(np.vdot(C, C)))
+    miss = state.b - C.dot(x)
+    most = DEAREST * sqrt(2.0 * size * state.f / float(np.vdot(C, C)))
     return x, min(EXACT_WEIGHT * size * sqrt(miss.dot(miss)), most)
 
 
-def _allowed(x: Array, lower: Array, upper: Array) -> bool:
-    """Whether clipping changes no bit: quicker than asking twice."""
+def _is_inside(x: Array, lower: Array, upper: Array) -> bool:
+    """Whether clipping changes no bit; one comparison, faster than two."""
     return bool(np.minimum(np.maximum(x, lower), upper).tobytes() == x.tobytes())
 
 
-def _boxed(H: Array, g: Array, unit: float, lower: Array, upper: Array) -> Array:
+def _box_minimum(H: Array, g: Array, unit: float, lower: Array, upper: Array) -> Array:
     """The minimiser of 1/2 x'Hx - g'x in the box; the clipped gradient step where no solver finds it."""
     try:
         x = _SOLVER.solve(BoxQP(unit * H, unit * g, lower, upper, None))

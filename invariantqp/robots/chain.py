@@ -13,16 +13,19 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import axis
-from invariantqp.robots.kinematics import Sighting, checked_limits
+from invariantqp.robots.kinematics import Sighting, joint_limits
 
 
-class Chain:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Chain(Value):
     """An open chain of one-degree-of-freedom joints.
 
     Attributes:
@@ -34,9 +37,12 @@ class Chain:
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
     """
 
-    position_lower: Array
-    position_upper: Array
-    velocity_limit: Array
+    screws: Array = field(converter=own)
+    home: Array = field(converter=own, repr=False)
+    names: tuple[str, ...]
+    position_lower: Array = field(converter=own, repr=False)
+    position_upper: Array = field(converter=own, repr=False)
+    velocity_limit: Array = field(converter=own, repr=False)
 
     def __init__(
         self,
@@ -47,49 +53,63 @@ class Chain:
         position_upper: ArrayLike = inf,
         velocity_limit: ArrayLike = inf,
     ) -> None:
-        """A chain from its screws; names default to "joint1", ..., and one number is a limit for all joints.
+        """A chain from its screws.
+
+        Args:
+            screws: (6, m) joint twists at q = 0 in the base frame, base first.
+            home: (4, 4) tool pose at q = 0.
+            names: joint names; "joint1", ... by default.
+            position_lower: (m,) or one number for all joints [rad, length], -inf where there is none.
+            position_upper: likewise, +inf where there is none.
+            velocity_limit: likewise [rad/s, length/s], positive, inf where there is none.
 
         Raises:
-            BadInput: NaN, shapes, a zero screw, crossed or empty limits.
+            BadInput: NaN, shapes, a zero screw, lower limits above upper ones, names that are not all different.
         """
-        self.screws: Array = arrays.columns(screws, "screws")
-        self.home: Array = arrays.pose(home, "home")
-        m = self.screws.shape[1]
-        still = ~self.screws.any(axis=0)
+        twists, pose = arrays.columns(screws, "screws"), arrays.pose(home, "home")
+        m = twists.shape[1]
+        still = ~twists.any(axis=0)
         if still.any():
             raise BadInput("screws", f"the zero twist in column {int(still.argmax())}", "non-zero joint twists")
-        self.names: tuple[str, ...] = tuple(names) or tuple(f"joint{i + 1}" for i in range(m))
-        if len(self.names) != m or len(set(self.names)) != m:
-            raise BadInput("names", f"{self.names}", f"{m} different names")
-        self.position_lower, self.position_upper, self.velocity_limit = checked_limits(
-            m, position_lower, position_upper, velocity_limit
-        )
+        called = arrays.strings(names, "names") or tuple(f"joint{i + 1}" for i in range(m))
+        if len(called) != m or len(set(called)) != m:
+            raise BadInput("names", excerpt(called), f"{m} different names")
+        limits = joint_limits(m, position_lower, position_upper, velocity_limit)
+        self.__attrs_init__(twists, pose, called, *limits)
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
-        return self._moved(arrays.vector(q, len(self.names), "q"))[1]
+        return self._kinematics(arrays.vector(q, len(self.names), "q"))[1]
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, m) joint twists in the base frame."""
-        return self._moved(arrays.vector(q, len(self.names), "q"))[0]
+        return self._kinematics(arrays.vector(q, len(self.names), "q"))[0]
 
     def origins(self, q: ArrayLike) -> Array:
-        """(m, 3) a point of each joint's axis, the one nearest to the hinge before: links as short as can be."""
+        """(m, 3) a point of each joint's axis, the one nearest to the hinge before: it makes the links short."""
         T = np.eye(4)
         found = np.empty((len(self.names), 3))
         for i, angle in enumerate(arrays.vector(q, len(self.names), "q").tolist()):
             found[i] = T[:3, :3].dot(self._origins[i]) + T[:3, 3]
-            T = T.dot(se3.motion(angle * self.screws[:, i]))
+            T = T.dot(se3.exp(angle * self.screws[:, i], check=False))
         return found
 
     def target(self, pose: ArrayLike) -> Target:
-        """A (4, 4) target pose, checked."""
-        return pose if isinstance(pose, Target) else Target(arrays.pose(pose, "target"))
+        """A (4, 4) target pose, checked.
+
+        Raises:
+            BadInput: not a rigid motion.
+        """
+        return pose if isinstance(pose, Target) else Target(own(arrays.pose(pose, "target")))
 
     def sight(self, q: Array, target: ArrayLike | Target) -> Sighting:
-        """Joint twists and tool error, in the base frame."""
-        J, T = self._moved(q)
-        return Sighting(J, se3.displacement(self.target(target).pose.dot(se3.inverted(T))), T)
+        """Joint twists and tool error, in the base frame.
+
+        Raises:
+            BadInput: a target that is not a rigid motion.
+        """
+        J, T = self._kinematics(q)
+        return Sighting(J, se3.log(self.target(target).pose.dot(se3.inverse(T, check=False)), check=False), T)
 
     def points(self, sighting: Sighting, target: ArrayLike | Target, point: Array) -> tuple[Array, Array]:
         """Where a point (3,) of the tool frame is, and where it should be."""
@@ -104,7 +124,7 @@ class Chain:
 
     @cached_property
     def _origins(self) -> Array:
-        """Origins at q = 0. A slide has a direction and no line: it is drawn where the next hinge is, or the tool."""
+        """Origins at q = 0. A slide has no axis line: its origin is that of the next hinge, or of the tool."""
         found = np.empty((len(self.names), 3))
         before, slides = np.zeros(3), []
         for i, screw in enumerate(self.screws.T):
@@ -118,14 +138,14 @@ class Chain:
         found[slides] = self.home[:3, 3]
         return found
 
-    def _moved(self, q: Array) -> tuple[Array, Array]:
+    def _kinematics(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""
         J = np.empty_like(self.screws)
         T = np.eye(4)
         for i, angle in enumerate(q.tolist()):
             screw = self.screws[:, i]
-            J[:, i] = se3.carried(T).dot(screw)
-            T = T.dot(se3.motion(angle * screw))
+            J[:, i] = se3.adjoint(T, check=False).dot(screw)
+            T = T.dot(se3.exp(angle * screw, check=False))
         return J, T.dot(self.home)
 
 

@@ -1,4 +1,4 @@
-"""What the controller needs to know of an arm: names, limits, tool pose, joint twists. Two kinds of robot meet it.
+"""What a controller needs to know of an arm: names, limits, tool pose, joint twists. Two classes provide it.
 
 Joint positions q are (m,) [rad, length]; poses (4, 4) and twists (omega; v) are in the base frame.
 """
@@ -10,18 +10,18 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
 
 class Sighting(NamedTuple):
-    """An arm in one state, seen from the base, and how far it is from where it should be.
+    """An arm in one state, in the base frame, and how far it is from its target.
 
     Attributes:
         J: (6, m) joint twists.
         error: (6,) twist that takes the tool to its target in unit time; the same whatever frame the tool has.
-        pose: the tool pose, in whatever form `points` takes, for here and for there.
+        pose: the tool pose, in the form that `points` takes.
     """
 
     J: Array
@@ -65,7 +65,7 @@ class Robot(Protocol):
         ...
 
     def target(self, pose: ArrayLike) -> Any:
-        """A target pose, checked once, in the form `sight` takes fastest."""
+        """A target pose, checked once, in the form that `sight` takes fastest; given such a target, the same."""
         ...
 
     def sight(self, q: Array, target: Any) -> Sighting:
@@ -81,14 +81,18 @@ class Robot(Protocol):
         ...
 
 
-def checked_robot(robot: Robot) -> Robot:
-    """The robot, or what was given instead of one.
+# What a robot is known by.
+ROBOT = ("names", "position_lower", "position_upper", "velocity_limit", "pose", "jacobian", "target", "sight", "points")
+
+
+def require_robot(robot: Robot) -> Robot:
+    """The robot itself, once it is seen to be one.
 
     Raises:
-        BadInput: no robot: a name, for instance.
+        BadInput: something else, a robot's name for instance.
     """
-    if not hasattr(robot, "sight"):
-        raise BadInput("robot", repr(robot), "a robot, such as load_robot returns")
+    if isinstance(robot, type) or not all(hasattr(robot, name) for name in ROBOT):
+        raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
     return robot
 
 
@@ -100,7 +104,7 @@ def middle(robot: Robot) -> Array:
     return np.minimum(np.maximum(centre, lower), upper)
 
 
-def checked_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -> tuple[Array, Array, Array]:
+def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -> tuple[Array, Array, Array]:
     """Position and velocity limits of m joints as arrays.
 
     Raises:

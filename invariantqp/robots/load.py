@@ -1,24 +1,36 @@
-"""One way to get a robot: a URDF path, a known name, or joint screws."""
+"""One way to get a robot: a known name, a URDF, a Pinocchio model, or joint screws."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
 from importlib import metadata
+from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName
+from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName, excerpt
+from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.urdf import is_text
 
 DATA = "example-robot-data"
+SOURCES = "a robot's name, the path or the text of a URDF, a pinocchio.Model, or (6, m) joint screws"
+
+
+class Model(Protocol):
+    """A `pinocchio.Model`."""
+
+    def createData(self) -> Any:
+        """Room for one thread's results."""
+        ...
 
 
 class Known(NamedTuple):
-    """Where a named robot's URDF is in example-robot-data, its tool frame, and its joints where not all are meant."""
+    """Where a named robot's URDF is in example-robot-data, its tool frame, and its joints; None is all that move it."""
 
     urdf: str
     tool: str
@@ -45,43 +57,63 @@ KNOWN = {
 
 
 def load_robot(
-    source: str | Path | ArrayLike, tool: str | ArrayLike | None = None, joints: Sequence[str] | None = None
+    source: str | PathLike[str] | Model | ArrayLike,
+    tool: str | ArrayLike | None = None,
+    joints: Sequence[str] | None = None,
 ) -> Robot:
     """An arm from its base to its tool; nothing beyond is modelled.
 
     Args:
         source: a name ("panda", "ur5", "so101", "xarm7", "kinova", "talos" for its left arm, ...; these come with the
-            extra `robots`), the path of a URDF file, or (6, m) joint screws at q = 0 in the base frame.
-        tool: name of the tool frame; None is the robot's usual one, for a URDF the end of its longest chain. With
-            screws: the (4, 4) tool pose at q = 0.
+            extra `robots`), the path of a URDF file, the text of one (a `robot_description`), a `pinocchio.Model`, or
+            (6, m) joint screws at q = 0 in the base frame.
+        tool: name of the tool frame; None is the robot's usual one, for a URDF or a model the end of its longest chain
+            of joints. With screws: the (4, 4) tool pose at q = 0.
         joints: names of the joints that move; None is all between base and tool. With screws: their names.
 
     Returns:
-        A `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q).
+        A `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q). It can be used in
+        several threads at once, pickled and copied.
 
     Raises:
         UnknownName: no robot, frame or joint of that name; near ones are listed.
-        RobotModelError: a URDF that cannot be read or parsed, a tool that no joint moves.
+        RobotModelError: a URDF that cannot be read or parsed, a joint without a single coordinate, a tool that no joint
+            moves.
         MissingExtra: a named robot without the extra `robots`.
-        BadInput: screws or poses that are none.
+        BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape.
     """
-    if not isinstance(source, (str, Path)):
-        if tool is None or isinstance(tool, str):
-            raise BadInput("tool", repr(tool), "the (4, 4) tool pose at q = 0 when the source is joint screws")
-        return Chain(source, tool, tuple(joints or ()))
+    chosen = None if joints is None else arrays.strings(joints, "joints")
+    if not isinstance(source, (str, PathLike)) and not hasattr(source, "createData"):
+        return _chain(source, tool, chosen)
     if tool is not None and not isinstance(tool, str):
         raise BadInput("tool", type(tool).__name__, "the name of a frame", "Move the frame with robot.with_tool(pose).")
-    from invariantqp.robots.pinocchio import load_urdf  # Pinocchio is loaded when a URDF is
+    from invariantqp.robots import models  # and Pinocchio with it: only when a robot needs it
 
+    if not isinstance(source, (str, PathLike)):
+        return models.load_model(source, tool, chosen)
+    if isinstance(source, str) and is_text(source):
+        return models.load_urdf(source, tool, chosen)
     path = urdf_of(source)
     known = KNOWN.get(str(source))
-    if known is not None:
-        chosen = joints if joints is not None or tool is not None else known.joints
-        return load_urdf(path, tool or known.tool, chosen)
-    return load_urdf(path, tool, joints)
+    if known is None or tool is not None:
+        return models.load_urdf(path, tool, chosen)
+    return models.load_urdf(path, known.tool, known.joints if chosen is None else chosen)
 
 
-def urdf_of(source: str | Path) -> Path:
+def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ...] | None) -> Chain:
+    """The arm of joint screws."""
+    if hasattr(screws, "model"):
+        raise BadInput("source", excerpt(screws), SOURCES, "Pass its .model.")
+    numbers = arrays.array(screws, "source", SOURCES)
+    if numbers.ndim == 0:
+        raise BadInput("source", excerpt(screws), SOURCES)
+    columns = arrays.columns(numbers, "source")
+    if home is None or isinstance(home, str):
+        raise BadInput("tool", excerpt(home), "the (4, 4) tool pose at q = 0 when the source is joint screws")
+    return Chain(columns, arrays.pose(home, "tool"), names or ())
+
+
+def urdf_of(source: str | PathLike[str]) -> Path:
     """The URDF file of a known name or a path.
 
     Raises:
@@ -93,10 +125,14 @@ def urdf_of(source: str | Path) -> Path:
     if known is not None:
         return _data_folder() / known.urdf
     path = Path(source)
-    if path.suffix.lower() == ".urdf" or path.exists():
-        if not path.is_file():
-            raise RobotModelError(f"no URDF file at {path}")
-        return path
+    try:
+        if path.is_file():
+            return path
+        is_path = bool(path.suffix) or len(path.parts) != 1 or path.exists()
+    except OSError:  # a name that no file can have
+        is_path = False
+    if is_path:
+        raise RobotModelError(f"no URDF file at {path}")
     near = difflib.get_close_matches(str(source).lower(), KNOWN)
     raise UnknownName("robot", str(source), near, [*KNOWN, "or the path of a .urdf file"])
 

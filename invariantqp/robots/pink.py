@@ -1,4 +1,4 @@
-"""Pink, through here alone: the one file that imports it, or says which extra brings it."""
+"""Pink's names: this is the only file that imports it; without Pink it names the extra that installs it."""
 
 from __future__ import annotations
 

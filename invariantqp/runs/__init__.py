@@ -1,1 +1,1 @@
-"""Task files and their runs in closed loop."""
+"""Tasks from files, and their runs in closed loop."""

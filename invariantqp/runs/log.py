@@ -1,31 +1,32 @@
-"""What is noted in each tick of a run: errors of motion and force, the wrench, the curve drawn."""
+"""What happened at a contact in a run: wrenches, force errors and the curve drawn."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.plants.touch import Truth
-from invariantqp.runs.scene import Scene
+from invariantqp.runs.plants.plant import PlantState
+from invariantqp.runs.scene import ContactScene
 
 
 @dataclass(frozen=True, eq=False)
 class ContactTrace:
-    """What happened at the contact; wrenches are what the tool exerts (m; f), base frame, after each tick.
+    """What happened at the contact. Wrenches are those that the tool exerts (m; f), base frame, after each tick.
 
     Attributes:
-        wrench: (n, 6) as it was.
-        measured: (n, 6) as the controller took it to be, at the tick's beginning.
-        press: (n,) how much of the wanted wrench was there [N]; its share along P*, in the contact's stiffness.
-        measured_press: (n,) as the controller took it to be.
-        error: (n,) |P*(W_d - W)| [N], moments as the forces that strain the contact as much.
-        measured_error: (n,).
+        wrench: (n, 6) as it really was.
+        measured: (n, 6) as the controller read it, at the beginning of the tick.
+        press: (n,) how much of the wanted wrench was there [N]: its part along P*, in the contact's stiffness.
+        measured_press: (n,) the same of the wrench as read.
+        error: (n,) |P*(W_d - W)| [N]; a moment counts as the force that stretches the contact as much.
+        measured_error: (n,) the same of the wrench as read.
         wanted: |W_d| [N].
         drawn: (n, 3) where the tool's point was [m].
         asked: (n, 3) where it should have been.
-        normal: (3,) of the plane to look at them in.
+        normal: (3,) of the plane to look at these points in.
     """
 
     wrench: Array
@@ -45,35 +46,39 @@ class ContactTrace:
         return float(np.sqrt(np.mean(error**2))) / self.wanted if self.wanted > 0.0 else None
 
 
-@dataclass(eq=False)
-class Log:
-    """Lists that grow by one a tick.
+def contact_trace(scene: ContactScene, after: Sequence[PlantState], read: Array, wanted: Array) -> ContactTrace:
+    """What happened at a contact.
 
-    Attributes:
-        scene: what is touched.
-        errors: distance [m] and angle [rad] from the path, along what the contact leaves free.
+    Args:
+        scene: what was touched.
+        after: n, the plant after each tick.
+        read: (n, 6) wrenches as the controller read them.
+        wanted: (n, 4, 4) poses that were asked for after each tick.
     """
+    contacts = [scene.task.contact_at(state.pose) for state in after]
+    exerted = np.array([-state.wrench for state in after])
+    press, error = np.array([scene.force(c, W) for c, W in zip(contacts, exerted, strict=True)]).T
+    measured_press, measured_error = np.array([scene.force(c, W) for c, W in zip(contacts, read, strict=True)]).T
+    return ContactTrace(
+        wrench=exerted,
+        measured=read,
+        press=press,
+        measured_press=measured_press,
+        error=error,
+        measured_error=measured_error,
+        wanted=scene.wanted_norm,
+        drawn=np.array([state.pose[:3, 3] for state in after]),
+        asked=wanted[:, :3, 3],
+        normal=scene.normal,
+    )
 
-    scene: Scene
-    errors: list[tuple[float, float]] = field(default_factory=list)
-    _touched: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
-    _forces: list[tuple[float, float, float, float]] = field(default_factory=list)
 
-    def add(self, truth: Truth, wanted: Array, measured: Array) -> None:
-        """One tick: what was so after it, where the tool should have been, and the wrench the controller read in it."""
-        T, scene = truth.pose, self.scene
-        contact = scene.task.contact_at(T)
-        exerted = -truth.wrench
-        self.errors.append(scene.motion_error(contact, T, wanted))
-        self._touched.append((exerted, measured, T[:3, 3], wanted[:3, 3]))
-        self._forces.append((*scene.force(contact, exerted), *scene.force(contact, measured)))
-
-    def contact(self) -> ContactTrace:
-        """All of it."""
-        wrench, measured, drawn, asked = (np.array(column) for column in zip(*self._touched, strict=True))
-        press, error, felt, felt_error = np.array(self._forces).T
-        wanted, normal = self.scene.wanted_norm, self.scene.normal
-        return ContactTrace(wrench, measured, press, felt, error, felt_error, wanted, drawn, asked, normal)
+def errors(scene: ContactScene | None, after: Sequence[PlantState], wanted: Array) -> Array:
+    """(n, 2) distance [m] and angle [rad] from the poses (n, 4, 4) wanted; in contact along what it leaves free."""
+    if scene is None:
+        return np.array([distance(state.pose, T) for state, T in zip(after, wanted, strict=True)])
+    at = scene.task.contact_at
+    return np.array([scene.motion_error(at(s.pose), s.pose, T) for s, T in zip(after, wanted, strict=True)])
 
 
 def distance(T: Array, wanted: Array) -> tuple[float, float]:

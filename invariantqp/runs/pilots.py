@@ -1,44 +1,31 @@
-"""What steers a plant in a run: a controller, told in each tick what the plant senses and what the task wants.
+"""What steers a plant in a run: a controller, given in each tick the measurements and the goal.
 
-Alone it follows the path; in touch it moves along S and presses along S*; together with an operator it keeps the tool
-on a plane while the operator moves it there, s = P1 gain log(T_d T^-1) + P2 s_operator.
+Without contact it follows the path. In contact it moves along S and presses along S*. Together with an operator it
+keeps the tool on a plane while the operator moves it there, s = P1 gain log(T_d T^-1) + P2 s_operator.
 """
 
 from __future__ import annotations
 
 from math import pi
-from typing import Any, NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.controls import Controls
 from invariantqp.control.shared import SharedTask
+from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput
 from invariantqp.force.hybrid import HybridController
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.runs.brief import Brief, Goal
 from invariantqp.runs.contactspec import OperatorSpec
-from invariantqp.runs.plants.touch import Sensed
+from invariantqp.runs.controllers import MakeController, our_controller, our_hybrid
+from invariantqp.runs.plants.plant import Measurement
 from invariantqp.systems.contacts import face_contact
 from invariantqp.velocity.forms import Form
 from invariantqp.velocity.solution import VelocitySolution
-
-
-class Wish(NamedTuple):
-    """What the task wants in a tick: a tool pose as the robot's `target` made it, its twist (6,), and the time [s]."""
-
-    target: Any
-    ahead: Array
-    time: float
-
-
-class Offsets(NamedTuple):
-    """How the frames are displaced that a task is told in, each (4, 4) in itself; nothing physical moves."""
-
-    tool: Array
-    sensor: Array
-    contact: Array
 
 
 class Pilot(Protocol):
@@ -46,83 +33,98 @@ class Pilot(Protocol):
 
     @property
     def form(self) -> Form | None:
-        """What its law measures twists by, if it says."""
+        """How its law measures twists; None where it does not say."""
         ...
 
     @property
-    def measured(self) -> Array:
-        """(6,) the wrench that it took the tool to exert in the last tick, base frame; zero where it reads none."""
+    def wrench(self) -> Array:
+        """(6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read."""
         ...
 
-    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
         ...
 
 
-class Alone:
+class PathPilot:
     """A velocity controller that follows the path."""
 
     def __init__(self, loop: Controls) -> None:
         self._loop = loop
         self.form: Form | None = loop.law.form if isinstance(loop, Controller) else None
-        self.measured: Array = np.zeros(6)
+        self.wrench: Array = np.zeros(6)
 
-    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        return self._loop.step(sensed.q, wish.target, wish.ahead)
+        return self._loop.step(measured.q, goal.target, goal.feedforward)
 
 
-class InTouch:
-    """The hybrid controller.
+class ContactPilot:
+    """The hybrid controller."""
 
-    Args:
-        loop: made for the frames that it is told in.
-        sensor_offset: (4, 4) of the frame it takes readings in, from the sensor's own.
-    """
-
-    def __init__(self, loop: HybridController, sensor_offset: Array) -> None:
+    def __init__(self, loop: HybridController) -> None:
         self._loop = loop
         self.form: Form | None = loop.loop.law.form
-        self._reading = se3.coadjoint(se3.inverted(sensor_offset))
-        self.measured = np.zeros(6)
+        self.wrench: Array = np.zeros(6)
 
-    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        if sensed.wrench is None:
-            raise BadInput("plant", "no force sensor", "one that senses the wrench at the tool")
-        reading = self._reading.dot(sensed.wrench)
-        solution = self._loop.step(sensed.q, wish.target, reading, wish.ahead)
-        self.measured = solution.wrench
-        return solution.law._replace(status=solution.status, reason=solution.reason)
+        if measured.wrench is None:
+            raise BadInput("plant", "no force sensor", "one that measures the wrench at the tool")
+        solution = self._loop.step(measured.q, goal.target, measured.wrench, goal.feedforward)
+        self.wrench = solution.wrench
+        return solution.velocity_solution._replace(status=solution.status, reason=solution.reason)
 
 
-class Together:
-    """An operator who moves the tool on a plane, straying off it, and the robot that keeps it there.
-
-    Args:
-        loop: the velocity controller.
-        operator: what the operator does.
-        point: (3,) of the tool frame, about which the robot levels the tool [m].
-    """
+class OperatorPilot:
+    """An operator who moves the tool on a plane, leaving it now and then, and the robot that keeps it there."""
 
     def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
+        """The loop's fixed part.
+
+        Args:
+            loop: the velocity controller.
+            operator: what the operator does.
+            point: (3,) of the tool frame, about which the robot levels the tool [m].
+        """
         plane = face_contact((0.0, 0.0, 0.0), operator.normal)
         lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
-        theirs = plane.freedoms
-        ours = se3.carried(np.asarray(plane.pose)).dot(np.hstack((lift, tilts)))
+        ours = se3.adjoint(plane.pose).dot(np.hstack((lift, tilts)))
         self._loop = loop
         self.form: Form | None = loop.law.form
-        self.measured: Array = np.zeros(6)
-        self._shared = SharedTask(ours, theirs)
+        self.wrench: Array = np.zeros(6)
+        self._shared = SharedTask(ours, plane.freedoms)
         self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
         self._beats = operator.beats
         self._point = np.append(point, 1.0)
 
-    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
         robot = self._loop.robot
-        sighting = robot.sight(sensed.q, wish.target)
-        here = se3.transform(None, robot.pose(sensed.q).dot(self._point)[:3])
-        astray = se3.carried(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * wish.time)
-        s = self._shared.moved(here).twist(self._loop.gain * sighting.error, wish.ahead + astray)
-        return self._loop.follow(sensed.q, s)
+        sighting = robot.sight(measured.q, goal.target)
+        here = se3.transform(None, robot.pose(measured.q).dot(self._point)[:3])
+        astray = se3.adjoint(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * goal.time)
+        s = self._shared.moved(here).twist(tracking_twist(sighting.error, self._loop.gain), goal.feedforward + astray)
+        return self._loop.follow(measured.q, s)
+
+
+def pilot_of(brief: Brief, controller: MakeController | None = None) -> Pilot:
+    """What steers a plant by a brief.
+
+    Args:
+        brief: what to do.
+        controller: makes the velocity controller; None is ours.
+
+    Raises:
+        BadInput: a controller for a task in contact, which needs a hybrid one.
+    """
+    robot, law = brief.robot, brief.law
+    if brief.contact_task is not None:
+        if controller is not None:
+            found = "a velocity controller for a task in contact"
+            raise BadInput("controller", found, "a task without [contact]", "A contact needs a hybrid controller.")
+        return ContactPilot(our_hybrid(robot, law, brief.contact_task, brief.sensor))
+    loop = (controller or our_controller)(robot, law)
+    if brief.operator is not None and isinstance(loop, Controller):
+        return OperatorPilot(loop, brief.operator, np.array(law.point))
+    return PathPilot(loop)

@@ -1,4 +1,4 @@
-"""What happened in a run: trajectory, errors, methods, times; its figures, and whether they are good enough."""
+"""What happened in a run: trajectory, errors, methods, times; its figures, and whether the task accepts them."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class Trace:
         orientation_error: (n,) [rad].
         position_limits: (2, m), lower and upper.
         velocity_limit: (m,).
-        methods: (n,) names.
-        statuses: (n,) names.
-        bound: (n,) whether a limit was active.
-        tick_ns: (n,) time of each tick of the controller [ns].
+        methods: (n,) names, as in `VelocitySolution`.
+        statuses: (n,) names, as in `VelocitySolution`.
+        limit_active: (n,) whether a limit was active.
+        tick_ns: (n,) time that the controller took for each tick [ns].
         wanted: (n + 1, 4, 4) tool poses that were asked for.
-        form: what twists were measured by, "" where the controller does not say.
-        warnings: what a person should know.
+        form: how twists were measured, in words; "" where the controller does not say.
+        warnings: what a person should know, in sentences.
         physics: the plant, "ideal" or "mujoco".
-        settled: the first tick whose errors count, 0 without contact.
+        counted_from: the first tick whose errors count; 0 without contact.
         contact: forces and the curve drawn; None without contact.
     """
 
@@ -50,13 +50,13 @@ class Trace:
     velocity_limit: Array
     methods: list[str]
     statuses: list[str]
-    bound: list[bool]
+    limit_active: list[bool]
     tick_ns: Array
     wanted: Array
     form: str = ""
     warnings: list[str] = field(default_factory=list)
     physics: str = "ideal"
-    settled: int = 0
+    counted_from: int = 0
     contact: ContactTrace | None = None
 
     @property
@@ -69,7 +69,7 @@ class Trace:
     @property
     def acceleration_violation(self) -> float | None:
         """Largest excess over the task's acceleration limit [rad/s^2, m/s^2], from rest; None where it has none."""
-        limit = self.task.law.acceleration
+        limit = self.task.law.acceleration_limit
         if limit is None:
             return None
         jumps = np.diff(self.velocity, axis=0, prepend=np.zeros((1, len(self.names))))
@@ -77,7 +77,7 @@ class Trace:
 
     @property
     def shortfalls(self) -> list[str]:
-        """The acceptance numbers that were missed, in words; empty when the task is passed."""
+        """The acceptance numbers that were missed, one sentence each; empty when the run is accepted."""
         accept = self.task.accept
         if self.physics == "mujoco" and self.task.accept_mujoco is not None:
             accept = self.task.accept_mujoco
@@ -87,24 +87,24 @@ class Trace:
             ("largest orientation error", float(deg.max()), accept.orientation_error_deg, "deg"),
             ("final position error", float(mm[-1]), accept.final_position_error_mm, "mm"),
             ("final orientation error", float(deg[-1]), accept.final_orientation_error_deg, "deg"),
-            ("limit violation", self.limit_violation, accept.limit_violation, "rad or m (/s)"),
-            ("force error, rms,", self.force_error or 0.0, accept.force_error, "of the wanted force"),
+            ("limit violation", self.limit_violation, accept.limit_violation, "rad, m, rad/s or m/s"),
+            ("rms force error", self.force_error or 0.0, accept.force_error, "of the wanted force"),
         ]
         return [
-            f"{what} {got:.3g} {unit}, at most {limit:g} {unit} asked"
+            f"{what} {got:.3g} {unit}, at most {limit:g} {unit} accepted"
             for what, got, limit, unit in asked
             if limit is not None and not got <= limit
         ]
 
     @property
     def force_error(self) -> float | None:
-        """Force error, root mean square since the contact settled over the wanted force; None without one."""
-        return None if self.contact is None else self.contact.relative_rms(self.settled)
+        """Force error since contact has settled, root mean square over the wanted force; None without one."""
+        return None if self.contact is None else self.contact.relative_rms(self.counted_from)
 
     @property
     def _counted(self) -> tuple[Array, Array]:
-        """Errors [mm] and [deg] since the contact settled."""
-        return 1e3 * self.position_error[self.settled :], np.degrees(self.orientation_error[self.settled :])
+        """Errors [mm] and [deg] that count: since contact has settled."""
+        return 1e3 * self.position_error[self.counted_from :], np.degrees(self.orientation_error[self.counted_from :])
 
     @property
     def passed(self) -> bool:
@@ -115,7 +115,7 @@ class Trace:
         """The run's figures; SI units unless a key says otherwise."""
         n = len(self.velocity)
         mm, deg = self._counted
-        felt = None if self.contact is None else self.contact.relative_rms(self.settled, measured=True)
+        felt = None if self.contact is None else self.contact.relative_rms(self.counted_from, measured=True)
         return {
             "task": self.task.name,
             "physics": self.physics,
@@ -128,7 +128,7 @@ class Trace:
             "limit_violation": self.limit_violation,
             "acceleration_violation": self.acceleration_violation,
             "peak_speed": float(np.abs(self.velocity).max()),
-            "limits_active": sum(self.bound) / n,
+            "limits_active": sum(self.limit_active) / n,
             "methods": {name: count / n for name, count in Counter(self.methods).items()},
             "form": self.form,
             "statuses": {name: count / n for name, count in Counter(self.statuses).items()},

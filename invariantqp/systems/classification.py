@@ -1,59 +1,63 @@
-"""The Gibson-Hunt type of a screw system, its moduli, its normal form, and how near it is to another type.
+"""The Gibson-Hunt type of a screw system, with its moduli, its normal form, and how near it is to another type.
 
-Type I or II: S lies in no, or one, pitch hyperquadric q_h. A, B, C, D: S has 0, 1, 2, 3 independent screws of infinite
-pitch. The index of IA and IB tells how S meets the pencil of the q_h. A 4- or 5-system is named by its reciprocal.
+Type I or II: S lies in no, or in one, pitch hyperquadric q_h. A, B, C, D: S has 0, 1, 2, 3 independent screws of
+infinite pitch. The index of IA and IB tells how S meets the pencil of the q_h. A 4- or 5-system is named by its
+reciprocal.
 
-A class is a set of equations; data that are nearly right satisfy none exactly. So each decision is a number (a sine,
-a difference of pitches) compared with what an error of `tolerance` in the twists could make of zero, and the answer
-carries every number: `margin` is the factor by which the tolerance would have to change for the name to change.
-Before anything is compared the origin is moved to the point the twists move least and lengths are measured in the unit
-that follows from them, so that decisions depend neither on the frame nor on the unit, as long as the origin is not so
-far off that the numbers given resolve that unit badly (`_unit`).
+A type is defined by equations, which data with rounding never satisfy exactly. Each decision is therefore a number (a
+sine, a difference of pitches) compared with what an error of `tolerance` in the twists could make of zero. The result
+lists these numbers; `margin` is the factor by which the tolerance would have to change for another name.
+
+The numbers are computed about the point that the twists move least and in a length that the twists define, so they do
+not depend on frame or unit, unless the origin is so far away that the given digits resolve that length badly (`_unit`).
 
 Reference: [DS] Sect. 3, Tables 1 and 2, Table 3 with its missing IID (no three translations have a pseudoinverse).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, log2
 from typing import NamedTuple
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.centre import resting_point
 from invariantqp.systems.normal_form import FRAMES, MODULUS_NAMES, Parts, normal_form
 from invariantqp.systems.span import span
 
-# Relative error of the twists that the type must survive: a hundred times the nine digits of a careful model file.
+# Relative error of the twists that must not change the type: a hundred times that of a model file with nine digits.
 CLASS_TOLERANCE = 1e-7
 
-# With the tolerance less than this many times smaller or larger the name would be another: worth telling.
+# A margin below this is small enough to tell the user about.
 NEAR_BORDER = 10.0
 
-# How far past a border the other side is looked at: far above rounding, far below any distance between two borders.
-BEYOND = 1e-9
+# `next` is the type this far past the nearest border. Borders closer together than that count as one: the same small
+# number is often seen twice (a small angular part is also a small difference of pitches), and no system nearby is of
+# the type between the two.
+BEYOND = 1e-2
 
-# Axes that all meet within this fraction of their distance from the origin give no length to measure by: the error of
-# their moments is relative to that distance, as it is to the distance of the point where they meet.
+# Axes that meet within this fraction of their distance from the origin define no length of their own: the error of
+# their moments is relative to that distance.
 MEETING = 0.3
 
-# Lengths outside these many of the caller's units are not the size of a machine but rounding in the numbers given: of
-# moments that should vanish, or of angular parts that should.
+# A length outside these many of the caller's units is not that of a machine: it is rounding in moments, or in angular
+# parts, that should be zero.
 SHORTEST, LONGEST = 0.1, 1e5
 
 # No h exists for these ([DS] Table 3 and its missing IID); 4- and 5-systems follow their reciprocal (Corollary 3.2).
 _NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
 
 
-@dataclass(frozen=True)
+@frozen
 class Border:
-    """One decision: `quantity` has the size `value`, as the relative error of the twists that could fake it."""
+    """One decision: `quantity` is zero up to a relative error `value` of the twists, compared with the tolerance."""
 
     quantity: str
     value: float
@@ -61,7 +65,7 @@ class Border:
 
     @property
     def vanishes(self) -> bool:
-        """Whether it was taken as zero."""
+        """Whether the quantity counted as zero."""
         return self.value <= self.tolerance
 
     @property
@@ -72,21 +76,21 @@ class Border:
         return max(self.value / self.tolerance, self.tolerance / self.value)
 
 
-@dataclass(frozen=True)
-class GibsonHunt:
+@frozen(eq=False, repr=False, slots=False)
+class GibsonHunt(Value):
     """The type of a k-system; `str()` is the name in [DS] Tables 1 and 2.
 
     Attributes:
         name: the class; of the reciprocal system where `reciprocal` is true.
         dimension: k.
-        reciprocal: whether the system (k = 4, 5) is named by its reciprocal 2- or 1-system.
+        reciprocal: whether `name` is that of the reciprocal 2- or 1-system (k = 4, 5).
         admits_pseudoinverse: whether some h has an h-pseudoinverse.
         moduli: the invariants of the named system, in the order of `modulus_names`.
         modulus_names: "h..." are pitches [length/rad], ascending (IA2: the single one first), "p" is a ratio.
         normal_form: (6, n) columns of [DS]'s normal form of the named system, n = k or 6 - k.
         motion: (4, 4) rigid motion with span(Ad(motion) S) = span(normal_form), for the named system S.
-        borders: every decision taken, nearest to its border first.
-        next: the name on the other side of the nearest border; "" where there is none.
+        borders: all decisions, the one nearest to its border first.
+        next: the name one hundredth past the nearest border, as that tolerance gives it; "" where there is no border.
     """
 
     name: str
@@ -95,8 +99,8 @@ class GibsonHunt:
     admits_pseudoinverse: bool
     moduli: tuple[float, ...]
     modulus_names: tuple[str, ...]
-    normal_form: Array
-    motion: Array
+    normal_form: Array = field(converter=own)
+    motion: Array = field(converter=own)
     borders: tuple[Border, ...]
     next: str
 
@@ -105,12 +109,12 @@ class GibsonHunt:
 
     @property
     def margin(self) -> float:
-        """The factor by which the tolerance would have to change for another name; inf where none is near."""
+        """The factor by which the tolerance would have to change for another name; inf where there is no border."""
         return self.borders[0].margin if self.borders else inf
 
     @property
     def near_border(self) -> bool:
-        """Whether the margin is so small that the other name should be kept in mind."""
+        """Whether the margin is small: `next` may be the right name."""
         return self.margin < NEAR_BORDER
 
 
@@ -126,19 +130,19 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
 
     Args:
         J: (6, m) twists as columns, dependent or not.
-        tolerance: relative error of the twists that is to be seen through, also in the rank: what such an error could
-            have made of an exact system of a more special type gets the special name.
+        tolerance: relative error of the twists, which also decides the rank: a system that such an error could have
+            made of one of a more special type gets the special name.
 
     Returns:
-        GibsonHunt; near a border `.margin` is near 1 and `.next` names the other side.
+        GibsonHunt; near a border `.margin` is near 1 and `.next` names the type on the other side.
 
     Raises:
-        BadInput: not finite (6, m), all twists zero, or a tolerance that is not positive.
+        BadInput: not finite (6, m), all twists zero, or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 3, Tables 1 and 2; 4- and 5-systems by their reciprocals.
     """
     twists = arrays.columns(J)
-    limit = arrays.number(tolerance, "tolerance", positive=True)
+    limit = arrays.tolerance(tolerance)
     if not twists.any():
         raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
     point = own_point(twists)
@@ -149,7 +153,7 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
     borders = tuple(sorted(chosen.borders, key=lambda b: b.margin))
     following = ""
     if borders and borders[0].margin < inf:
-        # Just beyond the nearest border, on the side away from the present answer.
+        # Just past the nearest border.
         beyond = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
         other = _decide(system.basis, system.singular, beyond)
         following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
@@ -187,12 +191,12 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
 
 
 def own_point(twists: Array) -> Array:
-    """The point the twists move least, as far as data of the type's accuracy can tell."""
+    """The point that the twists move least, to the accuracy of `CLASS_TOLERANCE`."""
     return resting_point(twists, CLASS_TOLERANCE, LONGEST).point
 
 
 def _unit(twists: Array, moved: Array, point: Array) -> float:
-    """The length that counts as 1: that of the twists about their own point, within what rounding lets one know."""
+    """The length that counts as 1: |v| / |omega| about the own point, within the limits of rounding."""
     w, v, raw = (float(np.sqrt(np.vdot(a, a))) for a in (twists[:3], moved, twists[3:]))
     if v > LONGEST * w:
         return 1.0
@@ -201,11 +205,11 @@ def _unit(twists: Array, moved: Array, point: Array) -> float:
 
 
 def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
-    """The class at a tolerance, every number that decided it, and the parts of the system."""
+    """The type at a tolerance, the numbers that decide it, and the parts of the system."""
     size = singular / singular[0]
     k = int(np.count_nonzero(size > tolerance))
     borders = [Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1]]
-    # An error eps of the twists turns the basis by eps * cond: numbers below are divided by cond, then compared.
+    # An error eps of the twists turns the basis by eps * cond, so the numbers below are divided by cond.
     trust = float(size[k - 1])
     if k == 6:
         return _Decision("SE3", 6, Parts(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)

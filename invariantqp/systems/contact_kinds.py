@@ -1,85 +1,105 @@
-"""Kinds of contact: freedom twists S and constraint wrenches W in the contact's own frame, W'S = 0.
+"""Kinds of contact, each by its freedoms S (twists) and constraints W (wrenches) in its own frame, W'S = 0.
 
     point    S: 3 rotations, 2 slides      W: press                rolling: S: 3 rotations
     line     S: 2 rotations, 2 slides      W: press, 1 moment      rolling: S: rotation about the line
     face     S: 1 rotation, 2 slides       W: press, 2 moments     sticking: S: nothing, or the turn about the normal
     peg      S: rotation and slide along the axis                  hinge: S: one screw
 
-The frame has its origin at the contact and **z the way the tool presses**, against the outward normal of the surface; x
-lies along a line contact. Wrenches are those that the tool exerts, so pressing is positive: five newtons on a table are
-5 of the first constraint.
+The origin of the frame is at the contact. **z points the way the tool presses**, against the outward normal of the
+surface; x lies along a line contact. Wrenches are those that the tool exerts, so pressing is positive: a press of five
+newtons on a table is 5 times the first constraint.
 
 Reference: [DS] Sect. 6.3; Mason 1981; Lipkin & Duffy 1988.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from math import isinf
 
 import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import helical
 from invariantqp.systems.span import span
 from invariantqp.systems.subspaces import annihilator
 
-# How far W'S may be from zero relative to |W||S|: wrenches typed with six digits pass, wrong ones do not.
+# How far W'S may be from zero relative to |W||S|: wrenches given with six digits pass, wrong ones do not.
 DUAL_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class ContactKind:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ContactKind(Value):
     """A contact in its own frame.
 
     Attributes:
         name: "point", "line", ...
         freedoms: (6, k) independent twists S that the contact allows.
-        constraints: (6, 6-k) wrenches W that the tool can exert on it; None is the annihilator of S.
-        unilateral: whether it can only be pressed: the first constraint is the press, and loses its hold below zero.
+        constraints: (6, 6-k) wrenches W that the tool can exert on it.
+        unilateral: whether the tool can press but not pull: the first constraint is the press, and contact is lost
+            below zero.
         out: (6,) unit twist that leads out of the contact, or None where there is no way out.
-        origin: (3,) the place of contact in this frame, zero unless the frame has been put elsewhere.
-
-    Raises:
-        BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
+        origin: (3,) the place of contact in this frame; zero unless the frame has been displaced.
     """
 
     name: str
-    freedoms: ArrayLike
-    constraints: ArrayLike | None = None
-    unilateral: bool = False
-    out: ArrayLike | None = None
-    origin: ArrayLike = (0.0, 0.0, 0.0)
+    freedoms: Array = field(converter=own)
+    constraints: Array = field(converter=own)
+    unilateral: bool
+    out: Array | None = field(converter=optional(own))
+    origin: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        S = _independent(self.freedoms, "freedoms")
-        whole = S.shape[1] == 0
-        natural = np.eye(6) if whole else annihilator(S)
-        W = natural if self.constraints is None else _independent(self.constraints, "constraints")
+    def __init__(
+        self,
+        name: str,
+        freedoms: ArrayLike,
+        constraints: ArrayLike | None = None,
+        unilateral: bool = False,  # noqa: FBT002 (a field like the others)
+        out: ArrayLike | None = None,
+        origin: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        """A kind of contact from what it allows.
+
+        Args:
+            name: any.
+            freedoms: (6, k) independent twists; (6, 0) for none.
+            constraints: (6, 6-k) wrenches; None is a basis of all that do no work on the freedoms.
+            unilateral: whether the tool can press but not pull.
+            out: (6,) unit twist that leads out of the contact, if there is one.
+            origin: (3,) the place of contact.
+
+        Raises:
+            BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
+        """
+        pressed = arrays.flag(unilateral, "unilateral")
+        S = _independent(freedoms, "freedoms")
+        if constraints is None:
+            W = annihilator(S) if S.shape[1] else np.eye(6)
+        else:
+            W = _independent(constraints, "constraints")
         if S.shape[1] + W.shape[1] != 6:
             raise BadInput("constraints", f"{W.shape[1]} wrenches", f"{6 - S.shape[1]}, S has {S.shape[1]} twists")
         work = np.abs(W.T.dot(S))
         if (work > DUAL_TOLERANCE * np.abs(W).T.dot(np.abs(S)).max(initial=0.0)).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
-        if self.unilateral and not W.shape[1]:
+        if pressed and not W.shape[1]:
             raise BadInput("unilateral", "True without constraints", "a contact that can be pressed")
-        object.__setattr__(self, "freedoms", S)
-        object.__setattr__(self, "constraints", W)
-        object.__setattr__(self, "out", None if self.out is None else arrays.twist(self.out, "out"))
-        object.__setattr__(self, "origin", arrays.vector(self.origin, 3, "origin"))
+        way_out = None if out is None else arrays.twist(out, "out")
+        self.__attrs_init__(name, S, W, pressed, way_out, arrays.vector(origin, 3, "origin"))
 
     def relabelled(self, offset: ArrayLike) -> ContactKind:
-        """The same physical contact told in a frame displaced by a (4, 4) offset in the old one."""
-        back = se3.inverse(offset)
-        A, B = se3.carried(back), se3.coadjoint(back)
-        out = None if self.out is None else A.dot(np.asarray(self.out))
-        origin = back[:3, :3].dot(np.asarray(self.origin)) + back[:3, 3]
-        freedoms, constraints = A.dot(np.asarray(self.freedoms)), B.dot(np.asarray(self.constraints))
-        return ContactKind(self.name, freedoms, constraints, self.unilateral, out, origin)
+        """The same physical contact expressed in a frame displaced by a (4, 4) offset in the old one."""
+        back = se3.inverse(arrays.pose(offset, "offset"), check=False)
+        A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
+        out = None if self.out is None else A.dot(self.out)
+        origin = back[:3, :3].dot(self.origin) + back[:3, 3]
+        return ContactKind(self.name, A.dot(self.freedoms), B.dot(self.constraints), self.unilateral, out, origin)
 
 
 def _independent(columns: ArrayLike, argument: str) -> Array:

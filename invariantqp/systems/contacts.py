@@ -1,6 +1,6 @@
-"""What a contact allows, as a value: a kind of contact at a pose in the base frame, and the ways to say which.
+"""Contacts: a kind of contact at a pose in the base frame, and functions that make the usual ones.
 
-    S = Ad(pose) S_kind,    W = Ad*(pose) W_kind,    W'S = 0 wherever it is
+    S = Ad(pose) S_kind,    W = Ad*(pose) W_kind,    W'S = 0 at every pose
 
 Reference: [DS] Sect. 6.3.
 """
@@ -8,15 +8,17 @@ Reference: [DS] Sect. 6.3.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
+from math import inf
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.contact_kinds import (
     FACE,
     LINE,
@@ -29,16 +31,18 @@ from invariantqp.systems.contact_kinds import (
     ContactKind,
     screw_kind,
 )
+from invariantqp.systems.span import LENGTH_LIMIT
 
-# Below this sine a tangent lies along the normal.
+# A tangent at an angle to the normal below this [rad] counts as parallel to it.
 ALONG = 1e-6
-# Central differences of an implicit surface: cbrt of the rounding error, where truncation and rounding balance.
+# Step of central differences, relative to the coordinates: the cube root of the rounding error, where truncation and
+# rounding are of one size.
 GRADIENT_STEP = 6e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """A kind of contact at a pose; what it allows and resists is told in the frame of that pose, the base's.
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Contact(Value):
+    """A kind of contact at a pose; its freedoms and constraints are expressed in the frame of that pose, the base's.
 
     Attributes:
         kind: what it is in its own frame.
@@ -46,10 +50,19 @@ class Contact:
     """
 
     kind: ContactKind
-    pose: Array
+    pose: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", arrays.pose(self.pose))
+    def __init__(self, kind: ContactKind, pose: ArrayLike) -> None:
+        """A kind of contact at a pose.
+
+        Args:
+            kind: what it is in its own frame.
+            pose: (4, 4) of its own frame in the base frame.
+
+        Raises:
+            BadInput: not a finite rigid motion.
+        """
+        self.__attrs_init__(kind, arrays.pose(pose))
 
     @property
     def name(self) -> str:
@@ -59,27 +72,27 @@ class Contact:
     @cached_property
     def freedoms(self) -> Array:
         """(6, k) twists that the contact allows."""
-        twists: Array = se3.carried(self.pose).dot(np.asarray(self.kind.freedoms))
+        twists: Array = se3.adjoint(self.pose, check=False).dot(self.kind.freedoms)
         return twists
 
     @cached_property
     def constraints(self) -> Array:
         """(6, 6-k) wrenches that the tool can exert on the contact; none does work on any freedom."""
-        wrenches: Array = se3.carried_wrenches(self.pose).dot(np.asarray(self.kind.constraints))
+        wrenches: Array = se3.coadjoint(self.pose, check=False).dot(self.kind.constraints)
         return wrenches
 
     @property
     def point(self) -> Array:
         """(3,) the place of contact."""
-        place: Array = self.pose[:3, :3].dot(np.asarray(self.kind.origin)) + self.pose[:3, 3]
+        place: Array = self.pose[:3, :3].dot(self.kind.origin) + self.pose[:3, 3]
         return place
 
     def moved(self, pose: ArrayLike) -> Contact:
-        """The contact moved by a (4, 4) rigid motion: twists by Ad, wrenches by the coadjoint."""
+        """The contact after a (4, 4) rigid motion: twists go by Ad, wrenches by the coadjoint."""
         return Contact(self.kind, arrays.pose(pose).dot(self.pose))
 
     def relabelled(self, offset: ArrayLike) -> Contact:
-        """The same contact where it is, its own frame displaced by a (4, 4) offset in itself."""
+        """The same contact, not moved, with its own frame displaced by a (4, 4) offset in that frame."""
         X = arrays.pose(offset, "offset")
         return Contact(self.kind.relabelled(X), self.pose.dot(X))
 
@@ -87,51 +100,52 @@ class Contact:
 def point_contact(
     point: ArrayLike, normal: ArrayLike, *, slip: bool = True, tangent: ArrayLike | None = None
 ) -> Contact:
-    """A point of the tool on a surface: slides and turns freely, or only turns (slip=False: it rolls).
+    """A point of the tool on a surface: it slides and turns, or, with slip=False, only turns (rolls).
 
     Args:
         point: (3,) where they touch, base frame [length].
         normal: (3,) outward normal of the surface, of any length.
         slip: whether it slides.
-        tangent: (3,) direction of the contact's own x; None is any.
+        tangent: (3,) direction of the contact's own x; None chooses one.
 
     Raises:
-        BadInput: NaN, a zero normal, a tangent along it.
+        BadInput: NaN, a zero normal, a tangent parallel to it.
     """
-    return Contact(POINT if slip else ROLLING_POINT, _frame(point, normal, tangent))
+    return Contact(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, _frame(point, normal, tangent))
 
 
 def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, slip: bool = True) -> Contact:
-    """A straight edge on a surface: slides, turns about itself and about the normal; or only rolls about itself.
+    """A straight edge on a surface: it slides and turns about itself and the normal; or it only turns about itself.
 
     Args:
-        point: (3,) a point of the edge, where a moment counts from, base frame [length].
-        direction: (3,) of the edge; only its part along the surface counts.
+        point: (3,) a point of the edge, about which moments are taken, base frame [length].
+        direction: (3,) of the edge; its part along the normal is ignored.
         normal: (3,) outward normal of the surface.
         slip: whether it slides.
 
     Raises:
-        BadInput: NaN, a zero normal, an edge along it.
+        BadInput: NaN, a zero normal, an edge parallel to it.
     """
-    return Contact(LINE if slip else ROLLING_LINE, _frame(point, normal, direction))
+    return Contact(LINE if arrays.flag(slip, "slip") else ROLLING_LINE, _frame(point, normal, direction, "direction"))
 
 
 def face_contact(
     point: ArrayLike, normal: ArrayLike, *, slip: bool = True, twist: bool = False, tangent: ArrayLike | None = None
 ) -> Contact:
-    """A flat face on a flat surface: slides, and turns about the normal; with slip=False it sticks.
+    """A flat face on a flat surface: it slides and turns about the normal; with slip=False it sticks.
 
     Args:
-        point: (3,) a point of the face, where moments count from, base frame [length].
+        point: (3,) a point of the face, about which moments are taken, base frame [length].
         normal: (3,) outward normal of the surface.
         slip: whether it slides.
         twist: whether a face that does not slide still turns about the normal through `point`.
-        tangent: (3,) direction of the contact's own x; None is any.
+        tangent: (3,) direction of the contact's own x; None chooses one.
 
     Raises:
-        BadInput: NaN, a zero normal, a tangent along it.
+        BadInput: NaN, a zero normal, a tangent parallel to it.
     """
-    kind = FACE if slip else PIVOTING_FACE if twist else STICKING_FACE
+    turns = arrays.flag(twist, "twist")
+    kind = FACE if arrays.flag(slip, "slip") else PIVOTING_FACE if turns else STICKING_FACE
     return Contact(kind, _frame(point, normal, tangent))
 
 
@@ -142,35 +156,36 @@ def surface_contact(
     implicit: Callable[[Array], float] | None = None,
     slip: bool = True,
 ) -> Contact:
-    """A point of the tool on a surface that is not flat, its normal taken where they touch.
+    """A point of the tool on a curved surface, with the normal at the point of contact.
 
     Args:
         point: (3,) where they touch, base frame [length].
-        normal: the outward normal (3,) at a point.
-        implicit: instead, a function that vanishes on the surface and grows outwards; its gradient is the normal.
+        normal: function that gives the outward normal (3,) at a point.
+        implicit: or a function that is zero on the surface and grows outwards; its gradient is the normal.
         slip: whether the point slides.
 
     Raises:
-        BadInput: not one of normal and implicit, NaN, no normal there.
+        BadInput: not one of normal and implicit, NaN, a normal or a gradient that is zero.
     """
     p = arrays.vector(point, 3, "point")
     if (normal is None) == (implicit is None):
         raise BadInput("normal", "neither" if normal is None else "both", "one of normal and implicit")
     if normal is not None:
-        n = arrays.direction(normal(p), "normal")
+        n = arrays.direction(arrays.function(normal, "normal", "a function of a point (3,)")(p), "normal")
     else:
+        height = arrays.function(implicit, "implicit", "a function of a point (3,)")  # type: ignore[arg-type]
         steps = GRADIENT_STEP * max(1.0, float(np.abs(p).max())) * np.eye(3)
-        ahead = [implicit(p + step) - implicit(p - step) for step in steps]  # type: ignore[misc]
+        ahead = [height(p + step) - height(p - step) for step in steps]
         n = arrays.direction(ahead, "implicit")
     return point_contact(p, n, slip=slip)
 
 
 def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
-    """A round peg in its hole: turns about and slides along the axis, and nothing else.
+    """A round peg in its hole: it turns about the axis and slides along it.
 
     Args:
-        point: (3,) a point of the axis, where moments count from, base frame [length].
-        axis: (3,) the way in.
+        point: (3,) a point of the axis, about which moments are taken, base frame [length].
+        axis: (3,) direction into the hole.
 
     Raises:
         BadInput: NaN, a zero axis.
@@ -179,7 +194,7 @@ def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
 
 
 def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
-    """A door on its hinge, a nut on its bolt, a drawer (pitch inf): one screw is free, five wrenches are carried.
+    """A door on its hinge, a nut on its bolt, a drawer (pitch inf): one screw is free, five wrenches are constrained.
 
     Args:
         point: (3,) a point of the axis, base frame [length].
@@ -187,18 +202,22 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
         pitch: translation per radian [length/rad]; inf for a slide.
 
     Raises:
-        BadInput: NaN, a zero axis, a pitch that is none.
+        BadInput: NaN, a zero axis, a pitch that is no number or beyond any machine.
     """
-    return Contact(screw_kind(float(pitch)), _frame(point, -arrays.direction(axis, "axis"), None))
+    expected = "a pitch [length/rad], or inf for a slide"
+    h = arrays.number(pitch, "pitch", expected, infinite=True)
+    if LENGTH_LIMIT < abs(h) < inf:
+        raise BadInput("pitch", f"{h:.4g}, beyond any machine", expected)
+    return Contact(screw_kind(h), _frame(point, -arrays.direction(axis, "axis"), None))
 
 
-def _frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None) -> Array:
-    """The contact's own frame: z against the outward normal, x along the tangent as far as the surface allows."""
+def _frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
+    """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
     z = -arrays.direction(normal, "normal")
-    along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, "tangent")
+    along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, argument)
     x = along - z * z.dot(along)
     if x.dot(x) < ALONG**2:
-        raise BadInput("tangent", "a direction along the normal", "one that lies in the surface")
+        raise BadInput(argument, "a direction parallel to the normal", "one along the surface")
     x = x / np.sqrt(x.dot(x))
     T = np.eye(4)
     T[:3, :3] = np.column_stack((x, se3.cross(z, x), z))

@@ -2,12 +2,12 @@
 
     G_h = G_0 - 2h K,   K = J_omega'J_omega;   principal pitches: the finite h with rank(G_h) < rank(J)
 
-G_h is the same in every frame. Split the span into pure translations N (d of them) and the rest F (e); then
+G_h is the same in every frame. Split the span into pure translations N (d columns) and the rest F (e columns); then
 G_0 = [[A + A', C], [C', 0]], C = F_omega'N_v, and with E a basis of null(C')
 
     det G_h = (-1)^d det(C'C) det(E'(A + A' - 2h F_omega'F_omega)E)
 
-so the finite principal pitches are e - d eigenvalues, and every h fails iff C has not full column rank.
+so there are e - d finite principal pitches, as eigenvalues, and no h works iff the rank of C is below d.
 
 Reference: [DS] Sect. 3, Theorem 3.1, Sect. 5.
 """
@@ -25,8 +25,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
 from invariantqp.systems.span import Span, span
 
-# A direction of the orthonormal basis whose angular part is below this is a pure translation, and a coupling C below it
-# is none: a screw of pitch 1e10 units of length is infinite for every purpose of control.
+# A direction of the orthonormal basis with an angular part below this is a pure translation, and a coupling C below it
+# counts as zero: for control a pitch of 1e10 units of length is infinite.
 BLIND_TOLERANCE = 1e-10
 
 
@@ -44,9 +44,9 @@ def gram_matrix(J: ArrayLike, h: float) -> Array:
 
 
 class _Reduction(NamedTuple):
-    """The span split at infinite pitch: all in the unit of length of the span's basis.
+    """The span split into F (6, e) and translations N (6, d), orthonormal, lengths in the unit of the span's basis.
 
-    F (6, e), N (6, d) orthonormal; C = left diag(coupling) right_t; c is the rank of C.
+    C = left diag(coupling) right_t; c is the rank of C.
     """
 
     F: Array
@@ -102,8 +102,8 @@ def principal_pitches(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array
         (k',) ascending pitches [length/rad]; empty where every h works (rank 6).
 
     Raises:
-        BlindSystem: no h works at all; carries the translations that no Q_h sees.
-        BadInput: J is not finite (6, m).
+        BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 3 and 5; the reduction for systems with screws of infinite pitch is ours.
     """
@@ -111,7 +111,7 @@ def principal_pitches(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array
 
 
 def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[Array, Array]:
-    """The principal pitches h_i with their screws z_i: J'Q_{h_i} z_i = 0, the twist that shows why h_i fails.
+    """The principal pitches h_i with their screws z_i: J'Q_{h_i} z_i = 0, the proof that h_i does not work.
 
     The screws are mutually orthogonal axes (omega_i.omega_j = 0) of unit angular part, and of pitch h_i each.
 
@@ -123,20 +123,21 @@ def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[
         (k',) ascending pitches [length/rad] and (6, k') screws.
 
     Raises:
-        BlindSystem: no h works at all; carries the translations that no Q_h sees.
-        BadInput: J is not finite (6, m).
+        BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
     """
+    limit = arrays.tolerance(tolerance)
     system = span(J)
     if system.rank in (0, 6):
         return np.empty(0), np.empty((6, 0))
-    part = _reduction(system, tolerance)
+    part = _reduction(system, limit)
     if part.c < part.N.shape[1]:
         raise BlindSystem(_blind(part))
     pencil = _pencil(part)
     z = part.F.dot(pencil.vectors)
-    # The rows of G_h z = 0 across null(C') are met by adding translations y: C y = -F'Q_h z.
+    # The rows of G_h z = 0 outside null(C') are satisfied by adding translations y: C y = -F'Q_h z.
     force = part.F[:3].T.dot(z[3:]) + part.F[3:].T.dot(z[:3]) - 2.0 * part.F[:3].T.dot(z[:3]) * pencil.pitches
     y = part.right_t.T.dot(part.left[:, : part.c].T.dot(force) / part.coupling[: part.c, None])
     z = z - part.N.dot(y)
@@ -145,32 +146,33 @@ def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[
 
 
 def blind_directions(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
-    """The pure translations in the span that no Q_h sees: reciprocal to the whole system for every h.
+    """The pure translations of the system that are reciprocal to all of it, for every h: no pitch form can see them.
 
     Args:
         J: (6, m) twists, independent or not.
         tolerance: relative size below which an angular part or a coupling is zero.
 
     Returns:
-        (6, b) unit columns (0; v); b = 0 exactly where some h works.
+        (6, b) unit columns (0; v); b = 0 iff some h works.
 
     Raises:
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
     """
+    limit = arrays.tolerance(tolerance)
     system = span(J)
     if system.rank in (0, 6):
         return np.empty((6, 0))
-    return _blind(_reduction(system, tolerance))
+    return _blind(_reduction(system, limit))
 
 
 def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
     """Coefficients of det(J'Q_h J) = c_0 + c_1 h + ... + c_m h^m for the columns given.
 
-    Covariant: the columns J A have det(A)^2 times these, so their ratios, and each sign, are invariants of the system;
-    a rigid motion changes none. All vanish iff no h works or the columns are dependent. No further normalisation is
-    made: divide by the last non-zero one to make the polynomial monic up to sign.
+    For other columns J A of the same system they are multiplied by det(A)^2, so their ratios and signs are invariants
+    of the system; a rigid motion changes nothing. All are zero iff no h works or the columns are dependent. They are
+    not normalised: divide by the last non-zero one for a monic polynomial.
 
     Args:
         J: (6, m) twists.
@@ -180,16 +182,17 @@ def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
         (m+1,) coefficients, lowest power first; that of h^i in units of length^(m-i) for angular parts without unit.
 
     Raises:
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
-    Reference: [DS] Sect. 5.2 (i_1, i_2, i_3), 5.3.
+    Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """
+    limit = arrays.tolerance(tolerance)
     system = span(J)
     m = len(system.right)
     result = np.zeros(m + 1)
     if system.rank < m:
         return result
-    part = _reduction(system, tolerance)
+    part = _reduction(system, limit)
     d = part.N.shape[1]
     if part.c < d:
         return result

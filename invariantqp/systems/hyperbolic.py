@@ -1,35 +1,37 @@
-"""Hyperbolic singular values: what stays of sigma(J) when no frame and no unit may matter.
+"""Hyperbolic singular values: singular values of J that are the same in every frame.
 
     J'Q_h J v_i = mu_i M v_i,   v_i'M v_j = delta_ij,   sigma_i = sign(mu_i) sqrt|mu_i|,   t_i = J v_i
 
-mu_i depend on the arm's state, h and the joint metric M alone; the twists t_i move with the arm. Ordinary singular
-values change with the origin. At rank 6 the product of |sigma_i| is sqrt det(J M^-1 J'), the same for every h.
+The mu_i depend on the joint positions, h and the joint metric M alone, where ordinary singular values change with the
+origin of the frame; the twists t_i move with the arm. Q_h is indefinite, so mu_i and sigma_i can be negative. At rank 6
+the product of the |sigma_i| is sqrt det(J M^-1 J'), for every h.
 
-Reference: asked for in [DS] Sect. 7; signs are those of the indefinite form, so mu_i < 0 is no error.
+Reference: asked for in [DS] Sect. 7.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.span import span
 
 
-@dataclass(frozen=True)
-class HyperbolicSpectrum:
+@frozen(eq=False, repr=False, slots=False)
+class HyperbolicSpectrum(Value):
     """Generalised eigenvalues of (J'Q_h J, M) and their directions, |mu| descending.
 
     Attributes:
         h: the pitch [length/rad].
-        rank: rank of J; the last m - rank values are zero by dependence of the joints.
+        rank: rank of J; the last m - rank values are zero because joints are dependent.
         values: (m,) mu_i [length, over the metric's unit].
         joint_directions: (m, m) v_i as columns, M-orthonormal.
         twists: (6, m) t_i = J v_i, mutually h-reciprocal.
@@ -37,9 +39,9 @@ class HyperbolicSpectrum:
 
     h: float
     rank: int
-    values: Array
-    joint_directions: Array
-    twists: Array
+    values: Array = field(converter=own)
+    joint_directions: Array = field(converter=own)
+    twists: Array = field(converter=own)
 
     @property
     def singular_values(self) -> Array:
@@ -48,7 +50,7 @@ class HyperbolicSpectrum:
 
     @property
     def condition(self) -> float:
-        """Largest over smallest |sigma_i| of the `rank` that count: 1e8 or inf where J^{+h} does not exist."""
+        """Largest over smallest |sigma_i| of the first `rank`; 1e8 or more where J^{+h} does not exist."""
         counted = np.abs(self.singular_values[: self.rank])
         if not self.rank:
             return 1.0
@@ -73,12 +75,12 @@ def hyperbolic_singular_values(J: ArrayLike, h: float, *, joint_metric: ArrayLik
         J: (6, m) joint twists.
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Where joints
-            turn and slide, give one: else the answer depends on the unit of length.
+            turn and slide, give one: without it the answer depends on the unit of length.
 
     Raises:
         BadInput: shapes, NaN, a metric that is not positive definite.
 
-    Reference: [DS] Sect. 7 (asked for); maths of J'Q_h J in Sect. 3.
+    Reference: asked for in [DS] Sect. 7; J'Q_h J is the subject of Sect. 3.
     """
     twists = arrays.columns(J)
     pitch = finite_pitch(h)

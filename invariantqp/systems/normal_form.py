@@ -1,9 +1,9 @@
-"""The normal forms of Gibson and Hunt, and the frame in which a system of each class takes its own.
+"""The normal form of each Gibson-Hunt type, and the frame in which a system takes its normal form.
 
     span(Ad(motion) J) = span(normal_form(class, moduli)),   motion = (R, -R p): axes R (rows), origin p
 
-Two choices fix the frame: the axes are the principal directions (or that of a translation where there is one), and
-the origin is the point where the moments that the translations do not absorb vanish.
+The axes of that frame are the principal directions (or the direction of a translation, where there is one). Its origin
+is the point about which the moments vanish, those aside that translations of the system can cancel.
 
 Reference: [DS] Tables 1 and 2; the 1-systems of Sect. 2.2; IID (all translations), absent from [DS] Table 3, is here.
 """
@@ -53,7 +53,7 @@ MODULUS_NAMES: dict[tuple[int, str], tuple[str, ...]] = {
 
 
 class Frame(NamedTuple):
-    """Where a system takes its normal form: pitches [the caller's unit of v], ratios, axes (3, 3) rows, origin (3,)."""
+    """The frame of a normal form: pitches [the caller's unit of v], ratios, axes (3, 3) as rows, origin (3,)."""
 
     pitches: tuple[float, ...]
     ratios: tuple[float, ...]
@@ -62,10 +62,10 @@ class Frame(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """A k-system, k <= 3, split at infinite pitch.
+    """A k-system, k <= 3, split into screws of finite pitch and translations.
 
     W (3, e) orthonormal directions and V (3, e) their moments; N (3, d) orthonormal translations. Where d = 0, or the
-    translations do not meet the directions, W are principal directions and `pitches` (e,) ascend.
+    translations are across the directions, W are principal directions and `pitches` (e,) ascend.
     """
 
     W: Array

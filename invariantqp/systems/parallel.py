@@ -1,10 +1,10 @@
-"""Parallel mechanisms: the wrenches of the legs, their W^{+h}, and the stiffness and conditioning they give a platform.
+"""Parallel mechanisms: wrenches of the legs, their h-pseudoinverse, and stiffness and conditioning of the platform.
 
     W^{+h} = (W'Q_h^-1 W)^-1 W'Q_h^-1 = (Q_0 W)^{+(-h)} Q_0        K = W diag(k) W'
 
-The swap Q_0 turns wrenches into twists and Q_h^-1 into Q_{-h}, so the pseudoinverse of twists, with its accuracy, does
-the work for wrenches. The non-zero eigenvalues of K Q_h^-1 are those of (W'Q_h^-1 W, diag(1/k)): invariants of the
-mechanism, where the singular values of W or K depend on the origin.
+Q_0 swaps the halves of a wrench, which makes it a twist and Q_h^-1 the form Q_{-h}; so W^{+h} is computed as the
+pseudoinverse of twists. The non-zero eigenvalues of K Q_h^-1 are those of (W'Q_h^-1 W, diag(1/k)): the same in every
+frame, where the singular values of W or K depend on the origin.
 
 Reference: [DS] Sect. 6.3 (W^{+h}); stiffness of parallel manipulators is asked for in its Sect. 7.
 """
@@ -36,7 +36,7 @@ def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
         (6, n) wrenches (m; f) in that frame.
 
     Raises:
-        BadInput: shapes, NaN, a leg of no length.
+        BadInput: shapes, NaN, no legs, a leg of length zero.
 
     Reference: [DS] Sect. 6.3, 7.
     """
@@ -44,8 +44,8 @@ def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
     legs = arrays.matrix(platform, (len(b), 3), "platform") - b
     lengths = np.sqrt((legs * legs).sum(axis=1))
     if len(b) == 0 or not lengths.all():
-        found = f"leg {int(lengths.argmin())} of no length" if len(b) else "no legs"
-        raise BadInput("platform", found, "one leg or more, each of some length", "A leg needs two distinct points.")
+        found = f"leg {int(lengths.argmin())} of length zero" if len(b) else "no legs"
+        raise BadInput("platform", found, "at least one leg, each longer than zero", "A leg joins two distinct points.")
     u = legs / lengths[:, None]
     return np.vstack((np.cross(b, u).T, u.T))
 
@@ -63,16 +63,17 @@ def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None
         (n, 6) matrix.
 
     Raises:
-        NoPseudoinverse: W'Q_h^-1 W is singular; the pitches are those of this form, z the screw Q_0 w of a wrench.
+        NoPseudoinverse: W'Q_h^-1 W is singular; its pitches are those of this form, its screw is Q_0 w of a wrench w.
         BadInput: shapes, NaN, infinite h, a metric that is not positive definite.
 
     Reference: [DS] Sect. 6.3.
     """
     wrenches = arrays.columns(W, "W")
     pitch = finite_pitch(h)
+    metric = None if leg_metric is None else arrays.positive_definite(leg_metric, wrenches.shape[1], "leg_metric")
     swap = pitch_form(0.0)
     try:
-        result: Array = pseudoinverse(swap.dot(wrenches), -pitch, joint_metric=leg_metric).dot(swap)
+        result: Array = pseudoinverse(swap.dot(wrenches), -pitch, joint_metric=metric).dot(swap)
     except NoPseudoinverse as error:
         raise NoPseudoinverse(
             h=pitch,
@@ -92,7 +93,7 @@ def platform_stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
         leg_stiffness: (n,) above zero [force/length].
 
     Returns:
-        (6, 6) symmetric, positive definite exactly if the legs span; under a rigid motion Ad* K Ad*'.
+        (6, 6) symmetric, positive definite iff the legs have rank 6; a rigid motion takes K to Ad* K Ad*'.
 
     Raises:
         BadInput: shapes, NaN, a stiffness that is not above zero.
@@ -105,15 +106,15 @@ def platform_stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
 
 
 def leg_spectrum(W: ArrayLike, h: float, leg_stiffness: ArrayLike | None = None) -> HyperbolicSpectrum:
-    """Frame-free conditioning of legs: eigenvalues of (W'Q_h^-1 W, diag(1/k)), the non-zero ones of K Q_h^-1.
+    """The conditioning of legs, the same in every frame: the eigenvalues of (W'Q_h^-1 W, diag(1/k)).
 
-    `.condition` is the distance from singularity, `.joint_directions` are leg forces, and `.twists` hold the principal
-    wrenches W v_i with their halves swapped: the screws they act along.
+    `.condition` tells how near the legs are to singular, `.joint_directions` are leg forces, and `.twists` are the
+    principal wrenches W v_i with their halves swapped: the screws along which they act.
 
     Args:
         W: (6, n) unit leg wrenches (m; f).
         h: finite pitch [length/rad].
-        leg_stiffness: (n,) above zero [force/length]; None counts every leg alike.
+        leg_stiffness: (n,) above zero [force/length]; None is the same for each leg.
 
     Raises:
         BadInput: shapes, NaN, a stiffness that is not above zero.
@@ -129,6 +130,6 @@ def _leg_stiffness(value: ArrayLike, n: int) -> Array:
     k = arrays.vector(value, n, "leg_stiffness")
     if not (k > 0.0).all():
         raise BadInput(
-            "leg_stiffness", f"{k.min():.4g}", "stiffnesses above zero", "Leave out legs that carry nothing."
+            "leg_stiffness", f"{k.min():.4g}", "stiffnesses above zero", "Leave out legs that carry no force."
         )
     return k

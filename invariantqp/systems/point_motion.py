@@ -1,46 +1,46 @@
-"""All joint velocities that move a point of the end-effector along a line, or not at all.
+"""All joint velocities that move a point of the end-effector along a line or leave it at rest.
 
     {x : (J x)(p) parallel to q} = J^{+h}(S_q meet im J) + ker J,   S_q = {s : v + omega x p parallel to q}
 
-On im J every J^{+h} is the same map up to ker J, so no h has to be chosen and none has to exist. [DS] Example 3 prints
-J^{+h}(S_q), which is too much: for a generic arm of three joints that is every joint velocity.
+All J^{+h} agree on im J, up to ker J, so the answer needs no h, not even that one works. [DS] Example 3 prints
+J^{+h}(S_q), which is too large: for a generic arm of three joints it contains every joint velocity.
 
 Reference: [DS] Example 3, corrected; S_q is a 4-system whose reciprocal is a IIA 2-system.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.span import span
 from invariantqp.systems.subspaces import system_meet
 
-# Angle below which a twist of im J counts as one of S_q, and the fraction of the fastest speed that counts as no motion
-# of the point: both come out of two factorisations.
+# Angle below which a twist of im J counts as one of S_q, and fraction of the fastest speed below which the point counts
+# as being at rest: two factorisations leave some 1e-15.
 MEET_TOLERANCE = 1e-12
 
 
-@dataclass(frozen=True)
-class PointMotion:
+@frozen(eq=False, repr=False, slots=False)
+class PointMotion(Value):
     """The joint velocities that move a point along a direction.
 
     Attributes:
         velocities: (m, n) basis of them all: those of `twists` first, then those that move nothing.
-        twists: (6, k) basis of S_q meet im J, the end-effector's motions that do it.
+        twists: (6, k) basis of S_q meet im J, the motions of the end-effector that move the point so.
         self_motions: (m, m-r) basis of ker J.
-        moves: whether the point can move along the direction at all; else every velocity here leaves it at rest.
+        moves: whether the point can move along the direction; if not, all these velocities leave it at rest.
     """
 
-    velocities: Array
-    twists: Array
-    self_motions: Array
+    velocities: Array = field(converter=own)
+    twists: Array = field(converter=own)
+    self_motions: Array = field(converter=own)
     moves: bool
 
 
@@ -89,13 +89,13 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     wanted = motions_along(point, direction)
     system = span(twists)
     V = system.right
-    idle = np.linalg.qr(V, mode="complete")[0][:, system.rank :]
+    still = np.linalg.qr(V, mode="complete")[0][:, system.rank :]
     shared = system_meet(wanted, twists, MEET_TOLERANCE) if system.rank else np.empty((6, 0))
-    # The M-P right inverse of C = diag(sigma) V' on coordinates U'D s: any J^{+h} gives the same on im J.
+    # The right inverse of C = diag(sigma) V' on the coordinates U'D s; on im J any J^{+h} gives the same.
     coordinates = system.basis.T.dot(system.scaled_rows(shared.T).T)
     active = V.dot(coordinates / system.singular[:, None])
     p = arrays.vector(point, 3, "point")
     speeds = velocity_at(shared, p)
     terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.unit)
     moves = bool(np.linalg.norm(speeds) > MEET_TOLERANCE * terms)
-    return PointMotion(np.hstack((active, idle)), shared, idle, moves)
+    return PointMotion(np.hstack((active, still)), shared, still, moves)

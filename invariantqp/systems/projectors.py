@@ -1,66 +1,67 @@
-"""Dual projectors: twists split along S and Z, wrenches along their annihilators, so that no power crosses over.
+"""Dual projectors: they split twists along S and Z, and wrenches along the annihilators of the two.
 
     P = S (K'S)^-1 K',   K = Z*       P on S along Z           P* = (I - P)' = W (Z'W)^-1 Z'   on W = S* along Z*
 
-W'P = 0 for any complement Z. Three ways to say which Z:
+W'P = 0 for any complement Z: the wrenches in W do no work on the motions in S. Three ways to choose Z:
 
-    h          Z = S^{perp h}, the only one that no frame, no body and no unit enters; some systems have none
-    metric     Z = {z : s'Mz = 0 for all s in S} = M^-1 W, M positive definite: a stiffness or an inertia; always there
-    complement Z itself
+    h          Z = S^{perp h}: depends on no frame, body or unit; some systems have none
+    metric     Z = {z : s'Mz = 0 for all s in S} = M^-1 W, M positive definite: a stiffness or an inertia; always exists
+    complement Z as given
 
 With Z = S^{perp h}, P* is [DS]'s W (W'Q_h^-1 W)^-1 W'Q_h^-1.
 
-Reference: [DS] Sect. 6.1 (6.5), Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
+Reference: [DS] Sect. 6.1, Sect. 6.2 (6.5), Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, BlindSystem, InvariantQPError, NoProjectors, written
+from invariantqp.errors import BadInput, BlindSystem, NoProjectors, written
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.classification import gibson_hunt
-from invariantqp.systems.existence import MEET_TOLERANCE
+from invariantqp.systems.factors import LARGEST_CONDITION, factors
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.systems.span import span
-from invariantqp.systems.subspaces import annihilator, screw_system
+from invariantqp.systems.subspaces import annihilator
 
-# What every refusal offers where a pitch does not help.
+# What a refusal offers instead of a pitch.
 CHOICES = "metric=M (a stiffness or an inertia at the contact) or complement=Z (what may be given up)"
 
 
-@dataclass(frozen=True, eq=False)
-class DualProjectors:
+@frozen(eq=False, repr=False, slots=False)
+class DualProjectors(Value):
     """P on twists and P* = (I - P)' on wrenches, with the spaces they belong to.
 
     Attributes:
-        motion: (6, 6) P, a twist to its part in S.
-        force: (6, 6) P* = (I - P)', a wrench to its part in S*.
+        motion: (6, 6) P, takes a twist to its part in S.
+        force: (6, 6) P* = (I - P)', takes a wrench to its part in S*.
         freedoms: (6, k) basis of S.
         complement: (6, 6-k) basis of Z, the twists that P takes to zero.
         constraints: (6, 6-k) basis of S* = W, the wrenches that do no work on S.
-        norm: |P|, one over the sine of the angle between S and Z in `unit`; 1 is as good as it gets, 0 where S is
-            nothing.
+        norm: |P|, one over the sine of the angle between S and Z, lengths in `unit`; 1 is the least, but for 0 where
+            S is the zero system.
         unit: the length that counts as 1 in `norm`.
     """
 
-    motion: Array
-    force: Array
-    freedoms: Array
-    complement: Array
-    constraints: Array
+    motion: Array = field(converter=own)
+    force: Array = field(converter=own)
+    freedoms: Array = field(converter=own)
+    complement: Array = field(converter=own)
+    constraints: Array = field(converter=own)
     norm: float
     unit: float
 
     @property
     def power_leak(self) -> float:
-        """The largest |W'Ps| over |W||P||s|, lengths in `unit`: rounding, whatever S and Z are."""
+        """The largest |W'Ps| over |W||P||s|, lengths in `unit`: zero up to rounding, whatever S and Z are."""
         if not self.freedoms.shape[1] or not self.constraints.shape[1]:
             return 0.0
         scale = _scale(self.unit)
@@ -75,8 +76,8 @@ class DualProjectors:
             pose: (4, 4) a_from_b; what was expressed in b is then expressed in a.
         """
         T = arrays.pose(pose)
-        A, B = se3.carried(T), se3.carried_wrenches(T)
-        return replace(
+        A, B = se3.adjoint(T, check=False), se3.coadjoint(T, check=False)
+        return evolve(
             self,
             motion=A.dot(self.motion).dot(B.T),
             force=B.dot(self.force).dot(A.T),
@@ -98,7 +99,7 @@ def dual_projectors(
 
     Args:
         S: (6, m) twists that span the freedoms; (6, 0) for none.
-        wrenches: (6, m) constraint wrenches (m; f) instead of S, which then is all they do no work on.
+        wrenches: (6, m) constraint wrenches (m; f) instead of S; S is then all twists on which they do no work.
         h: pitch [length/rad]: Z is the h-reciprocal system of S.
         complement: (6, n) twists that span Z.
         metric: (6, 6) positive definite or its (6,) diagonal: Z is orthogonal to S in it; or a `CarriedMetric` that has
@@ -108,35 +109,39 @@ def dual_projectors(
         DualProjectors, in the frame of S.
 
     Raises:
-        NoProjectors: S meets its h-reciprocal; names the type of S, and the pitches or choices that are left.
-        BadInput: not one of S and wrenches, not one of the three rules, NaN, shapes, a complement that shares a twist
-            with S or does not fill six dimensions with it, a metric that is not positive definite.
+        NoProjectors: S meets its h-reciprocal, or is too near to it for three correct digits; names the type of S, and
+            the pitches and choices that are left.
+        BadInput: not one of S and wrenches, not one of the three rules, NaN, shapes, nearly dependent columns, a
+            complement that shares a twist with S or does not fill six dimensions with it, a metric that is not
+            positive definite.
 
-    Reference: [DS] Sect. 6.1, 6.3.
+    Reference: [DS] Sect. 6.1 (P_h = J J^{+h}), (6.5), Sect. 6.3.
     """
-    freedoms = _freedoms(S, wrenches)
+    given = _columns(S, wrenches)
     rules = {"h": h, "complement": complement, "metric": metric}
-    given = [name for name, value in rules.items() if value is not None]
-    if len(given) != 1:
-        raise BadInput("h", " and ".join(given) or "no rule for the complement", "one of h, complement, metric")
-    k = freedoms.shape[1]
-    system = span(freedoms) if k else None
-    U, unit = (np.empty((6, 0)), 1.0) if system is None else (system.basis, system.unit)
-    scale = _scale(unit)
+    rule = [name for name, value in rules.items() if value is not None]
+    if len(rule) != 1:
+        raise BadInput("h", " and ".join(rule) or "no rule for the complement", "one of h, complement, metric")
+    U, unit, spread = _freedoms(given, S is not None)
+    k, scale = U.shape[1], _scale(unit)
     if h is not None:
         Z = _orthogonal(pitch_form(finite_pitch(h) / unit).dot(U))
     elif metric is not None:
         M = arrays.positive_definite(getattr(metric, "carried", metric), 6, "metric")
         Z = _orthogonal((M * scale * scale.T).dot(U))
     else:
-        Z = _given(complement, k, unit)
+        Z, magnified = _complement(complement, k, unit)
+        spread = max(spread, magnified)
     W, K = _orthogonal(U), _orthogonal(Z)
     _, sines, Vt = np.linalg.svd(K.T.dot(U))
     sine = float(sines[-1]) if k else 1.0
-    if sine <= MEET_TOLERANCE:
-        shared = U.dot(Vt[-1]) * scale.ravel()
-        rank = k - int(np.count_nonzero(sines <= MEET_TOLERANCE))
-        raise _refusal(given[0], freedoms, shared / np.linalg.norm(shared), rank, h)
+    if h is not None:
+        _refuse_pitch(given, finite_pitch(h), U * scale, S is not None)
+    elif spread > LARGEST_CONDITION * sine:
+        z = U.dot(Vt[-1]) * scale.ravel()
+        listed = ", ".join(written(x) for x in z / np.linalg.norm(z))
+        found = f"a Z that shares the twist ({listed}) with S"
+        raise BadInput(rule[0], found, f"{6 - k} twists that with S span all six dimensions", "Turn Z away from S.")
     P = U.dot(np.linalg.solve(K.T.dot(U), K.T)) if k else np.zeros((6, 6))
     F = W.dot(np.linalg.solve(Z.T.dot(W), Z.T)) if k < 6 else np.zeros((6, 6))
     return DualProjectors(
@@ -163,38 +168,63 @@ def _orthogonal(columns: Array) -> Array:
     return Q[:, columns.shape[1] :]
 
 
-def _freedoms(S: ArrayLike | None, wrenches: ArrayLike | None) -> Array:
-    """Independent twists that span S."""
-    if (S is None) == (wrenches is None):
-        found = "neither S nor wrenches" if S is None else "both S and wrenches"
-        raise BadInput("S", found, "the freedoms S or the constraint wrenches")
-    if wrenches is not None:
-        return annihilator(arrays.columns(wrenches, "wrenches"))
-    twists = arrays.system(S, "S")  # type: ignore[arg-type]
-    return screw_system(twists) if twists.shape[1] else twists
+def _columns(S: ArrayLike | None, wrenches: ArrayLike | None) -> Array:
+    """The twists or the wrenches given, checked."""
+    if S is not None and wrenches is None:
+        return arrays.system(S, "S")
+    if wrenches is not None and S is None:
+        return arrays.columns(wrenches, "wrenches")
+    found = "neither S nor wrenches" if S is None else "both S and wrenches"
+    raise BadInput("S", found, "the freedoms S or the constraint wrenches")
 
 
-def _given(complement: ArrayLike | None, k: int, unit: float) -> Array:
-    """An orthonormal basis of the Z given, in `unit`."""
+def _freedoms(given: Array, twists: bool) -> tuple[Array, float, float]:
+    """Orthonormal basis of S, the length that counts as 1 in it, and how much it magnifies errors of its columns."""
+    if not given.shape[1]:
+        return given, 1.0, 1.0
+    system = span(given)
+    if twists:
+        return system.basis, system.unit, system.spread
+    freedoms = annihilator(given)
+    if not freedoms.shape[1]:
+        return freedoms, 1.0, system.spread
+    own_system = span(freedoms)
+    return own_system.basis, own_system.unit, system.spread
+
+
+def _complement(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, float]:
+    """Orthonormal basis of the given Z, lengths in `unit`, and how much it magnifies errors of the columns."""
     twists = arrays.system(complement, "complement") / _scale(unit)  # type: ignore[arg-type]
-    basis = span(twists, unit=1.0).basis if twists.shape[1] else twists
-    if basis.shape[1] != 6 - k:
+    if not twists.shape[1] and k == 6:
+        return twists, 1.0
+    system = span(twists, unit=1.0) if twists.shape[1] else None
+    rank = system.rank if system else 0
+    if system is None or rank != 6 - k:
         expected = f"twists that span {6 - k} dimensions"
-        raise BadInput("complement", f"rank {basis.shape[1]}", expected, f"S has {k}, and both must fill six.")
-    return basis
+        raise BadInput("complement", f"rank {rank}", expected, f"S has {k}, and both must fill six.")
+    return system.basis, system.spread
 
 
-def _refusal(rule: str, freedoms: Array, shared: Array, rank: int, h: float | None) -> InvariantQPError:
-    """Why S and Z do not fill six dimensions, and what is left to choose."""
-    k = freedoms.shape[1]
-    if rule != "h":
-        z = ", ".join(written(x) for x in shared)
-        found = f"a Z that shares the twist ({z}) with S"
-        return BadInput(rule, found, f"{6 - k} twists that with S span all six dimensions", "Turn Z away from S.")
+def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None:
+    """Raise unless S and its h-reciprocal fill six dimensions, by a margin that leaves three correct digits."""
+    if not given.shape[1]:
+        return
+    # Wrenches W are the twists Q_0 W measured by -h: W'Q_h^-1 W = (Q_0 W)'Q_{-h}(Q_0 W).
+    found = factors(given, h) if twists else factors(given[[3, 4, 5, 0, 1, 2]], -h)
+    if found.exists:
+        return
+    if found.dependent:
+        said = f"columns so nearly dependent that rounding decides what they span (condition {found.spread:.1g})"
+        raise BadInput("S" if twists else "wrenches", said, "independent columns", "Leave out a column.")
+    z = found.lost
+    if not twists:
+        z[3:] += 2.0 * h * z[:3]  # Q_h^-1 w for the wrench w = Q_0 z
+        z = z / np.linalg.norm(z)
     try:
         pitches = principal_pitches(freedoms)
     except BlindSystem:
         pitches = np.empty(0)
+    k = freedoms.shape[1]
     kind = gibson_hunt(freedoms)
     system = f"a {k}-system {'whose reciprocal is ' if kind.reciprocal else ''}of type {kind}"
-    return NoProjectors(float(h or 0.0), system, (k, rank), shared, pitches, CHOICES)
+    raise NoProjectors(h, system, (k, k - found.rank + found.gram_rank), z, pitches, CHOICES)

@@ -1,21 +1,21 @@
-"""The state of an arm as its screw system shows it: rank, type, pitches to stay away from, blindness, and in words.
+"""A report on the joint twists of an arm, in numbers and words: rank, type, principal pitches, blind directions.
 
-One object that holds what the other files of this floor say of the same joint twists, each number by name and a
-sentence for each that an engineer who does not know the classes can act on.
+`describe` collects the results of the other files of this package in one object. Its sentences say what each result
+means to an engineer who does not know the classification of screw systems.
 
 Reference: [DS] Sect. 3, 5.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BlindSystem, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
 from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
@@ -23,40 +23,40 @@ from invariantqp.systems.span import LENGTH_LIMIT, span
 from invariantqp.systems.subspaces import annihilator
 
 
-@dataclass(frozen=True)
-class SystemReport:
+@frozen(eq=False, repr=False, slots=False)
+class SystemReport(Value):
     """What (6, m) joint twists can and cannot do.
 
     Attributes:
         joints: m.
         rank: dimension of the span, at the tolerance of the type.
         type: the Gibson-Hunt type, with moduli, normal form and margin.
-        principal_pitches: (k',) ascending pitches that have no pseudoinverse [length/rad]; empty if none fails, and
-            if all do.
-        principal_screws: (6, k') the twist that shows why, for each.
+        principal_pitches: (k',) ascending pitches without a pseudoinverse [length/rad]; empty if every pitch works, or
+            none does.
+        principal_screws: (6, k') for each of them the screw that proves it.
         blind_directions: (6, b) unit translations that no pitch form sees, along the axes of the frame as far as they
             can be; b > 0 exactly where no h works.
-        constraint_wrenches: (6, 6 - rank) basis of the wrenches that no joint feels.
-        singularity_distance: smallest over largest singular value of the twists about their own point, in their own
-            length: the same in every frame and unit; 0 in a singularity.
+        constraint_wrenches: (6, 6 - rank) basis of the wrenches that ask no torque of any joint.
+        singularity_distance: smallest over largest singular value of the twists, taken about their own point and in
+            their own length, so the same in every frame and unit; 0 in a singularity.
     """
 
     joints: int
     rank: int
     type: GibsonHunt
-    principal_pitches: Array
-    principal_screws: Array
-    blind_directions: Array
-    constraint_wrenches: Array
+    principal_pitches: Array = field(converter=own)
+    principal_screws: Array = field(converter=own)
+    blind_directions: Array = field(converter=own)
+    constraint_wrenches: Array = field(converter=own)
     singularity_distance: float
 
     @property
     def singular(self) -> bool:
-        """Whether the joints span less than they could."""
+        """Whether the rank is lower than the number of joints, or than 6 with more joints."""
         return self.rank < min(6, self.joints)
 
     def sentences(self) -> tuple[str, ...]:
-        """The report in words, one fact a sentence."""
+        """The report in words, one result a sentence."""
         return (self._rank_words(), self._type_words(), self._pitch_words(), *self._border_words())
 
     def _rank_words(self) -> str:
@@ -68,7 +68,7 @@ class SystemReport:
     def _type_words(self) -> str:
         t = self.type
         if t.dimension == 6:
-            return "The joints move the tool in every direction: there is no type to tell apart."
+            return "The joints move the tool in every direction; such a system has no type."
         moduli = ", ".join(f"{n} = {written(x, 6)}" for n, x in zip(t.modulus_names, t.moduli, strict=True))
         whose = f"the reciprocal of a {6 - t.dimension}-system of" if t.reciprocal else "of"
         return f"A {t.dimension}-system, {whose} type {t.name}{f' ({moduli})' if moduli else ''}."
@@ -95,14 +95,14 @@ class SystemReport:
 
 
 def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
-    """Everything this floor can say of (6, m) joint twists at once.
+    """Report on (6, m) joint twists.
 
     Args:
         J: (6, m) joint twists as columns.
-        tolerance: relative error of the twists that rank and type are to see through.
+        tolerance: relative error of the twists that must not change rank and type.
 
     Raises:
-        BadInput: not finite (6, m), all zero, or a tolerance that is not positive.
+        BadInput: not finite (6, m), all zero, or a tolerance that is not between 0 and 1.
     """
     twists = arrays.columns(J)
     kind = gibson_hunt(twists, tolerance)
@@ -112,10 +112,10 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
     if kind.admits_pseudoinverse:
         try:
             pitches, screws = principal_screws(S)
-        except BlindSystem as error:  # within a rounding of the border: the form that sees it least decides
+        except BlindSystem as error:  # at the border, where the two tolerances decide differently
             blind = error.directions
     else:
-        # Exact in the normal form, so that nothing near zero is judged twice; S and its reciprocal share them.
+        # From the exact normal form, so that no small number is judged twice; S and its reciprocal share them.
         blind = adjoint(inverse(kind.motion)).dot(blind_directions(kind.normal_form))
     return SystemReport(
         joints=twists.shape[1],
@@ -130,7 +130,7 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
 
 
 def _along_axes(blind: Array) -> Array:
-    """An orthonormal basis of the same translations that takes up the axes of the frame, the nearest first."""
+    """An orthonormal basis of the same translations, as close to the axes of the frame as there is."""
     left = blind[3:].dot(blind[3:].T)
     basis = np.zeros_like(blind)
     for i in range(blind.shape[1]):
@@ -141,7 +141,7 @@ def _along_axes(blind: Array) -> Array:
 
 
 def _isotropy(twists: Array) -> float:
-    """Smallest over largest singular value, about the twists' own point and in their own length."""
+    """Smallest over largest singular value of the twists, about their own point and in their own length."""
     moved = velocity_at(twists, own_point(twists))
     w, v = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(moved))
     own = 1.0 / LENGTH_LIMIT < v / w < LENGTH_LIMIT if w > 0.0 else False

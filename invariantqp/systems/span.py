@@ -2,32 +2,33 @@
 
     D J = U C,   U (6, r) orthonormal,   C = diag(sigma) V' (r, m),   D = diag(I, I / unit)
 
-The unit of length is the power of two nearest |J_v| / |J_omega|, so that the decision is the same in metres and in
-millimetres and the scaling itself rounds nothing.
+The unit of length is the power of two nearest |J_v| / |J_omega|: the rank is then the same in metres and in
+millimetres, and the scaling is exact.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import log2
 
 import numpy as np
+from attrs import frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
 
-# A singular value below this fraction of the largest is zero: forward kinematics in float64 leaves a few 1e-16 where a
-# joint axis is exactly dependent, and cond(J) = 1e7 must still count as full rank.
+# A singular value below this fraction of the largest counts as zero: forward kinematics in float64 leaves a few 1e-16
+# where a joint axis is exactly dependent, and cond(J) = 1e7 must still count as full rank.
 RANK_TOLERANCE = 1e-13
 
-# A length outside these many of the caller's units is what rounding leaves of no rotation (a gantry) or of no moments
-# (axes that meet in the origin), not the size of a machine: measured by it, the rounding would look like motion.
+# A length above this many of the caller's units, or below one over it, is not that of a machine: it is rounding where a
+# part of the twists should be zero, the rotation of a gantry or the moments of axes that meet in the origin.
 LENGTH_LIMIT = 1e12
 
 
-@dataclass(frozen=True)
-class Span:
+@frozen(eq=False, repr=False, slots=False)
+class Span(Compared):
     """An orthonormal basis of a screw system and the coordinates of the given twists in it.
 
     Attributes:
@@ -47,8 +48,14 @@ class Span:
         """Dimension of the system."""
         return len(self.singular)
 
+    @property
+    def spread(self) -> float:
+        """Ratio of the relative error of joint velocities that make a twist to that of the given twists, at worst."""
+        sizes, rows = (np.sqrt((a * a).sum(axis=1)) for a in (self.right * self.singular, self.right / self.singular))
+        return max(1.0, float(sizes.dot(rows)))
+
     def scaled_rows(self, columns: Array) -> Array:
-        """(..., 6) rows' columns in the unit of `basis`: X D for X (k, 6)."""
+        """(k, 6) rows with their last three columns divided by `unit`."""
         result = columns.copy()
         result[:, 3:] /= self.unit
         return result
@@ -74,7 +81,7 @@ def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = N
     Args:
         J: (6, m) twists as columns.
         tolerance: relative size below which a singular value is zero.
-        unit: the length that counts as 1, where two systems must share one; the twists' own by default.
+        unit: the length that counts as 1; by default the twists' own. Two systems to be compared need the same.
 
     Raises:
         BadInput: not finite (6, m) columns.

@@ -1,48 +1,48 @@
-"""What J^{+h} makes stationary: the error Phi_h(x) = (s - Jx)'Q_h(s - Jx), and whether that is a minimum.
+"""The twist error Phi_h(x) = (s - Jx)'Q_h(s - Jx) that J^{+h} s makes stationary, and whether that is a minimum.
 
     grad Phi_h = -2 J'Q_h(s - Jx),   Hessian = 2 J'Q_h J,   Phi_h(J^{+h}s) = det([J s]'Q_h[J s]) / det(J'Q_h J)
 
-Q_h has signature (3, 3), so for rank J >= 4 the stationary point is always a saddle. Without the factor 1/2 of (2.6),
-as in [DS] Example 4.
+Q_h has signature (3, 3), so with rank J >= 4 the stationary point is always a saddle. The factor 1/2 of [DS] (2.6) is
+left out, as in its Example 4.
 
-Reference: [DS] Theorem 6.1, Example 4; the last identity and with it the h of zero error are ours.
+Reference: [DS] Theorem 6.1, Example 4; the formula for Phi_h(J^{+h}s), and with it the h of zero error, is ours.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.systems.pseudoinverse import pseudoinverse
 from invariantqp.systems.span import span
 
 
-@dataclass(frozen=True)
-class StationaryPoint:
-    """J^{+h}s with the error that is stationary there.
+@frozen(eq=False, repr=False, slots=False)
+class StationaryPoint(Value):
+    """The stationary point J^{+h} s and the error there.
 
     Attributes:
         velocity: (m,) x = J^{+h} s.
         value: Phi_h(x) [length].
         gradient: (m,) of Phi_h at x, zero up to rounding.
-        signature: numbers of positive, negative and zero eigenvalues of J'Q_h J; the zeros are the self-motions.
+        signature: numbers of positive, negative and zero eigenvalues of J'Q_h J; zeros belong to self-motions.
     """
 
-    velocity: Array
+    velocity: Array = field(converter=own)
     value: float
-    gradient: Array
+    gradient: Array = field(converter=own)
     signature: tuple[int, int, int]
 
     @property
     def kind(self) -> str:
-        """One of "minimum", "maximum", "saddle" (and "flat" where J = 0), self-motions aside."""
+        """One of "minimum", "maximum" and "saddle", self-motions left aside; "flat" where J = 0."""
         up, down, _ = self.signature
         if up and down:
             return "saddle"
@@ -74,7 +74,7 @@ def error_form(J: ArrayLike, twist: ArrayLike, h: float, velocity: ArrayLike) ->
 
 
 def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoint:
-    """J^{+h}s, the stationary value of Phi_h, and what kind of stationary point it is.
+    """The stationary point J^{+h} s of Phi_h, its value and its kind.
 
     Args:
         J: (6, m) joint twists.
@@ -99,10 +99,10 @@ def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoin
 
 
 def vanishing_pitches(J: ArrayLike, twist: ArrayLike) -> Array:
-    """The h at which the stationary error Phi_h(J^{+h}s) is zero although s is out of reach, ascending.
+    """The pitches h at which the stationary error Phi_h(J^{+h} s) is zero although J cannot achieve s.
 
-    They are the principal pitches of the system that J and s span together; where one is a principal pitch of J too,
-    J has no pseudoinverse there and the quotient may have any limit.
+    They are the principal pitches of the system that J and s span together. If one of them is also a principal pitch of
+    J, there is no J^{+h} at that h.
 
     Args:
         J: (6, m) joint twists.
@@ -113,12 +113,12 @@ def vanishing_pitches(J: ArrayLike, twist: ArrayLike) -> Array:
 
     Raises:
         BlindSystem: the error is zero for every h, since a translation is reciprocal to J and s together.
-        BadInput: s is in the span of J (the error is zero for every h, and truly so); shapes, NaN.
+        BadInput: s is in the span of J, where the error is zero for every h; shapes, NaN.
 
     Reference: [DS] Example 4 ("two values of h where the error vanishes").
     """
     twists, s = arrays.columns(J), arrays.twist(twist)
     joined = np.hstack((twists, s[:, None]))
     if span(joined).rank == span(twists).rank:
-        raise BadInput("twist", "a twist in the span of J", "one out of reach", "The error is zero for every h.")
+        raise BadInput("twist", "a twist in the span of J", "one outside it", "The error is zero for every h.")
     return principal_pitches(joined)

@@ -1,11 +1,11 @@
-"""Screw systems as subspaces: bases, reciprocals, annihilators, sums and meets, each from any spanning set.
+"""Screw systems as subspaces: basis, reciprocal, annihilator, sum and meet, each from any spanning twists.
 
     S^{perp h} = {t : t'Q_h s = 0 for all s in S},   S* = {W : W's = 0 for all s in S},   Q_h S^{perp h} = S*
 
-Every answer is a basis, twists or wrenches as columns, in the caller's unit of length. The dimension of each follows
-from the one decision of rank in `span`; a (6, 0) answer is the zero system.
+Every function returns a basis, twists or wrenches as columns, in the caller's unit of length; (6, 0) is the zero
+system. Dimensions follow from the rank that `span` decides.
 
-Reference: [DS] (2.10), (2.11), Theorem 3.1 (ii), Sect. 6.3.
+Reference: [DS] (2.9), (2.10), Theorem 3.1 (ii), Sect. 6.3.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
     """A basis of the screw system that (6, m) twists span: (6, k), orthonormal up to the unit of length.
 
     Raises:
-        BadInput: J is not finite (6, m).
+        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 2.2.
     """
-    system = span(J, tolerance)
+    system = span(J, arrays.tolerance(tolerance))
     return system.twists(np.eye(system.rank))
 
 
@@ -44,7 +44,7 @@ def _in_unit(columns: Array, unit: float) -> Array:
 
 
 def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
-    """The h-reciprocal system S^{perp h}: every twist that Q_h pairs to zero with all of S.
+    """The h-reciprocal system S^{perp h}: all twists t with t'Q_h s = 0 for every s in S.
 
     Args:
         S: (6, m) spanning twists of a k-system, dependent or not.
@@ -56,15 +56,15 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
     Raises:
         BadInput: S is not finite (6, m), or h is not finite.
 
-    Reference: [DS] (2.10), (2.11).
+    Reference: [DS] (2.9), (2.10).
     """
     pitch = finite_pitch(h)
-    system = span(S)
+    system = span(arrays.columns(S, "S"))
     return _in_unit(_complement(pitch_form(pitch / system.unit).dot(system.basis)), system.unit)
 
 
 def annihilator(S: ArrayLike) -> Array:
-    """The wrenches that do no work on any twist of S, S* = Q_0 S^{perp 0}; for wrenches, the twists they do not resist.
+    """The wrenches that do no work on any twist of S, S* = Q_0 S^{perp 0}; given wrenches, the twists they leave free.
 
     Args:
         S: (6, m) spanning twists of a k-system.
@@ -75,9 +75,9 @@ def annihilator(S: ArrayLike) -> Array:
     Raises:
         BadInput: S is not finite (6, m).
 
-    Reference: [DS] Sect. 6.1 (before (6.5)), Sect. 6.3.
+    Reference: [DS] Sect. 6.2 (before (6.5)), Sect. 6.3.
     """
-    system = span(S)
+    system = span(arrays.columns(S, "S"))
     return _in_unit(_complement(system.basis), 1.0 / system.unit)
 
 
@@ -90,9 +90,9 @@ def system_sum(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLE
         tolerance: angle below which two directions count as one.
 
     Raises:
-        BadInput: either is not finite (6, m).
+        BadInput: either is not finite (6, m), or a tolerance that is not between 0 and 1.
     """
-    joined, _, unit = _joined(arrays.columns(first, "first"), arrays.columns(second, "second"), tolerance)
+    joined, _, unit = _join(first, second, tolerance)
     return _in_unit(joined.basis, unit)
 
 
@@ -105,28 +105,30 @@ def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOL
         tolerance: angle below which two directions count as one.
 
     Raises:
-        BadInput: either is not finite (6, m).
+        BadInput: either is not finite (6, m), or a tolerance that is not between 0 and 1.
     """
-    joined, bases, unit = _joined(arrays.columns(first, "first"), arrays.columns(second, "second"), tolerance)
-    # U1 a + U2 b = 0 says that U1 a lies in both; the joint directions that move nothing are those (a; b).
+    joined, bases, unit = _join(first, second, tolerance)
+    # U1 a + U2 b = 0 means that U1 a lies in both systems; those (a; b) are the null space of (U1 U2).
     still = np.linalg.qr(joined.right, mode="complete")[0][:, joined.rank :]
     k = bases[0].shape[1]
     shared = bases[0].dot(still[:k]) - bases[1].dot(still[k:])
     return _in_unit(np.linalg.qr(shared)[0], unit) if still.shape[1] else np.empty((6, 0))
 
 
-def _joined(first: Array, second: Array, tolerance: float) -> tuple[Span, tuple[Array, Array], float]:
-    """The span of two systems' orthonormal bases side by side, those bases, and the unit of length they share."""
-    unit = span(np.hstack((first, second))).unit
+def _join(first: ArrayLike, second: ArrayLike, tolerance: float) -> tuple[Span, tuple[Array, Array], float]:
+    """The span of the orthonormal bases of two systems, those bases, and their common unit of length."""
+    limit = arrays.tolerance(tolerance)
+    one, other = arrays.columns(first, "first"), arrays.columns(second, "second")
+    unit = span(np.hstack((one, other))).unit
     scale = np.array([[1.0], [1.0], [1.0], [unit], [unit], [unit]])
-    bases = span(first / scale, unit=1.0).basis, span(second / scale, unit=1.0).basis
-    return span(np.hstack(bases), tolerance, unit=1.0), bases, unit
+    bases = span(one / scale, unit=1.0).basis, span(other / scale, unit=1.0).basis
+    return span(np.hstack(bases), limit, unit=1.0), bases, unit
 
 
 def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERANCE) -> Array:
-    """A basis (6, k) of S meet S^{perp h}: the twists of S that Q_h cannot tell from zero within S.
+    """A basis (6, k) of S meet S^{perp h}: the twists of S that are h-reciprocal to all of S.
 
-    It is the zero system exactly where S has an h-pseudoinverse.
+    In exact arithmetic it is the zero system iff S has an h-pseudoinverse; with rounding, ask `has_pseudoinverse`.
 
     Args:
         S: (6, m) spanning twists.
@@ -134,9 +136,10 @@ def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERA
         tolerance: angle between S and S^{perp h} below which they meet.
 
     Raises:
-        BadInput: S is not finite (6, m), or h is not finite.
+        BadInput: S is not finite (6, m), h is not finite, or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Theorem 3.1 (ii).
     """
+    limit = arrays.tolerance(tolerance)
     other = reciprocal(S, h)
-    return system_meet(S, other, tolerance) if other.shape[1] else np.empty((6, 0))
+    return system_meet(S, other, limit) if other.shape[1] else np.empty((6, 0))

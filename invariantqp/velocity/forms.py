@@ -161,7 +161,7 @@ class CarriedMetric:
         pose = tool if self.follows_tool else self.pose
         if pose is None:
             raise BadInput("form", 'CarriedMetric(..., "tool")', "a CarriedMetric with a (4, 4) pose")
-        root: Array = self._root.dot(se3.carried(se3.inverted(np.asarray(pose))))
+        root: Array = self._root.dot(se3.inverse_adjoint(np.asarray(pose)))
         return root
 
     def describe(self) -> str:

@@ -91,9 +91,7 @@ def share_of(
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
-    moved = sqrt(float(found.z.dot(found.z)))
-    spent = moved / (possible * length) if possible * length * BOUNDLESS > moved else BOUNDLESS
-    nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort * 1.0
+    nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort
     if nu > REGULARISATION:
         found = best(nu)
     value = min(max(found.z[0] / length, 0.0), 1.0)

@@ -7,8 +7,8 @@ const written = x => {
 };
 
 class Chart {
-  constructor(side, chart, time, bound, seek) {
-    Object.assign(this, { chart, time, bound });
+  constructor(side, chart, time, limited, seek) {
+    Object.assign(this, { chart, time, limited });
     const head = side.appendChild(document.createElement("h2"));
     head.append(chart.title);
     if (chart.keyed) chart.names.forEach((name, i) => {
@@ -26,7 +26,7 @@ class Chart {
     this.canvas.addEventListener("pointermove", e => { if (e.buttons) at(e); });
   }
 
-  // The vertical axis: [low, high, ticks], in powers of ten where it is logarithmic.
+  // The vertical axis: [low, high, ticks], as exponents of ten if it is logarithmic.
   axis() {
     const { log, span, values, levels } = this.chart;
     const all = [...values.data, ...levels].filter(Number.isFinite).map(x => log ? Math.log10(x) : x);
@@ -51,9 +51,9 @@ class Chart {
     return last * Math.min(1, Math.max(0, (x - left) / (right - left)));
   }
 
-  // Everything but the cursor, on a sheet of its own.
+  // Draw everything but the cursor once, on a canvas of its own.
   layout() {
-    const { canvas, sheet, chart, time, bound } = this, fine = window.devicePixelRatio || 1;
+    const { canvas, sheet, chart, time, limited } = this, fine = window.devicePixelRatio || 1;
     const w = canvas.clientWidth, h = canvas.clientHeight;
     canvas.width = sheet.width = Math.round(w * fine);
     canvas.height = sheet.height = Math.round(h * fine);
@@ -62,7 +62,7 @@ class Chart {
     const x = t => 46 + t / last * (w - 54), y = v => 6 + (high - v) / (high - low) * (h - 26);
     pen.font = "11px system-ui, sans-serif";
     pen.fillStyle = ink("--well");
-    bound.forEach((on, i) => {
+    limited.forEach((on, i) => {
       if (on && i) pen.fillRect(x(time[i - 1]), 6, x(time[i]) - x(time[i - 1]) + 0.5, h - 26);
     });
     pen.textBaseline = "middle";
@@ -107,11 +107,17 @@ class Chart {
   }
 }
 
-// One row a joint: where it is in its range, and how fast of what it may be.
+// A rotary quantity in degrees, or one of a slide in metres, with its unit; "-0.0" is "0.0".
+const measured = (x, slide, per) => {
+  const number = slide ? written(x) : (x * 180 / Math.PI).toFixed(1).replace("-0.0", "0.0");
+  return `${number}${slide ? " m" : "°"}${per}`;
+};
+
+// One row a joint: its position and where that is in its range, its velocity and what share that is of its limit.
 class Bars {
   constructor(table, run) {
     this.run = run;
-    table.innerHTML = "<tr><th></th><th>position in its range</th><th></th><th>velocity of its limit</th></tr>";
+    table.innerHTML = "<tr><th></th><th colspan=2>position, in its range</th><th colspan=2>velocity, of its limit</th></tr>";
     const cell = row => row.appendChild(document.createElement("td"));
     this.rows = run.joints.map((name, i) => {
       const row = table.appendChild(document.createElement("tr"));
@@ -126,9 +132,9 @@ class Bars {
       };
       const place = bar(), speed = bar();
       cell(row).append(place);
-      const number = cell(row);
+      const position = cell(row);
       cell(row).append(speed);
-      return { place, number, speed };
+      return { place, position, speed, velocity: cell(row) };
     });
   }
 
@@ -142,7 +148,8 @@ class Bars {
         row.place.firstChild.style.cssText = `left:calc(${Math.min(1, Math.max(0, share))} * (100% - 6px));width:6px`;
         row.place.classList.toggle("at", share < 0.002 || share > 0.998);
       }
-      row.number.textContent = slides[i] ? `${written(q[i])} m` : `${(q[i] * 180 / Math.PI).toFixed(1)}°`;
+      row.position.textContent = measured(q[i], slides[i], "");
+      row.velocity.textContent = measured(speed[i], slides[i], "/s");
       const of = speed[i] / speedLimit[i], filled = 50 * Math.min(1, Math.abs(of));
       row.speed.firstChild.style.cssText = `left:${of < 0 ? 50 - filled : 50}%;width:${filled}%`;
       row.speed.classList.toggle("at", Math.abs(of) > 0.999);

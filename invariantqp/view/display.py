@@ -1,4 +1,4 @@
-"""Whether there is a screen to show a browser on, and where a page goes when there is none."""
+"""Whether there is a screen for a browser, and the file for a page when there is none."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import sys
 
 from invariantqp.runs.taskfile import Task
 
-# Set where nobody looks at this machine's screen, if it has one.
+# Environment variables that say that nobody looks at this machine's screen, if it has one.
 ELSEWHERE = ("CI", "SSH_CONNECTION", "SSH_TTY")
-# Of these Linux and the BSDs set one where there is a screen.
+# Environment variables of which Linux and the BSDs set one where there is a screen.
 SCREEN = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
@@ -22,5 +22,5 @@ def has_display() -> bool:
 
 
 def page_name(task: Task) -> str:
-    """The file a task's page is written to when nobody names one, in the current folder."""
+    """The file, in the current folder, for the page of a task when nobody names one."""
     return f"{re.sub(r'[^A-Za-z0-9._-]+', '_', task.name)}.html"

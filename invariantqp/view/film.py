@@ -1,4 +1,4 @@
-"""A run as something to look at: what stands where in each of a few hundred frames, and the curves beside it.
+"""A run as frames to draw: where everything is in each of a few hundred frames, and the curves beside it.
 
 An arm is drawn from its kinematics alone: straight links from joint to joint, each joint along its axis.
 """
@@ -13,24 +13,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.palette import BLUE, ORANGE, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.view.surroundings import Surroundings, surroundings
 
-# States drawn of a run, at most; players fill in between. What is shown of the ticks between two is their worst.
+# The most frames of a run; players interpolate. Of the ticks between two frames the worst values are shown.
 FRAMES = 600
-# A logarithmic axis has no zero [mm, deg]: what is below a picometre is drawn there.
+# A logarithmic axis has no zero: smaller errors, below a picometre, are drawn as this [mm, deg].
 SMALLEST_ERROR = 1e-9
-# Told apart by colour-blind readers too: Okabe and Ito's palette, but for its black and its yellow, which a dark or a
-# light page would swallow.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7F7F7F", "#B8A900")
-FORCE = COLOURS[5]
+FORCE = VERMILION
 
 
-class Posture(NamedTuple):
-    """An arm in one state.
+class ArmShape(NamedTuple):
+    """What to draw of an arm in one state.
 
     Attributes:
         points: (m + 2, 3) base, joints, tool.
@@ -43,16 +41,16 @@ class Posture(NamedTuple):
     tool: Array
 
 
-class Chart(NamedTuple):
+class CurveChart(NamedTuple):
     """Curves over the frames' times.
 
     Attributes:
         title: with its unit.
-        names: of the curves.
+        names: of the c curves.
         values: (c, k).
         colours: of the curves.
-        levels: lines across, where a limit or a demand is.
-        span: of the vertical axis; None is what the curves need.
+        levels: heights of horizontal lines, at limits or wanted values.
+        span: ends of the vertical axis; None is what the curves need.
         log: whether that axis is logarithmic.
     """
 
@@ -73,7 +71,7 @@ class Film:
         title: the task's name.
         about: what it is, and how it went.
         joints: (m) names.
-        slides: (m) whether a joint is one, rather than a hinge.
+        slides: (m) whether a joint is prismatic.
         time: (k,) [s].
         points: (k, m + 2, 3) base, joints, tool.
         axes: (k, m, 3) unit directions of the joints.
@@ -81,13 +79,13 @@ class Film:
         wanted: (k, 4, 4) poses that were asked for.
         q: (k, m) joint positions.
         limits: (2, m) lower and upper.
-        speed: (k, m) joint velocities, of the ticks that end in a frame the fastest.
+        speed: (k, m) joint velocities, the fastest of the ticks since the frame before.
         speed_limit: (m,).
-        bound: (k) whether a limit was active.
-        status: (k) how the law answered, of those ticks the first that is not "ok".
+        limit_active: (k) whether a limit was active in one of those ticks.
+        status: (k) of the law, the first of those ticks' that is not "ok".
         charts: curves to draw.
         surroundings: what the tool touches.
-        force: (k, 3) that the tool exerts [N]; None where it touches nothing.
+        force: (k, 3) that the tool exerts [N]; None without contact.
     """
 
     title: str
@@ -103,31 +101,31 @@ class Film:
     limits: Array
     speed: Array
     speed_limit: Array
-    bound: list[bool]
+    limit_active: list[bool]
     status: list[str]
-    charts: tuple[Chart, ...]
+    charts: tuple[CurveChart, ...]
     surroundings: Surroundings
     force: Array | None = None
 
     @property
     def centre(self) -> Array:
-        """(3,) the middle of all that is drawn."""
+        """(3,) the middle of everything that is drawn."""
         low, high = self._box()
         return 0.5 * (low + high)
 
     @property
     def size(self) -> float:
-        """Radius of a ball about the centre that holds it all [length]."""
+        """Radius of a ball about the centre that contains everything [length]."""
         low, high = self._box()
         return 0.5 * float(np.linalg.norm(high - low))
 
     def frame(self, t: float) -> int:
-        """The one nearest to a time [s]."""
+        """The frame nearest to a time [s]."""
         return int(np.abs(self.time - t).argmin())
 
     @property
     def strongest(self) -> float:
-        """The force to scale arrows by [N]: what all but the rarest stay below, positive."""
+        """The force to scale arrows by [N]: positive, and exceeded in one frame of a hundred."""
         return 1.0 if self.force is None else max(float(np.percentile(np.linalg.norm(self.force, axis=1), 99)), 1e-9)
 
     def _box(self) -> tuple[Array, Array]:
@@ -136,113 +134,117 @@ class Film:
         return drawn.min(axis=0), drawn.max(axis=0)
 
 
-def posture(robot: Robot, q: ArrayLike) -> Posture:
+def arm_shape(robot: Robot, q: ArrayLike) -> ArmShape:
     """What to draw of an arm at joint positions q (m,)."""
     J, T = robot.jacobian(q), robot.pose(q)
     axes = np.where(J[:3].any(axis=0), J[:3], J[3:])
     points = np.vstack((np.zeros(3), robot.origins(q), T[:3, 3]))
-    return Posture(points, (axes / np.linalg.norm(axes, axis=0)).T, T)
+    return ArmShape(points, (axes / np.linalg.norm(axes, axis=0)).T, T)
 
 
 def film_of(trace: Trace, frames: int = FRAMES) -> Film:
-    """A run, in so many frames at most.
+    """A run as frames.
+
+    Args:
+        trace: from `run_task`.
+        frames: how many, at most.
 
     Raises:
-        RobotModelError, UnknownName, MissingExtra: the robot cannot be had any more.
+        RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.
     """
     robot = trace.task.load_robot()
     n = len(trace.velocity)
     ends = np.unique(np.linspace(0, n, min(n + 1, frames)).round().astype(int))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
     status = [next((s for s in trace.statuses[a:b] if s != "ok"), trace.statuses[b - 1]) for a, b in _ticks(ends)]
-    drawn = _drawn(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
-    drawn = replace(drawn, speed=farthest(trace.velocity, ends))
+    drawn = _film(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
+    drawn = replace(drawn, speed=extremes(trace.velocity, ends))
     errors = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
     return replace(
         drawn,
         about=f"{trace.task.about} {went}",
-        bound=[any(trace.bound[a:b]) for a, b in _ticks(ends)],
+        limit_active=[any(trace.limit_active[a:b]) for a, b in _ticks(ends)],
         status=status,
-        charts=(_error_chart(farthest(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
+        charts=(_error_chart(extremes(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
 
 
 def film_before(task: Task, frames: int = FRAMES) -> Film:
-    """What is known before a run: the arm at its start, and the path asked of it, which may yet be put on a surface."""
+    """What is known before a run: the arm at its start and its path, before contact moves it onto a surface."""
     robot = task.load_robot()
     pose = task.path.along(robot, task.start())
     settle = 0.0 if task.contact is None else task.contact.settle
     time = np.linspace(0.0, settle + task.path.duration, frames)
     wanted = np.array([pose(t) for t in np.maximum(time - settle, 0.0).tolist()])
-    return _drawn(task, robot, time, np.tile(task.start(), (frames, 1)), wanted)
+    return _film(task, robot, time, np.tile(task.start(), (frames, 1)), wanted)
 
 
-def _drawn(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:
-    """Everything but how it went."""
-    seen = [posture(robot, state) for state in q]
+def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:
+    """A film without results."""
+    shapes = [arm_shape(robot, state) for state in q]
     return Film(
         title=task.name,
         about=task.about,
         joints=robot.names,
         slides=[not turn.any() for turn in robot.jacobian(q[0])[:3].T],
         time=time,
-        points=np.array([s.points for s in seen]),
-        axes=np.array([s.axes for s in seen]),
-        tool=np.array([s.tool for s in seen]),
+        points=np.array([s.points for s in shapes]),
+        axes=np.array([s.axes for s in shapes]),
+        tool=np.array([s.tool for s in shapes]),
         wanted=wanted,
         q=q,
         limits=np.stack((robot.position_lower, robot.position_upper)),
         speed=np.zeros_like(q),
         speed_limit=robot.velocity_limit,
-        bound=[False] * len(time),
+        limit_active=[False] * len(time),
         status=[""] * len(time),
         charts=(),
         surroundings=surroundings(task, robot, wanted[:, :3, 3]),
     )
 
 
-def farthest(values: Array, ends: Array) -> Array:
-    """(k, ...) of the ticks that end in each frame, the values farthest from zero; of (n, ...) values, one a tick."""
+def extremes(values: Array, ends: Array) -> Array:
+    """(k, ...) of (n, ...) values, one a tick: those farthest from zero since the frame before."""
     blocks = (values[a:b] for a, b in _ticks(ends))
     return np.array([np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0] for v in blocks])
 
 
 def _ticks(ends: Array) -> list[tuple[int, int]]:
-    """Which ticks each frame tells of: those since the frame before, the first frame of the first."""
+    """First and last tick of each frame: those since the frame before; the first frame has the first tick."""
     return [(0, 1), *pairwise(ends.tolist())]
 
 
 def colours(joints: int) -> tuple[str, ...]:
-    """One a joint."""
-    return tuple(COLOURS[i % len(COLOURS)] for i in range(joints))
+    """A colour for each joint."""
+    return tuple(SCREEN_COLOURS[i % len(SCREEN_COLOURS)] for i in range(joints))
 
 
-def _error_chart(errors: Array) -> Chart:
+def _error_chart(errors: Array) -> CurveChart:
     """Errors (k, 2) [mm, deg]."""
     values = np.maximum(errors, SMALLEST_ERROR).T
-    return Chart("tracking error", ("position [mm]", "orientation [deg]"), values, COLOURS[:2], log=True)
+    return CurveChart("tracking error", ("position [mm]", "orientation [deg]"), values, (BLUE, ORANGE), log=True)
 
 
-def _force_charts(contact: ContactTrace | None, ends: Array) -> list[Chart]:
-    """The press, as it was and as the controller took it to be, where it was farthest from what was wanted."""
+def _force_charts(contact: ContactTrace | None, ends: Array) -> list[CurveChart]:
+    """The press, true and as the controller read it, where it was farthest from the wanted one."""
     if contact is None:
         return []
     press = np.column_stack((contact.measured_press, contact.press)) - contact.wanted
-    names, hues = ("as measured", "as it was"), (COLOURS[4], FORCE)
-    return [Chart("contact force [N]", names, farthest(press, ends).T + contact.wanted, hues, (contact.wanted,))]
+    names, hues = ("as read", "true"), (SKY, FORCE)
+    return [CurveChart("contact force [N]", names, extremes(press, ends).T + contact.wanted, hues, (contact.wanted,))]
 
 
-def limit_charts(film: Film) -> list[Chart]:
-    """Joint positions and velocities as shares of their limits, where there are any."""
+def limit_charts(film: Film) -> list[CurveChart]:
+    """Joint positions as shares of their ranges and velocities as shares of their limits, for joints that have them."""
     lower, upper = film.limits
     ranged = np.isfinite(upper - lower) & (upper > lower)
     limited = np.isfinite(film.speed_limit)
     place = (film.q[:, ranged] - lower[ranged]) / (upper - lower)[ranged]
     rate = film.speed[:, limited] / film.speed_limit[limited]
     names, hues = np.array(film.joints), np.array(colours(len(film.joints)))
-    found = (
-        Chart("joint position / range", tuple(names[ranged]), place.T, tuple(hues[ranged]), (0.0, 1.0), (-0.05, 1.05)),
-        Chart("joint velocity / limit", tuple(names[limited]), rate.T, tuple(hues[limited]), (-1.0, 1.0), (-1.1, 1.1)),
-    )
-    return [chart for chart in found if chart.names]
+    limits = (0.0, 1.0), (-0.05, 1.05)
+    positions = CurveChart("joint position / range", tuple(names[ranged]), place.T, tuple(hues[ranged]), *limits)
+    limits = (-1.0, 1.0), (-1.1, 1.1)
+    velocities = CurveChart("joint velocity / limit", tuple(names[limited]), rate.T, tuple(hues[limited]), *limits)
+    return [chart for chart in (positions, velocities) if chart.names]

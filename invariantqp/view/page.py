@@ -1,13 +1,11 @@
-"""A run as one HTML file: no network, no server, no library; a browser with a canvas is enough.
+"""A run as one HTML file, for any browser: it needs no network, no server and no library.
 
-The numbers travel as base64 of float32, in lengths of the robot, so a run of any length is some hundred kilobytes.
+Arrays are written as base64 of float32, so a run of any length takes a few hundred kilobytes.
 """
 
 from __future__ import annotations
 
 import base64
-import html
-import json
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,35 +14,29 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.palette import BLUE, ORANGE
 from invariantqp.runs.trace import Trace
-from invariantqp.view.film import Chart, Film, colours, film_of
+from invariantqp.template import fill_template
+from invariantqp.view.film import FORCE, CurveChart, Film, colours, film_of
 
 SCRIPTS = ("painter.js", "charts.js", "player.js")
-# Curves whose names stand above a chart; of more, the joints' bars tell which is which.
+# A chart of more curves than this has no key: the colours are those of the joints' bars.
 KEYED = 3
 
 
 def page(film: Film) -> str:
     """The file's text."""
-    parts = {
-        "TITLE": html.escape(film.title),
-        "ABOUT": html.escape(film.about),
-        # Inside a script nothing but "<" could end it early.
-        "RUN": json.dumps(_run(film), allow_nan=False).replace("<", "\\u003c"),
-        "SCRIPTS": "\n".join(_part(name) for name in SCRIPTS),
-    }
-    text = _part("page.html")
-    for name, value in parts.items():
-        text = text.replace(f"@{name}@", value)
-    return text
+    scripts = [_script(name) for name in SCRIPTS]
+    values = {"title": film.title, "about": film.about, "run": _run(film), "scripts": scripts}
+    return fill_template("invariantqp.view", "page.html", values)
 
 
 def animation(trace: Trace, file: Path | str) -> Path:
-    """Write a run as a page to play, pause and scrub in any browser.
+    """Write a run as a page that plays in any browser.
 
     Raises:
         BadInput: the file cannot be written.
-        RobotModelError, UnknownName, MissingExtra: the robot cannot be had any more.
+        RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.
     """
     text = page(film_of(trace))
     try:
@@ -54,12 +46,12 @@ def animation(trace: Trace, file: Path | str) -> Path:
     return Path(file)
 
 
-def _part(name: str) -> str:
+def _script(name: str) -> str:
     return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
 def _run(film: Film) -> dict[str, Any]:
-    """What the page draws."""
+    """What the page draws, as JSON has it."""
     named = {
         "time": film.time,
         "points": film.points,
@@ -77,21 +69,22 @@ def _run(film: Film) -> dict[str, Any]:
     return {
         "joints": film.joints,
         "colours": colours(len(film.joints)),
+        "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE},
         "slides": film.slides,
         "centre": film.centre.tolist(),
         "size": film.size,
         "status": film.status,
-        "bound": film.bound,
+        "limit_active": film.limit_active,
         "axis": None if film.surroundings.axis is None else film.surroundings.axis.tolist(),
         "strongest": film.strongest,
         "charts": [_chart(c) for c in film.charts],
-        "arrays": {name: _packed(a) for name, a in named.items()},
+        "arrays": {name: _pack(a) for name, a in named.items()},
     }
 
 
-def _chart(chart: Chart) -> dict[str, Any]:
-    return {**chart._asdict(), "values": _packed(chart.values), "keyed": len(chart.names) <= KEYED}
+def _chart(chart: CurveChart) -> dict[str, Any]:
+    return {**chart._asdict(), "values": _pack(chart.values), "keyed": len(chart.names) <= KEYED}
 
 
-def _packed(a: Array) -> dict[str, Any]:
+def _pack(a: Array) -> dict[str, Any]:
     return {"shape": a.shape, "data": base64.b64encode(np.ascontiguousarray(a, dtype="<f4").tobytes()).decode("ascii")}

@@ -1,4 +1,4 @@
-// The scene in three dimensions on a plain 2D canvas: lit faces, sorted by depth. Works wherever a canvas does.
+// The scene in three dimensions on a plain 2D canvas: lit faces, sorted by depth. No WebGL is needed.
 
 const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -10,7 +10,7 @@ const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
 const LIGHT = unit([0.4, -0.5, 0.9]);
 
 class Painter {
-  // All of a ball, with a smaller one in it to look at when double-clicked.
+  // The ball that is seen at first, and a smaller one in it that a double click shows.
   constructor(canvas, [centre, size], [spot, extent]) {
     this.canvas = canvas;
     this.pen = canvas.getContext("2d");
@@ -41,7 +41,7 @@ class Painter {
     this.faces = [];
   }
 
-  // [x, y, depth] on the screen; null behind the eye.
+  // [x, y, depth] on the screen; null behind the camera.
   project(p) {
     const r = add(p, this.eye, -1), depth = -dot(r, this.back);
     if (depth < 0.02 * this.size) return null;
@@ -49,7 +49,7 @@ class Painter {
     return [this.width / 2 + s * dot(r, this.right), this.height / 2 - s * dot(r, this.up), depth];
   }
 
-  // A face to be drawn in its turn: points in space, a colour [r, g, b], lit by its normal unless that is null;
+  // Add a face, to be drawn in order of depth: points in space, a colour [r, g, b], lit by its normal unless that is null;
   // farther draws it behind what lies on it.
   face(points, colour, normal = null, alpha = 1, farther = 0) {
     const seen = points.map(p => this.project(p));
@@ -82,7 +82,7 @@ class Painter {
     }
   }
 
-  // Words beside a point, on the side away from another.
+  // Words beside a point, on its side away from another point.
   text(words, at, ink, other = null) {
     const p = this.project(at), q = other && this.project(other), left = q && p && q[0] > p[0];
     if (p) this.faces.push({ depth: 0, paint: pen => {
@@ -124,7 +124,7 @@ class Painter {
     for (let i = -n; i <= n; i++) {
       for (const [a, b] of [[[x + i * step, y - n * step, height], [x + i * step, y + n * step, height]],
         [[x - n * step, y + i * step, height], [x + n * step, y + i * step, height]]]) {
-        for (let k = 0; k < 8; k++) {  // in pieces: what is behind the eye is left out
+        for (let k = 0; k < 8; k++) {  // in pieces: what is behind the camera is left out
           const p = this.project(mix(a, b, k / 8)), q = this.project(mix(a, b, (k + 1) / 8));
           if (p && q) { pen.beginPath(); pen.moveTo(p[0], p[1]); pen.lineTo(q[0], q[1]); pen.stroke(); }
         }
@@ -132,7 +132,7 @@ class Painter {
     }
   }
 
-  // What a polyline would shade of the floor at noon.
+  // The shadow of a polyline on the floor, with light from straight above.
   shadow(points, height, width, ink) {
     const seen = points.map(p => this.project([p[0], p[1], height]));
     if (seen.includes(null)) return;

@@ -1,4 +1,4 @@
-// Time: play, pause, scrub; each moment draws the scene, the curves' cursors and the joints' bars.
+// Play, pause and seek; each moment draws the scene, the cursors of the curves and the bars of the joints.
 
 const $ = id => document.getElementById(id);
 const decoded = a => {
@@ -9,9 +9,9 @@ const run = JSON.parse($("run").textContent);
 const arrays = Object.fromEntries(Object.entries(run.arrays).map(([name, a]) => [name, decoded(a)]));
 for (const chart of run.charts) chart.values = decoded(chart.values);
 const { data: time } = arrays.time, last = time[time.length - 1], frames = time.length;
-const { bound } = run;
+const limited = run.limit_active;
 
-// The numbers of an array in one frame, and between two frames what lies between.
+// The numbers of an array in one frame, and interpolated between two frames.
 const row = (name, i) => {
   const { shape, data } = arrays[name], n = shape.slice(1).reduce((a, b) => a * b, 1);
   return Array.from(data.subarray(i * n, (i + 1) * n));
@@ -36,14 +36,14 @@ const painter = new Painter($("view"), [run.centre, r], [mix(...ends, 0.5), norm
 const floor = Math.min(...arrays.points.data.filter((_, i) => i % 3 === 2)) - 0.01 * r;
 const corners = triples([...arrays.faces.data]);
 const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
-const charts = run.charts.map(c => new Chart($("side"), c, time, bound, t => { play(false); seek(t); }));
-const HUES = { wanted: rgb("#E69F00"), drawn: rgb("#0072B2"), force: rgb("#D55E00"), dark: rgb("#4a5764"),
-  touched: rgb("#cdbb9f") };
-$("key").innerHTML = '<i style="color:#E69F00"></i>path wanted<i style="color:#0072B2"></i>path drawn'
-  + (arrays.force ? '<i style="color:#D55E00"></i>force of the tool' : "")
+const charts = run.charts.map(c => new Chart($("side"), c, time, limited, t => { play(false); seek(t); }));
+const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
+  dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
+$("key").innerHTML = `<i style="color:${run.hues.wanted}"></i>path wanted<i style="color:${run.hues.drawn}"></i>path drawn`
+  + (arrays.force ? `<i style="color:${run.hues.force}"></i>force of the tool` : "")
   + "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far";
 const caption = $("side").appendChild(document.createElement("p"));
-caption.textContent = bound.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
+caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
 
 function triad(T, length, width, alpha, names) {
   const at = spot(T);
@@ -96,7 +96,7 @@ function draw() {
   const told = [`t      ${state.t.toFixed(2)} s`];
   const error = run.charts[0].values, [mm, deg] = [error.data[i], error.data[frames + i]];
   told.push(`error  ${written(mm)} mm, ${written(deg)} deg`, `status ${run.status[i]}`);
-  if (bound[i]) told.push("limit active");
+  if (limited[i]) told.push("limit active");
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
     told.push(`force  ${size.toFixed(2)} N`);
@@ -104,7 +104,7 @@ function draw() {
       const way = unit(push), tip = add(at, way, 0.35 * r * size / run.strongest), neck = add(tip, way, -0.06 * r);
       if (dot(add(neck, at, -1), way) > 0) painter.bar(at, neck, 0.014 * r, 0.014 * r, HUES.force, 3);
       painter.bar(neck, tip, 0.035 * r, 0.001 * r, HUES.force);
-      painter.text(`${size.toFixed(1)} N`, tip, "#D55E00", at);
+      painter.text(`${size.toFixed(1)} N`, tip, run.hues.force, at);
     }
   }
   painter.end();
@@ -162,6 +162,6 @@ addEventListener("resize", layout);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", layout);
 setRate();
 layout();
-// page.html#2.5 opens at that second, standing still; otherwise it plays.
+// page.html#2.5 opens at 2.5 s and does not play; without a number the page plays.
 const moment = location.hash.length > 1 ? Number(location.hash.slice(1)) : NaN;
 if (Number.isFinite(moment)) seek(moment); else play(true);

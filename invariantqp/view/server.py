@@ -1,4 +1,4 @@
-"""A run in a browser, while it goes on and after, served to this machine alone: the one file that imports viser."""
+"""A run in a browser, while it is running and after, served to this machine only. The one file that imports viser."""
 
 from __future__ import annotations
 
@@ -13,48 +13,48 @@ import numpy as np
 
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.plants.touch import Truth
+from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.view.film import (
     FORCE,
-    Chart,
+    ArmShape,
+    CurveChart,
     Film,
-    Posture,
-    farthest,
+    arm_shape,
+    extremes,
     film_before,
     film_of,
     limit_charts,
-    posture,
 )
 from invariantqp.view.stage import Stage
 from invariantqp.view.widgets import joint_bars, paragraph, span, with_cursor
 
-# Where a browser finds it; the next free one if it is taken.
+# The port to serve at, or the next one that is free.
 PORT = 8080
-# Pictures a second, and changes of the plots a second: those are heavy.
+# How often the robot is drawn, and the curves, which cost more [1/s].
 PICTURES = 30
 PLOTS = 8
-# Points of a curve while the run goes on.
+# Points of a curve while the run is running.
 COARSE = 200
 SLOWEST, FASTEST = 0.05, 4.0
 CURSOR = "#808080"
 
 
 class Viewer:
-    """A page with robot, path, playback and plots; one a run.
+    """A page with robot, path, playback and curves, for one run.
 
     Attributes:
         url: what to open in a browser.
     """
 
     def __init__(self, task: Task, port: int = PORT) -> None:
-        """Serve what is known before the run: the arm at its start, and the path asked of it.
+        """Serve what is known before the run: the arm at its start, and its path.
 
         Raises:
             MissingExtra: viser is not installed.
-            RobotModelError, UnknownName: the robot cannot be had.
+            RobotModelError, UnknownName: the robot cannot be loaded.
         """
         try:
             import viser
@@ -63,7 +63,7 @@ class Viewer:
         self._robot = task.load_robot()
         self._dt = task.law.dt
         self._film = film_before(task)
-        with redirect_stdout(io.StringIO()):  # it announces its beginning and its end
+        with redirect_stdout(io.StringIO()):  # viser prints when it starts and stops
             self._server = viser.ViserServer(host="127.0.0.1", port=port, label=task.name, verbose=False)
         self.url: str = f"http://localhost:{self._server.get_port()}"
         self._open = True
@@ -72,9 +72,9 @@ class Viewer:
         self._next_picture = self._next_plots = 0.0
         self._plots: dict[str, tuple[Any, dict[str, Any]]] = {}
         self._stage = Stage(self._server, self._film)
-        self._stage.arm(posture(self._robot, task.start()))
+        self._stage.arm(arm_shape(self._robot, task.start()))
         self._stage.goal(self._film.wanted[0], np.empty((0, 3)))
-        self._furnish()
+        self._add_panel()
 
     def close(self) -> None:
         """Stop serving."""
@@ -83,16 +83,16 @@ class Viewer:
             with redirect_stdout(io.StringIO()):
                 self._server.stop()
 
-    def watch(self, tick: int, truth: Truth, solution: VelocitySolution) -> None:
-        """An observer for `run_task`; draws as often as an eye can follow, no oftener."""
-        self._seen.append((truth.q, solution.velocity, truth.wrench[3:], truth.pose[:3, 3]))
+    def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:
+        """An observer for `run_task`; draws no more often than an eye can follow."""
+        self._seen.append((state.q, solution.velocity, state.wrench[3:], state.pose[:3, 3]))
         now = monotonic()
         if now < self._next_picture or not tick:
             return
         self._next_picture = now + 1.0 / PICTURES
         with self._server.atomic():
-            self._stage.arm(posture(self._robot, truth.q))
-            self._stage.push(truth.pose, -truth.wrench[3:])
+            self._stage.arm(arm_shape(self._robot, state.q))
+            self._stage.push(state.pose, -state.wrench[3:])
             drawn = np.array([point for *_, point in self._seen[:: 1 + tick // COARSE]])
             self._stage.goal(self._film.wanted[self._film.frame(self._dt * tick)], drawn)
             self._told.content = paragraph(f"running: {tick * self._dt:.2f} s, {solution.status}")
@@ -103,19 +103,19 @@ class Viewer:
                 self._joints.content = joint_bars(so_far, -1)
 
     def _so_far(self) -> Film:
-        """What has been seen of a run that goes on."""
+        """The run as far as it has come."""
         q, speed, force, _ = (np.array(part) for part in zip(*self._seen, strict=True))
         ends = np.unique(np.linspace(0, len(q) - 1, COARSE).astype(int))
-        seen = replace(self._film, time=self._dt * ends, q=q[ends], speed=farthest(speed, ends))
-        size = farthest(np.linalg.norm(force, axis=1)[:, None], ends).T
-        felt = [Chart("contact force [N]", ("size",), size, (FORCE,))] if force.any() else []
+        seen = replace(self._film, time=self._dt * ends, q=q[ends], speed=extremes(speed, ends))
+        size = extremes(np.linalg.norm(force, axis=1)[:, None], ends).T
+        felt = [CurveChart("contact force [N]", ("size",), size, (FORCE,))] if force.any() else []
         return replace(seen, charts=(*felt, *limit_charts(seen)))
 
     def show(self, film: Film) -> None:
-        """The run is done: play it."""
+        """Play a run that is done."""
         self._film = film
         with self._server.atomic():
-            for plot, _ in self._plots.values():  # hidden: a browser may still be sent changes of what is removed
+            for plot, _ in self._plots.values():  # a plot that is removed could still be sent changes
                 plot.visible = False
             self._plots = {}
             self._about.content = paragraph(film.about)
@@ -135,20 +135,20 @@ class Viewer:
         self.serve()
 
     def serve(self) -> None:
-        """Play, pause and scrub as the page asks, until interrupted or closed."""
+        """Play, pause and seek as the page asks, until interrupted or closed."""
         before = monotonic()
         while self._open:
             sleep(1.0 / PICTURES)
             now = monotonic()
-            if self._playing and self._server.get_clients():  # while nobody looks, nothing is missed
+            if self._playing and self._server.get_clients():  # time stands still while nobody looks
                 self._t = min(float(self._film.time[-1]), self._t + self._rate.value * (now - before))
                 self._set_playing(self._t < self._film.time[-1])
             before = now
             if self._open and self._t != self._shown:
                 self._draw(self._t)
 
-    def _furnish(self) -> None:
-        """The panel: playback, joints, and room for plots."""
+    def _add_panel(self) -> None:
+        """Fill the panel: playback, joints, curves."""
         gui = self._server.gui
         gui.configure_theme(control_width="large", show_share_button=False)
         gui.main_panel.dock_right()
@@ -169,7 +169,7 @@ class Viewer:
 
         @self._time.on_update
         def _(event: Any) -> None:
-            if event.client is not None:  # a person's hand, not the clock
+            if event.client is not None:  # moved by a person, not by `_draw`
                 self._set_playing(False)
                 self._t = float(self._time.value)
 
@@ -180,17 +180,17 @@ class Viewer:
             self._next_plots = 0.0
 
     def _draw(self, t: float) -> None:
-        """Everything at time t."""
+        """Draw everything at a time t [s]."""
         film, now = self._film, monotonic()
         i = film.frame(t)
         with self._server.atomic():
-            self._stage.arm(Posture(film.points[i], film.axes[i], film.tool[i]))
+            self._stage.arm(ArmShape(film.points[i], film.axes[i], film.tool[i]))
             self._stage.goal(film.wanted[i], film.tool[: i + 1, :3, 3])
             if film.force is not None:
                 self._stage.push(film.tool[i], film.force[i])
             self._time.value = t
             mm, deg = film.charts[0].values[:, i]
-            limit = ", limit active" if film.bound[i] else ""
+            limit = ", limit active" if film.limit_active[i] else ""
             words = f"{t:.2f} s: error {mm:.2g} mm, {deg:.2g} deg, {film.status[i]}{limit}"
             self._told.content = paragraph(words)
             if now >= self._next_plots or not self._playing:
@@ -200,7 +200,7 @@ class Viewer:
         self._shown = t
 
     def _draw_plots(self, film: Film, t: float) -> None:
-        """A film's curves with a cursor at t."""
+        """Draw a film's curves with a cursor at t."""
         for chart in film.charts:
             data = with_cursor(film.time, chart, t)
             scales = {
@@ -216,7 +216,7 @@ class Viewer:
                 plot.scales = scales
                 self._plots[chart.title] = plot, scales
 
-    def _add_plot(self, chart: Chart, data: tuple[Array, ...], scales: dict[str, Any]) -> Any:
+    def _add_plot(self, chart: CurveChart, data: tuple[Array, ...], scales: dict[str, Any]) -> Any:
         lines: list[Any] = [
             {"label": name, "stroke": colour, "width": 1.5}
             for name, colour in zip(chart.names, chart.colours, strict=True)

@@ -1,6 +1,6 @@
-"""The scene in three dimensions in a viser server: made once, moved by handles.
+"""The robot and its surroundings in three dimensions, in a viser server: made once, then moved.
 
-It is drawn in units of its own size about its own centre, so that arms of any size look alike and are lit alike.
+Everything is drawn in units of its own size about its own centre, so that arms of any size look alike.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.view.film import Film, Posture, colours
+from invariantqp.view.film import ArmShape, Film, colours
 
 if TYPE_CHECKING:
     import viser
 
 WANTED, DRAWN, LINK, DARK = (230, 159, 0), (0, 114, 178), (174, 186, 198), (74, 87, 100)
 TOUCHED, FORCE = (205, 187, 159), (190, 60, 0)
-# A face of four corners as two of three.
+# A face of four corners as two triangles.
 HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-# Of the strongest force's arrow.
+# Length of the arrow of the strongest force.
 LONGEST = 0.35
-# Where the eye is, in sizes of the scene from its centre.
+# Where the camera is, from the centre.
 EYE = np.array([1.45, -1.65, 1.0])
 
 
 class Stage:
-    """Robot, tool frame, paths; in units of the scene's size."""
+    """Robot, tool frame, paths and what the tool touches, in units of their size."""
 
     def __init__(self, server: viser.ViserServer, film: Film) -> None:
         self._draw = server.scene
@@ -45,7 +45,7 @@ class Stage:
         self._draw.add_cylinder("/base", 0.09, 0.016, DARK, position=self._at(film.points[0, 0]))
         axis = film.surroundings.axis
         self._axis = None if axis is None else self._at(axis)
-        self._touched(film)
+        self._add_surroundings(film)
         self._strongest = film.strongest if film.force is not None else 0.0
         nowhere = np.zeros((1, 2, 3))
         self._push = self._draw.add_arrows(
@@ -66,19 +66,19 @@ class Stage:
             caps = self._draw.add_cylinder(f"{node} axis", 0.8 * radius, 1.12 * half, inner)
             self._joints.append((body, caps))
 
-    def arm(self, posture: Posture) -> None:
+    def arm(self, shape: ArmShape) -> None:
         """Move the robot."""
-        points = self._at(posture.points)
+        points = self._at(shape.points)
         for link, a, b in zip(self._links, points[:-1], points[1:], strict=True):
             along = b - a
             length = float(np.linalg.norm(along))
             link.visible = length > 0.0
             if link.visible:
                 link.position, link.wxyz, link.scale = 0.5 * (a + b), _upright(along / length), (1.0, 1.0, length)
-        for parts, p, axis in zip(self._joints, points[1:-1], posture.axes, strict=True):
+        for parts, p, axis in zip(self._joints, points[1:-1], shape.axes, strict=True):
             for part in parts:
                 part.position, part.wxyz = p, _upright(axis)
-        self._frame(self._tool, posture.tool)
+        self._frame(self._tool, shape.tool)
         if self._axis is not None:
             a, b = self._axis
             out = points[-1] - a
@@ -86,14 +86,14 @@ class Stage:
             self._door.vertices = np.array([a, b, b + arm, a + arm], dtype=np.float32)
 
     def goal(self, wanted: Array, drawn: Array) -> None:
-        """Where the tool should be, (4, 4), and the points (n, 3) where it has been."""
+        """Move the frame where the tool should be, (4, 4), and draw the points (n, 3) where it has been."""
         self._frame(self._goal, wanted)
         self._trail.visible = len(drawn) > 1
         if self._trail.visible:
             self._trail.points = _segments(self._at(drawn)).astype(np.float32)
 
     def push(self, tool: Array, force: Array) -> None:
-        """The force (3,) that a tool at pose (4, 4) exerts [N]."""
+        """Draw the force (3,) that a tool at pose (4, 4) exerts [N]."""
         size = float(np.linalg.norm(force))
         self._push.visible = self._newtons.visible = size > 0.0
         if size > 0.0:
@@ -103,8 +103,8 @@ class Stage:
             self._push.points = np.array([[a, b]], dtype=np.float32)
             self._newtons.position, self._newtons.text = b, f"{size:.1f} N"
 
-    def _touched(self, film: Film) -> None:
-        """What the tool touches."""
+    def _add_surroundings(self, film: Film) -> None:
+        """Add what the tool touches."""
         around = film.surroundings
         if len(around.faces):
             corners = self._at(around.faces).reshape(-1, 3).astype(np.float32)
@@ -120,6 +120,7 @@ class Stage:
             )
 
     def _at(self, points: Array) -> Array:
+        """Points in the units of the drawing."""
         scaled: Array = (points - self._centre) / self._size
         return scaled
 

@@ -1,4 +1,4 @@
-"""What a tool touches, as faces to draw: a piece of a plane or of a round bar about the path, the axis of a door."""
+"""What a tool touches, as faces to draw: part of a plane or of a round bar near the path, or the axis of a door."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from invariantqp.geometry import screws
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.plants.touch import Grip
-from invariantqp.runs.scene import scene_of
+from invariantqp.runs.make_scene import scene_of
+from invariantqp.runs.plants.springs import HingeSprings
 from invariantqp.runs.taskfile import Task
 
-# Faces along each side: small ones, so that a viewer that sorts them by depth gets it right.
+# Faces along each side: small ones, because viewers sort faces by depth.
 SIDE = 8
-# Of a plane, or along a bar, drawn beyond the path; height of a door: in distances of the tool from the base.
+# How much of a plane or a bar is drawn beyond the path, and half the height of a door, relative to the distance of the
+# tool from the base.
 MARGIN = 0.13
-# How far round a bar is drawn to either side of where it is touched [rad].
+# How much of a bar is drawn to either side of where it is touched [rad].
 ROUND = 1.3
 
 
 class Surroundings(NamedTuple):
-    """What stands about a robot.
+    """What a robot's tool touches.
 
     Attributes:
-        faces: (p, 4, 3) corners in turn of what does not move.
-        axis: (2, 3) the ends of the axis of a door that the tool swings; None without one.
+        faces: (p, 4, 3) corners, in order, of what does not move.
+        axis: (2, 3) the ends of the axis of a door; None without one.
     """
 
     faces: Array
@@ -35,17 +36,18 @@ class Surroundings(NamedTuple):
 
 
 def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
-    """What a task's tool touches, as it is, about the points (n, 3) of its path."""
-    if task.contact is None or task.force is None:
-        return Surroundings(np.empty((0, 4, 3)))
+    """What a task's tool really touches, near the points (n, 3) of its path."""
     T = robot.pose(task.start())
+    scene = scene_of(task, T)
+    if scene is None:
+        return Surroundings(np.empty((0, 4, 3)))
     margin = MARGIN * float(np.linalg.norm(T[:3, 3]))
-    touch = scene_of(task.contact, task.force, T).touch
-    if isinstance(touch, Grip):
-        along, foot = screws.axis(touch.screw)
+    springs = scene.springs
+    if isinstance(springs, HingeSprings):
+        along, foot = screws.axis(springs.screw)
         middle = foot + along * along.dot(T[:3, 3])
         return Surroundings(np.empty((0, 4, 3)), np.stack((middle - margin * along, middle + margin * along)))
-    return Surroundings(_faces(touch.surface, path, margin))
+    return Surroundings(_faces(springs.surface, path, margin))
 
 
 def _faces(surface: Surface, path: Array, margin: float) -> Array:
@@ -65,7 +67,7 @@ def _faces(surface: Surface, path: Array, margin: float) -> Array:
 
 
 def _bent(bar: Cylinder, along: Array, outward: Array) -> Array:
-    """(SIDE + 1, SIDE + 1, 3) points of a bar, at places along it and angles about where it is touched."""
+    """(SIDE + 1, SIDE + 1, 3) points of a bar: at places along it, at angles about where it is touched."""
     angle = np.linspace(-ROUND, ROUND, SIDE + 1)[:, None]
     rim = bar.radius * (np.cos(angle) * outward + np.sin(angle) * np.cross(bar.axis, outward))
     points: Array = bar.point + along[:, None, None] * bar.axis + rim[None]
@@ -77,7 +79,7 @@ def _grid(values: Array, margin: float) -> Array:
 
 
 def _across(normal: Array) -> tuple[Array, Array]:
-    """Two unit directions across a unit normal, the first as near the base's x axis as can be, or its y axis."""
+    """Two unit directions in the plane of a unit normal, the first as near as possible to the base's x or y axis."""
     x = np.eye(3)[0 if abs(normal[0]) < 0.9 else 1]
     u = x - normal * normal.dot(x)
     u /= np.linalg.norm(u)

@@ -5,19 +5,20 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 
 from invariantqp.compare.measure.closed_loop import HARD, SINGULAR
 from invariantqp.compare.measure.failure_map import AXES
 from invariantqp.compare.measure.growth import JOINTS
-from invariantqp.compare.methods import FAMILIES, methods
+from invariantqp.compare.method import FAMILIES
+from invariantqp.compare.registry import methods
 from invariantqp.compare.report.charts import CHARTS, dependence, loops, maps, solves
 from invariantqp.compare.report.charts.ends import name_ends
 from invariantqp.compare.report.charts.labels import Named, name_points
 from invariantqp.compare.report.charts.scatter import Point, front
-from invariantqp.compare.report.charts.style import LOOKS, short
+from invariantqp.compare.report.charts.style import STYLES, short
 
 TASKS = ["panda_path"]
 NAMES = list(methods())
@@ -75,11 +76,14 @@ def results():
 @pytest.fixture
 def figures(monkeypatch):
     """Figures as they were when they were saved."""
-    kept = []
-    monkeypatch.setattr(plt, "close", kept.append)
-    yield kept
-    monkeypatch.undo()
-    plt.close("all")
+    kept, save = [], Figure.savefig
+
+    def kept_and_saved(figure, *args, **options):
+        kept.append(figure)
+        save(figure, *args, **options)
+
+    monkeypatch.setattr(Figure, "savefig", kept_and_saved)
+    return kept
 
 
 def words(svg):
@@ -126,6 +130,19 @@ def test_every_chart_is_drawn_with_every_name_and_no_name_over_another(results, 
             assert not overlapping(a, b), (one, other)
 
 
+@pytest.mark.parametrize("names", [[OURS, "DLS"], ["Pink"]], ids=str)
+def test_every_chart_can_be_drawn_for_a_few_methods(results, tmp_path, names):
+    few = {
+        **results,
+        "methods": [m for m in results["methods"] if m["name"] in names],
+        "cells": [c for c in results["cells"] if c["method"] in names],
+    }
+    for chart in CHARTS:
+        if set(chart.shows) <= {cell["kind"] for cell in few["cells"]}:
+            chart.draw(few, tmp_path / "chart.png")
+            assert chart.caption(few)
+
+
 def test_a_chart_is_the_same_each_time_it_is_drawn(results, tmp_path):
     files = [tmp_path / "a.svg", tmp_path / "b.svg"]
     for file in files:
@@ -140,8 +157,8 @@ def test_charts_read_what_was_written_to_a_file(results):
 
 
 def test_families_are_told_apart_by_colour_and_by_marker():
-    assert set(LOOKS) == set(FAMILIES)
-    assert len({look.colour for look in LOOKS.values()}) == len({look.marker for look in LOOKS.values()}) == len(LOOKS)
+    assert set(STYLES) == set(FAMILIES)
+    assert len({s.colour for s in STYLES.values()}) == len({s.marker for s in STYLES.values()}) == len(STYLES)
 
 
 def test_short_names_are_different():
@@ -163,26 +180,26 @@ def test_the_front_is_what_nothing_dominates():
 
 def test_names_of_a_crowd_stand_clear_of_each_other_and_of_every_marker():
     rng = np.random.default_rng(1)
-    figure, axes = plt.subplots(figsize=(9, 5), dpi=100)
+    figure = Figure(figsize=(9, 5), dpi=100)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    axes = figure.subplots()
     points = [Named(*rng.normal(0.5, 0.08, 2), f"method number {i}") for i in range(45)]
     axes.set(xlim=(0, 1), ylim=(0, 1))
     names = name_points(axes, points)
     assert sorted("\n".join(n.get_text() for n in names).split("\n")) == sorted(p.text for p in points)
-    renderer = figure.canvas.get_renderer()
     placed = [box(name, renderer) for name in names]
     assert not any(overlapping(a, b) for a, b in combinations(placed, 2))
     for x, y in axes.transData.transform([(p.x, p.y) for p in points]):
         assert not any(a[0] < x < a[2] and a[1] < y < a[3] for a in placed)
-    plt.close(figure)
 
 
 def test_names_of_lines_that_end_together_are_moved_apart():
-    figure, axes = plt.subplots()
+    figure = Figure()
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    axes = figure.subplots()
     axes.set(xlim=(0, 2), ylim=(0, 1))
     names = name_ends(axes, [(1.0, 0.5 + 1e-3 * i, f"line {i}", False) for i in range(10)])
-    renderer = figure.canvas.get_renderer()
     assert not any(overlapping(a, b) for a, b in combinations([box(name, renderer) for name in names], 2))
-    plt.close(figure)
 
 
 def changed(results, kind, method, path, value):

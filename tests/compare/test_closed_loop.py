@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
+from invariantqp.compare.cell import Cell
 from invariantqp.compare.laws.mink_law import MinkLaw
 from invariantqp.compare.laws.peers import joints_of
 from invariantqp.compare.laws.pink_law import PinkLaw
 from invariantqp.compare.laws.roboticstoolbox_law import RoboticsToolboxLaw
 from invariantqp.compare.measure import closed_loop
-from invariantqp.compare.measure.closed_loop import failures, ticked, tracked, without_speed_limits
+from invariantqp.compare.measure.closed_loop import failures, tick_times, tracking, without_speed_limits
 from invariantqp.compare.measure.frames import random_displacement
-from invariantqp.compare.measure.rewritten import rewritten, stretched
-from invariantqp.compare.methods import methods
-from invariantqp.compare.sweep import Cell, kinds
+from invariantqp.compare.measure.rewrite import rewrite, scale_lengths
+from invariantqp.compare.registry import methods
+from invariantqp.compare.sweep import kinds
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.screws import helical
 from invariantqp.runs.run import run_task
@@ -107,19 +108,19 @@ def test_helical_joints_are_refused():
 def test_a_rewritten_arm_moves_as_before(name):
     task = load_task(name)
     robot, q, Y = task.load_robot(), task.start() + 0.05, random_displacement(1)
-    written = rewritten(robot, base=Y, unit=1000.0, speed_limits=False)
-    np.testing.assert_allclose(written.pose(q), Y @ stretched(robot.pose(q), 1000.0), atol=1e-9)
+    written = rewrite(robot, base=Y, unit=1000.0, speed_limits=False)
+    np.testing.assert_allclose(written.pose(q), Y @ scale_lengths(robot.pose(q), 1000.0), atol=1e-9)
     J = robot.jacobian(q)
     J[3:] *= 1000.0
     np.testing.assert_allclose(written.jacobian(q), iq.adjoint(Y) @ J, atol=1e-8)
     assert np.isinf(written.velocity_limit).all()
     assert type(written) is type(robot)
-    assert np.isfinite(rewritten(robot).velocity_limit).all()
+    assert np.isfinite(rewrite(robot).velocity_limit).all()
 
 
 def test_a_run_tells_errors_speed_and_chatter_as_its_trace_has_them():
     cell = Cell("closed_loop", "ur5_wrist", ("DLS",), quick=True)
-    found = tracked(cell)["DLS"]
+    found = tracking(cell)["DLS"]
     task = load_task("ur5_wrist")
     trace = run_task(task, controller=closed_loop.controller_named("DLS"), dt=closed_loop.COARSER * task.law.dt)
     assert found["position_mm"]["p99"] == pytest.approx(1e3 * np.percentile(trace.position_error, 99))
@@ -160,7 +161,7 @@ def test_without_speed_limits_no_law_is_told_of_them(law):
 
 
 def test_ticks_are_timed_side_by_side_and_what_cannot_be_had_says_why():
-    found = ticked(Cell("tick", "arm_3r", ("DLS", "Pink", "mink"), quick=True))
+    found = tick_times(Cell("tick", "arm_3r", ("DLS", "Pink", "mink"), quick=True))
     assert "URDF" in found["Pink"]["failed"]
     for name in ("DLS", "mink"):
         assert 0.0 < found[name]["median_us"] <= found[name]["p99_us"]

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
+from invariantqp.compare.cell import Cell
 from invariantqp.compare.measure import dependence
 from invariantqp.compare.measure.dependence import Writing, trajectory
 from invariantqp.compare.measure.frames import random_displacement
-from invariantqp.compare.methods import methods
-from invariantqp.compare.sweep import Cell
+from invariantqp.compare.registry import methods
 from invariantqp.runs.taskfile import load_task
 
 ROUNDING = 1e-9

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
+from invariantqp.compare.cell import Cell
 from invariantqp.compare.measure import failure_map
 from invariantqp.compare.measure.failure_map import AXES, SPEED, TICK, TURN, failures
-from invariantqp.compare.methods import methods
-from invariantqp.compare.sweep import Cell
+from invariantqp.compare.registry import methods
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.velocity.solution import VelocitySolution
 

@@ -3,10 +3,12 @@ import pytest
 from scipy.optimize import linprog
 
 import invariantqp as iq
+from invariantqp.compare import names
 from invariantqp.compare.laws.damped import DLS_DAMPING, MANIPULABILITY, NEARLY_SINGULAR
-from invariantqp.compare.laws.saturation import saturated
+from invariantqp.compare.laws.saturation import saturate
 from invariantqp.compare.laws.unit_consistent import scaling, unit_consistent_inverse
-from invariantqp.compare.methods import FAMILIES, Setting, chosen, methods
+from invariantqp.compare.method import FAMILIES, Setting
+from invariantqp.compare.registry import chosen, left_out, methods
 from invariantqp.errors import BadInput, UnknownName
 
 SOLVERS = {name: method for name, method in methods().items() if method.make is not None}
@@ -102,7 +104,7 @@ def test_saturation_keeps_the_direction_inside_the_limits(m):
         J, s = problem(seed, m)
         x0 = np.linalg.pinv(J) @ s
         reach = np.random.default_rng(seed).uniform(0.5, 1.2, m) * np.abs(x0).max()
-        found = saturated(J, s, -reach, reach)
+        found = saturate(J, s, -reach, reach)
         assert (np.abs(found.velocity) <= reach).all()
         np.testing.assert_allclose(J @ found.velocity, found.scale * s, atol=1e-9 * np.linalg.norm(s))
         best = largest_share(J, s, reach)
@@ -118,10 +120,10 @@ def test_saturation_outside_its_limits_goes_the_way_back():
     J, s = problem(3, 7)
     lower, upper = np.full(7, -1.0), np.full(7, 1.0)
     lower[2] = 0.4
-    x = saturated(J, 5.0 * s, lower, upper).velocity
+    x = saturate(J, 5.0 * s, lower, upper).velocity
     assert (x >= lower).all()
     assert (x <= upper).all()
-    open_side = saturated(J, s, np.r_[-0.01, np.full(6, -np.inf)], np.r_[0.01, np.full(6, np.inf)])
+    open_side = saturate(J, s, np.r_[-0.01, np.full(6, -np.inf)], np.r_[0.01, np.full(6, np.inf)])
     assert abs(open_side.velocity[0]) <= 0.01
     np.testing.assert_allclose(J @ open_side.velocity, s, atol=1e-9)
 
@@ -175,7 +177,7 @@ def test_methods_are_chosen_by_name_family_or_part():
     everything = chosen()
     assert next(iter(everything)) == "invariantqp"
     assert list(chosen("dls")) == ["DLS"]
-    assert list(chosen("QP, DAQP,dls , invariantqp, no guard")) == ["invariantqp, no guard", "DLS", "QP, DAQP"]
+    assert list(chosen(["QP, DAQP", "dls ", "invariantqp, no guard"])) == ["invariantqp, no guard", "DLS", "QP, DAQP"]
     assert {m.family for m in chosen("damped").values()} == {"damped"}
     assert len(chosen("osqp")) == 12
     assert list(chosen(["h, eigen"])) == ["h, eigen"]
@@ -183,12 +185,34 @@ def test_methods_are_chosen_by_name_family_or_part():
         chosen("moore penrose")
     with pytest.raises(BadInput, match="--methods: found no method"):
         chosen("")
+    assert list(chosen("Moore-Penrose, pinv")) == ["Moore-Penrose, pinv"]
+
+
+def test_all_unknown_names_are_told_at_once_with_similar_ones():
+    with pytest.raises(BadInput, match=r"no method called 'pinf' \(similar: .*\) or 'xyz'; expected .*'QP, DAQP'"):
+        chosen(["DLS", "pinf", "xyz"])
+    with pytest.raises(BadInput, match=r"no method called 'invariantqp,DLS' .* Give each name a --methods of its own"):
+        chosen("invariantqp,DLS")
+    with pytest.raises(UnknownName, match=r"known: .*; QP, DAQP; "):
+        chosen("xyz")
+
+
+def test_names_that_reports_look_for_are_names_of_methods():
+    told = {value for key, value in vars(names).items() if key.isupper()}
+    assert len(told) > 10
+    assert told <= set(methods())
 
 
 def test_a_method_that_is_not_installed_says_what_it_needs(monkeypatch):
-    from invariantqp.compare import methods as module
+    from invariantqp.compare import method as module
 
     monkeypatch.setattr(module, "find_spec", lambda name: None if name == "piqp" else object())
     assert "QP, PIQP" not in chosen()
-    with pytest.raises(BadInput, match="QP, PIQP, which needs piqp"):
+    assert [method.name for method in left_out()] == ["QP, PIQP"]
+    assert left_out("damped") == []
+    with pytest.raises(BadInput, match=r"QP, PIQP, which needs piqp; .* Run: pip install 'invariantqp\[compare\]'"):
         chosen(["QP, PIQP"])
+
+
+def test_every_method_that_needs_a_module_says_which_extra_brings_it():
+    assert {method.name for method in methods().values() if bool(method.needs) != bool(method.extra)} == set()

@@ -2,12 +2,22 @@ import re
 from html.parser import HTMLParser
 
 import pytest
-from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
 from invariantqp.compare.report import report, tables
+from invariantqp.compare.report.charts.chart import CaptionedChart
 from invariantqp.compare.report.findings import findings
-from invariantqp.compare.report.page import Bullets, Code, Heading, Paragraph, Picture, Table, html, inlined, markdown
-from invariantqp.compare.results import Chart
+from invariantqp.compare.report.page import (
+    Bullets,
+    Code,
+    Heading,
+    Paragraph,
+    Picture,
+    Table,
+    html,
+    inline_svg,
+    markdown,
+)
 from invariantqp.errors import BadInput
 
 SORTS = ("free", "limited", "singular")
@@ -53,19 +63,19 @@ def said(found):
 
 def test_sentences_follow_the_figures():
     text = said(results(**PLAIN))
-    assert "Where limits are met the fastest solve is Moore-Penrose, LU (3.0 us)" in text
-    assert "Moore-Penrose, pinv leaves less of it in the tool's frame: 0.40 of its size against 0.90" in text
-    assert "Moore-Penrose clipped is 30% off" in text
+    assert "While limits are active the fastest solve is Moore-Penrose, LU (3.0 us)" in text
+    assert "Moore-Penrose, pinv leaves the smaller residual in the tool frame: 0.40 of the twist against 0.90" in text
+    assert "clipped Moore-Penrose against least squares inside the limits is 30%" in text
     turned = PLAIN | {"invariantqp, no guard": (1e-15, 0.1, 1.0), "Moore-Penrose, LU": (1e-9, 0.4, 30.0)}
     text = said(results(**turned))
     assert "the fastest solve is invariantqp, no guard (1.0 us), Moore-Penrose by plain LU takes 30.0 us" in text
-    assert "the pitch form leaves less of it in the tool's frame: 0.10" in text
+    assert "the pitch form leaves the smaller residual in the tool frame: 0.10" in text
 
 
 def test_what_the_figures_do_not_allow_is_not_said():
     assert said(results(DLS=(1e-3, 0.5, 5.0))) == ""
     alike = dict.fromkeys(PLAIN, (1e-15, 1e-14, 5.0))
-    assert "leaves less" not in said(results(**alike))
+    assert "smaller residual" not in said(results(**alike))
 
 
 def test_the_summary_has_a_row_a_method_and_no_empty_column():
@@ -113,16 +123,16 @@ class Balanced(HTMLParser):
 
 
 def drawn(_, file):
-    figure, axes = plt.subplots()
+    figure = Figure()
+    axes = figure.subplots()
     axes.plot([1, 2], label="a <b> & c")
     axes.legend()
     figure.savefig(file)
-    plt.close(figure)
 
 
 def test_the_page_is_one_sound_file(tmp_path, monkeypatch):
-    charts = [Chart(slug, slug, drawn, lambda _: "it says so", ("error",)) for slug in ("one", "two")]
-    left_out = Chart("three", "three", drawn, lambda _: "", ("growth",))
+    charts = [CaptionedChart(slug, slug, drawn, lambda _: "it says so", ("error",)) for slug in ("one", "two")]
+    left_out = CaptionedChart("three", "three", drawn, lambda _: "", ("growth",))
     monkeypatch.setattr(report, "charts_of", lambda r: [c for c in [*charts, left_out] if "growth" not in c.shows])
     steps = []
     files = report.write_report(results(**PLAIN), tmp_path, lambda *k: steps.append(k))
@@ -140,10 +150,8 @@ def test_the_page_is_one_sound_file(tmp_path, monkeypatch):
 
 
 def test_a_chart_without_its_figures_is_left_out(monkeypatch):
-    from invariantqp.compare.report import charts
-
-    have, lacks = (Chart(k, k, drawn, str, (k,)) for k in ("error", "growth"))
-    monkeypatch.setattr(charts, "CHARTS", [have, lacks])
+    have, lacks = (CaptionedChart(k, k, drawn, str, (k,)) for k in ("error", "growth"))
+    monkeypatch.setattr(report, "CHARTS", [have, lacks])
     assert report.charts_of(results(**PLAIN)) == [have]
 
 
@@ -158,11 +166,12 @@ def test_blocks_are_escaped(tmp_path):
         Table(("h|i", "j"), [("<k>", "l")]),
         Picture(file, "m", "<n>"),
     ]
-    page = html("t & u", blocks)
+    page = html("t & u {{ title }}", blocks)
+    assert "<title>t &amp; u {{ title }}</title>" in page
     for raw in ("<e>", "<k>", "<n>", "t & u", "a < b"):
         assert raw not in page
     assert r"| h\|i | j |" in markdown(blocks)
-    assert 'id="p-' in inlined(file)
+    assert 'id="p-' in inline_svg(file)
 
 
 def test_what_could_not_be_measured_is_listed():

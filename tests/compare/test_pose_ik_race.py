@@ -5,7 +5,7 @@ import invariantqp as iq
 from invariantqp.analysis.survey import spread
 from invariantqp.compare.laws.toolbox import ets_of
 from invariantqp.compare.measure import pose_ik_race
-from invariantqp.compare.measure.pose_ik_race import OURS, ROBOTS, contestants, race
+from invariantqp.compare.measure.pose_ik_race import ROBOTS, SOLVE_POSE, contestants, race
 
 SO101 = iq.load_robot("so101")
 
@@ -21,17 +21,19 @@ def test_the_toolbox_has_the_same_arm(name):
 
 def test_the_toolbox_has_slides_but_no_screws():
     pytest.importorskip("roboticstoolbox")
-    slide = iq.Chain(np.column_stack([iq.prismatic([1, 2, 0]), iq.revolute([0, 1, 0], [1, 0, 0])]), np.eye(4))
+    slide = iq.robots.Chain(
+        np.column_stack([iq.se3.prismatic([1, 2, 0]), iq.revolute([0, 1, 0], [1, 0, 0])]), np.eye(4)
+    )
     np.testing.assert_allclose(ets_of(slide).eval([0.3, 0.7]), slide.pose([0.3, 0.7]), atol=1e-12)
-    with pytest.raises(iq.RobotModelError, match="helical"):
-        ets_of(iq.Chain(iq.helical([0, 0, 1], pitch=0.1), np.eye(4)))
+    with pytest.raises(iq.errors.RobotModelError, match="helical"):
+        ets_of(iq.robots.Chain(iq.se3.helical([0, 0, 1], pitch=0.1), np.eye(4)))
 
 
 def test_everyone_runs_on_the_same_targets():
     calls = []
     outcomes = race(2, ("so101",), progress=lambda *a: calls.append(a))
     assert [o.solver for o in outcomes] == list(contestants())
-    assert outcomes[0].solver == OURS
+    assert outcomes[0].solver == SOLVE_POSE
     assert outcomes[0].outside == 0
     assert all(0.0 <= o.success <= 1.0 and 0.0 < o.median_ms <= o.p99_ms for o in outcomes)
     assert calls[-1] == (len(calls), len(calls))
@@ -39,11 +41,11 @@ def test_everyone_runs_on_the_same_targets():
         race(0)
 
 
-def test_targets_at_limits_are_at_limits():
+def test_targets_at_limits_are_at_limits(monkeypatch):
     for name in ("ur5", "kinova"):  # kinova: three of six joints have limits
         robot = iq.load_robot(name)
         seen = []
-        robot.pose = lambda q, seen=seen: seen.append(np.array(q)) or np.eye(4)
+        monkeypatch.setattr(type(robot), "pose", lambda _, q, seen=seen: seen.append(np.array(q)) or np.eye(4))
         pose_ik_race._problems(robot, 5, 2, np.random.default_rng(0))
         assert [int(((q == robot.position_lower) | (q == robot.position_upper)).sum()) for q in seen] == [2] * 5
 

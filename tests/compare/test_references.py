@@ -8,12 +8,12 @@ from support.velocity_reference import box_minimum, convex_form
 import invariantqp as iq
 from invariantqp.compare.exact import box as exact_box
 from invariantqp.compare.exact import references
+from invariantqp.compare.exact.failure import NoReference, ReferenceFailure
 from invariantqp.compare.exact.references import AGREEMENT, reference
-from invariantqp.compare.measure.states import SORTS, Question, states
-from invariantqp.compare.methods import Problem, Setting
-from invariantqp.compare.sweep import NoReference, ReferenceFailure
+from invariantqp.compare.measure.states import SORTS, states
+from invariantqp.compare.method import ExactProblem, Question, Setting
 
-PROBLEMS = [p for p in get_args(Problem) if p]
+PROBLEMS = [p for p in get_args(ExactProblem) if p]
 PITCH = 0.4
 
 

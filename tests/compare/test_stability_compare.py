@@ -5,10 +5,12 @@ import pytest
 from typer.testing import CliRunner
 
 from invariantqp.cli import app
-from invariantqp.compare.laws.invariant import OURS
 from invariantqp.compare.laws.sdls import LARGEST_STEP, sdls_step
 from invariantqp.compare.measure import stability
 from invariantqp.compare.measure.stability import YARDSTICK, Case, compare_stability
+from invariantqp.compare.names import OURS
+from invariantqp.errors import MissingExtra
+from invariantqp.runs.taskfile import Task
 
 FEW = [Case("stability/pitch_crossing"), Case("stability/jump", "target")]
 
@@ -34,6 +36,16 @@ def test_every_law_runs_every_case_it_can_have(few):
     assert table["jump, NaN in target", OURS].exceptions == spoilt.not_finite
 
 
+def test_missing_robot_models_are_told_before_the_first_run(few, monkeypatch):
+    def no_models(_):
+        raise MissingExtra("example-robot-data", "robots")
+
+    monkeypatch.setattr(Task, "load_robot", no_models)
+    monkeypatch.setattr(stability, "run_case", lambda *_: pytest.fail("a case was run"))
+    with pytest.raises(MissingExtra, match=r"pip install 'invariantqp\[robots\]'"):
+        compare_stability()
+
+
 def test_the_command_prints_a_table_and_writes_every_figure(few, tmp_path):
     file = tmp_path / "stability.json"
     result = CliRunner().invoke(app, ["compare", "--stability", "--json", str(file)])
@@ -46,7 +58,7 @@ def test_the_command_prints_a_table_and_writes_every_figure(few, tmp_path):
 
 
 def test_the_status_tells_when_ours_leaves_its_limits(monkeypatch):
-    left = [stability.Outcome("c", OURS, 1, 0, 0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)]
+    left = [stability.StabilityOutcome("c", OURS, 1, 0, 0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)]
     monkeypatch.setattr(stability, "compare_stability", lambda _: left)
     assert CliRunner().invoke(app, ["compare", "--stability", "--quiet"]).exit_code == 1
 

@@ -8,12 +8,15 @@ from scipy.stats import spearmanr
 from typer.testing import CliRunner
 
 from invariantqp.cli import app
+from invariantqp.compare import method
 from invariantqp.compare import sweep as module
+from invariantqp.compare.cell import Cell, Kind
+from invariantqp.compare.exact.failure import ReferenceFailure
 from invariantqp.compare.measure.growth import slope
 from invariantqp.compare.measure.timing import interleaved, spread
 from invariantqp.compare.report.ranking import rank_agreement
-from invariantqp.compare.results import load_results, picked
-from invariantqp.compare.sweep import Cell, Kind, ReferenceFailure, attempt, cells, plain, sweep
+from invariantqp.compare.results import load_results, plain, results_of
+from invariantqp.compare.sweep import cells, measure_cell, sweep
 from invariantqp.errors import BadInput, UnknownName
 
 FEW = ["DLS", "Moore-Penrose, pinv"]
@@ -71,9 +74,9 @@ def test_an_interrupted_sweep_takes_up_what_it_has(toys, tmp_path):
     again = sweep(["panda_path"], FEW, tmp_path)
     assert len(MEASURED) == 7
     assert again == first == load_results(tmp_path / "results.json")
-    files = sorted((tmp_path / "cells").glob("*.json"))
+    files = sorted((tmp_path / "cells").rglob("output.pkl"))
     files[0].unlink()
-    files[1].write_text('{"half of a', encoding="utf-8")
+    files[1].write_bytes(files[1].read_bytes()[:20])
     assert sweep(["panda_path"], FEW, tmp_path) == first
     assert len(MEASURED) == 9
     sweep(["panda_path"], FEW, tmp_path, seed=1)  # other settings are other cells
@@ -103,7 +106,26 @@ def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys, tmp_path):
     (failed,) = [c for c in results["cells"] if "failed" in c["result"]]
     assert failed["method"] == "DLS"
     assert failed["result"]["failed"] == "ValueError: no such thing"
-    assert list(picked(results, "counted")) == [("panda_path", "Moore-Penrose, pinv")]
+    assert list(results_of(results, "counted")) == [("panda_path", "Moore-Penrose, pinv")]
+
+
+def test_what_failed_is_tried_again_and_what_did_not_is_kept(toys, tmp_path):
+    toys["counted"] = Kind(stumbling)
+    sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    assert [cell.method for cell in MEASURED] == ["Moore-Penrose, pinv"]
+    toys["counted"] = Kind(counted)
+    results = sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    assert [cell.method for cell in MEASURED] == ["Moore-Penrose, pinv", "DLS"]
+    assert set(results_of(results, "counted")) == {("panda_path", name) for name in FEW}
+
+
+def test_processes_share_what_is_kept(tmp_path):
+    MEASURED.clear()
+    first = sweep(["so101_line"], FEW, tmp_path, quick=True, jobs=2, only=["closed_loop"])
+    ages = {file: file.stat().st_mtime_ns for file in (tmp_path / "cells").rglob("output.pkl")}
+    assert len(ages) == 2
+    assert sweep(["so101_line"], FEW, tmp_path, quick=True, jobs=2, only=["closed_loop"]) == first
+    assert {file: file.stat().st_mtime_ns for file in (tmp_path / "cells").rglob("output.pkl")} == ages
 
 
 def test_references_that_disagree_end_it(toys, tmp_path):
@@ -140,7 +162,7 @@ def test_a_dask_cluster_gives_the_same_figures(tmp_path):
     ):
         results = sweep(["so101_line"], FEW, tmp_path, quick=True, only=["error"])
         assert len(cluster.scheduler.transition_log) > 0
-    assert {c["method"]: c["result"] for c in results["cells"]} == plain(attempt(cell)[1])
+    assert {c["method"]: c["result"] for c in results["cells"]} == plain(measure_cell(cell, ""))
 
 
 def test_rounds_go_through_all_in_turn():
@@ -179,8 +201,9 @@ def small_run(tmp_path_factory):
     """One real run of the command: single solves of three methods."""
     out = tmp_path_factory.mktemp("comparison")
     words = ["compare", "so101_line", "--quick", "--only", "error,time", "--jobs", "1", "--out", str(out)]
-    chosen = "invariantqp,invariantqp, no guard,Moore-Penrose, pinv,DLS"
-    done = CliRunner().invoke(app, [*words, "--methods", chosen])
+    names = ("invariantqp", "invariantqp, no guard", "Moore-Penrose, pinv", "DLS")
+    chosen = [word for name in names for word in ("--methods", name)]
+    done = CliRunner().invoke(app, [*words, *chosen])
     assert done.exit_code == 0, done.output
     return out, done.output, words, chosen
 
@@ -188,7 +211,7 @@ def small_run(tmp_path_factory):
 def test_the_command_writes_everything(small_run):
     out, output, _, _ = small_run
     results = load_results(out / "results.json")
-    errors, times = picked(results, "error"), picked(results, "time")
+    errors, times = results_of(results, "error"), results_of(results, "time")
     assert set(errors) == set(times) == {("so101_line", m["name"]) for m in results["methods"]}
     ours, theirs = (errors["so101_line", name] for name in ("invariantqp, no guard", "Moore-Penrose, pinv"))
     assert ours["free"]["error"] < 1e-11
@@ -199,14 +222,14 @@ def test_the_command_writes_everything(small_run):
     assert all(sort["agreement"] <= 1e-12 for sort in ours.values())
     assert all(0.0 < t[sort]["median_us"] <= t[sort]["p99_us"] for t in times.values() for sort in t)
     html = (out / "report.html").read_text(encoding="utf-8")
-    assert "Moore-Penrose, pinv leaves less of it" in html
+    assert "Moore-Penrose, pinv leaves the smaller residual" in html
     assert (out / "report.md").is_file()
-    assert "Where limits are met" in output
+    assert "While limits are active" in output
 
 
 def test_two_runs_are_told_apart_by_rank(small_run, tmp_path):
     out, _, words, chosen = small_run
-    against = ["--methods", chosen, "--against", str(out / "results.json")]
+    against = [*chosen, "--against", str(out / "results.json")]
     done = CliRunner().invoke(app, [*words, *against])
     assert "ranks by time, time, so101_line, free: Spearman 1.000" in done.output
 
@@ -227,6 +250,23 @@ def test_wrong_words_are_told(words, said, tmp_path):
     done = CliRunner().invoke(app, ["compare", "--out", str(tmp_path / "out"), *words])
     assert said in str(done.exception)
     assert not list(tmp_path.rglob("*.json"))
+
+
+def test_what_is_not_installed_is_told_before_the_work(toys, tmp_path, monkeypatch):
+    toys["exact"] = Kind(counted, needs=("mpmath",))
+    without = {"piqp", "mink", "mpmath"}
+    for place in (module, method):
+        monkeypatch.setattr(place, "find_spec", lambda name: None if name in without else object())
+
+    def first_step(_):
+        raise BadInput("task", "nothing", "this sweep to end before its first measurement")
+
+    monkeypatch.setattr(module, "load_task", first_step)
+    done = CliRunner().invoke(app, ["compare", "--out", str(tmp_path)])
+    assert isinstance(done.exception, BadInput)
+    assert "left out: QP, PIQP; the measurement 'exact'. Run: pip install 'invariantqp[compare]'" in done.stderr
+    assert "left out: mink. Run: pip install 'invariantqp[peers]'" in done.stderr
+    assert not MEASURED
 
 
 def test_a_place_that_is_no_folder_is_told(tmp_path):

@@ -79,7 +79,7 @@ REFUSED = {
 def test_a_refused_tick_leaves_the_controller_as_it_was(case, backend):
     call, argument = REFUSED[case]
     fast = iq.exp([2.0, 0, 0, 1.0, 1.0, 0]) @ PANDA.pose(READY)  # far off: limits bind
-    loop, fresh = controller(backend=iq.Osqp() if backend == "osqp" else backend), controller(backend=backend)
+    loop, fresh = controller(backend=iq.velocity.Osqp() if backend == "osqp" else backend), controller(backend=backend)
     before = loop.step(READY, fast)
     with pytest.raises(iq.BadInput, match=f"^{argument}: found ") as caught:
         call(loop)
@@ -152,7 +152,7 @@ def test_outside_its_limits_it_comes_back_at_the_velocity_limit(joint, side):
 def own_error(robot, q, goal):
     """The error in the arm's own measure, the one the guard watches: a tool point may well move away meanwhile."""
     J, error, _ = robot.sight(q, robot.target(goal))
-    point, length = iq.centre(J, error)
+    point, length = iq.systems.centre(J, error)
     return np.hypot(length * np.linalg.norm(error[:3]), np.linalg.norm(error[3:] + np.cross(error[:3], point)))
 
 
@@ -212,7 +212,7 @@ def test_a_metric_that_follows_the_tool():
 
 
 def test_mixed_joints_are_told_once_when_the_controller_is_made():
-    chain = iq.Chain(np.column_stack([iq.revolute((0, 0, 1)), iq.prismatic((1, 0, 0))]), np.eye(4))
+    chain = iq.robots.Chain(np.column_stack([iq.revolute((0, 0, 1)), iq.se3.prismatic((1, 0, 0))]), np.eye(4))
     with pytest.warns(UnitsMixed):
         loop = iq.Controller(chain, dt=DT, form=0.5)
     loop.step([0.0, 0.1], np.eye(4))

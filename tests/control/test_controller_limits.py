@@ -13,7 +13,7 @@ def arm(m=6, seed=0, reach=2.0, speed=1.5):
     rng = np.random.default_rng(seed)
     screws = np.column_stack([iq.revolute(rng.normal(size=3), 0.5 * rng.normal(size=3)) for _ in range(m)])
     tool = iq.transform(translation=0.5 * rng.normal(size=3))
-    return iq.Chain(screws, tool, position_lower=-reach, position_upper=reach, velocity_limit=speed)
+    return iq.robots.Chain(screws, tool, position_lower=-reach, position_upper=reach, velocity_limit=speed)
 
 
 def drive(controller, q, target, ticks, each=lambda before, q, solution: None):
@@ -110,14 +110,14 @@ def test_a_task_file_can_limit_acceleration_and_keep_a_margin():
     task = iq.load_task("arm_3r")
     free = iq.run_task(task, dt=0.02)
     assert free.acceleration_violation is None
-    trace = iq.run_task(task, acceleration=[2.0, 2.0, 2.0], margin=0.01, dt=0.01)
+    trace = iq.run_task(task, acceleration_limit=[2.0, 2.0, 2.0], position_margin=0.01, dt=0.01)
     assert trace.acceleration_violation < 1e-9
     assert trace.summary()["acceleration_violation"] < 1e-9
     jumps = np.abs(np.diff(trace.velocity, axis=0)).max() / 0.01
     assert jumps <= 2.0 + 1e-9
 
 
-@pytest.mark.parametrize("limit", [0.25, iq.ToolSpeed(0.25, (0.1, 0.0, 0.2))], ids=["number", "another point"])
+@pytest.mark.parametrize("limit", [0.25, iq.limits.ToolSpeed(0.25, (0.1, 0.0, 0.2))], ids=["number", "another point"])
 def test_the_tool_never_moves_faster_than_its_speed_limit_and_arrives(limit):
     robot = arm(seed=2, reach=np.inf)
     point = np.zeros(3) if isinstance(limit, float) else np.asarray(limit.point)
@@ -144,11 +144,11 @@ def test_a_speed_limit_that_is_none_is_refused():
 
 def test_rows_of_the_users_hold_fixed_or_as_a_function_of_where_the_arm_is():
     robot = arm(seed=3)
-    together = iq.LimitRows([[1.0, -1.0, 0.0, 0.0, 0.0, 0.0]], [-0.05], [0.05])
+    together = iq.limits.LimitRows([[1.0, -1.0, 0.0, 0.0, 0.0, 0.0]], [-0.05], [0.05])
 
     def wall(q):
         """Joint 2 keeps 0.3 rad from the plane q_2 = 0.5."""
-        return iq.LimitRows([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]], [-np.inf], [5.0 * (0.2 - q[2])])
+        return iq.limits.LimitRows([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]], [-np.inf], [5.0 * (0.2 - q[2])])
 
     goal = robot.pose(np.array([0.5, -0.5, 0.9, 0.3, -0.2, 0.4]))
     for rows in (together, wall):
@@ -156,7 +156,7 @@ def test_rows_of_the_users_hold_fixed_or_as_a_function_of_where_the_arm_is():
 
         def each(before, q, solution, rows=rows):
             nonlocal met
-            now = rows if isinstance(rows, iq.LimitRows) else rows(q)
+            now = rows if isinstance(rows, iq.limits.LimitRows) else rows(q)
             assert now.excess(solution.velocity) == pytest.approx([0.0], abs=1e-9)
             met += solution.row_multipliers is not None and bool(solution.row_multipliers.any())
 
@@ -170,16 +170,16 @@ def test_rows_of_the_users_hold_fixed_or_as_a_function_of_where_the_arm_is():
 
 def test_rows_that_are_none_are_refused_and_rows_of_nan_hold_the_arm():
     robot = arm()
-    for bad in (iq.LimitRows([[1.0, 2.0]], [0.0], [1.0]), 3.0):
+    for bad in (iq.limits.LimitRows([[1.0, 2.0]], [0.0], [1.0]), 3.0):
         with pytest.raises(iq.BadInput, match="rows"):
             iq.Controller(robot, dt=DT, rows=bad)
     with pytest.raises(iq.BadInput, match="rows on 2 joints"):
-        iq.Controller(robot, dt=DT, rows=lambda q: iq.LimitRows([[1.0, 2.0]], [0.0], [1.0])).step(
+        iq.Controller(robot, dt=DT, rows=lambda q: iq.limits.LimitRows([[1.0, 2.0]], [0.0], [1.0])).step(
             np.zeros(6), np.eye(4)
         )
     with pytest.raises(iq.BadInput, match="rows: found ndarray"):
         iq.Controller(robot, dt=DT, rows=lambda q: q).step(np.zeros(6), np.eye(4))
-    lost = iq.Controller(robot, dt=DT, rows=lambda q: iq.LimitRows(np.ones((1, 6)), [-np.inf], [np.nan * q[0]]))
+    lost = iq.Controller(robot, dt=DT, rows=lambda q: iq.limits.LimitRows(np.ones((1, 6)), [-np.inf], [np.nan * q[0]]))
     solution = lost.step(np.zeros(6), np.eye(4))
     assert solution.status == "held"
     assert solution.reason.startswith("rows: upper: found NaN")

@@ -35,7 +35,7 @@ def moves(twist, p):
 
 def test_a_point_off_the_tool_follows(so101):
     point = np.array([0.02, -0.01, 0.05])
-    solution = stepped(so101, iq.ExactPoint(point))
+    solution = stepped(so101, iq.control.ExactPoint(point))
     here, there = at(so101.pose(Q), point), at(goal(so101), point)
     wanted = 5.0 * (there - here) + moves(AHEAD, there)
     np.testing.assert_allclose(moves(so101.jacobian(Q) @ solution.velocity, here), wanted, atol=1e-12)
@@ -43,13 +43,13 @@ def test_a_point_off_the_tool_follows(so101):
 
 
 def test_position_is_the_point_at_the_tools_origin(so101):
-    named, valued = stepped(so101, "position"), stepped(so101, iq.ExactPoint())
+    named, valued = stepped(so101, "position"), stepped(so101, iq.control.ExactPoint())
     np.testing.assert_array_equal(named.velocity, valued.velocity)
 
 
 def test_an_axis_follows_and_turns_freely_about_itself(so101):
     axis = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
-    solution = stepped(so101, iq.ExactAxis(2.0 * axis))
+    solution = stepped(so101, iq.control.ExactAxis(2.0 * axis))
     a, b = so101.pose(Q)[:3, :3] @ axis, goal(so101)[:3, :3] @ axis
     turn = np.cross(a, b) / np.linalg.norm(np.cross(a, b)) * np.arccos(a @ b)
     missed = 5.0 * turn + AHEAD[:3] - (so101.jacobian(Q) @ solution.velocity)[:3]
@@ -59,13 +59,13 @@ def test_an_axis_follows_and_turns_freely_about_itself(so101):
 def test_an_axis_turned_round_is_half_a_turn_away(so101):
     target = so101.pose(Q) @ iq.exp([np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
     view = View(so101, so101.sight(Q, target), target, 2.0, np.zeros(6))
-    rows, _ = iq.ExactAxis([0.0, 0.0, 1.0]).rows(view)
+    rows, _ = iq.control.ExactAxis([0.0, 0.0, 1.0]).rows(view)
     assert np.linalg.norm(rows.b) == pytest.approx(2.0 * np.pi, rel=1e-6)
 
 
 def test_a_height_over_a_plane_is_kept(so101):
     normal, point = np.array([0.0, 0.3, 1.0]), np.array([0.0, 0.0, 0.03])
-    solution = stepped(so101, iq.ExactPlane(normal, point))
+    solution = stepped(so101, iq.control.ExactPlane(normal, point))
     here, there = at(so101.pose(Q), point), at(goal(so101), point)
     n = normal / np.linalg.norm(normal)
     speed = n @ moves(so101.jacobian(Q) @ solution.velocity, here)
@@ -73,7 +73,7 @@ def test_a_height_over_a_plane_is_kept(so101):
 
 
 def test_a_combination_of_joints_is_held(so101):
-    together = [iq.ExactPoint(), iq.ExactJoints([1.0, 0.0, 0.0, 0.0, 2.0])]
+    together = [iq.control.ExactPoint(), iq.control.ExactJoints([1.0, 0.0, 0.0, 0.0, 2.0])]
     solution = stepped(so101, together)
     assert solution.velocity[0] + 2.0 * solution.velocity[4] == pytest.approx(0.0, abs=1e-12)
     here, there = so101.pose(Q)[:3, 3], goal(so101)[:3, 3]
@@ -84,10 +84,10 @@ def test_a_combination_of_joints_is_held(so101):
 @pytest.mark.parametrize(
     "exact",
     [
-        iq.ExactPoint([0.01, 0.02, 0.03]),
-        iq.ExactAxis([0, 1, 1]),
-        iq.ExactPlane([0, 0, 1], [0, 0.1, 0]),
-        iq.ExactJoints([1, 1, 0, 0, 0]),
+        iq.control.ExactPoint([0.01, 0.02, 0.03]),
+        iq.control.ExactAxis([0, 1, 1]),
+        iq.control.ExactPlane([0, 0, 1], [0, 0.1, 0]),
+        iq.control.ExactJoints([1, 1, 0, 0, 0]),
     ],
 )
 def test_a_displaced_tool_frame_changes_nothing(so101, exact):
@@ -102,7 +102,7 @@ def test_a_displaced_tool_frame_changes_nothing(so101, exact):
     [
         ("orientation", 'expected "position"'),
         ([3.0], "found 3.0"),
-        (iq.ExactJoints(np.ones(4)), "rows on 4 joints"),
+        (iq.control.ExactJoints(np.ones(4)), "rows on 4 joints"),
     ],
 )
 def test_demands_that_are_none(so101, exact, said):
@@ -112,9 +112,9 @@ def test_demands_that_are_none(so101, exact, said):
 
 def test_values_are_checked_when_they_are_made():
     for make in (
-        lambda: iq.ExactAxis([0, 0, 0]),
-        lambda: iq.ExactPlane([0, 0, 0]),
-        lambda: iq.ExactPoint([0, np.nan, 0]),
+        lambda: iq.control.ExactAxis([0, 0, 0]),
+        lambda: iq.control.ExactPlane([0, 0, 0]),
+        lambda: iq.control.ExactPoint([0, np.nan, 0]),
     ):
         with pytest.raises(iq.BadInput):
             make()

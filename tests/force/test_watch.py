@@ -101,7 +101,7 @@ def test_no_threshold_no_loss_and_thresholds_of_ones_own(panda):
     assert {s.status for s in high} == {"lost"}
     nothing_wanted, _ = fed(panda, [AIR] * 30, task=iq.HybridTask(surface, [0.0]))
     assert {s.status for s in nothing_wanted} == {"ok"}
-    hinge = iq.HybridTask(iq.hinge([0, 0, 0], [0, 0, 1]), np.zeros(5))
+    hinge = iq.HybridTask(iq.contacts.hinge([0, 0, 0], [0, 0, 1]), np.zeros(5))
     assert {s.status for s in fed(panda, [AIR] * 30, task=hinge)[0]} == {"ok"}  # held from both sides
 
 
@@ -194,7 +194,7 @@ def test_what_is_no_task_sensor_contact_or_press_is_told(panda):
     with pytest.raises(iq.BadInput, match="a press of -5"):
         iq.HybridController(panda, iq.HybridTask(surface, [-5.0]), dt=DT)
     with pytest.raises(iq.BadInput, match="unilateral"):
-        iq.ContactKind("free", np.eye(6), unilateral=True)
+        iq.contacts.ContactKind("free", np.eye(6), unilateral=True)
     with pytest.raises(iq.BadInput, match="robot: found 'panda'"):
         iq.Controller("panda", dt=DT)
     with pytest.raises(iq.BadInput, match="robot: found 'panda'"):

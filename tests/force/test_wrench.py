@@ -39,17 +39,17 @@ def test_weight_bias_and_transport_against_pinocchio(seed, opposite):
         reads="action" if opposite else "reaction",
     )
     reading = reading_by_pinocchio(tool, mount, world, 1.3, centre, bias)
-    measured = sensor.measured(-reading if opposite else reading, tool)
+    measured = sensor.wrench(-reading if opposite else reading, tool)
     np.testing.assert_allclose(measured, -stacked(world), atol=1e-11)
     nothing = reading_by_pinocchio(tool, mount, pin.Force.Zero(), 1.3, centre, bias)
-    np.testing.assert_allclose(sensor.unloaded(tool), -nothing if opposite else nothing, atol=1e-12)
+    np.testing.assert_allclose(sensor.tare(tool), -nothing if opposite else nothing, atol=1e-12)
 
 
 def test_moments_are_carried_along():
     """100 mm off the tip, 5 N across make half a newton metre that the tip does not feel."""
     mount = iq.transform(translation=[0.0, 0.0, -0.1])  # the tool frame is the tip
     reading = np.array([0.0, 0.5, 0.0, 5.0, 0.0, 0.0])  # m = c x f with c = (0, 0, 0.1)
-    measured = iq.WrenchSensor(mount=mount).measured(reading, np.eye(4))
+    measured = iq.WrenchSensor(mount=mount).wrench(reading, np.eye(4))
     np.testing.assert_allclose(measured, [0.0, 0.0, 0.0, -5.0, 0.0, 0.0], atol=1e-15)
 
 
@@ -70,7 +70,7 @@ def test_another_name_for_the_frames_changes_nothing(seed):
     reading = rng.normal(size=6) * 3
     told = sensor.relabelled(X, Y)
     there = iq.coadjoint(iq.inverse(X)) @ reading
-    np.testing.assert_allclose(told.measured(there, tool @ Y), sensor.measured(reading, tool), atol=1e-11)
+    np.testing.assert_allclose(told.wrench(there, tool @ Y), sensor.wrench(reading, tool), atol=1e-11)
 
 
 @settings(max_examples=60, deadline=None)
@@ -84,9 +84,9 @@ def test_the_deadband_is_soft_continuous_and_keeps_direction(numbers, width):
 
 def test_forces_and_moments_have_deadbands_of_their_own():
     sensor = iq.WrenchSensor(force_deadband=1.0, moment_deadband=0.1, reads="action")
-    measured = sensor.measured([0.3, 0, 0, 0, 0.9, 0], np.eye(4))
+    measured = sensor.wrench([0.3, 0, 0, 0, 0.9, 0], np.eye(4))
     np.testing.assert_allclose(measured, [0.2, 0, 0, 0, 0, 0], atol=1e-15)
-    measured = sensor.measured([0.05, 0, 0, 0, 3.0, 0], np.eye(4))
+    measured = sensor.wrench([0.05, 0, 0, 0, 3.0, 0], np.eye(4))
     np.testing.assert_allclose(measured, [0, 0, 0, 0, 2.0, 0], atol=1e-15)
 
 
@@ -135,7 +135,7 @@ def test_sensors_that_cannot_be(options, argument):
 def test_a_reading_that_is_none():
     sensor = iq.WrenchSensor()
     for bad in (np.full(6, np.nan), np.ones(5), "word"):
-        with pytest.raises(iq.BadInput, match="wrench"):
-            sensor.measured(bad, np.eye(4))
+        with pytest.raises(iq.BadInput, match="reading"):
+            sensor.wrench(bad, np.eye(4))
     with pytest.raises(iq.BadInput, match="tool"):
-        sensor.measured(np.zeros(6), np.full((4, 4), np.nan))
+        sensor.wrench(np.zeros(6), np.full((4, 4), np.nan))

@@ -1,3 +1,6 @@
+from decimal import Decimal
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from support.random_systems import motion
@@ -14,7 +17,7 @@ MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
 REFUSED = {
     "text": (lambda: arrays.twist("abc"), "twist", "not numeric"),
     "ragged": (lambda: arrays.columns([[1.0], [1.0, 2.0]]), "J", "not numeric"),
-    "none": (lambda: arrays.vector(None, 3, "q"), "q", "shape ()"),
+    "none": (lambda: arrays.vector(None, 3, "q"), "q", "None"),
     "short twist": (lambda: arrays.twist([1.0] * 5), "twist", "shape (5,)"),
     "nan twist": (lambda: arrays.twist([0, 0, NAN, 0, 0, 0]), "twist", "index 2"),
     "inf in a column": (lambda: arrays.columns(np.full((6, 2), INF)), "J", "index (0, 0)"),
@@ -25,7 +28,7 @@ REFUSED = {
     "asymmetric": (lambda: arrays.positive_definite([[1.0, 0.5], [0.0, 1.0]], 2, "M"), "M", "not symmetric"),
     "indefinite": (lambda: arrays.positive_definite([1.0, -2.0], 2, "M"), "M", "smallest eigenvalue -2"),
     "semidefinite": (lambda: arrays.positive_definite([1.0, 0.0], 2, "M"), "M", "smallest eigenvalue 0"),
-    "long diagonal": (lambda: arrays.positive_definite([1.0, 2.0, 3.0], 2, "M"), "M", "shape (3, 3)"),
+    "long diagonal": (lambda: arrays.positive_definite([1.0, 2.0, 3.0], 2, "M"), "M", "shape (3,)"),
     "nan metric": (lambda: arrays.positive_definite([[1.0, NAN], [NAN, 1.0]], 2, "M"), "M", "NaN"),
     "sheared": (lambda: arrays.pose(SHEARED), "pose", "not a rotation"),
     "mirrored": (lambda: arrays.pose(MIRROR), "pose", "not a rotation"),
@@ -41,21 +44,35 @@ REFUSED = {
     "pitch word": (lambda: iq.pitch_form("long"), "h", "'long'"),
     "pitch inf inverted": (lambda: iq.pitch_form_inverse(INF), "h", "inf"),
     "pitch -inf inverted": (lambda: iq.pitch_form_inverse(-INF), "h", "-inf"),
-    "pencil": (lambda: iq.invariant_form(1.0, INF), "beta", "inf"),
+    "pencil": (lambda: iq.forms.invariant_form(1.0, INF), "beta", "inf"),
     "zero axis": (lambda: iq.revolute((0, 0, 0)), "axis", "zero vector"),
-    "nan axis": (lambda: iq.prismatic((0, NAN, 0)), "axis", "NaN"),
+    "nan axis": (lambda: iq.se3.prismatic((0, NAN, 0)), "axis", "NaN"),
     "nan point": (lambda: iq.revolute((0, 0, 1), (0, 0, NAN)), "point", "NaN"),
-    "nan pitch": (lambda: iq.helical((0, 0, 1), pitch=NAN), "pitch", "nan"),
-    "no pitch": (lambda: iq.helical((0, 0, 1), pitch="steep"), "pitch", "'steep'"),
-    "pitch of rest": (lambda: iq.pitch(np.zeros(6)), "twist", "zero twist"),
-    "axis of a slide": (lambda: iq.axis([0, 0, 0, 1, 0, 0]), "twist", "omega = 0"),
+    "nan pitch": (lambda: iq.se3.helical((0, 0, 1), pitch=NAN), "pitch", "nan"),
+    "no pitch": (lambda: iq.se3.helical((0, 0, 1), pitch="steep"), "pitch", "'steep'"),
+    "pitch of rest": (lambda: iq.se3.pitch(np.zeros(6)), "twist", "zero twist"),
+    "axis of a slide": (lambda: iq.se3.axis([0, 0, 0, 1, 0, 0]), "twist", "omega = 0"),
     "exp": (lambda: iq.exp([NAN] * 6), "twist", "NaN"),
     "log": (lambda: iq.log(np.eye(3)), "pose", "shape (3, 3)"),
-    "bracket": (lambda: iq.bracket(np.zeros(6), np.zeros(3)), "second", "shape (3,)"),
+    "bracket": (lambda: iq.se3.bracket(np.zeros(6), np.zeros(3)), "second", "shape (3,)"),
     "transform": (lambda: iq.transform(2.0 * np.eye(3)), "rotation", "not a rotation"),
     "adjoint": (lambda: iq.adjoint(np.zeros((4, 4))), "pose", "not a rotation"),
     "coadjoint": (lambda: iq.coadjoint(np.full((4, 4), INF)), "pose", "NaN or infinity"),
     "inverse": (lambda: iq.inverse(SHEARED), "pose", "not a rotation"),
+    "complex": (lambda: arrays.vector([1j] * 3, 3, "q"), "q", "complex numbers"),
+    "complex number": (lambda: arrays.number(np.complex128(1 + 2j), "dt"), "dt", "1+2j"),
+    "digits": (lambda: arrays.vector(["1", "2"], 2, "q"), "q", "not numeric"),
+    "truth values": (lambda: arrays.vector([True, False], 2, "q"), "q", "not numeric"),
+    "a truth value": (lambda: arrays.number(value=True, argument="dt"), "dt", "True"),
+    "masked": (lambda: arrays.vector(np.ma.masked_array([1.0, 2.0], [0, 1]), 2, "q"), "q", "masked"),
+    "a huge integer": (lambda: arrays.number(10**400, "dt"), "dt", "1000"),
+    "huge integers": (lambda: arrays.vector([10**400], 1, "q"), "q", "not numeric"),
+    "an array for a number": (lambda: arrays.number(np.ones(1), "dt"), "dt", "array([1.])"),
+    "half": (lambda: arrays.count(0.5, "restarts"), "restarts", "0.5"),
+    "too many": (lambda: arrays.count(7, "restarts", 6), "restarts", "7"),
+    "a word of others": (lambda: arrays.choice("hld", "on_loss", ("hold", "leave")), "on_loss", "'hld'"),
+    "no flag": (lambda: arrays.flag(1, "along"), "along", "1"),
+    "a name for names": (lambda: arrays.strings("ab", "names"), "names", "'ab'"),
 }
 
 
@@ -76,6 +93,27 @@ def test_every_refusal_says_what_was_found_and_what_was_expected(case):
 def test_a_transposed_jacobian_is_told_so():
     with pytest.raises(iq.BadInput, match=r"Transpose it\."):
         arrays.columns(np.zeros((4, 6)))
+
+
+def test_infinity_passes_where_it_is_asked_for():
+    assert arrays.number(INF, "h", infinite=True) == INF
+    assert arrays.number(np.float32("-inf"), "h", infinite=True) == -INF
+    with pytest.raises(iq.BadInput):
+        arrays.number(NAN, "h", infinite=True)
+
+
+def test_a_masked_array_without_masked_entries_is_an_array():
+    assert arrays.vector(np.ma.masked_array([1.0, 2.0]), 2, "q").tolist() == [1.0, 2.0]
+
+
+def test_fractions_and_decimals_are_numbers():
+    assert arrays.vector([Fraction(1, 2), Decimal("0.25")], 2, "q").tolist() == [0.5, 0.25]
+    assert arrays.number(Fraction(1, 2), "h") == 0.5
+
+
+def test_a_checked_array_is_the_callers():
+    q = np.arange(3.0)
+    assert arrays.vector(q, 3, "q") is q
 
 
 def test_lists_integers_and_a_single_twist_are_accepted():

@@ -25,7 +25,9 @@ def test_the_matrix_itself():
     np.testing.assert_array_equal(iq.pitch_form_inverse(0.25), np.block([[zero, eye], [eye, 0.5 * eye]]))
     for infinite in (np.inf, -np.inf):
         np.testing.assert_array_equal(iq.pitch_form(infinite), np.block([[-2.0 * eye, zero], [zero, zero]]))
-    np.testing.assert_array_equal(iq.invariant_form(2.0, 3.0), np.block([[-4.0 * eye, 3.0 * eye], [3.0 * eye, zero]]))
+    np.testing.assert_array_equal(
+        iq.forms.invariant_form(2.0, 3.0), np.block([[-4.0 * eye, 3.0 * eye], [3.0 * eye, zero]])
+    )
 
 
 @EXAMPLES
@@ -44,7 +46,7 @@ def test_the_whole_pencil_is_invariant(seed, alpha, beta):
     """Ad'Q Ad = Q, and on wrenches Ad*'Q^-1 Ad* = Q^-1."""
     T = motion(np.random.default_rng(seed))
     A, B = iq.adjoint(T), iq.coadjoint(T)
-    Q, Q_inverse = iq.invariant_form(alpha, beta), iq.pitch_form_inverse(alpha)
+    Q, Q_inverse = iq.forms.invariant_form(alpha, beta), iq.pitch_form_inverse(alpha)
     size = np.linalg.norm(A) ** 2
     np.testing.assert_allclose(A.T @ Q @ A, Q, atol=1e-15 * size * (1.0 + np.abs(Q).max()))
     np.testing.assert_allclose(B.T @ Q_inverse @ B, Q_inverse, atol=1e-15 * size * (1.0 + np.abs(Q_inverse).max()))
@@ -69,5 +71,5 @@ def test_no_other_form_is_invariant():
 @given(st.floats(-5.0, 5.0), TWIST)
 def test_twists_of_pitch_h_are_the_null_twists_of_the_form(h, s):
     w = s[:3] + np.array([1.0, 0.0, 0.0]) * (np.linalg.norm(s[:3]) < 0.1)
-    screw = iq.helical(w, s[3:], h)
+    screw = iq.se3.helical(w, s[3:], h)
     assert screw @ iq.pitch_form(h) @ screw == pytest.approx(0.0, abs=1e-13 * (1.0 + abs(h) + np.abs(s).max()))

@@ -14,9 +14,9 @@ EXAMPLES = settings(deadline=None, derandomize=True, max_examples=60)
 @EXAMPLES
 @given(DIRECTION, POINT, st.floats(-5.0, 5.0))
 def test_pitch_and_axis_come_back(u, q, h):
-    s = iq.helical(u, q, h)
-    assert iq.pitch(s) == pytest.approx(h, abs=1e-13 * (1.0 + np.abs(q).max()))
-    direction, point = iq.axis(s)
+    s = iq.se3.helical(u, q, h)
+    assert iq.se3.pitch(s) == pytest.approx(h, abs=1e-13 * (1.0 + np.abs(q).max()))
+    direction, point = iq.se3.axis(s)
     np.testing.assert_allclose(direction, u / np.linalg.norm(u), atol=1e-14)
     assert direction @ point == pytest.approx(0.0, abs=1e-12)  # nearest the origin
     np.testing.assert_allclose(np.cross(q - point, direction), 0.0, atol=1e-12)
@@ -25,17 +25,17 @@ def test_pitch_and_axis_come_back(u, q, h):
 @EXAMPLES
 @given(DIRECTION, POINT)
 def test_a_hinge_keeps_its_axis_at_rest_and_a_slide_turns_nothing(u, q):
-    hinge, slide = iq.revolute(u, q), iq.prismatic(u)
+    hinge, slide = iq.revolute(u, q), iq.se3.prismatic(u)
     np.testing.assert_allclose(hinge[3:] + np.cross(hinge[:3], q), 0.0, atol=1e-13)
-    assert iq.pitch(hinge) == pytest.approx(0.0, abs=1e-13)
+    assert iq.se3.pitch(hinge) == pytest.approx(0.0, abs=1e-13)
     assert not slide[:3].any()
     assert np.linalg.norm(slide) == pytest.approx(1.0)
-    assert iq.pitch(slide) == np.inf
+    assert iq.se3.pitch(slide) == np.inf
 
 
 def test_a_screw_advances_by_its_pitch():
     """A full turn of a helical joint moves by 2 pi h along its axis and turns by nothing."""
-    T = iq.exp(2.0 * np.pi * iq.helical((0, 0, 3), (0.4, -0.2, 0.0), 0.1))
+    T = iq.exp(2.0 * np.pi * iq.se3.helical((0, 0, 3), (0.4, -0.2, 0.0), 0.1))
     np.testing.assert_allclose(T, iq.transform(translation=(0, 0, 0.2 * np.pi)), atol=1e-15)
 
 
@@ -43,25 +43,25 @@ def test_pitch_is_the_same_in_every_frame_and_for_every_multiple():
     rng = np.random.default_rng(3)
     for _ in range(50):
         s = rng.normal(size=6)
-        h = iq.pitch(s)
-        assert iq.pitch(-1e-200 * s) == pytest.approx(h, rel=1e-12)
-        assert iq.pitch(iq.adjoint(motion(rng)) @ s) == pytest.approx(h, rel=1e-11, abs=1e-12)
+        h = iq.se3.pitch(s)
+        assert iq.se3.pitch(-1e-200 * s) == pytest.approx(h, rel=1e-12)
+        assert iq.se3.pitch(iq.adjoint(motion(rng)) @ s) == pytest.approx(h, rel=1e-11, abs=1e-12)
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e-160, 1.0, 1e160, 1e200])
 def test_any_length_of_an_axis_will_do(size):
     """Squares of these overflow or vanish; their direction does not."""
     np.testing.assert_allclose(iq.revolute((0, 0, size), (1, 0, 0)), [0, 0, 1, 0, -1, 0])
-    np.testing.assert_allclose(iq.prismatic((size, size, 0)), np.array([0, 0, 0, 1, 1, 0]) / np.sqrt(2.0))
-    direction, point = iq.axis(size * iq.revolute((0, 0, 1), (0.5, 0, 0)))
+    np.testing.assert_allclose(iq.se3.prismatic((size, size, 0)), np.array([0, 0, 0, 1, 1, 0]) / np.sqrt(2.0))
+    direction, point = iq.se3.axis(size * iq.revolute((0, 0, 1), (0.5, 0, 0)))
     np.testing.assert_allclose((*direction, *point), (0, 0, 1, 0.5, 0, 0), atol=1e-15)
 
 
 def test_a_pitch_too_large_to_square_is_still_a_pitch():
-    assert iq.pitch([0, 0, 1e-170, 0, 0, 1.0]) == pytest.approx(1e170)
-    assert iq.pitch([0, 0, 1e-170, 1.0, 0, 0]) == 0.0
+    assert iq.se3.pitch([0, 0, 1e-170, 0, 0, 1.0]) == pytest.approx(1e170)
+    assert iq.se3.pitch([0, 0, 1e-170, 1.0, 0, 0]) == 0.0
 
 
 def test_infinite_pitch_of_either_sign_is_the_slide():
-    np.testing.assert_array_equal(iq.helical((0, 2, 0), (1, 1, 1), np.inf), iq.prismatic((0, 1, 0)))
-    np.testing.assert_array_equal(iq.helical((0, 2, 0), (1, 1, 1), -np.inf), iq.prismatic((0, 1, 0)))
+    np.testing.assert_array_equal(iq.se3.helical((0, 2, 0), (1, 1, 1), np.inf), iq.se3.prismatic((0, 1, 0)))
+    np.testing.assert_array_equal(iq.se3.helical((0, 2, 0), (1, 1, 1), -np.inf), iq.se3.prismatic((0, 1, 0)))

@@ -122,13 +122,17 @@ def test_log_against_scipy(seed):
 def test_the_bracket_is_a_lie_bracket_and_the_derivative_of_the_adjoint(seed):
     rng = np.random.default_rng(seed)
     a, b, c = rng.normal(size=(3, 6))
-    np.testing.assert_allclose(iq.bracket(a, b), -iq.bracket(b, a))
-    jacobi = iq.bracket(a, iq.bracket(b, c)) + iq.bracket(b, iq.bracket(c, a)) + iq.bracket(c, iq.bracket(a, b))
+    np.testing.assert_allclose(iq.se3.bracket(a, b), -iq.se3.bracket(b, a))
+    jacobi = (
+        iq.se3.bracket(a, iq.se3.bracket(b, c))
+        + iq.se3.bracket(b, iq.se3.bracket(c, a))
+        + iq.se3.bracket(c, iq.se3.bracket(a, b))
+    )
     np.testing.assert_allclose(jacobi, 0.0, atol=1e-13)
-    np.testing.assert_allclose(iq.bracket(a, b), ad(a) @ b, atol=1e-14)
+    np.testing.assert_allclose(iq.se3.bracket(a, b), ad(a) @ b, atol=1e-14)
     step = 1e-5
     forward, backward = iq.adjoint(iq.exp(step * a)), iq.adjoint(iq.exp(-step * a))
-    np.testing.assert_allclose((forward - backward) @ b / (2.0 * step), iq.bracket(a, b), atol=1e-8)
+    np.testing.assert_allclose((forward - backward) @ b / (2.0 * step), iq.se3.bracket(a, b), atol=1e-8)
     np.testing.assert_allclose(iq.adjoint(iq.exp(0.3 * a)), expm(0.3 * ad(a)), atol=1e-12)
 
 

@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -123,7 +125,7 @@ def test_nor_which_pose_is_the_closest(name):
 
 
 def test_nor_what_is_met_exactly():
-    offset, point = random_displacement(8), iq.ExactPoint([0.0, 0.02, -0.05])
+    offset, point = random_displacement(8), iq.control.ExactPoint([0.0, 0.02, -0.05])
     target = SO101.pose(states(SO101, 1, 25)[0]) @ iq.exp([0.3, 0.5, 0.2, 0.0, 0.0, 0.0])
     here = iq.solve_pose(SO101, target, exact=point, restarts=8, **NO_LIMIT)
     moved = SO101.with_tool(offset)
@@ -178,7 +180,7 @@ def test_out_of_reach_the_closest_pose_is_the_one_scipy_finds(name):
     assert found.reason.startswith("out of reach: ")
     assert found.error == pytest.approx(np.linalg.norm(r(found.q)), rel=1e-9)
     assert found.error <= closest_by_scipy(robot, r, [found.q]) * (1.0 + 1e-9)  # SciPy goes no further from there
-    free = [i for i in range(len(found.q)) if i not in found.limits_active]
+    free = [i for i in range(len(found.q)) if i not in found.active]
     assert np.abs(slope(r, found.q)[free]).max() < 1e-7
     assert found.error <= closest_by_scipy(robot, r, states(robot, 6, 9)) * (1.0 + 1e-3)  # nor finds a better place
 
@@ -237,7 +239,9 @@ def test_without_exact_demands_five_joints_trade_position_for_orientation():
 
 def test_an_exact_axis_leaves_the_turn_about_it_free():
     target = SO101.pose(states(SO101, 1, 23)[0]) @ iq.exp([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
-    found = iq.solve_pose(SO101, target, exact=[iq.ExactPoint(), iq.ExactAxis([0.0, 0.0, 1.0])], **NO_LIMIT)
+    found = iq.solve_pose(
+        SO101, target, exact=[iq.control.ExactPoint(), iq.control.ExactAxis([0.0, 0.0, 1.0])], **NO_LIMIT
+    )
     T = fk(SO101, found.q)
     assert found.success
     np.testing.assert_allclose(T.translation, target[:3, 3], atol=1e-6)
@@ -254,21 +258,21 @@ def test_an_exact_position_out_of_reach_is_no_success():
 def test_joints_that_slide_and_screw():
     lift = np.column_stack(
         [
-            iq.prismatic([0, 0, 1]),
+            iq.se3.prismatic([0, 0, 1]),
             iq.revolute([0, 0, 1]),
             iq.revolute([0, 0, 1], [0.5, 0, 0]),
-            iq.helical([0, 0, 1], [0.9, 0, 0], 0.05),
+            iq.se3.helical([0, 0, 1], [0.9, 0, 0], 0.05),
         ]
     )
-    arm = iq.Chain(lift, iq.transform(translation=[1.0, 0.0, 0.2]), (), -3.0, 3.0)
+    arm = iq.robots.Chain(lift, iq.transform(translation=[1.0, 0.0, 0.2]), (), -3.0, 3.0)
     q = np.array([0.4, 0.5, -1.0, 2.0])
     found = iq.solve_pose(arm, arm.pose(q), **NO_LIMIT)
     assert found.success
     np.testing.assert_allclose(arm.pose(found.q), arm.pose(q), atol=1e-6)
-    gantry = iq.Chain(np.eye(6)[:, 3:], np.eye(4), (), -1.0, 1.0)
+    gantry = iq.robots.Chain(np.eye(6)[:, 3:], np.eye(4), (), -1.0, 1.0)
     out = iq.solve_pose(gantry, iq.transform(translation=[0.5, -0.5, 2.0]), **NO_LIMIT)
     np.testing.assert_allclose(out.q, [0.5, -0.5, 1.0], atol=1e-9)
-    assert out.limits_active == (2,)
+    assert out.active == (2,)
 
 
 def test_a_start_that_is_the_answer_is_the_answer():
@@ -281,10 +285,20 @@ def test_a_start_that_is_the_answer_is_the_answer():
 def test_the_seed_decides_and_nothing_else():
     target = beyond(PANDA, 41)
     first, again = (iq.solve_pose(PANDA, target, seed=3, restarts=5, **NO_LIMIT) for _ in range(2))
-    np.testing.assert_array_equal(first.q, again.q)
-    assert first._replace(q=None) == again._replace(q=None)
+    assert first == again
     other = iq.solve_pose(PANDA, target, seed=4, restarts=5, **NO_LIMIT)
     assert other.iterations != first.iterations
+
+
+def test_solutions_compare_pickle_and_show_themselves():
+    found = iq.solve_pose(PANDA, beyond(PANDA, 41), restarts=2, **NO_LIMIT)
+    again = pickle.loads(pickle.dumps(found))
+    assert again == found
+    assert again != iq.solve_pose(PANDA, beyond(PANDA, 43), restarts=2, **NO_LIMIT)
+    assert repr(again) == repr(found)
+    assert "\n" not in repr(found)
+    with pytest.raises(AttributeError):
+        found.q = None
 
 
 def test_no_restarts_are_no_restarts():
@@ -318,7 +332,7 @@ WRONG = {
     "half a restart": (lambda: iq.solve_pose(PANDA, T, restarts=0.5), "restarts"),
     "seed": (lambda: iq.solve_pose(PANDA, T, seed="a"), "seed"),
     "exact": (lambda: iq.solve_pose(PANDA, T, exact="orientation"), "exact"),
-    "exact joints": (lambda: iq.solve_pose(PANDA, T, exact=iq.ExactJoints(np.eye(7))), "exact"),
+    "exact joints": (lambda: iq.solve_pose(PANDA, T, exact=iq.control.ExactJoints(np.eye(7))), "exact"),
     "h = 0": (lambda: iq.solve_pose(PANDA, T, form=0.0), "form"),
     "complement": (lambda: iq.solve_pose(PANDA, T, form=iq.Complement(np.eye(6)[:, :1])), "form"),
     "word for a form": (lambda: iq.solve_pose(PANDA, T, form="tool"), "form"),

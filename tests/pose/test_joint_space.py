@@ -13,14 +13,14 @@ def test_only_hinges_whose_range_holds_a_turn_turn_over():
         [
             iq.revolute([0, 0, 2.0]),
             2.0 * iq.revolute([0, 1, 0]),
-            iq.helical([0, 0, 1], pitch=0.1),
-            iq.prismatic([1, 0, 0]),
+            iq.se3.helical([0, 0, 1], pitch=0.1),
+            iq.se3.prismatic([1, 0, 0]),
         ]
     )
-    wide = JointSpace(iq.Chain(screws, np.eye(4), (), -4.0, 4.0))
+    wide = JointSpace(iq.robots.Chain(screws, np.eye(4), (), -4.0, 4.0))
     assert wide.whole.tolist() == [True, True, False, False]
     np.testing.assert_allclose(wide.turn[:2], [2.0 * np.pi, np.pi])  # the second screw is twice a unit one
-    assert not JointSpace(iq.Chain(screws, np.eye(4), (), -1.5, 1.5)).whole.any()
+    assert not JointSpace(iq.robots.Chain(screws, np.eye(4), (), -1.5, 1.5)).whole.any()
 
 
 @pytest.mark.parametrize("q", [[0.0] * 6, [7.0] * 6, [-40.0, 40.0, 3.0, -9.0, 1e3, 6.5]])

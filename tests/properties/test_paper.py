@@ -3,6 +3,9 @@
 The algebra is done by sympy in rationals, without the library; then the library is held against it.
 """
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -65,7 +68,7 @@ def test_example_1_the_columns_are_lines_of_an_ib0_system():
 
 def test_example_1_determinant_is_8h():
     assert determinant(J1) == 8 * h
-    np.testing.assert_allclose(iq.gram_polynomial(numbers(J1)), [0, 8, 0, 0], atol=1e-13)
+    np.testing.assert_allclose(iq.systems.gram_polynomial(numbers(J1)), [0, 8, 0, 0], atol=1e-13)
     np.testing.assert_allclose(iq.principal_pitches(numbers(J1)), [0.0], atol=1e-14)
 
 
@@ -102,7 +105,7 @@ def test_example_4():
     left = S4 - J1 * V4
     assert sp.simplify((left.T * Q * left)[0] - PHI4) == 0
     for x in AT:
-        found = iq.stationary_point(numbers(J1), numbers(S4)[:, 0], float(x))
+        found = iq.systems.stationary_point(numbers(J1), numbers(S4)[:, 0], float(x))
         np.testing.assert_allclose(found.velocity, numbers(V4, h=x)[:, 0], atol=1e-13)
         assert found.value == pytest.approx(float(PHI4.subs(h, x)))
         np.testing.assert_allclose(found.gradient, 0.0, atol=1e-12)
@@ -110,7 +113,7 @@ def test_example_4():
 
 def test_example_4_the_error_vanishes_at_two_pitches():
     roots = sorted(sp.solve(80 * h**2 + 64 * h - 25, h))
-    found = iq.vanishing_pitches(numbers(J1), numbers(S4)[:, 0])
+    found = iq.systems.vanishing_pitches(numbers(J1), numbers(S4)[:, 0])
     np.testing.assert_allclose(found, [float(r) for r in roots], atol=1e-13)
 
 
@@ -201,7 +204,7 @@ def test_tables_1_and_2(key):
     assert kind.admits_pseudoinverse == (expected != 0)
     polynomial = sp.Poly(sp.expand(sp.sympify(expected).subs(VALUES)), h).all_coeffs()[::-1]
     coefficients = [float(x) for x in polynomial] + [0.0] * (key[0] + 1 - len(polynomial))
-    np.testing.assert_allclose(iq.gram_polynomial(exact), coefficients, atol=1e-13)
+    np.testing.assert_allclose(iq.systems.gram_polynomial(exact), coefficients, atol=1e-13)
 
 
 # --- Table 3
@@ -309,6 +312,27 @@ def test_erratum_6_four_lines_with_one_double_transversal():
     assert (found.holds, found.transversal_count, found.double) == (True, 1, True)
 
 
+def test_erratum_6_four_lines_with_a_double_transversal_at_infinity():
+    """Four lines parallel to one plane: det(J'Q_h J) = 0 for every h, and no line meets them all."""
+    J = columns((1, 0, 1, -1, 0, 1), (1, 0, 2, -1, 1, HALF), (2, 0, 1, -2, 3, 4), (1, 0, -1, -1, 5, -1))
+    assert [(s.T * Q0 * s)[0] for s in (J.col(i) for i in range(4))] == [0, 0, 0, 0]
+    assert (J.rank(), determinant(J)) == (4, 0)
+    R = sp.Matrix.hstack(*(J.T * Q0).nullspace())
+    form = R.T * Q0 * R
+    assert (form.rank(), form.det()) == (1, 0)
+    null = R * form.nullspace()[0]
+    assert null[:3, 0] == sp.zeros(3, 1)  # the only null twist of the reciprocal system is a translation
+    found = iq.involution(numbers(J))
+    assert (found.holds, found.transversal_count, found.double, found.at_infinity.shape) == (True, 0, True, (6, 1))
+
+
+def test_erratum_6_two_transversals_need_pitches_of_opposite_sign():
+    """The null twists x s_a + y s_b of a IA 2-system: a x^2 + b y^2 = 0."""
+    x, y = sp.symbols("x y", real=True)
+    S = columns(*TABLES[2, "IA"]) * sp.Matrix([x, y])
+    assert sp.expand((S.T * Q0 * S)[0]) == 2 * a * x**2 + 2 * b * y**2
+
+
 def test_erratum_7_example_3_the_solution_is_smaller():
     """Example 3 prints J^{+h}(S): for a 3-joint arm that is all of R^3, and not every joint velocity will do."""
     J = sp.Matrix([[1, 0, 0], [0, 1, 2], [0, 1, 1], [0, 1, 0], [2, 0, 1], [1, 3, 1]])
@@ -316,7 +340,7 @@ def test_erratum_7_example_3_the_solution_is_smaller():
     solution = sp.Matrix.vstack(J[4, :], J[5, :]).nullspace()  # v_y = v_z = 0, by definition
     assert len(solution) == 1
     assert (inverse(J).subs(h, 1) * S).rank() == 3
-    found = iq.point_motion(numbers(J), (0, 0, 0), (1, 0, 0))
+    found = iq.systems.point_motion(numbers(J), (0, 0, 0), (1, 0, 0))
     assert found.velocities.shape == (3, 1)
     assert distance(found.velocities, numbers(solution[0])) < 1e-12
 
@@ -338,10 +362,10 @@ def test_erratum_8_hp4_is_meant_with_the_ordinary_transpose():
 
 def test_example_3_the_four_system_is_no_lie_algebra():
     """Beyond the eight: Example 3 calls the 4-system the Lie algebra of a subgroup; a bracket leaves it."""
-    S = iq.motions_along((0, 0, 0), (1, 0, 0))
+    S = iq.systems.motions_along((0, 0, 0), (1, 0, 0))
     turn, slide = np.array([0, 1, 0, 0, 0, 0]), np.array([0, 0, 0, 1, 0, 0])
     assert np.linalg.matrix_rank(np.column_stack((S, turn, slide))) == 4
-    assert np.linalg.matrix_rank(np.column_stack((S, iq.bracket(turn, slide)))) == 5
+    assert np.linalg.matrix_rank(np.column_stack((S, iq.se3.bracket(turn, slide)))) == 5
 
 
 # --- Sect. 4
@@ -361,3 +385,34 @@ def test_five_lines_are_in_involution_where_the_reciprocal_is_a_line():
     J = columns((1, 0, 0, -a, 0, 0), *((0, 1, 0, 0, 0, 0), (0, 0, 1, 0, 0, 0), (0, 0, 0, 0, 1, 0), (0, 0, 0, 0, 0, 1)))
     assert sp.zeros(5, 1) == J.T * Q0 * R
     assert sp.expand((J.T * Q0 * J).det()) == -2 * a
+
+
+# --- The script that prints all this
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "21_paper.py"
+
+
+def test_the_script_prints_what_is_proved_here():
+    """Each of its rows agrees with the paper or names an erratum, and its figures are those of the exact algebra."""
+    script = runpy.run_path(str(SCRIPT))
+    rows = {part.split(",")[0]: list(make()) for part, make in script["PARTS"].items()}
+    everything = [row for found in rows.values() for row in found]
+    assert all(row.agrees is not bool(row.erratum) for row in everything)
+    assert {row.erratum[0] for row in everything if row.erratum} == set("123457")
+    assert len(rows["Tables 1 and 2"]) == 2 * sum(dimension > 1 for dimension, _ in TABLES)
+
+    at = sp.Rational(script["H"])
+
+    def recomputed(part, what):
+        (found,) = [row.recomputed for row in rows[part] if row.what.startswith(what)]
+        return found
+
+    for i in range(3):
+        expected = numbers(PRINTED_J1, h=at)[i]
+        np.testing.assert_allclose(recomputed("Example 1", f"J^+h, row {i + 1}"), expected, atol=1e-13)
+    for i in range(6):
+        np.testing.assert_allclose(recomputed("Example 2", f"P_h, row {i + 1}"), numbers(P2, h=at)[i], atol=1e-13)
+    np.testing.assert_allclose(recomputed("Example 4", "v = "), numbers(V4, h=at)[:, 0], atol=1e-13)
+    assert recomputed("Example 4", "Phi_h(v)") == pytest.approx(float(PHI4.subs(h, at)))
+    assert recomputed("Example 3", "dimension") == 1
+    assert recomputed("Table 3", "types with no") == 11

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.compare.laws.baselines import controller_named
-from invariantqp.compare.laws.invariant import OURS
 from invariantqp.compare.measure.stability import YARDSTICK, Case, cases, run_case
+from invariantqp.compare.names import OURS
+from invariantqp.compare.registry import controller_named
 from invariantqp.robots.kinematics import middle
-from invariantqp.runs.run import our_controller
+from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import shipped_tasks
 
 INSIDE = 1e-9
@@ -53,7 +53,7 @@ def test_what_can_be_reached_is(runs, name):
 def test_the_error_falls_once_the_target_can_be_reached_and_no_limit_binds(runs, name):
     (_, trace), _ = runs(Case(f"stability/{name}"))
     back = round(trace.task.path.end / trace.task.law.dt) + 1
-    last = max(back, np.flatnonzero(trace.bound).max() + 1)
+    last = max(back, np.flatnonzero(trace.limit_active).max() + 1)
     assert last < len(trace.velocity) - 50
     for error in (trace.position_error, trace.orientation_error):
         assert (np.diff(error[last:]) <= ROUNDING).all()
@@ -83,7 +83,7 @@ def test_a_pitch_given_is_crossed_and_one_chosen_for_the_arm_is_not(name, crosse
 
     assert is_crossed(chosen) == crossed
     if not crossed:  # and there was one to avoid
-        assert is_crossed(iq.centre(robot.jacobian(middle(robot))).length)
+        assert is_crossed(iq.systems.centre(robot.jacobian(middle(robot))).length)
 
 
 def test_ranks_are_what_the_cases_say():
@@ -112,9 +112,9 @@ def test_a_pole_of_the_papers_lambda_is_no_pole_of_ours(damping):
     """[DS] (6.4) with Lambda = -mu I, where mu < 0 is an eigenvalue of G: the pole; and a hair beside it."""
     rng = np.random.default_rng(3)
     J, s, h = rng.normal(size=(6, 4)), rng.normal(size=6), 0.4
-    mu = np.linalg.eigvalsh(iq.gram_matrix(J, h))[0]
+    mu = np.linalg.eigvalsh(iq.systems.gram_matrix(J, h))[0]
     assert mu < 0.0
-    beside = iq.solve_velocity(J, s, form=h, damping=iq.PaperLambda(-mu * (1.0 + 1e-9)))
+    beside = iq.solve_velocity(J, s, form=h, damping=iq.velocity.PaperLambda(-mu * (1.0 + 1e-9)))
     assert np.abs(beside.velocity).max() > 1e6
     assert beside.status == "degraded"
     assert np.abs(iq.solve_velocity(J, s, form=h, damping=damping).velocity).max() < 1e2

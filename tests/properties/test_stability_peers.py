@@ -10,7 +10,7 @@ from scipy import sparse
 import invariantqp as iq
 from invariantqp.compare.laws.pink_law import PinkLaw
 from invariantqp.compare.measure.stability import OURS, Case, paper_law, run_case
-from invariantqp.runs.run import our_controller
+from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec
 
 READY = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]

@@ -21,7 +21,7 @@ def definite(robot, q, target, gain):
     """One tick of least squares in W = diag(L^2 I, I) at the arm's own point, inside the limits, by DAQP alone."""
     sighting = robot.sight(q, target)
     J, s = sighting.J, gain * sighting.error
-    p, L = iq.centre(J, s)
+    p, L = iq.systems.centre(J, s)
 
     def rooted(t):
         return np.concatenate((L * t[:3], t[3:] + np.cross(t[:3].T, p).T))

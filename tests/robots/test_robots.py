@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.geometry.se3 import inverted
+from invariantqp.geometry.se3 import inverse
 from invariantqp.robots.kinematics import middle
 from invariantqp.robots.load import KNOWN
 
@@ -82,7 +82,7 @@ def test_a_chain_from_the_same_screws_is_the_same_arm(name):
     robot = iq.load_robot(name)
     zero = np.zeros(len(robot.names))
     limits = (robot.position_lower, robot.position_upper, robot.velocity_limit)
-    chain = iq.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
+    chain = iq.robots.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
     rng = np.random.default_rng(1)
     for _ in range(3):
         q = inside(robot, rng)
@@ -147,7 +147,7 @@ def test_a_displaced_tool_is_the_same_arm(source):
     moved = robot.with_tool(X)
     np.testing.assert_allclose(moved.pose(q), before @ X, atol=1e-12)
     np.testing.assert_allclose(moved.jacobian(q), robot.jacobian(q), atol=1e-12)
-    np.testing.assert_allclose(moved.with_tool(inverted(X)).pose(q), before, atol=1e-12)
+    np.testing.assert_allclose(moved.with_tool(inverse(X)).pose(q), before, atol=1e-12)
     np.testing.assert_allclose(robot.pose(q), before)  # the first one is as it was
     assert moved.names == robot.names
     np.testing.assert_array_equal(moved.velocity_limit, robot.velocity_limit)
@@ -160,7 +160,7 @@ def test_a_displaced_tool_is_the_same_arm(source):
 def test_a_urdf_of_ones_own(tmp_path):
     robot = iq.load_robot(urdf(tmp_path, SLIDER), tool="hook")
     assert robot.names == ("rail", "swing")
-    np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 0], iq.prismatic((1, 0, 0)), atol=1e-15)
+    np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 0], iq.se3.prismatic((1, 0, 0)), atol=1e-15)
     np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 1], iq.revolute((0, 1, 0), (0.1, 0, 0.2)), atol=1e-15)
     assert robot.position_upper.tolist() == [0.5, 2.0]
     side = iq.load_robot(str(urdf(tmp_path, SLIDER)), tool="side")
@@ -181,7 +181,12 @@ FAILING = {
     "no file": (lambda d: iq.load_robot(d / "missing.urdf"), "no URDF file at .*missing.urdf"),
     "folder": (iq.load_robot, "no URDF file at"),
     "not xml": (lambda d: iq.load_robot(urdf(d, "<robot")), r"arm.urdf: not XML \(.*\); expected a URDF <robot>"),
-    "not urdf": (lambda d: iq.load_robot(urdf(d, "<mujoco/>")), "found <mujoco> without joints; expected a URDF"),
+    "not urdf": (lambda d: iq.load_robot(urdf(d, "<sdf/>")), "found <sdf> without joints; expected a URDF"),
+    "mujoco": (lambda d: iq.load_robot(urdf(d, "<mujoco/>", "arm.xml")), "found a MuJoCo model .*buildModelFromMJCF"),
+    "mujoco text": (lambda _: iq.load_robot("<mujoco/>"), "the URDF text: found a MuJoCo model"),
+    "no xml file": (lambda _: iq.load_robot("scene.xml"), "no URDF file at scene.xml"),
+    "name too long": (lambda _: iq.load_robot("x" * 10_000), "unknown robot 'xxx"),
+    "text that is cut": (lambda _: iq.load_robot(SLIDER[:-20]), "the URDF text: not XML"),
     "no joints": (lambda d: iq.load_robot(urdf(d, "<robot/>")), "found <robot> without joints; expected a URDF"),
     "no parent": (lambda d: iq.load_robot(urdf(d, ORPHAN)), "Pinocchio cannot build a model from it"),
     "floating": (lambda d: iq.load_robot(urdf(d, FLOATING)), "only revolute and prismatic joints"),
@@ -198,13 +203,13 @@ FAILING = {
 @pytest.mark.parametrize("case", FAILING)
 def test_robots_that_cannot_be_had(tmp_path, case):
     call, message = FAILING[case]
-    with pytest.raises(iq.RobotModelError, match=message) as caught:
+    with pytest.raises(iq.errors.RobotModelError, match=message) as caught:
         call(tmp_path)
-    assert isinstance(caught.value, iq.UnknownName) == ("unknown" in message)
+    assert isinstance(caught.value, iq.errors.UnknownName) == ("unknown" in message)
 
 
 def test_a_name_far_from_all_lists_them():
-    with pytest.raises(iq.UnknownName, match=r"known: panda, ur3, .*or the path of a \.urdf file"):
+    with pytest.raises(iq.errors.UnknownName, match=r"known: panda, ur3, .*or the path of a \.urdf file"):
         iq.load_robot("qqqq")
 
 
@@ -214,20 +219,34 @@ BAD = {
     "tool pose": (lambda f: iq.load_robot(f, tool=np.eye(4)), "tool", "ndarray"),
     "screws, no tool": (lambda _: iq.load_robot(np.eye(6)), "tool", "None"),
     "screws, tool name": (lambda _: iq.load_robot(np.eye(6), "hand"), "tool", "'hand'"),
-    "screws": (lambda _: iq.load_robot(np.full((6, 2), np.nan), np.eye(4)), "screws", "NaN"),
-    "zero screw": (lambda _: iq.Chain([[1, 0]] + [[0, 0]] * 5, np.eye(4)), "screws", "zero twist in column 1"),
-    "home": (lambda _: iq.Chain(np.eye(6), np.zeros((4, 4))), "home", "not a rotation"),
-    "names": (lambda _: iq.Chain(np.eye(6), np.eye(4), ["a"]), "names", "('a',)"),
-    "names twice": (lambda _: iq.Chain(np.eye(6), np.eye(4), ["a"] * 6), "names", "'a'"),
-    "crossed": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), 1.0, -1.0), "position_lower", "1 above -1 at joint 0"),
-    "nan limit": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), np.nan), "position_lower", "NaN"),
-    "empty limits": (lambda _: iq.Chain(np.eye(6), np.eye(4), (), []), "position_lower", "shape (0,)"),
-    "no speed": (lambda _: iq.Chain(np.eye(6), np.eye(4), velocity_limit=[1, 1, 0, 1, 1, 1]), "velocity_limit", "0 at"),
+    "screws": (lambda _: iq.load_robot(np.full((6, 2), np.nan), np.eye(4)), "source", "NaN"),
+    "nothing": (lambda _: iq.load_robot(None), "source", "None"),
+    "a number": (lambda _: iq.load_robot(7.0), "source", "7.0"),
+    "an object": (lambda _: iq.load_robot(object()), "source", "object"),
+    "a robot": (lambda f: iq.load_robot(iq.load_robot(f)), "source", "PinocchioRobot slider"),
+    "a letter a joint": (lambda f: iq.load_robot(f, joints="rail"), "joints", "'rail'"),
+    "numbered joints": (lambda f: iq.load_robot(f, joints=[1]), "joints", "1 among"),
+    "zero screw": (lambda _: iq.robots.Chain([[1, 0]] + [[0, 0]] * 5, np.eye(4)), "screws", "zero twist in column 1"),
+    "home": (lambda _: iq.robots.Chain(np.eye(6), np.zeros((4, 4))), "home", "not a rotation"),
+    "names": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), ["a"]), "names", "('a',)"),
+    "names twice": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), ["a"] * 6), "names", "'a'"),
+    "crossed": (
+        lambda _: iq.robots.Chain(np.eye(6), np.eye(4), (), 1.0, -1.0),
+        "position_lower",
+        "1 above -1 at joint 0",
+    ),
+    "nan limit": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), (), np.nan), "position_lower", "NaN"),
+    "empty limits": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4), (), []), "position_lower", "shape (0,)"),
+    "no speed": (
+        lambda _: iq.robots.Chain(np.eye(6), np.eye(4), velocity_limit=[1, 1, 0, 1, 1, 1]),
+        "velocity_limit",
+        "0 at",
+    ),
     "q": (lambda f: iq.load_robot(f, tool="hook").pose([np.nan, 0.0]), "q", "NaN"),
     "q short": (lambda f: iq.load_robot(f, tool="hook").jacobian([0.0]), "q", "shape (1,)"),
-    "chain q": (lambda _: iq.Chain(np.eye(6), np.eye(4)).pose(np.zeros(5)), "q", "shape (5,)"),
+    "chain q": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4)).pose(np.zeros(5)), "q", "shape (5,)"),
     "offset": (lambda f: iq.load_robot(f, tool="hook").with_tool(np.zeros((4, 4))), "offset", "not a rotation"),
-    "chain offset": (lambda _: iq.Chain(np.eye(6), np.eye(4)).with_tool(np.eye(3)), "offset", "shape (3, 3)"),
+    "chain offset": (lambda _: iq.robots.Chain(np.eye(6), np.eye(4)).with_tool(np.eye(3)), "offset", "shape (3, 3)"),
     "target": (lambda f: iq.load_robot(f, tool="hook").target(np.full((4, 4), np.nan)), "target", "NaN"),
 }
 
@@ -249,7 +268,7 @@ def test_without_the_extra_the_message_says_which(monkeypatch):
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "distribution", missing)
-    with pytest.raises(iq.MissingExtra, match=r"pip install 'invariantqp\[robots\]'"):
+    with pytest.raises(iq.errors.MissingExtra, match=r"pip install 'invariantqp\[robots\]'"):
         iq.load_robot("panda")
 
 
@@ -257,3 +276,92 @@ def test_loading_warns_of_nothing():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         iq.load_robot("tiago")
+
+
+@pytest.mark.parametrize("lead", ["", "\n  ", "\ufeff", '<?xml version="1.0" encoding="utf-8"?>\n'])
+def test_the_text_of_a_urdf_is_the_same_arm(tmp_path, lead):
+    text, file = iq.load_robot(lead + SLIDER, tool="hook"), iq.load_robot(urdf(tmp_path, SLIDER), tool="hook")
+    assert text == file
+
+
+def test_a_pinocchio_model_is_the_same_arm():
+    arm = iq.load_robot("panda")
+    model = arm.model.copy()
+    again = iq.load_robot(model, tool="panda_hand_tcp")
+    q = np.linspace(-0.5, 0.5, 7)
+    assert again.names == arm.names
+    np.testing.assert_array_equal(again.pose(q), arm.pose(q))
+    np.testing.assert_array_equal(again.jacobian(q), arm.jacobian(q))
+    np.testing.assert_array_equal(again.position_lower, arm.position_lower)
+    part = iq.load_robot(model, tool="panda_hand_tcp", joints=["panda_joint2"])
+    assert part.names == ("panda_joint2",)
+    np.testing.assert_allclose(part.jacobian([0.4]), numerical_twists(part, np.array([0.4])), atol=1e-8)
+    assert model == arm.model  # which is left as it was
+
+
+def test_a_model_with_joints_of_other_kinds(tmp_path):
+    """A joint without a single coordinate can be held still, not moved."""
+    import pinocchio
+
+    floating = pinocchio.buildModelFromXML(FLOATING)
+    with pytest.raises(
+        iq.errors.RobotModelError, match=r"joint 'rail' \(JointModelFreeFlyer\) has no single coordinate"
+    ):
+        iq.load_robot(floating, tool="hook")
+    assert iq.load_robot(floating, tool="hook", joints=["swing"]).names == ("swing",)
+    with pytest.raises(iq.errors.RobotModelError, match=r"joint 'other' .*pass the URDF for a continuous one"):
+        iq.load_robot(pinocchio.buildModelFromXML(SLIDER), tool="side")
+    with pytest.raises(iq.errors.UnknownName, match="unknown frame 'hok'; did you mean hook"):
+        iq.load_robot(floating, tool="hok")
+
+
+def test_a_mujoco_model_read_by_pinocchio(tmp_path):
+    """What the message about MuJoCo models advises."""
+    import pinocchio
+
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="upper" pos="0 0 0.2"><joint name="swing" axis="0 1 0" range="-1 2"/>'
+        '<geom size="0.1"/></body></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    arm = iq.load_robot(pinocchio.buildModelFromMJCF(str(file)), tool="upper")
+    np.testing.assert_allclose(arm.jacobian([0.3])[:, 0], iq.revolute((0, 1, 0), (0, 0, 0.2)), atol=1e-15)
+
+
+NOT_RIGID = {
+    "scaled": lambda pin: pin.SE3(2.0 * np.eye(3), np.zeros(3)),
+    "mirrored": lambda pin: pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)),
+    "sheared": lambda pin: pin.SE3(np.eye(3) + 1e-3 * np.eye(3)[[1, 2, 0]], np.zeros(3)),
+    "nan": lambda pin: pin.SE3(np.eye(3), np.full(3, np.nan)),
+    "nan turn": lambda pin: pin.SE3(np.full((3, 3), np.nan), np.zeros(3)),
+    "scaled matrix": lambda _: 2.0 * np.eye(4),
+}
+
+
+@pytest.mark.parametrize("source", ["ur5", "chain"])
+@pytest.mark.parametrize("case", NOT_RIGID)
+def test_a_target_that_is_no_rigid_motion(source, case):
+    import pinocchio
+
+    arm = iq.load_robot(source) if source == "ur5" else iq.load_robot(np.eye(6), np.eye(4))
+    target, q = NOT_RIGID[case](pinocchio), np.full(6, 0.1)
+    for refused in (
+        lambda: arm.target(target),
+        lambda: arm.sight(q, target),
+        lambda: iq.Controller(arm, dt=0.01, joint_metric=np.ones(6)).step(q, target),
+        lambda: iq.solve_pose(arm, target),
+    ):
+        with pytest.raises(iq.BadInput) as caught:
+            refused()
+        assert caught.value.argument == "target"
+
+
+def test_a_checked_target_is_taken_as_it_is():
+    for arm in (iq.load_robot("ur5"), iq.load_robot(np.eye(6), np.eye(4))):
+        pose, q = iq.exp(0.1 * np.arange(6.0)), np.full(6, 0.1)
+        target = arm.target(pose)
+        assert arm.target(target) is target
+        before = arm.sight(q, target).error
+        pose[:] = np.nan  # the target is not the caller's array
+        np.testing.assert_array_equal(arm.sight(q, target).error, before)

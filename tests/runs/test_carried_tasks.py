@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from support.random_systems import motion
+from support.task_files import run_displaced
 
 import invariantqp as iq
 from invariantqp.runs.taskfile import task_from
@@ -23,12 +24,12 @@ def test_they_pass_undamped_and_unguarded(name):
 def test_a_displaced_tool_frame_changes_nothing(name):
     task = iq.load_task(name)
     offset = motion(np.random.default_rng(4), reach=0.2)
-    plain, displaced = iq.run_task(task, dt=0.01), iq.run_task(task, dt=0.01, tool_offset=offset)
+    plain, displaced = iq.run_task(task, dt=0.01), run_displaced(task, offset, dt=0.01)
     assert np.abs(plain.q - displaced.q).max() < 1e-12
 
 
 def test_a_pitch_form_is_blind_there_and_says_so():
-    trace = iq.run_task(iq.load_task("planar_3r"), form="pitch", dt=0.01)
+    trace = iq.run_task(iq.load_task("planar_3r"), form=0.3, dt=0.01)
     assert any("no pitch form sees all of this arm" in w for w in trace.warnings)
     assert not trace.passed
 
@@ -36,7 +37,7 @@ def test_a_pitch_form_is_blind_there_and_says_so():
 def test_the_metric_is_that_of_the_arms_own_length_at_the_tool():
     robot = iq.load_task("planar_3r").load_robot()
     metric = iq.tool_metric(robot)
-    length = iq.centre(robot.jacobian([0.0, 1.4, 0.0])).length
+    length = iq.systems.centre(robot.jacobian([0.0, 1.4, 0.0])).length
     np.testing.assert_allclose(metric.matrix, np.diag(np.repeat((length**2, 1.0), 3)))
     assert metric.follows_tool
 
@@ -48,9 +49,9 @@ def content(**law):
 
 
 def test_a_joint_metric_settles_mixed_units():
-    assert iq.run_task(task_from(content(form="carried", joint_metric=[1.0, 9.0]), "x")).passed
-    with pytest.warns(iq.UnitsMixed):
-        iq.run_task(task_from(content(form="carried"), "x"))
+    assert iq.run_task(task_from(content(form="tool", joint_metric=[1.0, 9.0]), "x")).passed
+    with pytest.warns(iq.velocity.UnitsMixed):
+        iq.run_task(task_from(content(form="tool"), "x"))
     with pytest.raises(iq.BadInput, match="joint_metric"):
         iq.run_task(task_from(content(joint_metric=[1.0]), "x"))
 
@@ -58,12 +59,18 @@ def test_a_joint_metric_settles_mixed_units():
 @pytest.mark.parametrize(
     ("law", "said"),
     [
-        ({"form": "carried", "pitch": 0.3}, r"\$\.law\.pitch: .*a carried metric has no pitch"),
-        ({"form": "caried"}, r"\$\.law\.form: .*'pitch' or 'carried'"),
+        (
+            {"form": "carried"},
+            r'\$\.law\.form: a pitch h in metres per radian, "tool" or "auto" is expected.*is now "tool"',
+        ),
+        ({"form": "pitch"}, r"\$\.law\.form: .* not .pitch.; a pitch is now given as it is, form = 0.3"),
+        ({"form": True}, r"\$\.law\.form: .* not True"),
+        ({"form": float("nan")}, r"\$\.law\.form: .* not nan"),
+        ({"pitch": 0.3}, r"\$\.law\.pitch: is now form = h, such as form = 0.3"),
         ({"joint_metric": [1.0, 0.0]}, r"\$\.law\.joint_metric\[1\]: .*greater than 0"),
         ({"joint_metrics": [1.0, 1.0]}, r"did you mean 'joint_metric'"),
     ],
 )
 def test_what_the_law_does_not_take(law, said):
-    with pytest.raises(iq.TaskFileError, match=said):
+    with pytest.raises(iq.errors.TaskFileError, match=said):
         task_from(content(**law), "x")

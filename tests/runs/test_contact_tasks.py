@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from support.random_systems import motion
-from support.task_files import content, pen
+from support.task_files import content, pen, run_displaced
 
 import invariantqp as iq
-from invariantqp.runs.scene import scene_of
+from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import shipped_tasks, task_from
 
 IN_CONTACT = [n for n in shipped_tasks() if iq.load_task(n).contact is not None]
@@ -25,7 +25,7 @@ def short(name="pen_on_paper", duration=0.6, settle=0.5, **sections):
 
 def judged(trace):
     """Path error [mm] and force error after settling by first principles: across the normal, and along it."""
-    first = trace.settled
+    first = trace.counted_from
     n = np.asarray(trace.task.contact.normal)
     apart = trace.contact.drawn[first:] - trace.contact.asked[first:]
     path = np.linalg.norm(apart - np.outer(apart @ n, n), axis=1)
@@ -51,7 +51,7 @@ def test_path_and_force_hold_after_contact_has_settled(name, physics):
     assert 0.0 < figures["force_error_relative_rms"] < force
     assert trace.limit_violation == 0.0
     assert {"ok", "lost"} >= set(trace.statuses)
-    assert set(trace.statuses[trace.settled :]) == {"ok"}
+    assert set(trace.statuses[trace.counted_from :]) == {"ok"}
     if trace.task.contact.kind != "hinge":
         by_hand = judged(trace)
         assert by_hand[0] < path
@@ -85,23 +85,21 @@ def test_an_operator_moves_on_the_plane_and_cannot_leave_it(physics):
     assert np.abs(heights).max() < limit  # though 50 mm/s were pushed off the plane
     assert max(np.hypot(*T[:2, 3] - poses[0][:2, 3]) for T in poses) > 0.1
     if physics == "ideal":
-        moved = iq.run_task(task, tool_offset=motion(np.random.default_rng(0), 0.25))
+        moved = run_displaced(task, motion(np.random.default_rng(0), 0.25))
         np.testing.assert_allclose(moved.q, trace.q, atol=1e-9)
     alone = task.model_copy(update={"operator": task.operator.model_copy(update={"strays": 0.0, "tilts": 0.0})})
     np.testing.assert_allclose(iq.run_task(alone, physics=physics).q, trace.q, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "form", [{"form": "pitch", "pitch": 0.3}, {"form": "complement", "complement": [(0, 0, 0, 0, 0, 1)]}]
-)
-def test_other_complements_press_as_well(form):
-    trace = iq.run_task(short(force=form))
+@pytest.mark.parametrize("complement", [{"h": 0.3}, {"complement": [(0, 0, 0, 0, 0, 1)]}], ids=["a pitch", "itself"])
+def test_other_complements_press_as_well(complement):
+    trace = iq.run_task(short(force=complement))
     assert trace.contact.press[-1] == pytest.approx(5.0, rel=0.05)
 
 
 def test_no_pitch_does_for_a_face():
     with pytest.raises(iq.NoProjectors, match="metric=M"):
-        iq.run_task(short("wipe_table", force={"form": "pitch", "pitch": 0.3}))
+        iq.run_task(short("wipe_table", force={"h": 0.3}))
 
 
 def test_a_pen_follows_a_round_bar():
@@ -116,11 +114,11 @@ def test_a_pen_follows_a_round_bar():
 def test_what_is_believed_differs_from_what_is_by_the_tilt():
     task = iq.load_task("pen_on_paper")
     T = task.load_robot().pose(task.start())
-    scene = scene_of(task.contact, task.force, T)
-    n, m = scene.surface.normal, scene.touch.surface.normal
+    scene = scene_of(task, T)
+    n, m = scene.surface.normal, scene.springs.surface.normal
     assert np.arccos(n @ m) == pytest.approx(np.hypot(0.003, 0.003), rel=1e-6)
-    np.testing.assert_allclose(scene.touch.surface.point, T[:3, 3] - [0.0, 0.0, 0.003])
-    np.testing.assert_allclose(scene.drop(T)[:3, 3], T[:3, 3] - [0.0, 0.0, 0.003], atol=1e-15)
+    np.testing.assert_allclose(scene.springs.surface.point, T[:3, 3] - [0.0, 0.0, 0.003])
+    np.testing.assert_allclose(scene.on_surface(T)[:3, 3], T[:3, 3] - [0.0, 0.0, 0.003], atol=1e-15)
 
 
 def test_an_overload_stops_the_tool():
@@ -140,7 +138,7 @@ def test_without_force_wanted_there_is_no_relative_error():
     [
         ({"contact": {"along": [0.0, 0.0, 1.0]}}, "contact.along: found .* along the normal"),
         ({"contact": {"kind": "hinge", "size": [0.1, 0.1], "point": [0.0, 0.0, 0.2]}}, "the tool on the axis"),
-        ({"force": {"form": "complement", "complement": [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]}}, "complement"),
+        ({"force": {"complement": [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]}}, "complement"),
     ],
 )
 def test_contacts_that_are_none(changes, said):
@@ -150,7 +148,7 @@ def test_contacts_that_are_none(changes, said):
 
 def test_displaced_frames_change_nothing_of_ours_and_much_of_the_textbooks():
     """Tool, sensor and contact frames, on an arm that feels contact through a wrist sensor: joint velocities."""
-    ours, textbook = iq.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
+    ours, textbook = iq.compare.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
     assert 0.0 < ours.change < 1e-9
     assert ours.displaced_force_error == pytest.approx(ours.force_error, rel=1e-6)
     assert textbook.force_error == pytest.approx(ours.force_error, rel=0.1)  # as told it is as good
@@ -164,5 +162,5 @@ def test_a_missing_engine_is_named(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "mujoco", None)
     monkeypatch.delitem(sys.modules, "invariantqp.runs.plants.mujoco", raising=False)
-    with pytest.raises(iq.MissingExtra, match=r"pip install 'invariantqp\[sim\]'"):
+    with pytest.raises(iq.errors.MissingExtra, match=r"pip install 'invariantqp\[sim\]'"):
         iq.run_task(short(), physics="mujoco")

@@ -6,7 +6,9 @@ import pytest
 import invariantqp as iq
 from invariantqp.geometry.surfaces import Cylinder, Plane
 from invariantqp.robots.load import KNOWN, urdf_of
-from invariantqp.runs.plants.touch import Grip, Physics, Touch, Wrist
+from invariantqp.runs.physics import Physics
+from invariantqp.runs.plants.sensor import SimulatedSensor
+from invariantqp.runs.plants.springs import HingeSprings, SurfaceSprings
 
 mujoco = pytest.importorskip("mujoco")
 from invariantqp.runs.plants.mujoco import MujocoPlant  # noqa: E402
@@ -28,7 +30,7 @@ def test_two_readers_of_a_urdf_agree(name):
     rng = np.random.default_rng(0)
     q = rng.uniform(np.maximum(robot.position_lower, -2.0), np.minimum(robot.position_upper, 2.0))
     plant = MujocoPlant(urdf_of(name), robot, q, DT, None)
-    np.testing.assert_allclose(plant.truth().pose, robot.pose(q), atol=1e-12)
+    np.testing.assert_allclose(plant.state().pose, robot.pose(q), atol=1e-12)
     np.testing.assert_allclose(plant.jacobian(), robot.jacobian(q), atol=1e-12)
 
 
@@ -37,7 +39,7 @@ def test_a_joint_held_at_a_limit_that_is_not_zero():
     robot = iq.load_robot("panda", joints=joints)
     q = np.delete(READY, 3)
     plant = MujocoPlant(urdf_of("panda"), robot, q, DT, None)
-    np.testing.assert_allclose(plant.truth().pose, robot.pose(q), atol=1e-12)
+    np.testing.assert_allclose(plant.state().pose, robot.pose(q), atol=1e-12)
 
 
 def touches(T):
@@ -47,11 +49,13 @@ def touches(T):
     strained = T.copy()
     strained[:3, 3] += [0.0004, 0.0, 0.0003]
     return {
-        "point": Touch("point", np.zeros((1, 3)), Plane(into, up), 2e4),
-        "edge": Touch("edge", FACE[:2] - FACE[:2].mean(axis=0), Plane(into, up), 2e4),
-        "face": Touch("face", FACE, Plane(into, up), 1e4),
-        "bar": Touch("point", np.zeros((1, 3)), Cylinder(into - 0.3 * up, np.array([0.0, 1.0, 0.0]), 0.3), 2e4),
-        "hinge": Grip(FACE, strained, iq.revolute([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0]), 2e4),
+        "point": SurfaceSprings("point", np.zeros((1, 3)), Plane(into, up), 2e4),
+        "edge": SurfaceSprings("edge", FACE[:2] - FACE[:2].mean(axis=0), Plane(into, up), 2e4),
+        "face": SurfaceSprings("face", FACE, Plane(into, up), 1e4),
+        "bar": SurfaceSprings(
+            "point", np.zeros((1, 3)), Cylinder(into - 0.3 * up, np.array([0.0, 1.0, 0.0]), 0.3), 2e4
+        ),
+        "hinge": HingeSprings(FACE, strained, iq.revolute([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0]), 2e4),
     }
 
 
@@ -59,27 +63,27 @@ def touches(T):
 def test_at_rest_the_contact_is_the_spring_and_the_sensor_feels_it(kind):
     robot = iq.load_robot("panda")
     touch = touches(robot.pose(READY))[kind]
-    wrist = Wrist(iq.transform(translation=[0.02, 0.0, -0.12]), 0.3, (0.01, 0.0, 0.05))
-    _, plant = panda(touch, wrist, SILENT._replace(friction=0.0, hinge_friction=0.0))
+    wrist = SimulatedSensor(iq.transform(translation=[0.02, 0.0, -0.12]), 0.3, (0.01, 0.0, 0.05))
+    _, plant = panda(touch, wrist, SILENT.model_copy(update={"friction": 0.0, "hinge_friction": 0.0}))
     for _ in range(400):
         plant.command(np.zeros(7))
-    now = plant.truth()
+    now = plant.state()
     spring = touch.wrench(now.pose, touch.angle(now.pose, 0.0)) if kind == "hinge" else touch.wrench(now.pose)
     assert np.linalg.norm(spring[3:]) > 2.0
     np.testing.assert_allclose(now.wrench, spring, atol=2e-3)
-    felt = iq.coadjoint(now.pose @ wrist.pose) @ plant.sense().wrench
+    felt = iq.coadjoint(now.pose @ wrist.mount) @ plant.measure().wrench
     weight = np.array([0.0, 0.0, -0.3 * 9.80665])
-    at = (now.pose @ wrist.pose @ [0.01, 0.0, 0.05, 1.0])[:3]
+    at = (now.pose @ wrist.mount @ [0.01, 0.0, 0.05, 1.0])[:3]
     np.testing.assert_allclose(felt, now.wrench + np.concatenate((np.cross(at, weight), weight)), atol=2e-3)
 
 
 def test_a_velocity_loop_lags_as_asked_and_carries_its_load():
-    robot, plant = panda(physics=SILENT._replace(lag=0.02))
+    robot, plant = panda(physics=SILENT.model_copy(update={"lag": 0.02}))
     speed = 0.2
     travelled = []
     for _ in range(100):
         plant.command(np.full(7, speed))
-        travelled.append(plant.truth().q - READY)
+        travelled.append(plant.state().q - READY)
     t = DT * np.arange(1, 101)
     first_order = speed * (t - 0.02 * (1.0 - np.exp(-t / 0.02)))
     np.testing.assert_allclose(np.array(travelled), np.tile(first_order[:, None], 7), atol=1.2 * speed * 1e-3)
@@ -90,11 +94,11 @@ def test_sliding_meets_friction_and_no_more():
     robot = iq.load_robot("panda")
     T = robot.pose(READY)
     touch = touches(T)["point"]
-    _, plant = panda(touch, physics=SILENT._replace(friction=0.3))
+    _, plant = panda(touch, physics=SILENT.model_copy(update={"friction": 0.3}))
     sideways = np.linalg.pinv(robot.jacobian(READY)) @ [*np.cross(T[:3, 3], [0.0, 0.02, 0.0]), 0.0, 0.02, 0.0]
     for _ in range(250):
         plant.command(sideways)
-    force = plant.truth().wrench[3:]
+    force = plant.state().wrench[3:]
     assert force[2] > 2.0
     np.testing.assert_allclose(force[1], -0.3 * force[2], rtol=0.02)  # against the motion, at the cone's edge
 
@@ -102,7 +106,7 @@ def test_sliding_meets_friction_and_no_more():
 def test_noise_is_what_was_asked_and_can_be_had_again():
     def readings(seed):
         _, plant = panda(physics=Physics(force_noise=1.0, moment_noise=0.1, seed=seed))
-        return np.array([plant.sense().wrench for _ in range(2000)])
+        return np.array([plant.measure().wrench for _ in range(2000)])
 
     once = readings(3)
     np.testing.assert_allclose(once.std(axis=0), [0.1, 0.1, 0.1, 1.0, 1.0, 1.0], rtol=0.1)
@@ -114,10 +118,10 @@ def test_what_has_no_model_is_refused():
     robot = iq.load_robot("panda")
     T = robot.pose(READY)
     bar = Cylinder(T[:3, 3] - [0.0, 0.0, 0.3], np.array([0.0, 1.0, 0.0]), 0.3)
-    with pytest.raises(iq.BadInput, match="a face on a surface that is not flat"):
-        panda(Touch("face", FACE, bar, 1e4))
+    with pytest.raises(iq.BadInput, match="a face on a round bar"):
+        panda(SurfaceSprings("face", FACE, bar, 1e4))
     with pytest.raises(iq.BadInput, match="a hinge with a pitch"):
-        panda(Grip(FACE, T, iq.helical([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0], 0.05), 1e4))
+        panda(HingeSprings(FACE, T, iq.se3.helical([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0], 0.05), 1e4))
     task = iq.load_task("arm_3r")
     with pytest.raises(iq.BadInput, match="found a robot from joint screws"):
         iq.run_task(task, physics="mujoco")

@@ -7,7 +7,8 @@ from support.random_systems import motion
 import invariantqp as iq
 from invariantqp.geometry.surfaces import Cylinder, Plane
 from invariantqp.runs.plants.ideal import IdealPlant
-from invariantqp.runs.plants.touch import Grip, Touch, Wrist
+from invariantqp.runs.plants.sensor import SimulatedSensor
+from invariantqp.runs.plants.springs import HingeSprings, SurfaceSprings
 
 UP = np.array([0.0, 0.0, 1.0])
 EDGE = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0]])
@@ -20,7 +21,7 @@ def turned(axis, angle, point=(0.0, 0.0, 0.0)):
 
 
 def test_a_surface_pushes_in_proportion_and_does_not_pull():
-    pen = Touch("point", np.zeros((1, 3)), Plane(np.zeros(3), UP), 2e4)
+    pen = SurfaceSprings("point", np.zeros((1, 3)), Plane(np.zeros(3), UP), 2e4)
     at = np.array([0.3, -0.2, -0.001])
     pushed = pen.wrench(iq.transform(translation=at))
     np.testing.assert_allclose(pushed, [*np.cross(at, 20.0 * UP), *(20.0 * UP)], atol=1e-12)
@@ -30,8 +31,8 @@ def test_a_surface_pushes_in_proportion_and_does_not_pull():
 def test_what_turns_an_edge_or_a_face_back_follows_from_where_its_points_are():
     """k L^2 / 4 about an edge's middle, k b^2 / 4 and k a^2 / 4 for a face of sides a and b."""
     k, angle, deep = 2e4, 1e-4, iq.transform(translation=[0.0, 0.0, -0.001])
-    edge = Touch("edge", EDGE, Plane(np.zeros(3), UP), k)
-    face = Touch("face", FACE, Plane(np.zeros(3), UP), k)
+    edge = SurfaceSprings("edge", EDGE, Plane(np.zeros(3), UP), k)
+    face = SurfaceSprings("face", FACE, Plane(np.zeros(3), UP), k)
     for touch, axis, stiffness in (
         (edge, [0.0, 1.0, 0.0], k * 0.06**2 / 4),
         (face, [1.0, 0.0, 0.0], k * 0.04**2 / 4),
@@ -44,7 +45,7 @@ def test_what_turns_an_edge_or_a_face_back_follows_from_where_its_points_are():
 
 
 def test_a_tilted_face_rests_on_the_corners_that_reach():
-    face = Touch("face", FACE, Plane(np.zeros(3), UP), 2e4)
+    face = SurfaceSprings("face", FACE, Plane(np.zeros(3), UP), 2e4)
     tipped = face.wrench(turned([0.0, 1.0, 0.0], 0.1))  # two corners above, two below
     assert tipped[5] == pytest.approx(5e3 * 2 * 0.03 * np.sin(0.1))
 
@@ -65,7 +66,7 @@ def test_a_door_follows_and_resists_what_it_cannot_follow():
     home = motion(np.random.default_rng(0), 0.5)
     axis, point = np.array([0.0, 0.6, 0.8]), home[:3, 3] + [0.3, 0.0, 0.1]
     door = iq.revolute(axis, point)
-    grip = Grip(FACE, home, door, 2e4)
+    grip = HingeSprings(FACE, home, door, 2e4)
     swung = iq.exp(0.9 * door) @ home
     angle = grip.angle(swung, 0.85)
     assert angle == pytest.approx(0.9, abs=1e-12)
@@ -79,7 +80,7 @@ def test_a_door_follows_and_resists_what_it_cannot_follow():
 def test_the_wrench_is_the_gradient_of_the_springs_energy():
     """Power: k/2n sum depth^2 changes by -W.s along any twist."""
     T = iq.transform(translation=[0.2, 0.1, -0.001]) @ turned([0.6, 0.8, 0.0], 0.01)
-    touch = Touch("face", FACE, Cylinder(np.array([0.2, 0.1, -0.5]), np.array([0.6, 0.8, 0.0]), 0.5), 2e4)
+    touch = SurfaceSprings("face", FACE, Cylinder(np.array([0.2, 0.1, -0.5]), np.array([0.6, 0.8, 0.0]), 0.5), 2e4)
 
     def energy(pose):
         depths = [touch.surface.depth(p)[0] for p in FACE @ pose[:3, :3].T + pose[:3, 3]]
@@ -93,25 +94,25 @@ def test_the_wrench_is_the_gradient_of_the_springs_energy():
 def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
     robot = iq.load_robot("panda")
     T = robot.pose(READY)
-    wrist = Wrist(motion(np.random.default_rng(1), 0.1), 0.4, (0.01, 0.02, 0.03))
+    wrist = SimulatedSensor(motion(np.random.default_rng(1), 0.1), 0.4, (0.01, 0.02, 0.03))
     plant = IdealPlant(
-        robot, READY, 0.002, Touch("point", np.zeros((1, 3)), Plane(T[:3, 3] + 1e-3 * UP, UP), 2e4), wrist
+        robot, READY, 0.002, SurfaceSprings("point", np.zeros((1, 3)), Plane(T[:3, 3] + 1e-3 * UP, UP), 2e4), wrist
     )
     velocity = np.linspace(-0.1, 0.1, 7)
     for _ in range(3):
         plant.command(velocity)
-    now = plant.truth()
+    now = plant.state()
     np.testing.assert_allclose(now.q, READY + 0.006 * velocity, atol=1e-15)
     np.testing.assert_array_equal(now.pose, robot.pose(now.q))
     assert np.linalg.norm(now.wrench[3:]) > 10.0
-    task_sensor = iq.WrenchSensor(wrist.pose, wrist.mass, wrist.centre)  # what a controller makes of the reading
-    sensed = plant.sense()
-    np.testing.assert_array_equal(sensed.q, now.q)
-    np.testing.assert_allclose(task_sensor.measured(sensed.wrench, now.pose), -now.wrench, atol=1e-10)
+    task_sensor = iq.WrenchSensor(wrist.mount, wrist.mass, wrist.centre)  # what a controller makes of the reading
+    measured = plant.measure()
+    np.testing.assert_array_equal(measured.q, now.q)
+    np.testing.assert_allclose(task_sensor.wrench(measured.wrench, now.pose), -now.wrench, atol=1e-10)
 
 
 def test_a_plant_without_contact_has_no_wrench():
     robot = iq.load_robot("panda")
     plant = IdealPlant(robot, READY, 0.002)
-    assert plant.sense().wrench is None
-    np.testing.assert_array_equal(plant.truth().wrench, np.zeros(6))
+    assert plant.measure().wrench is None
+    np.testing.assert_array_equal(plant.state().wrench, np.zeros(6))

@@ -3,9 +3,10 @@ import json
 import numpy as np
 import pytest
 from support.random_systems import motion
-from support.task_files import content
+from support.task_files import content, run_displaced
 
 import invariantqp as iq
+from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.path import eased
 from invariantqp.runs.taskfile import shipped_tasks, task_from
 
@@ -82,13 +83,15 @@ def test_what_was_missed_is_said():
     trace = iq.run_task(panda(accept__position_error_mm=1e-9))
     assert not trace.passed
     assert "largest position error" in trace.shortfalls[0]
-    assert "at most 1e-09 mm asked" in trace.shortfalls[0]
+    assert "at most 1e-09 mm accepted" in trace.shortfalls[0]
 
 
 BAD = {
     "dt": -0.001,
     "gain": 0.0,
-    "pitch": float("nan"),
+    "form": float("nan"),
+    "position_margin": -0.1,
+    "acceleration_limit": 0.0,
     "damping": -1.0,
     "exact": "tool",
     "guard": "yes",
@@ -104,15 +107,19 @@ def test_overrides_are_checked_as_the_file_is(key):
 
 
 def test_overrides_and_arguments_that_do_not_exist():
-    with pytest.raises(iq.BadInput, match="overrides: found pitches; expected some of dt, gain, form, pitch"):
+    with pytest.raises(iq.BadInput, match="overrides: found pitches; expected some of dt, gain, form, damping"):
         iq.run_task(panda(), pitches=0.3)
-    with pytest.raises(iq.UnknownName, match="did you mean daqp"):
+    with pytest.raises(iq.BadInput, match="overrides: found margin, which is now position_margin; expected some of dt"):
+        iq.run_task(panda(), margin=0.1)
+    with pytest.raises(iq.BadInput, match="task: found 'panda_path'; expected a Task, such as load_task returns"):
+        iq.run_task("panda_path")
+    with pytest.raises(iq.BadInput, match="controller: found a velocity controller for a task in contact"):
+        iq.run_task(iq.load_task("pen_on_paper"), controller=our_controller)
+    with pytest.raises(iq.errors.UnknownName, match="did you mean daqp"):
         iq.run_task(panda(), backend="dapq")
-    with pytest.raises(iq.BadInput, match="tool_offset: found"):
-        iq.run_task(panda(), tool_offset=np.eye(3))
-    with pytest.raises(iq.BadInput, match=r"path\.waypoints\[0\]: found 2 joints; expected 7"):
+    with pytest.raises(iq.BadInput, match=r"path\.waypoints\[0\]: found 2 numbers; expected 7, one for each joint"):
         iq.run_task(panda(path={"kind": "joints", "duration": 1.0, "waypoints": [[0.0, 0.1]]}))
-    with pytest.raises(iq.BadInput, match="a zero centre or normal"):
+    with pytest.raises(iq.BadInput, match=r"path\.centre: found the start itself"):
         iq.run_task(panda(path={"kind": "circle", "duration": 1.0, "centre": [0.0, 0.0, 0.0]}))
     with pytest.raises(iq.BadInput, match="at most 1/dt"):
         iq.run_task(panda(law__gain=501.0))
@@ -133,20 +140,20 @@ def test_a_displaced_tool_frame_changes_no_joint(exact):
     """The same physical motion, asked of another frame on the same body, under active limits."""
     task = limited_panda()
     plain = iq.run_task(task, exact=exact)
-    assert np.mean(plain.bound) > 0.1
+    assert np.mean(plain.limit_active) > 0.1
     if exact is None:
         for seed in range(3):
             X = motion(np.random.default_rng(seed), 0.25)
-            displaced = iq.run_task(task, tool_offset=X)
+            displaced = run_displaced(task, X)
             assert np.abs(plain.q - displaced.q).max() < 1e-8
             assert displaced.methods == plain.methods
     else:  # the exact point is the tool's: turned frames at the same point
         X = motion(np.random.default_rng(0), 0.0)
-        assert np.abs(plain.q - iq.run_task(task, tool_offset=X, exact=exact).q).max() < 1e-8
+        assert np.abs(plain.q - run_displaced(task, X, exact=exact).q).max() < 1e-8
 
 
 def test_the_usual_laws_do_change():
-    rows = iq.frame_check(limited_panda(), seed=1)
+    rows = iq.compare.frame_check(limited_panda(), seed=1)
     assert [r.law for r in rows] == ["invariantqp", "Moore-Penrose, clipped", "DLS, clipped"]
     assert rows[0].change < 1e-8
     assert rows[2].change > 1e-3
@@ -166,7 +173,7 @@ def test_a_near_principal_pitch_is_warned_of():
     task = iq.load_task("so101_line")
     near = iq.principal_pitches(task.load_robot().jacobian(task.start()))
     h = float(near[np.abs(near).argmax()]) * 1.02
-    trace = iq.run_task(task, dt=0.05, pitch=h)
+    trace = iq.run_task(task, dt=0.05, form=h)
     assert any("principal pitch" in w for w in trace.warnings)
 
 

@@ -1,9 +1,17 @@
+import copy
+import inspect
+import json
+import warnings
+
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from support.task_files import PEN, content, pen
 
 import invariantqp as iq
-from invariantqp.runs.taskfile import shipped_tasks, task_from
+from invariantqp.runs.contactspec import SensorSpec
+from invariantqp.runs.taskfile import LawSpec, shipped_tasks, task_from
 
 SCREW = {"axis": [0.0, 0.0, 1.0]}
 # what is changed, the path told, what is said, what would be right
@@ -14,7 +22,7 @@ PROBLEMS = {
         {"law__zzz": 1},
         "$.law.zzz",
         "not permitted",
-        "(known keys: acceleration, backend, damping, dt,",
+        "(known keys: acceleration_limit, backend, damping, dt,",
     ),
     "typo in a path": ({"path__mvoe": [0, 0, 0]}, "$.path.mvoe", "not permitted", "(did you mean 'move'?)"),
     "missing": ({"path__duration": None}, "$.path.duration", "required", "(for example: duration = 4.0)"),
@@ -27,7 +35,7 @@ PROBLEMS = {
     "two numbers": ({"path__move": [0.1, 0.2]}, "$.path.move[2]", "required", ""),
     "nan in a vector": ({"path__move": [0.1, float("nan"), 0.0]}, "$.path.move[1]", "finite", ""),
     "unknown kind": ({"path__kind": "spiral"}, "$.path", "does not match any of the expected tags", "'circle'"),
-    "exact": ({"law__exact": "tool"}, "$.law.exact", "'position'", "(for example: exact = position)"),
+    "exact": ({"law__exact": "tool"}, "$.law.exact", "'position'", '(for example: exact = "position")'),
     "guard": ({"law__guard": "yes"}, "$.law.guard", "boolean", ""),
     "damping": ({"law__damping": -1.0}, "$.law.damping", "greater than or equal to 0", "(for example: damping = 0.0)"),
     "start": ({"robot__start": "home"}, "$.robot.start", "valid list", "(for example: start = ["),
@@ -38,16 +46,48 @@ PROBLEMS = {
 }
 
 PROBLEMS |= {
+    "a screw's own point": (
+        {"robot__screws": [{**SCREW, "lower": float("nan")}]},
+        "$.robot.screws[0].lower",
+        "or inf",
+        "",
+    ),
+    "an empty name": ({"name": ""}, "$.name", "at least 1 character", '(for example: name = "panda_path")'),
+    "an empty source": ({"robot__source": ""}, "$.robot.source", "at least 1 character", 'source = "panda"'),
+    "a start beyond any scale": ({"robot__start": [0.0, 1e300]}, "$.robot.start[1]", "less than or equal to", ""),
+    "a move beyond any scale": (
+        {"path__move": [-1e300, 0, 0]},
+        "$.path.move[0]",
+        "greater than or equal to",
+        "[0.1, 0",
+    ),
+    "a limit of no kind": (
+        {"law__acceleration_limit": "fast"},
+        "$.law.acceleration_limit",
+        "valid number or",
+        "= 10.0)",
+    ),
+    "gone before it comes": (
+        {"path": {"kind": "hold", "duration": 1.0, "begin": 0.5, "end": 0.2}},
+        "$.path",
+        "end = 0.2 is not after begin = 0.5",
+        "",
+    ),
     "contact typo": (
         pen(contact={"stifness": 1.0}),
         "$.contact.stifness",
         "not permitted",
         "(did you mean 'stiffness'?)",
     ),
-    "contact kind": (pen(contact={"kind": "ball"}), "$.contact.kind", "'point'", "(for example: kind = point)"),
-    "no normal": (pen(contact={"normal": [0, 0, 0]}), "$.contact.normal", "a direction is not zero", "[0.0, 0.0, 1.0]"),
-    "a sized point": (pen(contact={"size": [0.1]}), "$.contact", "size of a point is 0 numbers, not 1", ""),
-    "an edge without size": (pen(contact={"kind": "edge"}), "$.contact", "size of a edge is 1 numbers, not 0", ""),
+    "contact kind": (pen(contact={"kind": "ball"}), "$.contact.kind", "'point'", '(for example: kind = "point")'),
+    "no normal": (
+        pen(contact={"normal": [0, 0, 0]}),
+        "$.contact.normal",
+        "a direction cannot be the zero vector",
+        "[0, 0, 1]",
+    ),
+    "a sized point": (pen(contact={"size": [0.1]}), "$.contact", "size of a point has 0 numbers, not 1", ""),
+    "an edge without size": (pen(contact={"kind": "edge"}), "$.contact", "size of an edge has 1 number, not 0", ""),
     "a round face": (
         pen(contact={"kind": "face", "size": [0.1, 0.1], "radius": 0.3}),
         "$.contact",
@@ -57,20 +97,27 @@ PROBLEMS |= {
     "soft": (pen(contact={"stiffness": 0.0}), "$.contact.stiffness", "greater than 0", "= 20000.0)"),
     "no press": ({"contact": PEN["contact"], "force": {}}, "$.force.press", "required", "(for example: press = 5.0)"),
     "force typo": (pen(force={"presss": 5.0}), "$.force.presss", "not permitted", "(did you mean 'press'?)"),
-    "form": (pen(force={"form": "h"}), "$.force.form", "'stiffness', 'pitch' or 'complement'", "= stiffness)"),
-    "a pitch without its form": (
-        pen(force={"pitch": 0.3}),
-        "$.force.pitch",
-        "go together",
-        "(for example: pitch = 0.3)",
+    "two complements": (
+        pen(force={"h": 0.3, "complement": [[0, 0, 0, 0, 0, 1.0]]}),
+        "$.force",
+        "h and complement both say what Z is",
+        "",
     ),
-    "a form without its pitch": (pen(force={"form": "pitch"}), "$.force", 'form = "pitch" needs pitch = h', ""),
-    "a form without its Z": (pen(force={"form": "complement"}), "$.force", "go together", ""),
-    "deadband": (pen(force={"force_deadband": -1.0}), "$.force.force_deadband", "greater than or equal to 0", "= 0.2)"),
-    "on_loss": (pen(force={"on_loss": "run"}), "$.force.on_loss", "'approach'", "(for example: on_loss = hold)"),
+    "deadband": (
+        pen(sensor={"force_deadband": -1.0}),
+        "$.sensor.force_deadband",
+        "greater than or equal to 0",
+        "= 0.2)",
+    ),
+    "on_loss": (pen(force={"on_loss": "run"}), "$.force.on_loss", "'approach'", '(for example: on_loss = "hold")'),
     "contact without force": ({"contact": PEN["contact"]}, "$", "[contact] and [force] go together", ""),
     "operator in contact": (pen(operator={}), "$", "[operator] is for a tool that touches nothing", ""),
-    "operator plane": ({"operator": {"normal": [0, 0, 0]}}, "$.operator.normal", "not zero", "[0.0, 0.0, 1.0]"),
+    "operator plane": (
+        {"operator": {"normal": [0, 0, 0]}},
+        "$.operator.normal",
+        "cannot be the zero vector",
+        "[0, 0, 1]",
+    ),
     "friction": (pen(physics={"friction": -0.1}), "$.physics.friction", "greater than or equal to 0", "= 0.3)"),
     "seed": (pen(physics={"seed": 1.5}), "$.physics.seed", "valid integer", "(for example: seed = 0)"),
     "referee": (
@@ -88,10 +135,45 @@ PROBLEMS |= {
 }
 
 
+# Keys of older files, and what they are told
+RENAMED = {
+    "$.law.margin": ({"law__margin": 0.1}, "is now position_margin"),
+    "$.law.acceleration": ({"law__acceleration": 3.0}, "is now acceleration_limit"),
+    "$.law.pitch": ({"law__pitch": 0.3}, "is now form = h, such as form = 0.3"),
+    "$.force.pitch": (pen(force={"pitch": 0.3}), "is now h"),
+    "$.force.form": (
+        pen(force={"form": "stiffness"}),
+        "is now h, or complement; without either, the contact's stiffness",
+    ),
+    "$.force.cutoff": (pen(force={"cutoff": 30.0}), "is now [sensor] cutoff"),
+    "$.force.sensor": (pen(force={"sensor": [0, 0, 0.1]}), "is now [sensor] mount"),
+    "$.force.tool_mass": (pen(force={"tool_mass": 0.2}), "is now [sensor] mass"),
+}
+
+
+@pytest.mark.parametrize("where", RENAMED)
+def test_an_old_key_is_told_its_new_name(where):
+    changes, said = RENAMED[where]
+    with pytest.raises(iq.errors.TaskFileError) as caught:
+        task_from(content(**changes), "t.toml")
+    (problem,) = caught.value.problems
+    assert problem.startswith(f"{where}: {said}")
+
+
+def test_a_laws_keys_are_the_controllers_arguments():
+    arguments = set(inspect.signature(iq.Controller).parameters)
+    for key in LawSpec.model_fields:
+        assert key in arguments | {"point", "tool_speed_point"}, key
+    for new in ("position_margin", "acceleration_limit", "form"):
+        assert any(told.startswith(new) for told in LawSpec.RENAMED.values())
+    sensor = set(inspect.signature(iq.WrenchSensor).parameters)
+    assert set(SensorSpec.model_fields) - sensor == {"mount_turn"}
+
+
 @pytest.mark.parametrize("case", PROBLEMS)
 def test_every_problem_has_its_path_and_what_would_be_right(case):
     changes, where, said, right = PROBLEMS[case]
-    with pytest.raises(iq.TaskFileError) as caught:
+    with pytest.raises(iq.errors.TaskFileError) as caught:
         task_from(content(**changes), "t.toml")
     error = caught.value
     assert error.source == "t.toml"
@@ -102,38 +184,41 @@ def test_every_problem_has_its_path_and_what_would_be_right(case):
 
 
 def test_all_problems_are_told_at_once():
-    with pytest.raises(iq.TaskFileError, match=r"t\.toml: 3 problems\n") as caught:
+    with pytest.raises(iq.errors.TaskFileError, match=r"t\.toml: 3 problems\n") as caught:
         task_from(content(law__gian=1.0, path__duration=-1.0, robot__start=None), "t.toml")
     assert len(caught.value.problems) == 3
 
 
 def test_a_start_for_another_robot_names_the_joints():
     task = task_from(content(robot__start=[0.0]), "t.toml")
-    with pytest.raises(iq.TaskFileError, match=r"\$\.robot\.start: 1 numbers \(give 7: panda_joint1, panda_joint2"):
+    with pytest.raises(
+        iq.errors.TaskFileError, match=r"\$\.robot\.start: 1 number \(give 7: panda_joint1, panda_joint2"
+    ):
         task.load_robot()
 
 
 @pytest.mark.parametrize("both", [True, False])
 def test_one_of_source_and_screws(both):
     changes = {"robot__screws": [SCREW]} if both else {"robot__source": None}
-    with pytest.raises(iq.BadInput, match="robot: found both or neither of source and screws; expected one of them"):
-        task_from(content(**changes), "t.toml").load_robot()
+    said = "both source and screws are given" if both else "neither source nor screws is given"
+    with pytest.raises(iq.errors.TaskFileError, match=rf"\$\.robot: {said}; give one of them"):
+        task_from(content(**changes), "t.toml")
 
 
 def test_files_that_are_none(tmp_path):
-    with pytest.raises(iq.UnknownName, match=r"unknown task 'arm_3rr'; did you mean arm_3r"):
+    with pytest.raises(iq.errors.UnknownName, match=r"unknown task 'arm_3rr'; did you mean arm_3r"):
         iq.load_task("arm_3rr")
-    with pytest.raises(iq.UnknownName, match="unknown task"):
+    with pytest.raises(iq.errors.UnknownName, match="unknown task"):
         iq.load_task(tmp_path)
     broken = tmp_path / "broken.toml"
     broken.write_text('name = "a\n', encoding="utf-8")
-    with pytest.raises(iq.TaskFileError, match=r"\$: not TOML"):
+    with pytest.raises(iq.errors.TaskFileError, match=r"\$: not TOML"):
         iq.load_task(broken)
     broken.write_bytes(b"name = '\xff'")
-    with pytest.raises(iq.TaskFileError, match=r"\$: not TOML"):
+    with pytest.raises(iq.errors.TaskFileError, match=r"\$: not TOML"):
         iq.load_task(broken)
     broken.write_text("", encoding="utf-8")
-    with pytest.raises(iq.TaskFileError, match=r"\$\.robot: field required"):
+    with pytest.raises(iq.errors.TaskFileError, match=r"\$\.robot: field required"):
         iq.load_task(broken)
 
 
@@ -160,3 +245,68 @@ def test_shipped_tasks_decode_and_say_what_they_are(name):
     start = task.start()
     assert ((robot.position_lower <= start) & (start <= robot.position_upper)).all()
     np.testing.assert_allclose(task.path.along(robot, start)(0.0), robot.pose(start), atol=1e-12)
+
+
+@pytest.mark.parametrize("given", [None, 3, ["panda_path"], b"panda_path"])
+def test_a_task_is_named_by_text_or_a_path(given):
+    with pytest.raises(iq.BadInput, match=r"path_or_name: found .*; expected the name of a task, or the path"):
+        iq.load_task(given)
+
+
+@pytest.mark.parametrize("name", ["", ".", "/", "a" * 300, "no\0name"])
+def test_what_no_file_is_called_is_an_unknown_task(name):
+    with pytest.raises((iq.errors.UnknownName, iq.errors.TaskFileError)):
+        iq.load_task(name)
+
+
+@pytest.mark.parametrize(("duration", "dt"), [(0.001, 0.01), (1e9, 1e-3), (0.05, 1e-300)])
+def test_a_run_has_at_least_a_tick_and_not_too_many(duration, dt):
+    task = task_from(content(path__duration=duration, law__dt=dt), "t.toml")
+    with pytest.raises(iq.BadInput, match=r"path\.duration: found .* ticks; expected 1 to 10000000 ticks of"):
+        iq.run_task(task)
+
+
+def numbers(table, *path):
+    """Where the numbers of a decoded file are."""
+    for key, value in table.items() if isinstance(table, dict) else enumerate(table):
+        if isinstance(value, (dict, list)):
+            yield from numbers(value, *path, key)
+        elif isinstance(value, float):
+            yield (*path, key)
+
+
+SCREWS = {
+    "robot__source": None,
+    "robot__start": [0.1, 0.2],
+    "robot__screws": [SCREW, {**SCREW, "point": [0.5, 0.0, 0.0]}],
+}
+FILES = {
+    "a line": content(**SCREWS, robot__tool_point=[1.0, 0.0, 0.0], path__turn=[0.0, 0.0, 0.1]),
+    "joints": content(**SCREWS, path={"kind": "joints", "duration": 0.05, "waypoints": [[0.2, 0.3]]}),
+    "a law": content(law={"dt": 0.002, "form": 0.3, "damping": 0.01, "gain": 20.0, "tool_speed": 0.3}),
+    "a pen": content(**pen(contact={"gap": 0.001, "settle": 0.02}, force={"rate": 60.0}, sensor={"mass": 0.1})),
+}
+ODD = [0.0, -0.0, 1.0, -1.0, 1e-300, 1e-12, 1e-3, 1e3, 1e12, -1e12, 1e300, float("inf"), -float("inf"), float("nan")]
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_odd_numbers_run_or_are_told(data):
+    """Whatever number stands in a file: a run with finite velocities inside limits, or one of our errors."""
+    file = copy.deepcopy(FILES[data.draw(st.sampled_from(sorted(FILES)))])
+    *parents, last = data.draw(st.sampled_from(list(numbers(file))))
+    table = file
+    for key in parents:
+        table = table[key]
+    table[last] = data.draw(st.sampled_from(ODD))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            task = task_from(file, "odd")
+            if task.ticks > 200:
+                return
+            trace = iq.run_task(task)
+        except iq.InvariantQPError:
+            return
+    assert np.isfinite(trace.velocity).all()
+    assert json.dumps(trace.as_json(), allow_nan=False)

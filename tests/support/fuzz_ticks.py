@@ -30,7 +30,7 @@ def random_chain(rng):
         if screws and rng.random() < 0.2:
             screws.append(screws[rng.integers(len(screws))])
         elif slides and rng.random() < 0.3:
-            screws.append(size * iq.prismatic(axis))
+            screws.append(size * iq.se3.prismatic(axis))
         else:
             aligned = np.eye(3)[rng.integers(3)]
             axis = aligned if rng.random() < 0.5 else axis
@@ -40,7 +40,7 @@ def random_chain(rng):
     low = -np.inf if wide else -rng.uniform(0.0, 3.0, m)
     high = np.inf if wide else rng.uniform(0.0, 3.0, m)
     speed = np.inf if rng.random() < 0.1 else 10.0 ** rng.uniform(-2, 1, m)
-    return iq.Chain(np.column_stack(screws), home, (), low, high, speed)
+    return iq.robots.Chain(np.column_stack(screws), home, (), low, high, speed)
 
 
 def random_form(rng, m):
@@ -56,7 +56,9 @@ def random_form(rng, m):
 
 
 def random_damping(rng):
-    return (None, None, 0.0, 10.0 ** rng.uniform(-6, 0), iq.Selective(), iq.Adaptive(1e-2, 1e-2))[rng.integers(6)]
+    return (None, None, 0.0, 10.0 ** rng.uniform(-6, 0), iq.velocity.Selective(), iq.velocity.Adaptive(1e-2, 1e-2))[
+        rng.integers(6)
+    ]
 
 
 def random_state(rng, robot):
@@ -110,7 +112,7 @@ def fuzz(ticks, seed=0):  # noqa: C901 (one loop, every way to fail)
         m = len(robot.names)
         dt = 10.0 ** rng.uniform(-4, -1)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", iq.UnitsMixed)
+            warnings.simplefilter("ignore", iq.velocity.UnitsMixed)
             loop = iq.Controller(
                 robot,
                 dt=dt,

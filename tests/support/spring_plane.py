@@ -41,9 +41,9 @@ def circle(start, radius, period):
 
 def gantry():
     """Three slides and three turns about the tool's origin: joint velocities held for a tick move the tip exactly."""
-    slides = [iq.prismatic(a) for a in np.eye(3)]
+    slides = [iq.se3.prismatic(a) for a in np.eye(3)]
     turns = [iq.revolute(a) for a in np.eye(3)[::-1]]
-    return iq.Chain(np.column_stack(slides + turns), np.eye(4))
+    return iq.robots.Chain(np.column_stack(slides + turns), np.eye(4))
 
 
 def tip(tool):

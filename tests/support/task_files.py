@@ -1,4 +1,9 @@
-"""Decoded task files that tests change key by key."""
+"""Decoded task files that tests change key by key, and a run in another tool frame."""
+
+from invariantqp.compare.measure.displaced import displaced
+from invariantqp.runs.pilots import pilot_of
+from invariantqp.runs.prepare import prepare
+from invariantqp.runs.run import run
 
 
 def content(**changes):
@@ -28,3 +33,9 @@ PEN = {"contact": {"kind": "point"}, "force": {"press": 5.0}}
 def pen(**changes):
     """What makes a task one in contact, with keys changed by section."""
     return {name: {**PEN.get(name, {}), **changes.get(name, {})} for name in {**PEN, **changes}}
+
+
+def run_displaced(task, tool, **overrides):
+    """A run of the same physical motion, asked of a tool frame displaced in itself by a (4, 4) motion."""
+    setup = displaced(prepare(task, **overrides), tool)
+    return run(setup, pilot_of(setup.brief))

@@ -61,7 +61,7 @@ def regular_problem(rng, m, ratio=1e-3):
     """(J, s, h) whose Gram matrix is well away from singular, so that no policy damps it."""
     while True:
         J, s, h = rng.normal(size=(6, m)), rng.normal(size=6), float(rng.uniform(-1.5, 1.5))
-        mu = np.sort(np.abs(np.linalg.eigvalsh(iq.gram_matrix(J, h))))
+        mu = np.sort(np.abs(np.linalg.eigvalsh(iq.systems.gram_matrix(J, h))))
         if mu[-min(m, 6)] > ratio * mu[-1]:
             return J, s, h
 

@@ -17,7 +17,7 @@ def moved(J, p):
 def test_the_point_is_the_one_that_moves_least(m):
     rng = np.random.default_rng(m)
     J = rng.normal(size=(6, m))
-    point, length = iq.centre(J)
+    point, length = iq.systems.centre(J)
     found = minimize(lambda p: moved(J, p) ** 2, np.zeros(3), tol=1e-14)
     assert moved(J, point) <= np.sqrt(found.fun) * (1.0 + 1e-12)
     np.testing.assert_allclose(point, found.x, atol=1e-6)
@@ -28,12 +28,12 @@ def test_it_is_carried_by_motions_and_scaled_by_units():
     rng = np.random.default_rng(5)
     for _ in range(50):
         J, T = rng.normal(size=(6, 4)), motion(rng)
-        point, length = iq.centre(J)
-        there = iq.centre(iq.adjoint(T) @ J)
+        point, length = iq.systems.centre(J)
+        there = iq.systems.centre(iq.adjoint(T) @ J)
         np.testing.assert_allclose(there.point, (T @ np.append(point, 1.0))[:3], atol=1e-11)
         assert there.length == pytest.approx(length, rel=1e-11)
         D = np.array([1.0] * 3 + [1e3] * 3)[:, None]
-        in_mm = iq.centre(D * J)
+        in_mm = iq.systems.centre(D * J)
         np.testing.assert_allclose(in_mm.point, 1e3 * point, atol=1e-9)
         assert in_mm.length == pytest.approx(1e3 * length)
 
@@ -43,34 +43,34 @@ def test_parallel_axes_leave_the_point_to_the_twist():
     rng = np.random.default_rng(6)
     J = np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.5, 0.3, 0))])
     s = rng.normal(size=6)
-    point, length = iq.centre(J, s)
+    point, length = iq.systems.centre(J, s)
     np.testing.assert_allclose(point[:2], [0.3, 0.1], atol=1e-12)
     heights = [np.linalg.norm(s[3:] + np.cross(s[:3], point + np.array([0, 0, z]))) for z in (-1e-3, 0.0, 1e-3)]
     assert heights[1] < min(heights[0], heights[2])
     T = motion(rng)
-    there = iq.centre(iq.adjoint(T) @ J, iq.adjoint(T) @ s)
+    there = iq.systems.centre(iq.adjoint(T) @ J, iq.adjoint(T) @ s)
     np.testing.assert_allclose(there.point, (T @ np.append(point, 1.0))[:3], atol=1e-9)
     assert there.length == pytest.approx(length)
 
 
 def test_the_ends_of_the_scale():
-    gantry = np.column_stack([iq.prismatic(u) for u in np.eye(3)])
-    assert iq.centre(gantry).length == np.inf
+    gantry = np.column_stack([iq.se3.prismatic(u) for u in np.eye(3)])
+    assert iq.systems.centre(gantry).length == np.inf
     wrist = np.column_stack([iq.revolute(u, (0.1, 0.2, 0.3)) for u in np.eye(3)])
-    point, length = iq.centre(wrist)
+    point, length = iq.systems.centre(wrist)
     np.testing.assert_allclose(point, (0.1, 0.2, 0.3), atol=1e-15)
     assert length == pytest.approx(0.0, abs=1e-15)
     with pytest.raises(iq.BadInput, match="J: found"):
-        iq.centre(np.full((6, 2), np.nan))
+        iq.systems.centre(np.full((6, 2), np.nan))
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-17, 1e-12, 1e-8])
 def test_rounding_of_no_rotation_moves_no_point(noise):
     """A planar arm or a gantry asked for a translation, with what rounding leaves of a rotation across its axes."""
     planar = np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.5, 0.3, 0))])
-    gantry = np.column_stack([iq.prismatic(u) for u in np.eye(3)])
+    gantry = np.column_stack([iq.se3.prismatic(u) for u in np.eye(3)])
     s = np.array([noise, 0.0, 0.5, 0.3, 1.0, 0.0])
-    assert np.linalg.norm(iq.centre(planar, s).point) < 1.0
+    assert np.linalg.norm(iq.systems.centre(planar, s).point) < 1.0
     solution = iq.solve_velocity(planar, s, form=iq.CarriedMetric(np.eye(6), np.eye(4)))
     np.testing.assert_allclose(planar @ solution.velocity, [0, 0, 0.5, 0.3, 1.0, 0], atol=1e-6)
     t = np.array([noise, 0.0, 0.0, 0.0, 1.0, 0.0])
@@ -84,9 +84,9 @@ def test_a_metric_carried_out_of_sight_is_still_one():
 
 def test_slides_that_turn_by_rounding_have_no_length():
     slides = np.vstack((np.full((3, 3), 1e-17), np.eye(3)))
-    assert iq.centre(slides).length == np.inf
-    np.testing.assert_array_equal(iq.centre(slides).point, 0.0)
-    np.testing.assert_array_equal(iq.centre(slides, [0, 0, 0, 1, 2, 3]).point, 0.0)
+    assert iq.systems.centre(slides).length == np.inf
+    np.testing.assert_array_equal(iq.systems.centre(slides).point, 0.0)
+    np.testing.assert_array_equal(iq.systems.centre(slides, [0, 0, 0, 1, 2, 3]).point, 0.0)
 
 
 @pytest.mark.parametrize("reach", [0.0, 1.0, 1e3])
@@ -94,8 +94,8 @@ def test_axes_that_meet_but_for_rounding_have_none_either(reach):
     rng = np.random.default_rng(2)
     p = reach * rng.normal(size=3)
     wrist = np.array([iq.revolute(rng.normal(size=3), p) for _ in range(3)]).T
-    assert iq.centre(wrist).length == 0.0
-    np.testing.assert_allclose(iq.centre(wrist).point, p, atol=1e-12 * reach)
+    assert iq.systems.centre(wrist).length == 0.0
+    np.testing.assert_allclose(iq.systems.centre(wrist).point, p, atol=1e-12 * reach)
 
 
 def test_the_tolerance_decides_which_axes_are_parallel():
@@ -121,7 +121,7 @@ def test_reach_is_the_broken_line_in_every_frame_and_unit(seed, m, unit):
     rng = np.random.default_rng(seed)
     axes = [(rng.normal(size=3), rng.normal(size=3)) for _ in range(m)]
     point, T = rng.normal(size=3), motion(rng)
-    twists = np.column_stack([iq.helical(u, q, rng.choice([0.0, 0.3])) * rng.uniform(0.1, 9.0) for u, q in axes])
+    twists = np.column_stack([iq.se3.helical(u, q, rng.choice([0.0, 0.3])) * rng.uniform(0.1, 9.0) for u, q in axes])
     expected = broken_line(axes, point)
     assert reach(twists, point) == pytest.approx(expected, rel=1e-12)
     scale = np.repeat([1.0, unit], 3)[:, None]
@@ -130,7 +130,7 @@ def test_reach_is_the_broken_line_in_every_frame_and_unit(seed, m, unit):
 
 
 def chain_of_hinges(rng, m):
-    return iq.Chain(np.column_stack([iq.revolute(*rng.normal(size=(2, 3))) for _ in range(m)]), motion(rng, 0.5))
+    return iq.robots.Chain(np.column_stack([iq.revolute(*rng.normal(size=(2, 3))) for _ in range(m)]), motion(rng, 0.5))
 
 
 @pytest.mark.parametrize("arm", ["panda", "ur5", "so101", 1, 3, 7])
@@ -150,11 +150,11 @@ def test_no_position_of_revolute_joints_changes_the_reach(arm):
 
 
 def test_slides_are_skipped_and_change_the_legs_beyond_them():
-    hinge, slide = iq.revolute((0, 0, 1), (1, 0, 0)), iq.prismatic((1, 0, 0))
+    hinge, slide = iq.revolute((0, 0, 1), (1, 0, 0)), iq.se3.prismatic((1, 0, 0))
     first = iq.revolute((0, 1, 0))
     point = (1.0, 2.0, 0.0)
     assert reach(np.column_stack((first, slide, hinge)), point) == reach(np.column_stack((first, hinge)), point)
-    arm = iq.Chain(np.column_stack((first, slide, hinge)), iq.transform(translation=point))
+    arm = iq.robots.Chain(np.column_stack((first, slide, hinge)), iq.transform(translation=point))
     lengths = [reach(arm.jacobian(q), arm.pose(q)[:3, 3]) for q in ([0.3, d, 0.7] for d in (0.0, 0.5))]
     np.testing.assert_allclose(lengths, [3.0, 3.5], rtol=1e-15)
     assert reach(np.column_stack((slide, np.zeros(6))), point) == 0.0
@@ -162,8 +162,8 @@ def test_slides_are_skipped_and_change_the_legs_beyond_them():
 
 def test_a_helical_joint_moves_its_foot_along_its_own_axis():
     """Its own leg stays; the leg from its axis to the axis before does not."""
-    first, bolt = iq.revolute((0, 1, 0)), iq.helical((1, 0, 0), (0, 0, 0), pitch=0.5)
-    arm = iq.Chain(np.column_stack((first, bolt)), iq.transform(translation=(0.0, 2.0, 0.0)))
+    first, bolt = iq.revolute((0, 1, 0)), iq.se3.helical((1, 0, 0), (0, 0, 0), pitch=0.5)
+    arm = iq.robots.Chain(np.column_stack((first, bolt)), iq.transform(translation=(0.0, 2.0, 0.0)))
     lengths = [reach(arm.jacobian(q), arm.pose(q)[:3, 3]) for q in ([0.3, t] for t in (0.0, 0.8))]
     np.testing.assert_allclose(lengths, [2.0, 2.0 + 0.4], rtol=1e-14)
 

@@ -130,6 +130,38 @@ def test_near_a_border_the_other_side_is_named():
     assert str(iq.gibson_hunt(S, tolerance=1e-12)) == "IA"
 
 
+def name_at(J, kind, tolerance):
+    other = iq.gibson_hunt(J, tolerance)
+    return str(other) if other.dimension == kind.dimension else f"{other} ({other.dimension}-system)"
+
+
+def test_the_next_name_is_found_just_past_the_border():
+    """Over noisy systems of every type: with the tolerance a hundredth past the nearest border, in the whole system."""
+    rng = np.random.default_rng(1381)
+    near = 0
+    for i in range(3000):
+        key = CLASSES[i % len(CLASSES)]
+        upper = key[0] < 3 and bool(rng.integers(2))
+        J, _ = sample(rng, key, upper=upper, noise=10.0 ** rng.uniform(-9.0, -5.0), extra=int(rng.integers(3)))
+        kind = iq.gibson_hunt(J)
+        if kind.near_border:
+            near += 1
+            border = kind.borders[0]
+            past = border.value * (0.99 if border.vanishes else 1.01)
+            assert kind.next == name_at(J, kind, past) != str(kind)
+    assert near > 1000
+
+
+def test_a_number_that_is_seen_twice_is_one_border():
+    """A small angular part is a small difference of pitches too; no system nearby is of the type between the two."""
+    J = np.array([(1, 0, 0, -0.5, 0, 0), (0, 1, 0, 0, 0.25, 0), (0, 0, 3e-7, 0, 0, 1)]).T
+    kind = iq.gibson_hunt(J)
+    first, second = kind.borders[:2]
+    assert {first.quantity, second.quantity} == {"smallest angular part", "pitch difference"}
+    assert first.value != second.value
+    assert (str(kind), kind.next) == ("IA1", "IB3")
+
+
 def test_a_nearly_dependent_column_is_a_border_of_dimension():
     rng = np.random.default_rng(5)
     S = rng.normal(size=(6, 3))

@@ -12,16 +12,16 @@ P, N = np.array([0.4, -0.1, 0.3]), np.array([0.2, 0.1, 1.0])
 ALL = {
     "point": (iq.point_contact(P, N), 5),
     "rolling point": (iq.point_contact(P, N, slip=False), 3),
-    "line": (iq.line_contact(P, [1.0, 0.2, 0.0], N), 4),
-    "rolling line": (iq.line_contact(P, [1.0, 0.2, 0.0], N, slip=False), 1),
-    "face": (iq.face_contact(P, N), 3),
-    "sticking face": (iq.face_contact(P, N, slip=False), 0),
-    "pivoting face": (iq.face_contact(P, N, slip=False, twist=True), 1),
-    "peg": (iq.peg_in_hole(P, N), 2),
-    "hinge": (iq.hinge(P, N), 1),
-    "bolt": (iq.hinge(P, N, pitch=0.02), 1),
-    "drawer": (iq.hinge(P, N, pitch=np.inf), 1),
-    "sphere": (iq.surface_contact(P, normal=lambda p: p), 5),
+    "line": (iq.contacts.line_contact(P, [1.0, 0.2, 0.0], N), 4),
+    "rolling line": (iq.contacts.line_contact(P, [1.0, 0.2, 0.0], N, slip=False), 1),
+    "face": (iq.contacts.face_contact(P, N), 3),
+    "sticking face": (iq.contacts.face_contact(P, N, slip=False), 0),
+    "pivoting face": (iq.contacts.face_contact(P, N, slip=False, twist=True), 1),
+    "peg": (iq.contacts.peg_in_hole(P, N), 2),
+    "hinge": (iq.contacts.hinge(P, N), 1),
+    "bolt": (iq.contacts.hinge(P, N, pitch=0.02), 1),
+    "drawer": (iq.contacts.hinge(P, N, pitch=np.inf), 1),
+    "sphere": (iq.contacts.surface_contact(P, normal=lambda p: p), 5),
 }
 
 
@@ -64,11 +64,11 @@ def random_contact(rng):
     slip = bool(rng.integers(2))
     return [
         lambda: iq.point_contact(p, n, slip=slip),
-        lambda: iq.line_contact(p, t, n, slip=slip),
-        lambda: iq.face_contact(p, n, slip=slip, twist=True),
-        lambda: iq.peg_in_hole(p, n),
-        lambda: iq.hinge(p, n, pitch=rng.choice([0.0, rng.normal(), np.inf])),
-        lambda: iq.surface_contact(p, normal=lambda q: q, slip=slip),
+        lambda: iq.contacts.line_contact(p, t, n, slip=slip),
+        lambda: iq.contacts.face_contact(p, n, slip=slip, twist=True),
+        lambda: iq.contacts.peg_in_hole(p, n),
+        lambda: iq.contacts.hinge(p, n, pitch=rng.choice([0.0, rng.normal(), np.inf])),
+        lambda: iq.contacts.surface_contact(p, normal=lambda q: q, slip=slip),
     ][rng.integers(6)]()
 
 
@@ -143,15 +143,17 @@ def test_a_face_stays_on_its_plane():
 @pytest.mark.parametrize(("name", "pitch"), [("hinge", 0.0), ("bolt", 0.02), ("drawer", np.inf)])
 def test_a_hinge_is_one_screw(name, pitch):
     (screw,) = ALL[name][0].freedoms.T
-    assert iq.pitch(screw) == pytest.approx(pitch, abs=1e-15)
-    expected = iq.helical(N, P, pitch)
+    assert iq.se3.pitch(screw) == pytest.approx(pitch, abs=1e-15)
+    expected = iq.se3.helical(N, P, pitch)
     np.testing.assert_allclose(screw, expected, atol=1e-15)
 
 
 def test_a_peg_is_free_about_and_along_its_axis():
-    free = np.column_stack((iq.revolute(N, P), iq.prismatic(N)))
+    free = np.column_stack((iq.revolute(N, P), iq.se3.prismatic(N)))
     assert distance(ALL["peg"][0].freedoms, free) < 1e-14
-    np.testing.assert_allclose(iq.adjoint(ALL["peg"][0].pose) @ ALL["peg"][0].kind.out, -iq.prismatic(N), atol=1e-15)
+    np.testing.assert_allclose(
+        iq.adjoint(ALL["peg"][0].pose) @ ALL["peg"][0].kind.out, -iq.se3.prismatic(N), atol=1e-15
+    )
 
 
 def test_surfaces_that_are_not_flat():
@@ -159,11 +161,11 @@ def test_surfaces_that_are_not_flat():
         return p @ p - 1.0
 
     p = np.array([0.48, -0.6, 0.64])
-    told = iq.surface_contact(p, normal=lambda q: 3.0 * q)
-    found = iq.surface_contact(p, implicit=ball)
+    told = iq.contacts.surface_contact(p, normal=lambda q: 3.0 * q)
+    found = iq.contacts.surface_contact(p, implicit=ball)
     np.testing.assert_allclose(told.constraints[3:, 0], -p, atol=1e-15)
     np.testing.assert_allclose(found.constraints, told.constraints, atol=1e-9)
-    assert iq.surface_contact(p, implicit=ball, slip=False).name == "rolling point"
+    assert iq.contacts.surface_contact(p, implicit=ball, slip=False).name == "rolling point"
 
 
 def test_which_contacts_have_a_pitch():
@@ -178,9 +180,9 @@ def test_which_contacts_have_a_pitch():
 
 
 def test_contacts_of_ones_own():
-    kind = iq.ContactKind("wheel", np.eye(6)[:, [0, 1, 2, 3]])
+    kind = iq.contacts.ContactKind("wheel", np.eye(6)[:, [0, 1, 2, 3]])
     np.testing.assert_allclose(np.asarray(kind.constraints).T @ np.asarray(kind.freedoms), 0.0, atol=1e-15)
-    assert iq.Contact(kind, np.eye(4)).name == "wheel"
+    assert iq.contacts.Contact(kind, np.eye(4)).name == "wheel"
     assert not kind.unilateral
 
 
@@ -190,16 +192,16 @@ def test_contacts_of_ones_own():
         (lambda: iq.point_contact(P, [0, 0, 0]), "normal"),
         (lambda: iq.point_contact([0, np.nan, 0], N), "point"),
         (lambda: iq.point_contact(P, N, tangent=N), "tangent"),
-        (lambda: iq.line_contact(P, N, N), "tangent"),
-        (lambda: iq.peg_in_hole(P, [0, 0, 0]), "axis"),
-        (lambda: iq.hinge(P, N, pitch=np.nan), "pitch"),
-        (lambda: iq.surface_contact(P), "normal"),
-        (lambda: iq.surface_contact(P, normal=lambda p: p, implicit=lambda p: 0.0), "normal"),
-        (lambda: iq.surface_contact(P, implicit=lambda p: 0.0), "implicit"),
-        (lambda: iq.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 1:5]), "constraints"),
-        (lambda: iq.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 2:5]), "constraints"),
-        (lambda: iq.ContactKind("x", np.ones((6, 2))), "freedoms"),
-        (lambda: iq.Contact(iq.ContactKind("x", np.eye(6)[:, :2]), np.ones((4, 4))), "pose"),
+        (lambda: iq.contacts.line_contact(P, N, N), "direction"),
+        (lambda: iq.contacts.peg_in_hole(P, [0, 0, 0]), "axis"),
+        (lambda: iq.contacts.hinge(P, N, pitch=np.nan), "pitch"),
+        (lambda: iq.contacts.surface_contact(P), "normal"),
+        (lambda: iq.contacts.surface_contact(P, normal=lambda p: p, implicit=lambda p: 0.0), "normal"),
+        (lambda: iq.contacts.surface_contact(P, implicit=lambda p: 0.0), "implicit"),
+        (lambda: iq.contacts.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 1:5]), "constraints"),
+        (lambda: iq.contacts.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 2:5]), "constraints"),
+        (lambda: iq.contacts.ContactKind("x", np.ones((6, 2))), "freedoms"),
+        (lambda: iq.contacts.Contact(iq.contacts.ContactKind("x", np.eye(6)[:, :2]), np.ones((4, 4))), "pose"),
     ],
 )
 def test_what_is_no_contact(make, argument):

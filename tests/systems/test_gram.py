@@ -60,22 +60,22 @@ def test_polynomial_and_failing_pitches_of_every_type(key):
     rng = np.random.default_rng(17)
     for upper in [False, True] if key[0] < 3 else [False]:
         J, _ = sample(rng, key, upper=upper)
-        c = iq.gram_polynomial(J)
+        c = iq.systems.gram_polynomial(J)
         np.testing.assert_allclose(c, polynomial_coefficients(J), atol=1e-9 * max(1.0, np.abs(c).max()))
         assert c.any() == admits(key[1])
-        assert (iq.blind_directions(J).shape[1] == 0) == admits(key[1])
+        assert (iq.systems.blind_directions(J).shape[1] == 0) == admits(key[1])
         if not admits(key[1]):
             with pytest.raises(iq.BlindSystem):
                 iq.principal_pitches(J)
-            blind = iq.blind_directions(J)
+            blind = iq.systems.blind_directions(J)
             for h in (-3.0, 0.0, 0.7):
                 np.testing.assert_allclose(J.T @ iq.pitch_form(h) @ blind, 0.0, atol=1e-9)
             continue
-        pitches, screws = iq.principal_screws(J)
+        pitches, screws = iq.systems.principal_screws(J)
         np.testing.assert_array_equal(pitches, iq.principal_pitches(J))
         np.testing.assert_allclose(screws[:3].T @ screws[:3], np.eye(len(pitches)), atol=1e-9)
         for h, z in zip(pitches, screws.T, strict=True):
-            assert iq.pitch(z) == pytest.approx(h, abs=1e-9)
+            assert iq.se3.pitch(z) == pytest.approx(h, abs=1e-9)
             np.testing.assert_allclose(J.T @ iq.pitch_form(h) @ z, 0.0, atol=1e-8 * np.linalg.norm(J))
             assert np.linalg.matrix_rank(np.column_stack((J, z)), tol=1e-8) == J.shape[1]
 
@@ -84,15 +84,17 @@ def test_the_polynomial_is_covariant_and_frame_free():
     rng = np.random.default_rng(2)
     for k in range(1, 7):
         J, A = rng.normal(size=(6, k)), rng.normal(size=(k, k))
-        c = iq.gram_polynomial(J)
-        np.testing.assert_allclose(iq.gram_polynomial(iq.adjoint(motion(rng)) @ J), c, rtol=1e-7, atol=1e-9)
-        np.testing.assert_allclose(iq.gram_polynomial(J @ A), np.linalg.det(A) ** 2 * c, rtol=1e-7, atol=1e-9)
+        c = iq.systems.gram_polynomial(J)
+        np.testing.assert_allclose(iq.systems.gram_polynomial(iq.adjoint(motion(rng)) @ J), c, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(iq.systems.gram_polynomial(J @ A), np.linalg.det(A) ** 2 * c, rtol=1e-7, atol=1e-9)
 
 
 def test_the_unit_of_length_enters_as_it_must():
     J = np.random.default_rng(4).normal(size=(6, 3))
     in_mm = J * np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
-    np.testing.assert_allclose(iq.gram_polynomial(in_mm), iq.gram_polynomial(J) * 1e3 ** np.arange(3.0, -1.0, -1.0))
+    np.testing.assert_allclose(
+        iq.systems.gram_polynomial(in_mm), iq.systems.gram_polynomial(J) * 1e3 ** np.arange(3.0, -1.0, -1.0)
+    )
     np.testing.assert_allclose(iq.principal_pitches(in_mm), 1e3 * iq.principal_pitches(J))
 
 
@@ -101,20 +103,20 @@ def test_dependent_columns_change_no_pitch_and_kill_the_determinant():
     J = rng.normal(size=(6, 3))
     more = J @ rng.normal(size=(3, 5))
     np.testing.assert_allclose(iq.principal_pitches(more), iq.principal_pitches(J), rtol=1e-9)
-    assert not iq.gram_polynomial(more).any()
+    assert not iq.systems.gram_polynomial(more).any()
 
 
 def test_rank_six_and_zero_never_fail():
     J = np.random.default_rng(0).normal(size=(6, 8))
     assert iq.principal_pitches(J).shape == (0,)
-    assert iq.principal_screws(np.zeros((6, 2)))[1].shape == (6, 0)
-    assert iq.blind_directions(J).shape == (6, 0)
+    assert iq.systems.principal_screws(np.zeros((6, 2)))[1].shape == (6, 0)
+    assert iq.systems.blind_directions(J).shape == (6, 0)
 
 
 def test_scara_is_blind_to_its_plane():
     axes = [iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.7, 0.2, 0))]
-    J = np.column_stack([*axes, iq.prismatic((0, 0, 1))])
-    blind = iq.blind_directions(J)
+    J = np.column_stack([*axes, iq.se3.prismatic((0, 0, 1))])
+    blind = iq.systems.blind_directions(J)
     assert blind.shape == (6, 2)
     np.testing.assert_allclose(blind[[0, 1, 2, 5]], 0.0, atol=1e-12)
-    assert iq.blind_directions(reciprocal_of(J)).shape == (6, 2)
+    assert iq.systems.blind_directions(reciprocal_of(J)).shape == (6, 2)

@@ -13,8 +13,8 @@ def test_they_are_what_they_say(seed, m, h):
     rng = np.random.default_rng(seed)
     J, A = rng.normal(size=(6, m)), rng.normal(size=(m, m))
     M = A @ A.T + np.eye(m)
-    found = iq.hyperbolic_singular_values(J, h, joint_metric=M)
-    V, G = found.joint_directions, iq.gram_matrix(J, h)
+    found = iq.systems.hyperbolic_singular_values(J, h, joint_metric=M)
+    V, G = found.joint_directions, iq.systems.gram_matrix(J, h)
     np.testing.assert_allclose(V.T @ M @ V, np.eye(m), atol=1e-9)
     scale = np.abs(G).max()
     np.testing.assert_allclose(G @ V, M @ V * found.values, atol=1e-9 * scale)
@@ -30,7 +30,7 @@ def test_invariant_where_singular_values_are_not():
     for m in (2, 3, 5, 6, 7):
         J = rng.normal(size=(6, m))
         moved = iq.adjoint(motion(rng)) @ J
-        here, there = (iq.hyperbolic_singular_values(x, 0.8) for x in (J, moved))
+        here, there = (iq.systems.hyperbolic_singular_values(x, 0.8) for x in (J, moved))
         np.testing.assert_allclose(there.values, here.values, atol=1e-9)
         assert there.condition == pytest.approx(here.condition)
         assert there.manipulability == pytest.approx(here.manipulability)
@@ -41,7 +41,10 @@ def test_invariant_where_singular_values_are_not():
 def test_units_of_length_scale_them_and_leave_the_condition():
     J = np.random.default_rng(2).normal(size=(6, 5))
     scale = np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
-    metres, millimetres = iq.hyperbolic_singular_values(J, 0.8), iq.hyperbolic_singular_values(J * scale, 800.0)
+    metres, millimetres = (
+        iq.systems.hyperbolic_singular_values(J, 0.8),
+        iq.systems.hyperbolic_singular_values(J * scale, 800.0),
+    )
     np.testing.assert_allclose(millimetres.values, 1e3 * metres.values)
     assert millimetres.condition == pytest.approx(metres.condition)
 
@@ -51,7 +54,7 @@ def test_manipulability_at_rank_six_is_yoshikawas_for_every_h(m):
     J = np.random.default_rng(m).normal(size=(6, m))
     yoshikawa = np.sqrt(np.linalg.det(J @ J.T))
     for h in (-1.0, 0.0, 0.4, 5.0):
-        found = iq.hyperbolic_singular_values(J, h)
+        found = iq.systems.hyperbolic_singular_values(J, h)
         assert found.manipulability == pytest.approx(yoshikawa)
         assert found.signature == (3, 3, m - 6)
 
@@ -59,16 +62,16 @@ def test_manipulability_at_rank_six_is_yoshikawas_for_every_h(m):
 def test_condition_grows_as_the_distance_to_a_principal_pitch_shrinks():
     J = np.random.default_rng(3).normal(size=(6, 3))
     h = iq.principal_pitches(J)[1]
-    conditions = [iq.hyperbolic_singular_values(J, h + d).condition for d in (1e-1, 1e-3, 1e-5, 0.0)]
+    conditions = [iq.systems.hyperbolic_singular_values(J, h + d).condition for d in (1e-1, 1e-3, 1e-5, 0.0)]
     assert conditions == sorted(conditions)
     assert conditions[2] > 30.0 * conditions[1] / 10.0
     assert conditions[3] > 1e7
 
 
 def test_degenerate_arms():
-    still = iq.hyperbolic_singular_values(np.zeros((6, 2)), 0.5)
+    still = iq.systems.hyperbolic_singular_values(np.zeros((6, 2)), 0.5)
     assert (still.rank, still.condition, still.manipulability) == (0, 1.0, 1.0)
-    blind = iq.hyperbolic_singular_values(iq.prismatic((0, 0, 1)), 0.5)
+    blind = iq.systems.hyperbolic_singular_values(iq.se3.prismatic((0, 0, 1)), 0.5)
     assert blind.condition == float("inf")
     assert blind.manipulability == 0.0
     assert blind.signature == (0, 0, 1)
@@ -76,4 +79,4 @@ def test_degenerate_arms():
 
 def test_bad_metric_is_told():
     with pytest.raises(iq.BadInput, match="joint_metric"):
-        iq.hyperbolic_singular_values(np.eye(6), 0.5, joint_metric=[1, 1, 1, 1, 1, -1])
+        iq.systems.hyperbolic_singular_values(np.eye(6), 0.5, joint_metric=[1, 1, 1, 1, 1, -1])

@@ -15,7 +15,7 @@ def line(rng):
 
 def transversals_by_the_line_equations(lines):
     """Lines that meet four given ones: through x = a1 + t d1 the one that meets lines 2 and 3, made to meet line 4."""
-    points, directions = zip(*((iq.axis(s)[1], iq.axis(s)[0]) for s in lines.T), strict=True)
+    points, directions = zip(*((iq.se3.axis(s)[1], iq.se3.axis(s)[0]) for s in lines.T), strict=True)
 
     def through(t):
         x = points[0] + t * directions[0]
@@ -73,7 +73,7 @@ def check(J, found):
     )  # a force along a line, or a couple: not a wrench of finite pitch
     for t in found.transversals.T:
         np.testing.assert_allclose(J.T @ Q0 @ t, 0.0, atol=1e-9)
-        assert iq.pitch(t) == pytest.approx(0.0, abs=1e-9)
+        assert iq.se3.pitch(t) == pytest.approx(0.0, abs=1e-9)
         assert np.linalg.norm(t[:3]) == pytest.approx(1.0)
     assert np.linalg.matrix_rank(found.transversals) == found.transversals.shape[1]
     for t in found.at_infinity.T:
@@ -141,6 +141,80 @@ def test_four_lines_with_one_double_transversal(q):
     assert min(abs(h) for h in kind.moduli) < 1e-9
 
 
+def parallel_to_a_plane(rng, pitch):
+    """Four lines parallel to z = 0 at heights (a + b t) / (pitch t - q), t the slope of each: R is IIB of some pitch.
+
+    A screw (u; w) along the plane is reciprocal to the line of direction d at height c iff d.w + c (z x d).u = 0,
+    wherever the line is moved along the plane.
+    """
+    u, across = rng.normal(size=2), rng.normal()
+    w = pitch * u + across * np.array([-u[1], u[0]])
+    lines = []
+    for angle in rng.uniform(0.0, np.pi, size=4):
+        d = np.array([np.cos(angle), np.sin(angle)])
+        height = -d @ w / (np.array([-d[1], d[0]]) @ u)
+        lines.append(iq.revolute((*d, 0.0), (*rng.normal(size=2), height)))
+    return np.array(lines).T
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_four_lines_with_one_double_transversal_at_infinity(seed):
+    """They have no h-pseudoinverse for any h, and no line meets all four."""
+    rng = np.random.default_rng(seed)
+    J = iq.adjoint(motion(rng)) @ parallel_to_a_plane(rng, 0.7)
+    found = iq.involution(J)
+    check(J, found)
+    assert (found.rank, found.transversal_count, found.double) == (4, 0, True)
+    assert found.at_infinity.shape == (6, 1)
+    kind = iq.gibson_hunt(J)
+    assert (str(kind), kind.moduli) == ("IIB", (pytest.approx(0.7, abs=1e-6),))
+    for h in (-1.3, 0.0, 0.4):
+        assert not iq.has_pseudoinverse(J, h)
+
+
+def test_four_lines_parallel_to_a_plane_as_they_were_reported():
+    J = np.array(
+        [(1, 0, 1, -1, 0, 1), (1, 0, 2, -1, 1, 0.5), (2, 0, 1, -2, 3, 4), (1, 0, -1, -1, 5, -1)], dtype=float
+    ).T
+    found = iq.involution(J)
+    check(J, found)
+    assert (found.determinant, found.transversal_count, found.double) == (0.0, 0, True)
+    np.testing.assert_allclose(np.abs(found.at_infinity[:, 0]), [0, 0, 0, 0, 1, 0], atol=1e-15)
+    # Most lines parallel to a plane are not in involution: one of them moved up.
+    J[:, 0] = iq.revolute((1, 0, 1), (0.0, 2.0, 0.0))
+    other = iq.involution(J)
+    assert not other.holds
+    assert (other.transversal_count, other.double, other.at_infinity.shape) == (1, False, (6, 1))
+
+
+@pytest.mark.parametrize(("pitches", "count"), [((-0.5, 0.25), 2), ((0.25, 0.5), 0), ((0.5, 0.5), 0), ((0.0, 0.5), 1)])
+def test_the_transversals_of_a_type_a_reciprocal_are_real_for_pitches_of_opposite_sign(pitches, count):
+    """Four lines of the 4-system reciprocal to a given 2-system, found by solving for pitch 0 in it."""
+    rng = np.random.default_rng(11)
+    R = np.array([(1, 0, 0, pitches[0], 0, 0), (0, 1, 0, 0, pitches[1], 0)]).T
+    S = iq.reciprocal(R)
+    lines = []
+    while len(lines) < 4:
+        a, b = S @ rng.normal(size=4), S @ rng.normal(size=4)
+        quadratic = [b @ Q0 @ b, 2.0 * (a @ Q0 @ b), a @ Q0 @ a]
+        roots = np.roots(quadratic)
+        if np.isreal(roots).all():
+            lines.append(a + roots[0].real * b)
+    found = iq.involution(np.array(lines).T)
+    assert (found.rank, found.transversal_count) == (4, count)
+    assert found.holds is (0.0 in pitches)
+    assert found.double is (0.0 in pitches)
+
+
+def test_five_lines_parallel_to_a_plane_have_their_transversal_at_infinity():
+    rng = np.random.default_rng(12)
+    lines = [iq.revolute((*rng.normal(size=2), 0.0), rng.normal(size=3)) for _ in range(5)]
+    J = iq.adjoint(motion(rng)) @ np.array(lines).T
+    found = iq.involution(J)
+    check(J, found)
+    assert (found.rank, found.transversal_count, found.double, found.at_infinity.shape) == (5, 0, False, (6, 1))
+
+
 def test_four_lines_with_one_transversal_and_one_at_infinity():
     # Reciprocal to an IB system: [DS] counts the single finite transversal.
     rng = np.random.default_rng(6)
@@ -161,7 +235,7 @@ def test_five_lines_are_in_involution_where_they_share_a_transversal():
     rng = np.random.default_rng(7)
     for _ in range(20):
         t = line(rng)
-        u, p = iq.axis(t)
+        u, p = iq.se3.axis(t)
         J = np.array([iq.revolute(rng.normal(size=3), p + rng.normal() * u) for _ in range(5)]).T
         found = iq.involution(J)
         check(J, found)
@@ -181,6 +255,19 @@ def test_six_lines_are_in_involution_where_they_are_dependent():
     assert not found.equilibrium_wrench.any()
 
 
+@pytest.mark.parametrize("far", [0.0, 2.0, 1e3])
+def test_the_axes_of_an_so101_are_in_involution_in_every_state(far):
+    rng = np.random.default_rng(13)
+    arm = iq.load_robot("so101")
+    for _ in range(100):
+        J = iq.adjoint(motion(rng, far)) @ arm.jacobian(rng.uniform(arm.position_lower, arm.position_upper))
+        found = iq.involution(J)
+        assert found.holds is not iq.has_pseudoinverse(J, 0.0)
+        assert (found.holds, found.transversal_count + found.at_infinity.shape[1]) == (True, 1)
+        W = found.equilibrium_wrench
+        np.testing.assert_allclose(J.T @ W, 0.0, atol=1e-11 * (1.0 + far) * np.linalg.norm(W))
+
+
 def test_no_frame_matters():
     rng = np.random.default_rng(9)
     J = np.array([line(rng) for _ in range(4)]).T
@@ -194,8 +281,8 @@ def test_what_is_not_a_line_is_refused():
     rng = np.random.default_rng(10)
     a = line(rng)
     for other, words in [
-        (iq.prismatic((0, 0, 1)), "column 1 of pitch inf"),
-        (iq.helical((0, 0, 1), pitch=0.1), "column 1 of pitch 0.1"),
+        (iq.se3.prismatic((0, 0, 1)), "column 1 of pitch inf"),
+        (iq.se3.helical((0, 0, 1), pitch=0.1), "column 1 of pitch 0.1"),
         (np.zeros(6), "zero column 1"),
     ]:
         with pytest.raises(iq.BadInput, match=words):

@@ -23,7 +23,7 @@ def test_all_joint_velocities_and_no_others(m, rank):
     for _ in range(5):
         J = rng.normal(size=(6, m)) if m <= rank else rng.normal(size=(6, rank)) @ rng.normal(size=(rank, m))
         p, q = rng.normal(size=(2, 3))
-        found = iq.point_motion(J, p, q)
+        found = iq.systems.point_motion(J, p, q)
         expected = by_the_defining_equation(J, p, q)
         assert found.velocities.shape == expected.shape
         if expected.shape[1]:
@@ -38,10 +38,10 @@ def test_example_3_corrected_for_three_joints():
     rng = np.random.default_rng(33)
     J = rng.normal(size=(6, 3))
     p, q = rng.normal(size=(2, 3))
-    S = iq.motions_along(p, q)
+    S = iq.systems.motions_along(p, q)
     inverse = iq.pseudoinverse(J, 0.7)
     assert np.linalg.matrix_rank(inverse @ S) == 3
-    found = iq.point_motion(J, p, q)
+    found = iq.systems.point_motion(J, p, q)
     assert found.velocities.shape == (3, 1)
     assert distance(inverse @ found.twists, found.velocities) < 1e-12
     velocity = velocity_at(J @ found.velocities, p)[:, 0]
@@ -50,7 +50,7 @@ def test_example_3_corrected_for_three_joints():
 
 
 def test_the_four_system_is_reciprocal_to_a_plane_pencil():
-    S = iq.motions_along((0.3, -0.2, 0.5), (1.0, 2.0, -1.0))
+    S = iq.systems.motions_along((0.3, -0.2, 0.5), (1.0, 2.0, -1.0))
     kind = iq.gibson_hunt(S)
     assert (str(kind), kind.dimension, kind.reciprocal) == ("IIA", 4, True)
     assert kind.moduli[0] == pytest.approx(0.0, abs=1e-12)
@@ -63,21 +63,21 @@ def test_no_frame_matters():
     J = rng.normal(size=(6, 4))
     p, q = rng.normal(size=(2, 3))
     T = motion(rng)
-    here = iq.point_motion(J, p, q)
-    there = iq.point_motion(iq.adjoint(T) @ J, T[:3, :3] @ p + T[:3, 3], T[:3, :3] @ q)
+    here = iq.systems.point_motion(J, p, q)
+    there = iq.systems.point_motion(iq.adjoint(T) @ J, T[:3, :3] @ p + T[:3, 3], T[:3, :3] @ q)
     assert distance(here.velocities, there.velocities) < 1e-10
 
 
 def test_a_wrist_cannot_move_its_centre():
     J = np.array([iq.revolute(a) for a in np.eye(3)]).T
-    found = iq.point_motion(J, (0, 0, 0), (0, 0, 1))
+    found = iq.systems.point_motion(J, (0, 0, 0), (0, 0, 1))
     assert not found.moves
     assert found.velocities.shape == (3, 3)
-    still = iq.point_motion(np.zeros((6, 2)), (0, 0, 0), (0, 0, 1))
+    still = iq.systems.point_motion(np.zeros((6, 2)), (0, 0, 0), (0, 0, 1))
     assert not still.moves
     assert still.velocities.shape == (2, 2)
 
 
 def test_zero_direction_is_refused():
     with pytest.raises(iq.BadInput, match="zero vector"):
-        iq.point_motion(np.eye(6), (0, 0, 0), (0, 0, 0))
+        iq.systems.point_motion(np.eye(6), (0, 0, 0), (0, 0, 0))

@@ -77,7 +77,7 @@ def test_the_force_projector_is_the_papers_formula_wherever_that_exists(key, upp
             continue
         split = iq.dual_projectors(S, h=h)
         with mpmath.workdps(50):
-            exact = mpmath.matrix(iq.screw_system(S).tolist())
+            exact = mpmath.matrix(iq.systems.screw_system(S).tolist())
             # W from S in the same digits: the annihilator's rounding must not enter the reference.
             null = exact_annihilator(exact)
             Q = mpmath.matrix(iq.pitch_form_inverse(h).tolist())
@@ -112,7 +112,7 @@ def test_wrenches_say_the_same_as_the_freedoms_they_leave():
     rng = np.random.default_rng(4)
     W = rng.normal(size=(6, 2)) @ rng.normal(size=(2, 3))  # dependent columns
     by_wrenches = iq.dual_projectors(wrenches=W, h=0.7)
-    by_twists = iq.dual_projectors(iq.annihilator(W), h=0.7)
+    by_twists = iq.dual_projectors(iq.systems.annihilator(W), h=0.7)
     np.testing.assert_allclose(by_wrenches.motion, by_twists.motion, atol=1e-12)
     assert distance(by_wrenches.constraints, W) < 1e-12
     np.testing.assert_array_equal(iq.dual_projectors(wrenches=np.eye(6), h=1.0).motion, np.zeros((6, 6)))

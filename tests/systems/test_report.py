@@ -8,7 +8,7 @@ IDS = [f"{k}-{n}" for k, n in CLASSES]
 
 
 def words(J):
-    return " ".join(iq.describe(J).sentences())
+    return " ".join(iq.systems.describe(J).sentences())
 
 
 def planar(n):
@@ -16,8 +16,8 @@ def planar(n):
 
 
 def test_a_scara_is_told_which_directions_are_blind_and_what_to_use():
-    J = np.column_stack((planar(3), iq.prismatic((0, 0, 1))))
-    report = iq.describe(J)
+    J = np.column_stack((planar(3), iq.se3.prismatic((0, 0, 1))))
+    report = iq.systems.describe(J)
     assert (report.rank, str(report.type), report.type.reciprocal) == (4, "IIC", True)
     np.testing.assert_allclose(report.blind_directions[[0, 1, 2, 5]], 0.0, atol=1e-12)
     assert report.blind_directions.shape == (6, 2)
@@ -30,7 +30,7 @@ def test_a_scara_is_told_which_directions_are_blind_and_what_to_use():
 
 def test_a_regular_arm_is_told_the_pitches_to_stay_away_from():
     J = np.random.default_rng(1).normal(size=(6, 5))
-    report = iq.describe(J)
+    report = iq.systems.describe(J)
     np.testing.assert_allclose(report.principal_pitches, iq.principal_pitches(J))
     assert f"h = {report.principal_pitches[0]:.6g}" in words(J)
     assert "5-system, the reciprocal of a 1-system of type h" in words(J)
@@ -42,7 +42,7 @@ def test_rank_singularity_and_their_words():
     assert "every direction" in words(J)
     assert "Every pitch h works" in words(J)
     J[:, 5] = J[:, 4]
-    report = iq.describe(J)
+    report = iq.systems.describe(J)
     assert (report.singular, report.singularity_distance, report.rank) == (True, 0.0, 5)
     assert "singular, 1 direction(s)" in words(J)
 
@@ -52,10 +52,10 @@ def test_singularity_distance_is_the_same_in_every_frame_and_unit():
     J = rng.normal(size=(6, 4))
     moved = iq.adjoint(motion(rng, reach=30.0)) @ J
     scaled = moved * np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
-    expected = iq.describe(J).singularity_distance
+    expected = iq.systems.describe(J).singularity_distance
     assert 0.0 < expected < 1.0
-    assert iq.describe(moved).singularity_distance == pytest.approx(expected)
-    assert iq.describe(scaled).singularity_distance == pytest.approx(expected)
+    assert iq.systems.describe(moved).singularity_distance == pytest.approx(expected)
+    assert iq.systems.describe(scaled).singularity_distance == pytest.approx(expected)
 
 
 def test_it_falls_to_zero_towards_a_singularity():
@@ -64,7 +64,7 @@ def test_it_falls_to_zero_towards_a_singularity():
     distances = []
     for d in (1e-1, 1e-3, 1e-5):
         J[:, 5] = J[:, 4] + d * np.array([1.0, -1.0, 0.5, 0.2, -0.3, 0.7])
-        distances.append(iq.describe(J).singularity_distance)
+        distances.append(iq.systems.describe(J).singularity_distance)
     assert distances[0] > 50.0 * distances[1] > 2500.0 * distances[2] > 0.0
 
 
@@ -79,7 +79,7 @@ def test_every_type_with_noise_is_described_without_contradiction(key):
     rng = np.random.default_rng(6)
     for upper in [False, True] if key[0] < 3 else [False]:
         J, _ = sample(rng, key, upper=upper, noise=1e-10, extra=1)
-        report = iq.describe(J)
+        report = iq.systems.describe(J)
         assert report.rank == (6 - key[0] if upper else key[0])
         assert (report.blind_directions.shape[1] == 0) == admits(key[1])
         blind = report.blind_directions

@@ -23,8 +23,8 @@ def test_reciprocal_is_reciprocal_of_right_size_and_its_own_inverse(seed, k, h):
     assert R.shape == (6, 6 - k)
     np.testing.assert_allclose(S.T @ iq.pitch_form(h) @ R, 0.0, atol=1e-10 * (1 + np.abs(S).max()) * (1 + abs(h)))
     if k < 6:
-        assert same(iq.reciprocal(R, h), iq.screw_system(S))
-        W = iq.annihilator(S)
+        assert same(iq.reciprocal(R, h), iq.systems.screw_system(S))
+        W = iq.systems.annihilator(S)
         np.testing.assert_allclose(W.T @ S, 0.0, atol=1e-10)
         assert same(W, iq.pitch_form(h) @ R)
 
@@ -36,13 +36,13 @@ def test_sum_and_meet_are_a_lattice(seed, shared, a, b):
     common = rng.normal(size=(6, shared))
     S1 = np.hstack((common, rng.normal(size=(6, a)))) @ rng.normal(size=(shared + a, shared + a))
     S2 = np.hstack((common, rng.normal(size=(6, b)))) @ rng.normal(size=(shared + b, shared + b))
-    meet, total = iq.system_meet(S1, S2, 1e-10), iq.system_sum(S1, S2, 1e-10)
+    meet, total = iq.systems.system_meet(S1, S2, 1e-10), iq.systems.system_sum(S1, S2, 1e-10)
     assert (meet.shape[1], total.shape[1]) == (shared, shared + a + b)
     assert distance(total, np.hstack((S1, S2))) < 1e-9
     if shared:
         assert distance(meet, common) < 1e-6
     # De Morgan: the reciprocal of a sum is the meet of the reciprocals.
-    assert same(iq.reciprocal(total), iq.system_meet(iq.reciprocal(S1), iq.reciprocal(S2), 1e-10))
+    assert same(iq.reciprocal(total), iq.systems.system_meet(iq.reciprocal(S1), iq.reciprocal(S2), 1e-10))
 
 
 def test_moving_the_systems_moves_every_answer():
@@ -51,8 +51,8 @@ def test_moving_the_systems_moves_every_answer():
     S = rng.normal(size=(6, 3))
     assert same(Ad @ iq.reciprocal(S, 0.4), iq.reciprocal(Ad @ S, 0.4))
     h = iq.principal_pitches(S)[1]
-    z = iq.self_reciprocal(S, h, 1e-10)
-    assert same(Ad @ z, iq.self_reciprocal(Ad @ S, h, 1e-10))
+    z = iq.systems.self_reciprocal(S, h, 1e-10)
+    assert same(Ad @ z, iq.systems.self_reciprocal(Ad @ S, h, 1e-10))
 
 
 def test_units_of_length_move_the_answers_along():
@@ -63,25 +63,25 @@ def test_units_of_length_move_the_answers_along():
 
 def test_self_reciprocal_at_a_principal_pitch_is_its_screw():
     S = np.random.default_rng(3).normal(size=(6, 3))
-    pitches, screws = iq.principal_screws(S)
+    pitches, screws = iq.systems.principal_screws(S)
     for h, z in zip(pitches, screws.T, strict=True):
-        assert same(iq.self_reciprocal(S, h, 1e-10), z[:, None])
-        assert iq.self_reciprocal(S, h + 0.1).shape == (6, 0)
-    assert iq.self_reciprocal(np.eye(6), 0.3).shape == (6, 0)
+        assert same(iq.systems.self_reciprocal(S, h, 1e-10), z[:, None])
+        assert iq.systems.self_reciprocal(S, h + 0.1).shape == (6, 0)
+    assert iq.systems.self_reciprocal(np.eye(6), 0.3).shape == (6, 0)
 
 
 def test_systems_that_meet_in_nothing_and_the_zero_system():
     E = np.eye(6)
-    assert iq.system_meet(E[:, :2], E[:, 3:5]).shape == (6, 0)
-    assert same(iq.system_sum(E[:, :2], E[:, 1:3]), E[:, :3])
-    assert same(iq.system_meet(E[:, :2], E[:, 1:3]), E[:, 1:2])
-    assert iq.screw_system(np.zeros((6, 2))).shape == (6, 0)
+    assert iq.systems.system_meet(E[:, :2], E[:, 3:5]).shape == (6, 0)
+    assert same(iq.systems.system_sum(E[:, :2], E[:, 1:3]), E[:, :3])
+    assert same(iq.systems.system_meet(E[:, :2], E[:, 1:3]), E[:, 1:2])
+    assert iq.systems.screw_system(np.zeros((6, 2))).shape == (6, 0)
     assert iq.reciprocal(np.zeros((6, 2))).shape == (6, 6)
 
 
 def test_bad_input_names_the_argument():
     with pytest.raises(iq.BadInput, match="second"):
-        iq.system_meet(np.eye(6), np.eye(5))
+        iq.systems.system_meet(np.eye(6), np.eye(5))
     with pytest.raises(iq.BadInput, match="h:"):
         iq.reciprocal(np.eye(6)[:, :2], float("nan"))
     with pytest.raises(iq.BadInput, match="Killing"):

@@ -28,17 +28,19 @@ def algebra(J: Vector, s: Vector) -> None:
         iq.pseudoinverse(J, 0.0)
     except iq.NoPseudoinverse as refusal:
         assert_type(refusal.principal_pitches, Vector)
-    solution = iq.solve_velocity(J, s, form=0.3, bounds=iq.Bounds([-1.0], [1.0]), damping=iq.Selective(2.0))
-    assert_type(solution, iq.VelocitySolution)
+    solution = iq.solve_velocity(J, s, form=0.3, bounds=iq.Bounds([-1.0], [1.0]), damping=iq.velocity.Selective(2.0))
+    assert_type(solution, iq.velocity.VelocitySolution)
     assert_type(solution.velocity, Vector)
     assert_type(solution.status, str)
-    choice = iq.method_for(J, s, form=iq.PitchForm(0.3), exact=iq.ExactRows.point(J, [0.0, 0.0, 0.0], [0.0, 0.0, 0.1]))
+    choice = iq.velocity.method_for(
+        J, s, form=iq.PitchForm(0.3), exact=iq.ExactRows.point(J, [0.0, 0.0, 0.0], [0.0, 0.0, 0.1])
+    )
     assert_type(choice.reason, str)
 
 
-def wall(q: Vector) -> iq.LimitRows:
+def wall(q: Vector) -> iq.limits.LimitRows:
     """Rows that depend on where the arm is."""
-    return iq.LimitRows([[1.0, -1.0]], [-np.inf], [1.0 - q[0]])
+    return iq.limits.LimitRows([[1.0, -1.0]], [-np.inf], [1.0 - q[0]])
 
 
 class Halfway:
@@ -54,7 +56,7 @@ class Descent:
 
     name = "descent"
 
-    def solve(self, qp: iq.BoxQP) -> Vector:
+    def solve(self, qp: iq.velocity.BoxQP) -> Vector:
         """Whatever it can do."""
         return np.asarray(np.clip(np.linalg.solve(qp.H, qp.c), qp.lower, qp.upper), dtype=np.float64)
 
@@ -70,27 +72,27 @@ def loop() -> None:
         damping=Halfway(),
         backend=Descent(),
         guard=iq.Guard(0.6),
-        exact=[iq.ExactPoint(), iq.ExactAxis((0.0, 0.0, 1.0))],
+        exact=[iq.control.ExactPoint(), iq.control.ExactAxis((0.0, 0.0, 1.0))],
         acceleration_limit=8.0,
-        tool_speed=iq.ToolSpeed(0.25),
+        tool_speed=iq.limits.ToolSpeed(0.25),
         rows=wall,
     )
     q = np.zeros(7)
     solution = controller.step(q, robot.pose(q), feedforward=[0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
     assert_type(solution.active, tuple[int, ...])
     q = q + controller.dt * solution.velocity
-    iq.Controller(iq.Chain(np.eye(6), np.eye(4), names=["a", "b", "c", "d", "e", "f"]), dt=0.01, form="auto")
+    iq.Controller(iq.robots.Chain(np.eye(6), np.eye(4), names=["a", "b", "c", "d", "e", "f"]), dt=0.01, form="auto")
 
 
 def tasks() -> None:
     """Task files and traces."""
     task = iq.load_task("panda_path")
-    assert_type(task, iq.Task)
+    assert_type(task, iq.tasks.Task)
     trace = iq.run_task(task, dt=0.002)
     assert_type(trace.q, Vector)
     summary = trace.summary()
     print(summary["passed"])
-    iq.picture(trace, "path.png")
+    iq.pictures.picture(trace, "path.png")
 
 
 def inside_pink() -> None:

@@ -166,7 +166,7 @@ def test_standing_still_is_as_near_to_zero_as_the_bounds_allow(monkeypatch):
 
 def test_a_kept_workspace_answers_as_a_fresh_one():
     """Sizes change, rows come and go, limits come and go: one Osqp object, sixty ticks."""
-    kept = iq.Osqp()
+    kept = iq.velocity.Osqp()
     worst = 0.0
     for k in range(60):
         arguments, options = limited(k // 3, m=(5, 7, 7)[k % 3], opened=0.3 * (k % 2), rows=k % 5 == 4)
@@ -180,7 +180,7 @@ def test_a_kept_workspace_answers_as_a_fresh_one():
 def test_a_workspace_survives_a_tick_without_an_answer(monkeypatch):
     arguments, options = limited(2)
     reference = iq.solve_velocity(*arguments, **options)
-    kept = iq.Osqp()
+    kept = iq.velocity.Osqp()
     monkeypatch.setattr(backends, "OSQP_ITERATIONS", 1)
     first = iq.solve_velocity(*arguments, **options, backend=kept)
     assert (first.status, first.backend) == ("degraded", "daqp")
@@ -211,7 +211,7 @@ def test_no_solver_sees_an_indefinite_matrix_or_large_numbers():
 
 
 def test_names_of_back_ends():
-    with pytest.raises(iq.UnknownName, match=r"unknown QP back end 'dapq'; did you mean daqp") as caught:
+    with pytest.raises(iq.errors.UnknownName, match=r"unknown QP back end 'dapq'; did you mean daqp") as caught:
         iq.solve_velocity(np.ones((6, 1)), np.ones(6), backend="dapq")
     assert "daqp" in caught.value.near
     with pytest.raises(iq.BadInput, match="backend: found int"):

@@ -13,7 +13,13 @@ FORMS = {
     "own": None,
     "carried": iq.CarriedMetric((0.1, 0.2, 0.1, 1.0, 1.0, 2.0), iq.exp((0.3, 0.1, 0.2, 0.5, -0.2, 0.1))),
 }
-DAMPINGS = {"adaptive": None, "none": 0.0, "fixed": 0.05, "selective": iq.Selective(), "paper": iq.PaperLambda(0.05)}
+DAMPINGS = {
+    "adaptive": None,
+    "none": 0.0,
+    "fixed": 0.05,
+    "selective": iq.velocity.Selective(),
+    "paper": iq.velocity.PaperLambda(0.05),
+}
 
 
 def rows(seed, m, *, achievable):

@@ -8,7 +8,7 @@ from support.velocity_reference import tight_box
 import invariantqp as iq
 
 PLANAR = np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.5, 0.3, 0))])
-SCARA = np.column_stack((PLANAR, iq.prismatic((0, 0, 1))))
+SCARA = np.column_stack((PLANAR, iq.se3.prismatic((0, 0, 1))))
 TILTS = np.eye(6)[:, [0, 1]]
 SCARA_METRIC = np.array([1.0, 1.0, 1.0, 4.0])
 

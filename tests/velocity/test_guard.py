@@ -36,7 +36,7 @@ def test_at_least_the_asked_share_of_what_least_squares_gains(m, eta):
         free = np.linalg.pinv(J) @ s
         bounds = tight_box(rng, m, free)
         solution = iq.solve_velocity(J, s, form=h, bounds=bounds, guard=iq.Guard(fraction=eta))
-        own = iq.centre(J, s)
+        own = iq.systems.centre(J, s)
         f, J_w, s_w = decrease(J, s, *own, solution.velocity)
         # Near a singularity least squares is damped as the law is, and has that much less to gain.
         mu = np.sort(np.linalg.eigvalsh(J_w.T @ J_w))
@@ -64,7 +64,7 @@ def test_without_it_the_h_law_can_go_uphill():
     uphill = 0
     for _ in range(100):
         J, s = rng.normal(size=(6, 4)), rng.normal(size=6)
-        own = iq.centre(J, s)
+        own = iq.systems.centre(J, s)
         plain = iq.solve_velocity(J, s, form=0.3, guard=False)
         uphill += decrease(J, s, *own, plain.velocity)[0] < 0.0
         assert decrease(J, s, *own, iq.solve_velocity(J, s, form=0.3).velocity)[0] > 0.0

@@ -22,14 +22,14 @@ BAD = {
 def test_rows_that_are_none(case):
     arguments, argument, found = BAD[case]
     with pytest.raises(iq.BadInput) as caught:
-        iq.LimitRows(*arguments)
+        iq.limits.LimitRows(*arguments)
     assert caught.value.argument == argument
     assert found in caught.value.found
 
 
 def test_rows_for_other_joints_are_refused():
     J, s = np.eye(6), np.ones(6)
-    for rows in (iq.LimitRows([[1.0] * 5], [0.0], [1.0]), np.eye(6)):
+    for rows in (iq.limits.LimitRows([[1.0] * 5], [0.0], [1.0]), np.eye(6)):
         with pytest.raises(iq.BadInput, match="rows"):
             iq.solve_velocity(J, s, form=0.4, rows=rows)
 
@@ -40,7 +40,7 @@ def limited(rng, m, k=3):
     free = iq.solve_velocity(J, s, form=h, guard=False).velocity
     C = rng.normal(size=(k, m))
     reach = np.abs(C @ free) * rng.uniform(0.2, 1.5, k)
-    return J, s, h, free, tight_box(rng, m, free, share=0.4), iq.LimitRows(C, -reach, reach)
+    return J, s, h, free, tight_box(rng, m, free, share=0.4), iq.limits.LimitRows(C, -reach, reach)
 
 
 def inside(x, bounds, rows, tolerance=1e-9):
@@ -136,12 +136,12 @@ def test_a_price_is_what_loosening_the_limit_gains():
 def test_where_no_limit_is_met_rows_change_nothing_and_have_no_price():
     rng = np.random.default_rng(7)
     J, s, h = regular_problem(rng, 6)
-    far = iq.LimitRows(rng.normal(size=(2, 6)), [-1e3, -np.inf], [1e3, np.inf])
+    far = iq.limits.LimitRows(rng.normal(size=(2, 6)), [-1e3, -np.inf], [1e3, np.inf])
     free, solution = (iq.solve_velocity(J, s, form=h, rows=r) for r in (None, far))
     np.testing.assert_array_equal(solution.velocity, free.velocity)
     assert solution.method == "closed-form"
     assert solution.multipliers is None
-    choice = iq.method_for(J, s, form=h, rows=iq.LimitRows(far.C, [-1e-3] * 2, [1e-3] * 2))
+    choice = iq.velocity.method_for(J, s, form=h, rows=iq.limits.LimitRows(far.C, [-1e-3] * 2, [1e-3] * 2))
     assert choice.method == "qp"
     assert "rows 0, 1 past their limits" in choice.reason
 
@@ -154,7 +154,7 @@ def test_rows_that_contradict_the_box_give_way_by_the_least_squares(m):
         bounds = iq.Bounds(-rng.uniform(0.1, 1.0, m), rng.uniform(0.1, 1.0, m))
         C = rng.normal(size=(2, m))
         want = C @ np.where(rng.random(m) < 0.5, bounds.lower, bounds.upper) + 5.0 * rng.choice([-1, 1], 2)
-        rows = iq.LimitRows(C, want, want)
+        rows = iq.limits.LimitRows(C, want, want)
         least = lsq_linear(C, want, (bounds.lower, bounds.upper), tol=1e-14)
         solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows)
         x = solution.velocity
@@ -168,7 +168,7 @@ def test_rows_that_contradict_the_box_give_way_by_the_least_squares(m):
 def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
     J, s, h = regular_problem(np.random.default_rng(20), 4)
     bounds = iq.Bounds([-1.0] * 4, [1.0, 1.0, 0.5, 1.0])
-    rows = iq.LimitRows([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]], [-0.2, 1.5], [0.2, 9.0])
+    rows = iq.limits.LimitRows([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]], [-0.2, 1.5], [0.2, 9.0])
     solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows)
     assert solution.status == "degraded"
     assert "rows contradict the bounds of joint 2: row 1 by 0.5 over" in solution.reason
@@ -178,7 +178,7 @@ def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
 
 def test_rows_that_contradict_each_other():
     J, s, h = regular_problem(np.random.default_rng(21), 4)
-    rows = iq.LimitRows([[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]], [1.0, -np.inf], [np.inf, 0.0])
+    rows = iq.limits.LimitRows([[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]], [1.0, -np.inf], [np.inf, 0.0])
     solution = iq.solve_velocity(J, s, form=h, rows=rows)
     assert "rows contradict each other: row 0 by 0.5, row 1 by 0.5 over" in solution.reason
     assert solution.velocity[:2].sum() == pytest.approx(0.5, abs=1e-6)
@@ -195,7 +195,9 @@ def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
         upper = np.full(8, 0.06)
         upper[rng.permutation(8)[:4]] = side
         at_zero, near = (
-            iq.solve_velocity(J, s, form=0.4, bounds=bounds, rows=iq.LimitRows(C, np.full(8, -np.inf), u), guard=False)
+            iq.solve_velocity(
+                J, s, form=0.4, bounds=bounds, rows=iq.limits.LimitRows(C, np.full(8, -np.inf), u), guard=False
+            )
             for u in (np.where(upper == side, 0.0, upper), upper)
         )
         assert (near.status, at_zero.status) == ("ok", "ok"), near.reason
@@ -211,7 +213,7 @@ def test_what_slows_exact_rows_down_is_named():
     solution = iq.solve_velocity(J, s, form=h, bounds=bounds, exact=exact)
     assert solution.status == "scaled"
     assert "limits allow 0.25 of the exact rows' speed (held by joint 2)" in solution.reason
-    rows = iq.LimitRows([[0.0, 0.0, 1.0, 0.0, 0.0]], [-0.1], [0.1])
+    rows = iq.limits.LimitRows([[0.0, 0.0, 1.0, 0.0, 0.0]], [-0.1], [0.1])
     solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows, exact=exact)
     assert "limits allow 0.1 of the exact rows' speed (held by row 0)" in solution.reason
     assert solution.scale == pytest.approx(0.1, rel=1e-8)
@@ -233,7 +235,7 @@ def test_guard_rows_exact_rows_and_box_together_stay_inside(seed):
         J, s = rng.normal(size=(6, m)), rng.normal(size=6)
         lower, upper = -rng.uniform(0.0, 1.0, m), rng.uniform(0.0, 1.0, m)
         C = rng.normal(size=(1 + k % 3, m))
-        rows = iq.LimitRows(C, -rng.uniform(0.0, 0.3, len(C)), rng.uniform(0.0, 0.3, len(C)))
+        rows = iq.limits.LimitRows(C, -rng.uniform(0.0, 0.3, len(C)), rng.uniform(0.0, 0.3, len(C)))
         exact = iq.ExactRows(J[3:4], s[3:4]) if k % 4 == 0 else None
         solution = iq.solve_velocity(J, s, form=0.4, bounds=iq.Bounds(lower, upper), rows=rows, exact=exact)
         assert solution.status in {"ok", "guarded", "scaled"}, solution.reason

@@ -29,18 +29,20 @@ def test_one_task_is_the_velocity_law_without_its_guard(rng, m):
     J, s = arm(rng, m), rng.normal(size=6)
     for bounds in (None, box(m, 0.2)):
         alone = iq.solve_velocity(J, s, form=0.7, bounds=bounds, guard=False)
-        among = iq.solve_tasks([iq.TwistTask(J, s, form=0.7)], bounds=bounds)
+        among = iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s, form=0.7)], bounds=bounds)
         assert np.allclose(among.velocity, alone.velocity, rtol=1e-7, atol=1e-9)
 
 
 def test_a_joint_task_alone_is_met():
     wanted = np.array([0.1, -0.2, 0.3])
-    assert np.allclose(iq.solve_tasks([iq.JointTask(wanted)]).velocity, wanted)
+    assert np.allclose(iq.velocity.solve_tasks([iq.velocity.JointTask(wanted)]).velocity, wanted)
 
 
 def test_the_weighted_sum_is_the_optimum_of_the_sum(rng):
     J, s, rest = arm(rng, 4), rng.normal(size=6), rng.normal(size=4)
-    x = iq.solve_tasks([iq.TwistTask(J, s, form=0.5, weight=2.0), iq.JointTask(rest, weight=0.3)]).velocity
+    x = iq.velocity.solve_tasks(
+        [iq.velocity.TwistTask(J, s, form=0.5, weight=2.0), iq.velocity.JointTask(rest, weight=0.3)]
+    ).velocity
     mu, V = np.linalg.eigh(J.T @ iq.pitch_form(0.5) @ J)
     g = J.T @ iq.pitch_form(0.5) @ s
     H = V @ np.diag(np.abs(mu)) @ V.T
@@ -55,9 +57,9 @@ def test_the_weighted_sum_is_the_optimum_of_the_sum(rng):
 
 def test_a_lower_level_moves_only_what_the_higher_leaves_free(rng):
     J, s, rest = arm(rng, 8), 0.3 * rng.normal(size=6), rng.normal(size=8)
-    first = iq.TwistTask(J, s, form=0.5, priority=0)
-    second = iq.JointTask(rest, priority=1)
-    both = iq.solve_tasks([second, first], bounds=box(8, WIDE))
+    first = iq.velocity.TwistTask(J, s, form=0.5, priority=0)
+    second = iq.velocity.JointTask(rest, priority=1)
+    both = iq.velocity.solve_tasks([second, first], bounds=box(8, WIDE))
     assert np.allclose(J @ both.velocity, s, atol=1e-9)
     null = np.linalg.svd(J)[2][6:]
     assert np.allclose(null @ both.velocity, null @ rest, atol=1e-9)
@@ -67,8 +69,10 @@ def test_priority_holds_at_the_limits_too(rng):
     for _ in range(20):
         J, s, rest = arm(rng, 8), 2.0 * rng.normal(size=6), 5.0 * rng.normal(size=8)
         bounds = box(8, 0.5)
-        alone = iq.solve_tasks([iq.TwistTask(J, s, form=0.5)], bounds=bounds)
-        both = iq.solve_tasks([iq.TwistTask(J, s, form=0.5), iq.JointTask(rest, priority=1)], bounds=bounds)
+        alone = iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s, form=0.5)], bounds=bounds)
+        both = iq.velocity.solve_tasks(
+            [iq.velocity.TwistTask(J, s, form=0.5), iq.velocity.JointTask(rest, priority=1)], bounds=bounds
+        )
         assert np.abs(both.velocity).max() <= 0.5
         assert both.status == "ok"
         assert np.allclose(J @ both.velocity, J @ alone.velocity, atol=1e-7)
@@ -82,8 +86,10 @@ def test_a_change_of_frame_changes_nothing(rng):
     bounds = box(7, 0.4)
 
     def solved(A):
-        tasks = [iq.TwistTask(A @ J, A @ s, 0.4), iq.TwistTask(A @ K, A @ t, -0.3, weight=0.2)]
-        return iq.solve_tasks([*tasks, iq.JointTask(np.zeros(7), weight=0.01)], bounds=bounds).velocity
+        tasks = [iq.velocity.TwistTask(A @ J, A @ s, 0.4), iq.velocity.TwistTask(A @ K, A @ t, -0.3, weight=0.2)]
+        return iq.velocity.solve_tasks(
+            [*tasks, iq.velocity.JointTask(np.zeros(7), weight=0.01)], bounds=bounds
+        ).velocity
 
     assert np.allclose(solved(np.eye(6)), solved(Ad), rtol=0.0, atol=1e-10)
 
@@ -91,7 +97,9 @@ def test_a_change_of_frame_changes_nothing(rng):
 def test_exact_rows_come_before_every_level(rng):
     J, s = arm(rng, 7), rng.normal(size=6)
     rows = iq.ExactRows(rng.normal(size=(2, 7)), 0.1 * rng.normal(size=2))
-    x = iq.solve_tasks([iq.TwistTask(J, s, 0.4), iq.JointTask(np.ones(7), priority=3)], exact=rows).velocity
+    x = iq.velocity.solve_tasks(
+        [iq.velocity.TwistTask(J, s, 0.4), iq.velocity.JointTask(np.ones(7), priority=3)], exact=rows
+    ).velocity
     assert np.allclose(np.asarray(rows.A) @ x, rows.b, atol=1e-12)
 
 
@@ -109,14 +117,14 @@ def test_rows_from_geometry(rng):
 def test_bad_tasks_are_refused(rng):
     J, s = arm(rng, 4), np.ones(6)
     with pytest.raises(iq.BadInput, match="none"):
-        iq.solve_tasks([])
+        iq.velocity.solve_tasks([])
     with pytest.raises(iq.BadInput, match="5 joints; expected 4"):
-        iq.solve_tasks([iq.TwistTask(J, s), iq.JointTask(np.zeros(5))])
+        iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s), iq.velocity.JointTask(np.zeros(5))])
     with pytest.raises(iq.BadInput, match="weight"):
-        iq.JointTask(np.zeros(4), weight=0.0)
+        iq.velocity.JointTask(np.zeros(4), weight=0.0)
     with pytest.raises(iq.BadInput, match="NaN"):
-        iq.TwistTask(J, np.full(6, np.nan))
+        iq.velocity.TwistTask(J, np.full(6, np.nan))
     with pytest.raises(iq.BadInput, match="PaperLambda"):
-        iq.solve_tasks([iq.TwistTask(J, s)], damping=iq.PaperLambda(0.1))
+        iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s)], damping=iq.velocity.PaperLambda(0.1))
     with pytest.raises(iq.BadInput, match="zero vector"):
         iq.ExactRows.axis(J, np.zeros(3), np.zeros(3))

@@ -51,7 +51,7 @@ def test_which_way_is_known_beforehand(m):
             "bounds": tight_box(rng, m, free) if k % 2 else None,
             "exact": iq.ExactRows(J[3:4], s[3:4]) if k % 5 == 0 else None,
         }
-        choice, solution = iq.method_for(J, s, **options), iq.solve_velocity(J, s, **options)
+        choice, solution = iq.velocity.method_for(J, s, **options), iq.solve_velocity(J, s, **options)
         assert choice.method == solution.method
         assert choice.reason
         assert 0.0 <= choice.conditioning <= 1.0
@@ -163,7 +163,7 @@ def test_a_joint_metric_decides_what_a_limit_costs():
 
 
 def test_mixed_joints_are_warned_about_unless_a_metric_is_given():
-    J = np.column_stack([iq.revolute((0, 0, 1)), iq.prismatic((1, 0, 0))])
+    J = np.column_stack([iq.revolute((0, 0, 1)), iq.se3.prismatic((1, 0, 0))])
     with pytest.warns(UnitsMixed, match="joint_metric"):
         iq.solve_velocity(J, np.ones(6), form=0.5)
     iq.solve_velocity(J, np.ones(6), form=0.5, joint_metric=[1.0, 4.0])
@@ -174,9 +174,9 @@ def test_the_default_form_has_the_arms_own_length():
     for m, times in ((4, FEW_JOINTS_PITCH), (6, 1.0), (7, 1.0)):
         J, s = rng.normal(size=(6, m)), rng.normal(size=6)
         bounds = iq.Bounds(np.full(m, -0.3), np.full(m, 0.3))
-        own = iq.solve_velocity(J, s, form=times * iq.centre(J).length, bounds=bounds)
+        own = iq.solve_velocity(J, s, form=times * iq.systems.centre(J).length, bounds=bounds)
         np.testing.assert_array_equal(iq.solve_velocity(J, s, bounds=bounds).velocity, own.velocity)
-    gantry = np.column_stack([iq.prismatic(u) for u in np.eye(3)])
+    gantry = np.column_stack([iq.se3.prismatic(u) for u in np.eye(3)])
     np.testing.assert_allclose(iq.solve_velocity(gantry, [0, 0, 0, 1, 2, 3]).velocity, [1, 2, 3])
     wrist = np.column_stack([iq.revolute(u) for u in np.eye(3)])
     np.testing.assert_allclose(iq.solve_velocity(wrist, [1, 2, 3, 0, 0, 0]).velocity, [1, 2, 3])
@@ -258,7 +258,7 @@ def test_bad_input(case):
 
 def test_which_way_refuses_what_the_law_refuses():
     with pytest.raises(iq.BadInput, match="twist: found NaN"):
-        iq.method_for(J6, NAN)
+        iq.velocity.method_for(J6, NAN)
 
 
 def test_lists_will_do():

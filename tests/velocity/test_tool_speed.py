@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from support.random_systems import motion
+from support.task_files import run_displaced
 from support.velocity_reference import convex_form, regular_problem, tight_box
 
 import invariantqp as iq
@@ -33,8 +34,8 @@ def test_planes_and_the_cone_by_cvxpy_agree():
     for k in range(40):
         J, s, h, bounds, p, limit = problem(rng, 3 + k % 4)
         options = {"form": h, "bounds": bounds, "guard": bool(k % 2)}
-        planes = iq.solve_velocity(J, s, tool_speed=iq.ToolSpeed(limit, p), **options)
-        cone = iq.solve_velocity(J, s, tool_speed=iq.ToolSpeed(limit, p, exact=True), **options)
+        planes = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
+        cone = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p, exact=True), **options)
         assert planes.method == cone.method == "qp"
         assert planes.status == cone.status
         assert cone.backend == "cvxpy"
@@ -50,7 +51,7 @@ def test_the_optimum_meets_its_own_equations():
     rng = np.random.default_rng(1)
     for k in range(30):
         J, s, h, bounds, p, limit = problem(rng, 3 + k % 4)
-        solution = iq.solve_velocity(J, s, form=h, bounds=bounds, tool_speed=iq.ToolSpeed(limit, p), guard=False)
+        solution = iq.solve_velocity(J, s, form=h, bounds=bounds, tool_speed=iq.limits.ToolSpeed(limit, p), guard=False)
         H, c = convex_form(J, s, h, 0.0)
         x = solution.velocity
         Jp = point_jacobian(J, p)
@@ -65,7 +66,7 @@ def test_planes_alone_come_to_the_same(monkeypatch):
     rng = np.random.default_rng(2)
     for k in range(10):
         J, s, h, bounds, p, limit = problem(rng, 3 + k % 4)
-        options = {"form": h, "bounds": bounds, "guard": False, "tool_speed": iq.ToolSpeed(limit, p)}
+        options = {"form": h, "bounds": bounds, "guard": False, "tool_speed": iq.limits.ToolSpeed(limit, p)}
         newton = iq.solve_velocity(J, s, **options).velocity
         with monkeypatch.context() as patch:
             patch.setattr(tangents, "MOST_STEPS", 0)
@@ -78,10 +79,10 @@ def test_planes_alone_come_to_the_same(monkeypatch):
 def test_a_slow_tool_is_left_alone():
     J, s, h = regular_problem(np.random.default_rng(3), 6)
     free = iq.solve_velocity(J, s, form=h)
-    limited = iq.solve_velocity(J, s, form=h, tool_speed=iq.ToolSpeed(1e3, (0.0, 0.0, 0.0)))
+    limited = iq.solve_velocity(J, s, form=h, tool_speed=iq.limits.ToolSpeed(1e3, (0.0, 0.0, 0.0)))
     np.testing.assert_array_equal(limited.velocity, free.velocity)
     assert limited.method == "closed-form"
-    choice = iq.method_for(J, s, form=h, tool_speed=iq.ToolSpeed(1e-3, (0.0, 0.0, 0.0)))
+    choice = iq.velocity.method_for(J, s, form=h, tool_speed=iq.limits.ToolSpeed(1e-3, (0.0, 0.0, 0.0)))
     assert choice.method == "qp"
     assert "the tool past their limits" in choice.reason
 
@@ -95,7 +96,9 @@ def test_exact_rows_are_slowed_to_the_limit_and_told_by_whom(exact):
     p = rng.normal(size=3)
     Jp = point_jacobian(J, p)
     b = np.array([0.3, 0.0, 0.4])
-    solution = iq.solve_velocity(J, s, form=h, exact=iq.ExactRows(Jp, b), tool_speed=iq.ToolSpeed(0.25, p, exact=exact))
+    solution = iq.solve_velocity(
+        J, s, form=h, exact=iq.ExactRows(Jp, b), tool_speed=iq.limits.ToolSpeed(0.25, p, exact=exact)
+    )
     assert solution.status == "scaled"
     assert solution.scale == pytest.approx(0.5, rel=1e-6)
     assert "held by the tool's speed" in solution.reason
@@ -122,7 +125,9 @@ def test_bounds_that_force_the_tool_to_move_come_first(exact):
         options={"ftol": 1e-15, "gtol": 1e-12},
     )
     slowest = np.linalg.norm(Jp @ least.x)
-    solution = iq.solve_velocity(J, s, form=h, bounds=bounds, tool_speed=iq.ToolSpeed(0.5 * slowest, p, exact=exact))
+    solution = iq.solve_velocity(
+        J, s, form=h, bounds=bounds, tool_speed=iq.limits.ToolSpeed(0.5 * slowest, p, exact=exact)
+    )
     assert solution.status == "degraded"
     assert "the tool's speed is" in solution.reason
     assert np.linalg.norm(Jp @ solution.velocity) == pytest.approx(slowest, rel=1e-5)
@@ -141,13 +146,13 @@ def test_rows_cone_box_and_guard_together_move_with_the_frame():
         C = rng.normal(size=(2, m))
         options = {
             "bounds": iq.Bounds(lower, upper),
-            "rows": iq.LimitRows(C, -rng.uniform(0.05, 0.5, 2), rng.uniform(0.05, 0.5, 2)),
+            "rows": iq.limits.LimitRows(C, -rng.uniform(0.05, 0.5, 2), rng.uniform(0.05, 0.5, 2)),
             "posture": rng.normal(size=m),
             "form": (None, 0.7)[k % 2],
         }
         limit = rng.uniform(0.05, 0.5)
-        here = iq.solve_velocity(J, s, tool_speed=iq.ToolSpeed(limit, p), **options)
-        there = iq.solve_velocity(A @ J, A @ s, tool_speed=iq.ToolSpeed(limit, q), **options)
+        here = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
+        there = iq.solve_velocity(A @ J, A @ s, tool_speed=iq.limits.ToolSpeed(limit, q), **options)
         assert here.status == there.status
         x = here.velocity
         worst = max(worst, np.linalg.norm(x - there.velocity) / (np.linalg.norm(x) + np.linalg.norm(s) / 10.0))
@@ -167,7 +172,7 @@ def test_exact_rows_that_leave_nothing_free_are_slowed_too():
     p, x = rng.normal(size=3), np.array([0.5, -0.2, 0.1])
     speed = np.linalg.norm(point_jacobian(J, p) @ x)
     solution = iq.solve_velocity(
-        J, s, form=h, exact=iq.ExactRows(np.eye(3), x), tool_speed=iq.ToolSpeed(0.4 * speed, p)
+        J, s, form=h, exact=iq.ExactRows(np.eye(3), x), tool_speed=iq.limits.ToolSpeed(0.4 * speed, p)
     )
     assert solution.status == "scaled"
     np.testing.assert_allclose(solution.velocity, 0.4 * x, atol=1e-7)
@@ -187,13 +192,13 @@ BAD = {
 def test_limits_that_are_none(case):
     arguments, options, argument = BAD[case]
     with pytest.raises(iq.BadInput) as caught:
-        iq.ToolSpeed(*arguments, **options)
+        iq.limits.ToolSpeed(*arguments, **options)
     assert caught.value.argument == argument
 
 
 def test_a_point_has_to_be_said():
     with pytest.raises(iq.BadInput, match="Say which point"):
-        iq.solve_velocity(np.ones((6, 2)), np.ones(6), form=0.4, tool_speed=iq.ToolSpeed(0.25))
+        iq.solve_velocity(np.ones((6, 2)), np.ones(6), form=0.4, tool_speed=iq.limits.ToolSpeed(0.25))
     with pytest.raises(iq.BadInput, match="tool_speed"):
         iq.solve_velocity(np.ones((6, 2)), np.ones(6), form=0.4, tool_speed=0.25)
 
@@ -207,22 +212,22 @@ def test_without_cvxpy_the_extra_is_named(monkeypatch):
         return original(name, *arguments, **options)
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(iq.MissingExtra, match=r"pip install 'invariantqp\[cvxpy\]'"):
-        iq.ToolSpeed(0.25, exact=True)
-    assert iq.ToolSpeed(0.25).limit == 0.25  # planes need nothing
+    with pytest.raises(iq.errors.MissingExtra, match=r"pip install 'invariantqp\[cvxpy\]'"):
+        iq.limits.ToolSpeed(0.25, exact=True)
+    assert iq.limits.ToolSpeed(0.25).limit == 0.25  # planes need nothing
 
 
 def test_a_cone_solver_that_fails_is_replaced_and_the_status_says_so(monkeypatch):
     cvxpy = pytest.importorskip("cvxpy")
     J, s, h, bounds, p, limit = problem(np.random.default_rng(7), 5)
     options = {"form": h, "bounds": bounds, "guard": False}
-    planes = iq.solve_velocity(J, s, tool_speed=iq.ToolSpeed(limit, p), **options)
+    planes = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
 
     def broken(self, *arguments, **options):
         raise cvxpy.error.SolverError("no licence")
 
     monkeypatch.setattr(cvxpy.Problem, "solve", broken)
-    solution = iq.solve_velocity(J, s, tool_speed=iq.ToolSpeed(limit, p, exact=True), **options)
+    solution = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p, exact=True), **options)
     assert (solution.status, solution.backend) == ("degraded", "daqp")
     assert "cvxpy: SolverError: no licence" in solution.reason
     np.testing.assert_array_equal(solution.velocity, planes.velocity)
@@ -234,10 +239,8 @@ def test_a_task_files_tool_speed_is_kept_at_its_point_wherever_the_tool_frame_is
     robot = task.load_robot()
     free = iq.run_task(task, dt=0.01)
     offset = iq.exp([0.3, -0.5, 0.2, 0.1, 0.2, -0.1])
-    runs = [
-        iq.run_task(task, dt=0.01, tool_speed=0.05, tool_speed_point=point, tool_offset=moved)
-        for moved in (None, offset)
-    ]
+    law = {"dt": 0.01, "tool_speed": 0.05, "tool_speed_point": point}
+    runs = [iq.run_task(task, **law), run_displaced(task, offset, **law)]
 
     def fastest(trace):
         at = [robot.pose(q) @ [*point, 1.0] for q in trace.q[:-1]]

@@ -46,7 +46,7 @@ def trace():
 @pytest.fixture
 def opened(browser, trace, tmp_path):
     """The page, standing still at half a second."""
-    file = iq.animation(trace, tmp_path / "short.html")
+    file = iq.view.animation(trace, tmp_path / "short.html")
     browser.get("about:blank")
     browser.get_log("browser"), browser.get_log("performance")
     browser.get(f"{file.as_uri()}#0.5")
@@ -91,7 +91,10 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
     assert len(opened.find_elements("css selector", "canvas")) == 1 + len(film.charts)
     rows = [row.text for row in opened.find_elements("css selector", "#joints tr")[1:]]
     assert [row.split()[0] for row in rows] == list(film.joints)
-    assert rows[1].split()[-1] == f"{np.degrees(film.q[50, 1]):.1f}°"
+    assert rows[1].split()[-2:] == [f"{np.degrees(film.q[50, 1]):.1f}°", f"{np.degrees(film.speed[50, 1]):.1f}°/s"]
+    header = opened.find_element("css selector", "#joints tr").text
+    assert header.split(maxsplit=3)[:3] == ["position,", "in", "its"]
+    assert "velocity, of its limit" in header
     assert "error" in opened.find_element("id", "told").text
 
 
@@ -151,7 +154,7 @@ def test_the_served_page_plays_and_pauses(browser, monkeypatch):
     monkeypatch.setattr(server, "PICTURES", 5)  # software draws each of them
     monkeypatch.setattr(server, "PLOTS", 1)
     task = task_from({**TASK, "path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}, "a minute")
-    viewer = iq.Viewer(task, port=0)
+    viewer = iq.view.Viewer(task, port=0)
     serving = threading.Thread(target=viewer.play, args=(iq.run_task(task, observer=viewer.watch),))
     try:
         serving.start()

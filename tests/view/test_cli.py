@@ -59,9 +59,9 @@ def test_without_a_display_the_view_is_written(run, tmp_path, arguments):
 @pytest.mark.parametrize(
     ("file", "said"),
     [
-        ("seen.gif", "found the ending '.gif'; expected one of .html"),
+        ("seen.gif", "seen.gif, with the ending '.gif'; expected one of .html"),
         ("no/seen.html", "a folder that does not exist"),
-        ("folder.html", "found a folder; expected the name of a file"),
+        ("folder.html", "folder.html, a folder; expected the name of a file"),
     ],
 )
 def test_a_place_that_cannot_be_written_to_is_told_before_the_run(run, tmp_path, monkeypatch, file, said):
@@ -105,7 +105,7 @@ def test_a_pages_name_is_a_files_name():
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C cannot be sent to a child there")
 def test_ctrl_c_leaves_cleanly(run, tmp_path):
     environment = {**os.environ, "DISPLAY": ":7", "BROWSER": "echo open %s"}
-    command = [sys.executable, "-u", "-m", "invariantqp.cli", "run", "short.toml", "--view"]
+    command = [sys.executable, "-u", "-m", "invariantqp", "run", "short.toml", "--view"]
     with subprocess.Popen(
         command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as viewing:
@@ -114,6 +114,6 @@ def test_ctrl_c_leaves_cleanly(run, tmp_path):
         out, err = viewing.communicate(timeout=10)
     assert (viewing.returncode, err) == (0, "")
     url = re.fullmatch(r"the view is at (http://localhost:\d+)\n", said[0])[1]
-    assert said[1] == "playing; Ctrl-C leaves\n"
+    assert said[1] == "playing; Ctrl-C ends it\n"
     assert f"open {url}\n" in out
     assert "accepted" in out

@@ -7,6 +7,7 @@ import socket
 import threading
 import urllib.request
 from dataclasses import replace
+from html import unescape
 from itertools import pairwise
 
 import numpy as np
@@ -16,9 +17,9 @@ from support.views import TASK, read
 
 import invariantqp as iq
 from invariantqp.robots.load import KNOWN
-from invariantqp.runs.scene import scene_of
+from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.film import farthest, film_before, film_of, posture
+from invariantqp.view.film import arm_shape, extremes, film_before, film_of
 from invariantqp.view.page import page
 from invariantqp.view.widgets import joint_bars, paragraph, with_cursor
 
@@ -52,7 +53,7 @@ def test_joints_are_where_pinocchio_places_them(name):
     data = robot.model.createData()
     for q in states(robot):
         pin.computeJointJacobians(robot.model, data, q)
-        seen = posture(robot, q)
+        seen = arm_shape(robot, q)
         np.testing.assert_array_equal(seen.points[1:-1], [M.translation for M in data.oMi[1:]])
         np.testing.assert_array_equal(seen.points[-1], robot.pose(q)[:3, 3])
         for i, axis in enumerate(seen.axes):
@@ -65,7 +66,7 @@ def test_joints_are_where_pinocchio_places_them(name):
 def test_the_joints_of_a_chain_are_on_their_axes_and_its_links_keep_their_lengths(name):
     arm = iq.load_robot(name)
     zero = np.zeros(len(arm.names))
-    chain = iq.Chain(arm.jacobian(zero), arm.pose(zero))
+    chain = iq.robots.Chain(arm.jacobian(zero), arm.pose(zero))
     turning = arm.jacobian(zero)[:3].any(axis=0)
     lengths = []
     for q in states(arm):
@@ -80,7 +81,7 @@ def test_the_joints_of_a_chain_are_on_their_axes_and_its_links_keep_their_length
 def test_a_chain_is_drawn_as_it_is_built():
     planar = iq.load_task("planar_3r").load_robot()
     np.testing.assert_allclose(planar.origins([0.0, 0.0, 0.0]), [[0, 0, 0], [0.4, 0, 0], [0.75, 0, 0]], atol=1e-15)
-    raised = iq.Chain(
+    raised = iq.robots.Chain(
         np.column_stack((iq.revolute([0, 1, 0], [0, 0, 0.3]), iq.revolute([0, 0, 1], [0.5, 0, 0]))), np.eye(4)
     )
     np.testing.assert_allclose(raised.origins([0.0, 0.0]), [[0, 0, 0.3], [0.5, 0, 0.3]], atol=1e-15)
@@ -90,7 +91,7 @@ def test_a_chain_is_drawn_as_it_is_built():
         [[0, 0, 0], [0.325, 0, 0], [0.325, 0.275, 0], [0.325, 0.275, -0.1]],
         atol=1e-15,
     )
-    gantry = iq.Chain(np.eye(6)[:, 3:], iq.transform(translation=(1.0, 2.0, 3.0)))
+    gantry = iq.robots.Chain(np.eye(6)[:, 3:], iq.transform(translation=(1.0, 2.0, 3.0)))
     np.testing.assert_allclose(gantry.origins([0.1, 0.2, 0.3]), [[1, 2, 3], [1.1, 2, 3], [1.1, 2.2, 3]])
 
 
@@ -120,7 +121,7 @@ def test_a_short_film_leaves_no_extreme_out(trace):
         trace,
         velocity=trace.velocity.copy(),
         position_error=trace.position_error.copy(),
-        bound=[k == 51 for k in range(100)],
+        limit_active=[k == 51 for k in range(100)],
         statuses=["guarded" if k == 73 else "ok" for k in range(100)],
     )
     spoilt.velocity[44, 2] = -9.0
@@ -131,14 +132,14 @@ def test_a_short_film_leaves_no_extreme_out(trace):
     assert film.speed[5, 2] == -9.0
     assert film.charts[0].values[0].argmax() == 7
     assert film.charts[0].values[0].max() == 500.0
-    assert film.bound == [i == 6 for i in range(11)]
+    assert film.limit_active == [i == 6 for i in range(11)]
     assert film.status == ["guarded" if i == 8 else "ok" for i in range(11)]
 
 
 def test_the_farthest_of_each_frames_ticks():
     values = np.random.default_rng(1).normal(size=(40, 3))
     ends = np.array([0, 1, 7, 40])
-    found = farthest(values, ends)
+    found = extremes(values, ends)
     for row, block in zip(found, (values[:1], values[:1], values[1:7], values[7:]), strict=True):
         assert row.tolist() == [max(column, key=abs) for column in block.T]
 
@@ -152,7 +153,7 @@ def test_before_the_run_the_path_is_there(task):
 
 def test_an_observer_sees_every_tick_and_changes_none(task, trace):
     seen = []
-    again = iq.run_task(task, observer=lambda k, truth, solution: seen.append((k, truth.q, solution.velocity)))
+    again = iq.run_task(task, observer=lambda k, state, solution: seen.append((k, state.q, solution.velocity)))
     assert [k for k, _, _ in seen] == list(range(100))
     np.testing.assert_array_equal([q for _, q, _ in seen], trace.q[1:])
     np.testing.assert_array_equal([x for _, _, x in seen], trace.velocity)
@@ -180,7 +181,7 @@ def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
     robot = task.load_robot()
     trace = iq.run_task(task)
     film = film_of(trace)
-    surface = scene_of(task.contact, task.force, robot.pose(task.start())).touch.surface
+    surface = scene_of(task, robot.pose(task.start())).springs.surface
     faces = film.surroundings.faces
     assert faces.shape[1:] == (4, 3)
     np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
@@ -250,13 +251,13 @@ def test_a_page_has_all_of_the_film(film):
     assert [c["title"] for c in run["charts"]] == [c.title for c in film.charts]
     for packed, chart in zip(run["charts"], film.charts, strict=True):
         np.testing.assert_array_equal(unpacked(packed["values"]), chart.values.astype("f4"))
-    assert (tuple(run["joints"]), run["status"], run["bound"]) == (film.joints, film.status, film.bound)
+    assert (tuple(run["joints"]), run["status"], run["limit_active"]) == (film.joints, film.status, film.limit_active)
 
 
 def test_the_longest_film_is_a_small_file(tmp_path):
     long = iq.run_task(iq.load_task("panda_path"), dt=0.005)
     assert len(film_of(long).time) == 600
-    assert iq.animation(long, tmp_path / "long.html").stat().st_size < 450_000
+    assert iq.view.animation(long, tmp_path / "long.html").stat().st_size < 450_000
 
 
 def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
@@ -266,10 +267,18 @@ def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
     assert len([t for t, _ in tags if t == "script"]) == 2
 
 
+@pytest.mark.parametrize("name", ["@SCRIPTS@", "@RUN@", "{{ run }}", "{% include 'page.html' %}", "{# gone #}"])
+def test_a_name_is_never_read_as_a_part_of_the_page(film, name):
+    text = page(replace(film, title=name, about=name))
+    assert unescape(text).count(name) == 3  # the title, the heading and what it is about
+    assert len(text) < len(page(film)) + 200
+    assert len([t for t, _ in read(text).tags if t == "script"]) == 2
+
+
 def test_joints_without_limits_are_drawn_without(tmp_path):
     bare = {**TASK, "robot": {"screws": [{"axis": [0, 0, 1.0]}], "start": [0.3], "tool_point": [0.5, 0, 0]}}
     bare["path"] = {"kind": "joints", "duration": 0.1, "waypoints": [[0.5]]}
-    bare["law"] = {"dt": 0.01, "form": "carried"}
+    bare["law"] = {"dt": 0.01, "form": "tool"}
     film = film_of(iq.run_task(task_from(bare, "bare")))
     assert [c.title for c in film.charts] == ["tracking error"]
     run = json.loads(read(page(film)).scripts[0])
@@ -278,7 +287,7 @@ def test_joints_without_limits_are_drawn_without(tmp_path):
 
 def test_a_page_that_cannot_be_written_says_so(trace, tmp_path):
     with pytest.raises(iq.BadInput, match="expected a file that can be written"):
-        iq.animation(trace, tmp_path)
+        iq.view.animation(trace, tmp_path)
 
 
 # The server
@@ -300,11 +309,12 @@ def test_words_and_names_are_not_markup(film):
     assert paragraph("a < b & {c}").count("<") == 2
     bars = joint_bars(replace(film, joints=("<img>", *film.joints[1:])), 50)
     assert [tag for tag, _ in read(bars).tags if tag == "img"] == []
-    assert f"{np.degrees(film.q[50, 6]):.1f}°" in bars
+    assert f"{np.degrees(film.q[50, 6]):.1f}°<" in bars
+    assert f"{np.degrees(film.speed[50, 6]):.1f}°/s<" in bars
 
 
 def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
-    viewer = iq.Viewer(task, port=0)
+    viewer = iq.view.Viewer(task, port=0)
     port = int(viewer.url.rsplit(":", 1)[1])
     try:
         iq.run_task(task, observer=viewer.watch)

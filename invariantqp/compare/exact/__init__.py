@@ -1,1 +1,1 @@
-"""Exact answers to the problems that the methods solve."""
+"""Exact answers to the problems that the methods solve, each computed in two independent ways."""

@@ -1,7 +1,7 @@
-"""Exact answers without a spectrum: stationary points, least squares, ridges; in 50 digits and in rational numbers.
+"""Exact answers of linear methods, in 50 digits by one formula and in rational numbers by another.
 
-stationary   (J'QJ)^-1 J'Qs, or J'(JJ')^-1 s from six joints on   |   [[Q^-1, J], [J', 0]], [[I, J'], [J, 0]]
-ridge        J'(JJ' + lambda^2 I)^-1 s                            |   (J'J + lambda^2 I) x = J's
+stationary   (J'QJ)^-1 J'Qs, or J'(JJ')^-1 s for m >= 6        |   [[Q^-1, J], [J', 0]] or [[I, J'], [J, 0]], eliminated
+ridge        J'(JJ' + lambda^2 I)^-1 s                        |   (J'J + lambda^2 I) x = J's
 """
 
 from __future__ import annotations
@@ -15,23 +15,22 @@ import numpy as np
 
 from invariantqp.compare.exact.box import active_set, least_index, rational_solve
 from invariantqp.compare.laws.moore_penrose import reach_of
-from invariantqp.compare.measure.states import Question
-from invariantqp.compare.methods import Setting
+from invariantqp.compare.method import Question, Setting
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
 
-# What a question is answered with: m numbers, of mpmath or rational.
+# The m numbers of an answer, of mpmath or rational; and one way to compute them.
 Numbers = Any
 Way = Callable[[Question, Setting], Numbers]
 
 
 def number(x: Any) -> Any:
-    """A rational or mpmath number as mpmath's."""
+    """A rational or mpmath number as a number of mpmath."""
     return mp.mpf(x.numerator) / x.denominator if isinstance(x, Fraction) else mp.mpf(x)
 
 
 def fraction(x: Any) -> Fraction:
-    """Exactly the number that x is."""
+    """The rational number that is exactly x."""
     if isinstance(x, mp.mpf):
         sign, mantissa, exponent, _ = x._mpf_
         value = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
@@ -40,7 +39,7 @@ def fraction(x: Any) -> Fraction:
 
 
 def matrix(A: Array) -> Any:
-    """A float64 matrix as mpmath's, not rounded."""
+    """A float64 matrix as a matrix of mpmath, without rounding."""
     return mp.matrix(A.tolist())
 
 
@@ -69,24 +68,24 @@ def _shortest(J: list[list[Fraction]], s: list[Fraction]) -> list[Fraction]:
 
 
 def form_matrix(problem: str, setting: Setting) -> Array:
-    """The matrix of the form that a problem measures twists by."""
+    """The matrix of the quadratic form with which a problem measures twists."""
     if problem.startswith("inertia"):
         return np.diag(setting.inertia)
     return pitch_form(setting.pitch)
 
 
 def stationary(problem: str) -> tuple[Way, Way]:
-    """Undamped: of the form for fewer than six joints, the shortest that meets the twist otherwise."""
+    """The two ways to the undamped answer: stationary for m < 6, else the shortest velocity that achieves the twist."""
 
-    def first(asked: Question, setting: Setting) -> Numbers:
-        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+    def first(question: Question, setting: Setting) -> Numbers:
+        J, s = matrix(question.J), mp.matrix(question.s.tolist())
         if setting.m >= 6:
             return J.T * mp.lu_solve(J * J.T, s)
         Q = mp.eye(6) if problem == "least squares" else matrix(form_matrix(problem, setting))
         return mp.lu_solve(J.T * Q * J, J.T * Q * s)
 
-    def second(asked: Question, setting: Setting) -> Numbers:
-        J, s = _rational(asked.J), [Fraction(v) for v in asked.s.tolist()]
+    def second(question: Question, setting: Setting) -> Numbers:
+        J, s = _rational(question.J), [Fraction(v) for v in question.s.tolist()]
         if setting.m >= 6:
             return _shortest(J, s)
         if problem == "least squares":
@@ -99,14 +98,14 @@ def stationary(problem: str) -> tuple[Way, Way]:
 
 
 def weighted() -> tuple[Way, Way]:
-    """The shortest velocity in units of the bounds."""
+    """The two ways to the shortest velocity with each joint's bound as its unit."""
     plain = stationary("least squares")
 
     def way(k: int) -> Way:
-        def answer(asked: Question, setting: Setting) -> Numbers:
-            reach = reach_of(asked.lower, asked.upper)
-            # The scaled Jacobian is rounded once, for both ways alike: that rounding is the method's, not the answer's.
-            x = plain[k](asked._replace(J=asked.J * reach), setting)
+        def answer(question: Question, setting: Setting) -> Numbers:
+            reach = reach_of(question.lower, question.upper)
+            # The method itself rounds J * reach in float64, so both ways start from that product.
+            x = plain[k](question._replace(J=question.J * reach), setting)
             return [value * _of(value, r) for value, r in zip(x, reach.tolist(), strict=True)]
 
         return answer
@@ -115,25 +114,26 @@ def weighted() -> tuple[Way, Way]:
 
 
 def _of(like: Any, x: float) -> Any:
+    """The float x as a number of the same kind as `like`."""
     return Fraction(x) if isinstance(like, Fraction) else mp.mpf(x)
 
 
 def ridge(squared: float) -> tuple[Way, Way]:
-    """Least squares with lambda^2 |x|^2 on top."""
+    """The two ways to the minimum of |s - Jx|^2 + lambda^2 |x|^2."""
 
-    def first(asked: Question, _: Setting) -> Numbers:
-        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+    def first(question: Question, _: Setting) -> Numbers:
+        J, s = matrix(question.J), mp.matrix(question.s.tolist())
         return J.T * mp.lu_solve(J * J.T + mp.mpf(squared) * mp.eye(6), s)
 
-    def second(asked: Question, _: Setting) -> Numbers:
-        H, c = _least_squares_qp(asked, squared)
+    def second(question: Question, _: Setting) -> Numbers:
+        H, c = _least_squares_qp(question, squared)
         return rational_solve(H, c)
 
     return first, second
 
 
-def _least_squares_qp(asked: Question, squared: float) -> tuple[list[list[Fraction]], list[Fraction]]:
-    J, s = _rational(asked.J), [Fraction(v) for v in asked.s.tolist()]
+def _least_squares_qp(question: Question, squared: float) -> tuple[list[list[Fraction]], list[Fraction]]:
+    J, s = _rational(question.J), [Fraction(v) for v in question.s.tolist()]
     m = len(J[0])
     H = [
         [sum((row[i] * row[j] for row in J), Fraction(squared if i == j else 0.0)) for j in range(m)] for i in range(m)
@@ -142,14 +142,14 @@ def _least_squares_qp(asked: Question, squared: float) -> tuple[list[list[Fracti
 
 
 def ridge_box(squared: float) -> tuple[Way, Way]:
-    """The same inside the bounds."""
+    """The two ways to the same minimum inside the bounds."""
 
-    def first(asked: Question, setting: Setting) -> Numbers:
-        J, s = matrix(asked.J), mp.matrix(asked.s.tolist())
+    def first(question: Question, setting: Setting) -> Numbers:
+        J, s = matrix(question.J), mp.matrix(question.s.tolist())
         H = J.T * J + mp.mpf(squared) * mp.eye(setting.m)
-        return active_set(H, J.T * s, asked.lower.tolist(), asked.upper.tolist())
+        return active_set(H, J.T * s, question.lower.tolist(), question.upper.tolist())
 
-    def second(asked: Question, _: Setting) -> Numbers:
-        return least_index(*_least_squares_qp(asked, squared), asked.lower.tolist(), asked.upper.tolist())
+    def second(question: Question, _: Setting) -> Numbers:
+        return least_index(*_least_squares_qp(question, squared), question.lower.tolist(), question.upper.tolist())
 
     return first, second

@@ -1,13 +1,14 @@
-"""Exact answers to compare with, each made twice, by formulas and arithmetics that share nothing: 50 digits, fractions.
+"""Exact answers, each computed twice: by one formula in 50 digits, and by another one in rational numbers.
 
+                    in 50 digits                            |  in rational numbers
     least squares   J'(JJ')^-1 s or (J'J)^-1 J's            |  [[I, J'], [J, 0]] or [[I, J], [J', 0]], eliminated
     damped, ridge   J'(JJ' + lambda^2)^-1 s                 |  (J'J + lambda^2) x = J's
-    pitch           (J'QJ)^-1 J'Qs                          |  [[Q^-1, J], [J', 0]]
+    pitch           (J'QJ)^-1 J'Qs                          |  [[Q^-1, J], [J', 0]], eliminated
     filter          V diag(mu / (mu^2 + lambda^2)) V'g      |  (G^2 + lambda^2) x = G g
     box             V diag(sqrt(mu^2 + lambda^2)) V'        |  the matrix square root of G^2 + lambda^2
-                    active set, certified                   |  least-index pivoting
+                    active-set method, certified            |  least-index pivoting
 
-An answer whose two makings differ by more than 1e-12 is an error, and nothing is compared.
+If the two differ by more than 1e-12, that is an error and nothing is compared.
 """
 
 from __future__ import annotations
@@ -16,11 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.compare.exact.failure import NoReference, ReferenceFailure
 from invariantqp.compare.laws.damped import DLS_DAMPING
 from invariantqp.compare.laws.qp_backends import QP_DAMPING
-from invariantqp.compare.measure.states import Question
-from invariantqp.compare.methods import Problem, Setting
-from invariantqp.compare.sweep import NoReference, ReferenceFailure
+from invariantqp.compare.method import ExactProblem, Question, Setting
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
 
@@ -32,31 +32,46 @@ except ImportError as error:
 from invariantqp.compare.exact.filter import filtered, filtered_box
 from invariantqp.compare.exact.linear import Way, number, ridge, ridge_box, stationary, weighted
 
+# Digits of the first computation.
 DIGITS = 50
+# The largest relative difference between the two: far below any error of float64 that is reported.
 AGREEMENT = 1e-12
 
 
 class Reference(NamedTuple):
-    """The exact answer x (m,), and by how much, relative to its largest entry, the two ways to it differ."""
+    """An exact answer.
+
+    Attributes:
+        x: (m,) the joint velocity.
+        agreement: the largest difference between the two computations, relative to the largest entry of x.
+    """
 
     x: Array
     agreement: float
 
 
-def reference(problem: Problem, asked: Question, setting: Setting) -> Reference:
-    """The exact answer to one of the problems.
+def reference(problem: ExactProblem, question: Question, setting: Setting) -> Reference:
+    """The exact answer to a question.
+
+    Args:
+        problem: which problem.
+        question: J, s and the bounds.
+        setting: gives the pitch, the inertia and the number of joints.
+
+    Returns:
+        The answer, and how well the two computations of it agree.
 
     Raises:
-        NoReference: it has no unique answer here.
-        ReferenceFailure: the two ways to it do not agree to 1e-12.
+        NoReference: the problem has no unique answer in this state.
+        ReferenceFailure: the two computations differ by more than 1e-12.
     """
     with mp.workdps(DIGITS):
         first, second = _WAYS[problem]
         try:
-            x = [mp.mpf(v) for v in first(asked, setting)]
-        except ZeroDivisionError as error:  # what mpmath calls a singular matrix
+            x = [mp.mpf(v) for v in first(question, setting)]
+        except ZeroDivisionError as error:  # mpmath raises it for a singular matrix
             raise NoReference(f"{problem}: {error}") from error
-        y = [number(v) for v in second(asked, setting)]
+        y = [number(v) for v in second(question, setting)]
         size = max(abs(v) for v in x) or mp.mpf(1)
         agreement = float(max(abs(a - b) for a, b in zip(x, y, strict=True)) / size)
         if not agreement <= AGREEMENT:
@@ -64,6 +79,7 @@ def reference(problem: Problem, asked: Question, setting: Setting) -> Reference:
         return Reference(np.array([float(v) for v in x]), agreement)
 
 
+# The two ways to the answer of each problem.
 _WAYS: dict[str, tuple[Way, Way]] = {
     "pitch": stationary("pitch"),
     "least squares": stationary("least squares"),

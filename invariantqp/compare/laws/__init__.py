@@ -1,1 +1,1 @@
-"""The methods compared."""
+"""The methods that are compared, one family in a file."""

@@ -1,9 +1,9 @@
-"""Damped least squares, fixed and adaptive, and what else bounds joint speeds near a singularity; all are clipped.
+"""Methods that keep joint speeds bounded near a singularity, clipped to the limits: damped least squares and others.
 
-x = J'(JJ' + lambda^2 I)^-1 s
-Nakamura & Hanafusa   lambda^2 = lambda_0^2 (1 - w / w_0)^2 where w < w_0,   w = sqrt(det JJ')
-Chiaverini            lambda^2 = lambda_max^2 (1 - (sigma_r / epsilon)^2) where sigma_r < epsilon, along u_r alone
-Jacobian transpose    x = alpha J's,   alpha = <s, JJ's> / |JJ's|^2
+damped least squares   x = J'(JJ' + lambda^2 I)^-1 s
+Nakamura & Hanafusa    lambda^2 = lambda_0^2 (1 - w / w_0)^2 for w < w_0,   w = sqrt(det JJ')
+Chiaverini             lambda^2 = lambda_max^2 (1 - (sigma_r / epsilon)^2) for sigma_r < epsilon, along u_r only
+Jacobian transpose     x = alpha J's,   alpha = <s, JJ's> / |JJ's|^2
 """
 
 from __future__ import annotations
@@ -12,21 +12,22 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.compare.laws.sdls import sdls_step
-from invariantqp.compare.methods import Method, Setting, Solve
+from invariantqp.compare.method import Method, Setting, Solve
+from invariantqp.compare.names import DLS, SDLS
 from invariantqp.geometry.arrays import Array
 
-# The textbook damping of a script, in its own mixed units; lambda_0 and lambda_max of the adaptive ones as well.
+# lambda as scripts choose it, in mixed units of J; also lambda_0 and lambda_max of the adaptive methods.
 DLS_DAMPING = 0.05
-# Where Nakamura and Hanafusa's damping sets in, a share of the manipulability that arms of a metre have.
+# w_0: Nakamura and Hanafusa's damping starts below this manipulability, a small part of that of arms of about a metre.
 MANIPULABILITY = 0.02
-# Where Chiaverini's sets in, a smallest singular value.
+# epsilon: Chiaverini's damping starts when the smallest singular value falls below it.
 NEARLY_SINGULAR = 0.04
-# What Chiaverini damps all other directions by, so that rank lost twice is met too.
+# A small damping of all other directions in Chiaverini's method, for states in which the rank falls by two.
 ISOTROPIC = 1e-3
 
 
 def _damped(J: Array, s: Array, squared: float) -> Array:
-    """J'(JJ' + lambda^2 I)^-1 s by Cholesky; by pseudoinverse where lambda is 0 and rounding leaves it indefinite."""
+    """J'(JJ' + lambda^2 I)^-1 s by Cholesky, or by the pseudoinverse if JJ' + lambda^2 I is singular to rounding."""
     _, y, info = lapack.dposv(J.dot(J.T) + squared * np.eye(6), s)
     if info != 0:
         return np.asarray(np.linalg.pinv(J).dot(s))
@@ -41,7 +42,7 @@ def _nakamura_hanafusa(setting: Setting) -> Solve:
     wide = setting.m >= 6
 
     def velocity(J: Array, s: Array, _lower: Array, _upper: Array) -> Array:
-        # With fewer joints than six JJ' is singular for good: what can vanish there is det J'J.
+        # With fewer than six joints JJ' is always singular, and det J'J is zero at a singularity.
         w = np.sqrt(max(0.0, float(np.linalg.det(J.dot(J.T) if wide else J.T.dot(J)))))
         squared = (DLS_DAMPING * max(0.0, 1.0 - w / MANIPULABILITY)) ** 2
         if wide or squared > 0.0:
@@ -74,13 +75,13 @@ def _transpose(_: Setting) -> Solve:
 
 
 def _sdls(setting: Setting) -> Solve:
-    dt = setting.dt  # it thinks in the angles of one tick
+    dt = setting.dt  # SDLS is about joint angles: those of one tick
     return lambda J, s, _lower, _upper: sdls_step(J, dt * s) / dt
 
 
 METHODS = [
     Method(
-        name="DLS",
+        name=DLS,
         family="damped",
         limits="clipped",
         why="damped least squares with lambda = 0.05 (Wampler 1986; Nakamura & Hanafusa 1986)",
@@ -93,7 +94,7 @@ METHODS = [
         name="DLS, manipulability",
         family="damped",
         limits="clipped",
-        why="damping that grows as sqrt(det JJ') falls below 0.02 (Nakamura & Hanafusa 1986)",
+        why="damped least squares with more damping the further sqrt(det JJ') is below 0.02 (Nakamura & Hanafusa 1986)",
         make=_nakamura_hanafusa,
         limited="damped box",
         group="DLS",
@@ -102,7 +103,7 @@ METHODS = [
         name="DLS, filtered",
         family="damped",
         limits="clipped",
-        why="damping of the smallest singular direction below 0.04 (Chiaverini 1997)",
+        why="damping in the direction of the smallest singular value, if it is below 0.04 (Chiaverini 1997)",
         make=_chiaverini,
         limited="damped box",
         group="DLS",
@@ -111,11 +112,11 @@ METHODS = [
         name="Jacobian transpose",
         family="damped",
         limits="clipped",
-        why="alpha J's with the alpha that meets most of s (Balestrino et al. 1984; Buss 2004)",
+        why="alpha J's with the alpha that brings the twist closest to s (Balestrino et al. 1984; Buss 2004)",
         make=_transpose,
     ),
     Method(
-        name="SDLS",
+        name=SDLS,
         family="damped",
         limits="clipped",
         why="selectively damped least squares (Buss & Kim 2005)",

@@ -1,8 +1,8 @@
-"""Our law and its parts: what is commanded, the closed forms by themselves, the damped family, the body-inertia metric.
+"""Our law as it is shipped, and its parts: the closed forms, the damped forms, and the law with a metric of the tool.
 
     closed forms   Gram + LDL'  (J'Q_h J) x = J'Q_h s,   factored  J^{+h} s,   eigen  V diag(1/mu) V'J'Q_h s
     damped         V diag(mu / (mu^2 + lambda^2)) V'J'Q_h s
-    body inertia   the same law with J'WJ, W the tool's inertia carried along
+    body inertia   the same law with J'WJ, where W is the inertia of the tool
 
 Reference: [DS] Theorem 2.2, (2.14), (6.4).
 """
@@ -12,20 +12,20 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import lapack
 
-from invariantqp.compare.methods import Method, Setting, Solve
+from invariantqp.compare.method import Method, Setting, Solve
+from invariantqp.compare.names import FACTORED, GRAM, OURS, UNGUARDED
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.runs.run import our_controller
+from invariantqp.runs.controllers import our_controller
 from invariantqp.systems.pseudoinverse import pseudoinverse
-from invariantqp.velocity.damping import Damping, Fixed, None_, PaperLambda, Selective
+from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, Selective
 from invariantqp.velocity.forms import CarriedMetric, PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solve import solve
 
-OURS = "invariantqp"
-# lambda of the fixed filter, about the square of what damped least squares has [m].
+# lambda of the fixed filter [m]: the square of the usual damping of least squares, since mu is like sigma^2.
 FIXED_DAMPING = 0.0025
-# [DS]'s Lambda = lambda I, with a lambda that a reader of the paper would try [m].
+# lambda in Lambda = lambda I of [DS] [m]: the value that scripts use in damped least squares.
 PAPER_LAMBDA = 0.05
 
 
@@ -46,13 +46,13 @@ def _inertia(setting: Setting) -> Solve:
 
 
 def _unlimited(setting: Setting, damping: Damping) -> Solve:
-    """The spectrum of G, filtered, and nothing after it."""
+    """V diag(filter(mu)) V'J'Q_h s without limits, guard or any later step of the law."""
     law = VelocityLaw(PitchForm(setting.pitch), damping=damping)
     return lambda J, s, lower, upper: law.build(Demand(J, s, lower, upper)).unconstrained()
 
 
 def _eigen(setting: Setting) -> Solve:
-    return _unlimited(setting, None_)
+    return _unlimited(setting, Fixed(0.0))
 
 
 def _fixed(setting: Setting) -> Solve:
@@ -69,11 +69,11 @@ def _gram(setting: Setting) -> Solve:
     def symmetric(A: Array, b: Array) -> Array:
         _, _, x, info = lapack.dsysv(A, b)
         if info != 0:
-            raise np.linalg.LinAlgError("LDL' met a zero pivot: h is a principal pitch, or the arm is singular")
+            raise np.linalg.LinAlgError("LDL' found a zero pivot: h is a principal pitch, or the arm is singular")
         return np.asarray(x)
 
     def velocity(J: Array, s: Array, _lower: Array, _upper: Array) -> Array:
-        if setting.m > 6:  # J'QJ has rank 6 at most; by [DS] (2.14) the answer is J'(JJ')^-1 s for every h
+        if setting.m > 6:  # J'QJ has rank 6 at most: by [DS] (2.14) the answer is J'(JJ')^-1 s, whatever h is
             return np.asarray(symmetric(J.dot(J.T), s).dot(J))
         QJ = Q.dot(J)
         return symmetric(J.T.dot(QJ), s.dot(QJ))
@@ -95,7 +95,7 @@ METHODS = [
         name=OURS,
         family="invariant",
         limits="inside",
-        why="the law as it is commanded: closed form, or convex QP with prices and descent guard",
+        why="this library's law as it is shipped: closed form, or convex QP with prices and descent guard",
         make=_ours,
         frame="base",
         problem="adaptive",
@@ -103,20 +103,20 @@ METHODS = [
         system=our_controller,
     ),
     Method(
-        name="invariantqp, no guard",
+        name=UNGUARDED,
         family="invariant",
         limits="inside",
-        why="the same without the descent guard: the stationary point of the form, or of the convex QP, itself",
+        why="the same without descent guard and residual damping: the optimum of the form, or of the convex QP",
         make=_unguarded,
         frame="base",
         problem="adaptive",
         limited="adaptive box",
     ),
     Method(
-        name="h, Gram + LDL'",
+        name=GRAM,
         family="invariant",
         limits="clipped",
-        why="(J'Q_h J) x = J'Q_h s by LDL', JJ' in its place above six joints; it squares cond(J) ([DS] 3.1)",
+        why="(J'Q_h J) x = J'Q_h s by LDL', with JJ' for more than six joints; it squares cond(J) ([DS] 3.1)",
         make=_gram,
         frame="base",
         problem="pitch",
@@ -124,10 +124,10 @@ METHODS = [
         group="h, closed form",
     ),
     Method(
-        name="h, factored",
+        name=FACTORED,
         family="invariant",
         limits="clipped",
-        why="J^{+h} s from an orthonormal basis of J's span, which keeps the digits that the Gram matrix loses",
+        why="J^{+h} s from an orthonormal basis of the span of J, which does not square cond(J)",
         make=_factored,
         frame="base",
         problem="pitch",
@@ -138,7 +138,7 @@ METHODS = [
         name="h, eigen",
         family="invariant",
         limits="clipped",
-        why="V diag(1/mu) V'J'Q_h s from the spectrum of the Gram matrix",
+        why="V diag(1/mu) V'J'Q_h s from the eigenvalues of the Gram matrix",
         make=_eigen,
         frame="base",
         problem="pitch",
@@ -149,7 +149,7 @@ METHODS = [
         name="h, damped",
         family="invariant",
         limits="clipped",
-        why="the invariant filter mu / (mu^2 + lambda^2) with lambda = 0.0025 m everywhere",
+        why="the invariant filter mu / (mu^2 + lambda^2) with lambda = 0.0025 m in every state",
         make=_fixed,
         frame="base",
         problem="filter",
@@ -159,7 +159,7 @@ METHODS = [
         name="h, selectively damped",
         family="invariant",
         limits="clipped",
-        why="each direction of the spectrum damped by itself, to at most 1 rad/s",
+        why="each eigendirection damped on its own, so that it asks for at most 1 rad/s",
         make=_selective,
         frame="base",
         group="h, damped",
@@ -168,7 +168,7 @@ METHODS = [
         name="h, [DS] Lambda",
         family="invariant",
         limits="clipped",
-        why="(J'Q_h J + lambda I)^-1 J'Q_h s with lambda = 0.05 m as [DS] (6.4) prints it, which is not damping",
+        why="(J'Q_h J + lambda I)^-1 J'Q_h s with lambda = 0.05 m as in [DS] (6.4), which is not always a damping",
         make=_as_printed,
         frame="base",
         group="h, damped",
@@ -177,7 +177,7 @@ METHODS = [
         name="body inertia",
         family="invariant",
         limits="inside",
-        why="least squares in the tool's own inertia: invariant too, but tied to the choice of a body",
+        why="least squares in the metric of the tool's inertia: no frame changes it, but the choice of a body does",
         make=_inertia,
         problem="inertia",
         limited="inertia box",

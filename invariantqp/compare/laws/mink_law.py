@@ -1,7 +1,7 @@
-"""mink with DAQP on the same problems, where it is installed: the one file that imports it.
+"""mink with DAQP on the same tasks; no other file imports mink.
 
-Its model is the same joints in MuJoCo; its velocity and configuration limits are on, its break at a limit is off, so
-that it may go on where it can; its frame task has unit costs, and damping 1e-6 as Pink has here.
+The robot is rebuilt in MuJoCo from the same joint screws. mink's velocity and configuration limits are on, and it does
+not stop when a limit is exceeded. The frame task has unit costs; the damping of 1e-6 is the one that Pink has here.
 
 Reference: Zakka, mink.
 """
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import joints_of, led, pose_of, share_of
+from invariantqp.compare.laws.peers import joints_of, lead_target, pose_of, share_of
 from invariantqp.compare.laws.qp_backends import QP_DAMPING
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
@@ -21,9 +21,9 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.solution import VelocitySolution
 
-# MuJoCo wants every link to have a mass; kinematics does not look at it.
+# MuJoCo requires a mass of every moving link; kinematics does not depend on it [kg], [kg m^2].
 MASS, INERTIA = 1.0, (1.0, 1.0, 1.0)
-# A range for joints without position limits [rad, m].
+# The range of a joint that has a position limit on one side only [rad, m].
 UNLIMITED = 1e9
 
 
@@ -31,11 +31,11 @@ class MinkLaw:
     """One mink frame task on a MuJoCo model of the robot's joints."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """`law` gives dt and gain; nothing else of it is used.
+        """Build mink's model of the robot; of `law` only dt and gain are used.
 
         Raises:
             MissingExtra: mink is not installed.
-            RobotModelError: a robot with helical joints.
+            RobotModelError: the robot has a helical joint.
         """
         try:
             import mink
@@ -51,8 +51,8 @@ class MinkLaw:
         self._limits = [mink.ConfigurationLimit(model), *([mink.VelocityLimit(model, speeds)] if speeds else [])]
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick; mink's exceptions get out as they are."""
-        ahead = led(pose_of(target), feedforward, self._dt / self._share)
+        """One tick; raises whatever mink raises."""
+        ahead = lead_target(pose_of(target), feedforward, self._dt / self._share)
         self._configuration.update(np.asarray(q, dtype=np.float64))
         self._task.set_target(self._mink.SE3.from_matrix(ahead))
         x = self._mink.solve_ik(
@@ -62,7 +62,7 @@ class MinkLaw:
 
 
 def _model(robot: Robot) -> Any:
-    """A MuJoCo model: links that all have the base's frame at q = 0, each turning about or sliding along its joint."""
+    """A MuJoCo model of the joints, base first; at q = 0 the frame of every link is the base frame."""
     import mujoco
 
     spec = mujoco.MjSpec()
@@ -85,7 +85,7 @@ def _model(robot: Robot) -> Any:
 
 
 def _quaternion(R: Array) -> Array:
-    """(w, x, y, z) of a rotation matrix, as MuJoCo has it."""
+    """(w, x, y, z) of a rotation matrix: MuJoCo puts w first."""
     from scipy.spatial.transform import Rotation
 
     return np.roll(Rotation.from_matrix(R).as_quat(), 1)

@@ -1,7 +1,7 @@
-"""Moore-Penrose and its relatives: what scripts write, and what was made of it to respect joint ranges, units, limits.
+"""The Moore-Penrose inverse and its variants for joint ranges, units and limits.
 
-J^+ s   by pinv, by the SVD, by the normal equations J'(JJ')^-1 s or (J'J)^-1 J's
-W^-1 J'(J W^-1 J')^-1 s,   W = diag(1 / reach^2)
+Moore-Penrose   J^+ s  by pinv, by the SVD, or by the normal equations J'(JJ')^-1 s or (J'J)^-1 J's
+weighted        W^-1 J'(J W^-1 J')^-1 s,   W = diag(1 / reach^2)
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import lapack
 
-from invariantqp.compare.laws.saturation import saturated
+from invariantqp.compare.laws.saturation import saturate
 from invariantqp.compare.laws.unit_consistent import unit_consistent_inverse
-from invariantqp.compare.methods import Method, Setting, Solve
+from invariantqp.compare.method import Method, Setting, Solve
+from invariantqp.compare.names import LU, PINV, SNS, SVD
 from invariantqp.geometry.arrays import Array
 
-# A singular value below this fraction of the largest is left out, as numpy.linalg.pinv does.
+# A singular value below this fraction of the largest counts as zero, as in numpy.linalg.pinv.
 SINGULAR = 1e-15
 
 
@@ -32,7 +33,7 @@ def _svd(_: Setting) -> Solve:
 
 
 def _lu(A: Array, b: Array) -> Array:
-    """A^-1 b; raises where LU meets an exact zero."""
+    """A^-1 b; raises LinAlgError if a pivot is exactly zero."""
     _, _, x, info = lapack.dgesv(A, b)
     if info != 0:
         raise np.linalg.LinAlgError("singular normal equations")
@@ -46,7 +47,7 @@ def _normal_equations(setting: Setting) -> Solve:
 
 
 def reach_of(lower: Array, upper: Array) -> Array:
-    """(m,) half the width of each joint's bounds, what weighted Moore-Penrose measures its velocity by."""
+    """(m,) half the width of each joint's velocity bounds, the unit of its velocity; 1 without such bounds."""
     half: Array = 0.5 * (upper - lower)
     return np.where(np.isfinite(half) & (half > 0.0), half, 1.0)
 
@@ -66,35 +67,35 @@ def _unit_consistent(_: Setting) -> Solve:
 
 
 def _saturation(_: Setting) -> Solve:
-    return lambda J, s, lower, upper: saturated(J, s, lower, upper).velocity
+    return lambda J, s, lower, upper: saturate(J, s, lower, upper).velocity
 
 
 METHODS = [
     Method(
-        name="Moore-Penrose, pinv",
+        name=PINV,
         family="Moore-Penrose",
         limits="clipped",
-        why="J^+ s by numpy.linalg.pinv, the line most scripts have (Whitney 1969)",
+        why="J^+ s by numpy.linalg.pinv, as most scripts write it (Whitney 1969)",
         make=_pinv,
         problem="least squares",
         limited="least squares box",
         group="Moore-Penrose",
     ),
     Method(
-        name="Moore-Penrose, SVD",
+        name=SVD,
         family="Moore-Penrose",
         limits="clipped",
-        why="J^+ s without forming J^+, singular values below 1e-15 of the largest left out",
+        why="J^+ s by the SVD without forming J^+; singular values below 1e-15 of the largest count as zero",
         make=_svd,
         problem="least squares",
         limited="least squares box",
         group="Moore-Penrose",
     ),
     Method(
-        name="Moore-Penrose, LU",
+        name=LU,
         family="Moore-Penrose",
         limits="clipped",
-        why="J^+ s by the normal equations and LU, the fastest way where J has full rank; it squares cond(J)",
+        why="J^+ s by the normal equations and LU, the fastest if J has full rank; it squares cond(J)",
         make=_normal_equations,
         problem="least squares",
         limited="least squares box",
@@ -104,7 +105,7 @@ METHODS = [
         name="weighted Moore-Penrose",
         family="Moore-Penrose",
         limits="clipped",
-        why="the shortest velocity in units of each joint's bounds (Whitney 1969; Chan & Dubey 1995)",
+        why="the shortest velocity, with each joint's bound as its unit (Whitney 1969; Chan & Dubey 1995)",
         make=_weighted,
         problem="weighted",
         limited="least squares box",
@@ -113,14 +114,14 @@ METHODS = [
         name="unit-consistent inverse",
         family="Moore-Penrose",
         limits="clipped",
-        why="the inverse that commutes with a change of any row's or joint's unit (Zhang & Uhlmann 2018)",
+        why="the inverse that does not depend on the unit of any row or joint (Zhang & Uhlmann 2018)",
         make=_unit_consistent,
     ),
     Method(
-        name="SNS",
+        name=SNS,
         family="Moore-Penrose",
         limits="inside",
-        why="saturation in the null space: joints at limits leave the task, which slows down only if it must "
+        why="saturation in the null space: joints stay at their limits and the others make up for them, if they can "
         "(Flacco, De Luca & Khatib 2012)",
         make=_saturation,
         problem="least squares",

@@ -1,7 +1,7 @@
-"""What whole systems of others share here: a robot handed over joint by joint, feedforward where there is none.
+"""What the control loops of other libraries share here: robots rebuilt joint by joint, and a way to add feedforward.
 
-Each system has a loop of its own, with the `step` that ours has; its robot is built from the same joint screws. A
-target so far ahead that the system's own gain asks for the path's velocity stands for feedforward.
+These libraries take no feedforward twist. Instead they get a target that lies ahead on the path, as far as it takes
+for their own gain to ask for the velocity of the path.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
 
-# A pitch below this is a hinge's [m]: URDFs have six digits.
+# A joint with a pitch below this is a hinge [m]; URDFs give six digits.
 HINGE = 1e-9
 
 
 class Joint(NamedTuple):
-    """A hinge or a slide at q = 0, seen from the base.
+    """A hinge or a slide at q = 0, in the base frame.
 
     Attributes:
         axis: (3,) unit direction.
-        point: (3,) of its axis; the origin for a slide [m].
+        point: (3,) a point of its axis; the origin for a slide [m].
         slides: whether it is a slide.
     """
 
@@ -37,10 +37,10 @@ class Joint(NamedTuple):
 
 
 def joints_of(robot: Robot) -> list[Joint]:
-    """Every joint of an arm, base first.
+    """The joints of an arm, base first.
 
     Raises:
-        RobotModelError: a helical joint, which simulators' models do not have.
+        RobotModelError: a helical joint; the models of other libraries have none.
     """
     found = []
     for name, screw in zip(robot.names, robot.jacobian(np.zeros(len(robot.names))).T, strict=True):
@@ -49,22 +49,22 @@ def joints_of(robot: Robot) -> list[Joint]:
         elif abs(screws.pitch(screw)) < HINGE:
             found.append(Joint(*screws.axis(screw), slides=False))
         else:
-            raise RobotModelError(f"joint {name} is helical; other systems have hinges and slides alone")
+            raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")
     return found
 
 
 def share_of(law: LawSpec) -> float:
-    """The share of an error that a loop takes back in a tick."""
+    """The part of the tracking error that a control loop corrects in one tick."""
     return TRACKING_SHARE if law.gain is None else law.gain * law.dt
 
 
 def pose_of(target: Any) -> Array:
-    """A target, a (4, 4) pose or one of this library's robots' own, as a (4, 4) pose."""
+    """The (4, 4) pose of a target, which may be an array or the target object of a robot of this library."""
     pose = getattr(target, "homogeneous", getattr(target, "pose", target))
     return np.asarray(pose, dtype=np.float64)
 
 
-def led(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
-    """The pose [4, 4] that the target has `lead` seconds later."""
+def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
+    """The (4, 4) pose that the target will have in `lead` seconds."""
     ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
-    return se3.motion(lead * ahead).dot(pose) if ahead.any() else pose
+    return se3.exp(lead * ahead, check=False).dot(pose) if ahead.any() else pose

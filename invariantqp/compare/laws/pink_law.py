@@ -1,8 +1,8 @@
-"""Pink with DAQP on the same problems, where it is installed: the one file that imports it.
+"""Pink with DAQP on the same tasks; no other file of the comparison imports Pink.
 
-Its velocity and position limits are on, its break at a limit is off, so that it may go on where it can; its frame task
-has unit costs, and damping 1e-6, since with its default 1e-12 DAQP fails on seven joints. A posture task beside it, to
-the middle of the joint ranges at a cost of 1e-3, is what its own examples have.
+Its velocity and position limits are on, and it does not stop when a limit is exceeded. The frame task has unit costs.
+The damping is 1e-6, since with the default of 1e-12 DAQP fails on seven joints. The posture task, to the middle of the
+joint ranges at a cost of 1e-3, is the one of Pink's own examples.
 
 Reference: Caron et al., Pink (pin-pink).
 """
@@ -15,12 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import led, pose_of, share_of
+from invariantqp.compare.laws.peers import lead_target, pose_of, share_of
 from invariantqp.compare.laws.qp_backends import QP_DAMPING
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.solution import VelocitySolution
+
+# Cost of the posture task; the frame task has unit costs.
+POSTURE_COST = 1e-3
 
 
 def has_pink() -> bool:
@@ -28,23 +31,19 @@ def has_pink() -> bool:
     return find_spec("pink") is not None
 
 
-# Beside unit costs of the frame task.
-POSTURE_COST = 1e-3
-
-
 class PinkLaw:
     """One Pink frame task on the robot's own Pinocchio model."""
 
     def __init__(self, robot: Robot, law: LawSpec, *, posture: bool = False) -> None:
-        """`law` gives dt and gain; nothing else of it is used. `posture` adds a posture task.
+        """Set up Pink's tasks for the robot; of `law` only dt and gain are used. `posture` adds a posture task.
 
         Raises:
             MissingExtra: Pink is not installed.
-            RobotModelError: a robot without a Pinocchio model.
+            RobotModelError: the robot has no Pinocchio model.
         """
         model: Any = getattr(robot, "model", None)
         if model is None:
-            raise RobotModelError("Pink needs a robot from a URDF, not a chain of screws")
+            raise RobotModelError("Pink needs a robot from a URDF; this one is a chain of joint screws")
         try:
             import pink
         except ImportError as error:
@@ -61,10 +60,10 @@ class PinkLaw:
             self._tasks[-1].set_target(middle(robot))
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick; Pink's exceptions get out as they are."""
+        """One tick; raises whatever Pink raises."""
         positions = np.asarray(q, dtype=np.float64)
         pose = pose_of(target)
-        ahead = led(pose, feedforward, self._dt / self._share)
+        ahead = lead_target(pose, feedforward, self._dt / self._share)
         if ahead is not pose:
             target = self._robot.target(ahead)
         self._configuration.update(positions)

@@ -1,10 +1,11 @@
-"""The textbook's hybrid controller: a diagonal selection of axes in a task frame, beside ours and with its `step`.
+"""The hybrid controller of textbooks: a diagonal selection matrix says along which axes of a task frame the tool moves.
 
-    xi = R' (Sigma (gain e + s_d) + (I - Sigma) C (W_d - W)) R-axes,     x = clip(J^+ xi)
+    xi = Sigma (gain e + s_d) + (I - Sigma) C (W_d - W),     x = clip(J^+ xi)
 
-e is the tool origin's error and the tool's rotation vector, W the sensor's reading turned into the task frame's axes:
-turned, not moved, so its moment counts from the sensor's own origin; and xi is a velocity of the tool's origin. Each is
-right while tool, sensor and contact share one origin, as in the textbook's picture.
+All are written in the axes of the task frame. e is the error of the tool's position and its rotation vector. W is the
+sensor's reading, rotated into the axes of the task frame but not moved to its origin, so its moment is still about the
+origin of the sensor. xi is the velocity of the tool's origin. This is right while tool, sensor and contact have the
+same origin, as in the figures of textbooks.
 
 Reference: Raibert & Craig 1981; Lipkin & Duffy 1988 and Duffy 1990 for what is wrong with it.
 """
@@ -29,7 +30,7 @@ class RaibertCraig:
 
     Attributes:
         robot: the arm.
-        selection: (6,) 1 where an axis of the task frame is moved along, 0 where it is pressed; turns first.
+        selection: (6,) diagonal of Sigma, rotations first: 1 for an axis of motion, 0 for an axis of force.
         axes: (3, 3) the task frame's axes in the base frame, as columns.
     """
 
@@ -45,17 +46,17 @@ class RaibertCraig:
         compliance: ArrayLike,
         sensor_axes: ArrayLike,
     ) -> None:
-        """The loop's fixed part.
+        """Keep what does not change from tick to tick.
 
         Args:
             robot: the arm.
-            selection: (6,) of the task frame's axes.
-            axes: (3, 3) of the task frame, in the base frame.
-            wrench: (6,) wanted, in the task frame's axes.
-            dt: tick [s].
-            gain: [1/s].
-            compliance: (6,) diagonal, twist per wrench.
-            sensor_axes: (3, 3) of the sensor's frame, in the tool's.
+            selection: (6,) diagonal of Sigma, rotations first.
+            axes: (3, 3) axes of the task frame in the base frame, as columns.
+            wrench: (6,) wanted wrench W_d, in the axes of the task frame.
+            dt: duration of a tick [s].
+            gain: of the tracking error [1/s].
+            compliance: (6,) diagonal of C, twist per wrench.
+            sensor_axes: (3, 3) axes of the sensor frame in the tool frame, as columns.
         """
         self.robot = robot
         self.selection: Array = arrays.vector(selection, 6, "selection")
@@ -69,15 +70,15 @@ class RaibertCraig:
     def step(
         self, q: ArrayLike, target: Any, wrench: ArrayLike, feedforward: ArrayLike | None = None
     ) -> VelocitySolution:
-        """One tick; `wrench` is the sensor's reading of what the tool exerts, in the sensor's frame."""
+        """One tick; `wrench` (6,) is what the tool exerts, as the sensor reads it in its own frame."""
         positions = arrays.vector(q, len(self.robot.names), "q")
         reading = arrays.vector(wrench, 6, "wrench")
         sighting, T = self.robot.sight(positions, target), self.robot.pose(positions)
         s = self._gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
         to_sensor = self.axes.T.dot(T[:3, :3]).dot(self._sensor_axes)
         felt = np.concatenate((to_sensor.dot(reading[:3]), to_sensor.dot(reading[3:])))
-        # Twists taken at the tool's origin, in the axes of the task frame.
-        at_tool = se3.carried(se3.inverted(_placed(self.axes, T[:3, 3])))
+        # Twists about the tool's origin, in the axes of the task frame.
+        at_tool = se3.adjoint(se3.inverse(_placed(self.axes, T[:3, 3]), check=False), check=False)
         motion, force = (
             self.selection * at_tool.dot(s),
             (1.0 - self.selection) * self._compliance * (self._wanted - felt),

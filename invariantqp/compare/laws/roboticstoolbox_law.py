@@ -1,10 +1,10 @@
-"""One step a tick of the Robotics Toolbox's numerical inverse kinematics.
+"""The Robotics Toolbox as a controller: one step of its numerical inverse kinematics in every tick.
 
-Its QP,   minimise kj |x|^2 + 1 / sum|e| |e - Jx|^2,   or its Levenberg-Marquardt,   (J'WJ + E I)^-1 J'We
+    IK_QP   minimise kj |x|^2 + 1 / sum|e| |e - Jx|^2      or      IK_LM   (J'WJ + E I)^-1 J'We
 
-The toolbox has solvers to a pose, no velocity loop: here a solver's single step goes to a target that lies a tick's
-share of the way ahead. It knows no velocity limits, and neither solver's defaults keep position limits; what it asks
-for is clipped to both.
+The toolbox solves for a pose and has no velocity controller. Here its solver takes a single step to a target that is as
+far away as the arm should move in this tick. It knows no velocity limits, and by default it does not keep position
+limits: its answer is clipped to both.
 
 Reference: Corke & Haviland, Robotics Toolbox for Python; Haviland & Corke 2022.
 """
@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import led, pose_of, share_of
+from invariantqp.compare.laws.peers import lead_target, pose_of, share_of
 from invariantqp.compare.laws.toolbox import ets_of, toolbox
 from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot
@@ -28,14 +28,14 @@ Step = Literal["QP", "LM"]
 
 
 class RoboticsToolboxLaw:
-    """A step of IK_QP or IK_LM a tick, on an ETS of the robot's joints, clipped."""
+    """One step of IK_QP or IK_LM in every tick, clipped to the limits; the robot is an ETS of the same joints."""
 
     def __init__(self, robot: Robot, law: LawSpec, step: Step = "QP") -> None:
-        """`law` gives dt and gain; nothing else of it is used.
+        """Rebuild the robot in the toolbox; of `law` only dt and gain are used.
 
         Raises:
             MissingExtra: the Robotics Toolbox is not installed.
-            RobotModelError: a robot with helical joints.
+            RobotModelError: the robot has a helical joint.
         """
         rtb = toolbox()
         self._robot = robot
@@ -47,11 +47,12 @@ class RoboticsToolboxLaw:
         self._name = f"roboticstoolbox {step}"
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick; the toolbox's exceptions get out as they are."""
+        """One tick; raises whatever the toolbox raises."""
         positions = arrays.vector(q, len(self._robot.names), "q")
-        wanted = led(pose_of(target), feedforward, self._dt / self._share)
+        wanted = lead_target(pose_of(target), feedforward, self._dt / self._share)
         here = np.asarray(self._ets.eval(positions))
-        ahead = se3.motion(self._share * se3.displacement(wanted.dot(se3.inverted(here)))).dot(here)
+        error = se3.log(wanted.dot(se3.inverse(here, check=False)), check=False)
+        ahead = se3.exp(self._share * error, check=False).dot(here)
         _, reached = self._solver.step(self._ets, ahead, positions.copy())
         x = (reached - positions) / self._dt
         lower, upper = self._box.at(positions)

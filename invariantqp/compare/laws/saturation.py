@@ -1,8 +1,8 @@
-"""Saturation in the null space: a joint that would pass its limit stays at it and is taken out; the others make up.
+"""Saturation in the null space: a joint that would exceed its limit stays at it, and the other joints make up for it.
 
-    x = x_N + (J W)^+ (alpha s - J x_N),   W_jj = 0 and x_N,j = limit for the joints taken out
+    x = x_N + (J W)^+ (alpha s - J x_N),   W_jj = 0 and x_N,j = limit for the saturated joints
 
-alpha is the largest share of the twist seen on the way, 1 wherever the joints left can carry it.
+alpha scales the twist down: it is 1 if the other joints can achieve s, else the largest value found on the way.
 
 Reference: Flacco, De Luca & Khatib 2012, Algorithm 1.
 """
@@ -15,24 +15,38 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 
-# A singular value of JW below this fraction of J's largest is zero: the joints left no longer span the task.
+# A singular value of JW below this fraction of the largest of J counts as zero in the rank.
 RANK = 1e-10
-# Outside a limit by more than this, relative to the widest, is outside.
+# A velocity exceeds a limit if it does so by more than this fraction of the largest limit: less is rounding.
 OUTSIDE = 1e-12
 
 
 class Saturated(NamedTuple):
-    """What came out: the velocity (m,), the share alpha of the twist that it carries, and the joints taken out."""
+    """The answer.
+
+    Attributes:
+        velocity: (m,) inside the limits.
+        scale: alpha, the part of the twist that it achieves.
+        saturated: indices of the joints that stay at a limit.
+    """
 
     velocity: Array
     scale: float
     saturated: tuple[int, ...]
 
 
-def saturated(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
-    """The velocity inside the limits for a twist s (6,), slowed down where the joints that are left need it.
+def saturate(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
+    """The velocity inside the limits that achieves alpha s, with alpha as large as the method finds it.
 
-    Bounds that leave out zero can make every share zero; the answer is then clipped to them.
+    Args:
+        J: (6, m) joint twists.
+        s: (6,) wanted twist, same frame.
+        lower: (m,) least joint velocities.
+        upper: (m,) largest joint velocities.
+
+    Returns:
+        The velocity, alpha and the saturated joints. If the bounds exclude zero velocity, alpha may be 0; the velocity
+        is then zero clipped to the bounds.
     """
     m = J.shape[1]
     free = np.ones(m, dtype=bool)
@@ -64,7 +78,7 @@ def saturated(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
 
 
 def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> tuple[float, int]:
-    """The largest alpha in [0, 1] with lower <= alpha along + offset <= upper, and the joint that asks for it."""
+    """The largest alpha in [0, 1] with lower <= alpha along + offset <= upper, and the joint that limits it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack(((lower - offset) / along, (upper - offset) / along))
     still = along == 0.0

@@ -1,6 +1,6 @@
-"""The Robotics Toolbox, and an arm in its own words from joint screws: the one file that imports it.
+"""The Robotics Toolbox, and a robot rebuilt in it from its joint screws; no other file imports the toolbox.
 
-    T(q) = A_1 Z(q_1) A_1^-1 A_2 Z(q_2) A_2^-1 ... T(0),    z of A_i along joint i at q = 0
+    T(q) = A_1 Z(q_1) A_1^-1 A_2 Z(q_2) A_2^-1 ... T(0),    with z of A_i along joint i at q = 0
 
 Reference: Corke & Haviland, Robotics Toolbox for Python.
 """
@@ -34,7 +34,7 @@ def toolbox() -> Any:
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # its imports warn of their own syntax
+            warnings.simplefilter("ignore")  # importing it gives SyntaxWarnings about its own source
             import roboticstoolbox
     except ImportError as error:
         raise MissingExtra("roboticstoolbox-python", "peers") from error
@@ -42,11 +42,11 @@ def toolbox() -> Any:
 
 
 def ets_of(robot: Robot) -> Any:
-    """The elementary transforms (ETS) of a robot, with its limits; one turn, or unit, where a joint has none.
+    """The robot as elementary transforms (ETS) with its limits; a joint without limits gets one turn, or one unit.
 
     Raises:
         MissingExtra: the Robotics Toolbox is not installed.
-        RobotModelError: a helical joint, which it does not have.
+        RobotModelError: the robot has a helical joint.
     """
     rtb = toolbox()
     pieces: list[Any] = []
@@ -61,6 +61,6 @@ def ets_of(robot: Robot) -> Any:
 
 
 def _frame(joint: Joint) -> Array:
-    """A (4, 4) frame on the joint's axis whose z is along it."""
+    """A (4, 4) frame with its origin on the joint's axis and z along it."""
     across = np.linalg.svd(joint.axis.reshape(1, 3))[2][1]
     return se3.transform(np.column_stack((across, np.cross(joint.axis, across), joint.axis)), joint.point)

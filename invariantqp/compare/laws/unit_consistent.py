@@ -1,9 +1,9 @@
-"""The unit-consistent inverse: scale rows and columns to geometric mean one, invert as Moore-Penrose does, scale back.
+"""The unit-consistent inverse: the Moore-Penrose inverse of a matrix whose rows and columns are scaled first.
 
     J^-U = E (D J E)^+ D,     sum_j log|(DJE)_ij| = 0 = sum_i log|(DJE)_ij|  over the entries that are not zero
 
-(D J E)^-U = E^-1 J^-U D^-1 for every positive diagonal D, E: no unit enters. The frame does, because the size of a
-single entry is not the same in another.
+The diagonal D and E give every row and column the geometric mean 1. Then (A J B)^-U = B^-1 J^-U A^-1 for all positive
+diagonal A and B: the answer does not depend on units. It does depend on the frame.
 
 Reference: Uhlmann 2018, A generalized matrix inverse that is consistent with respect to diagonal transformations;
 Zhang & Uhlmann 2018, for robots.
@@ -15,12 +15,12 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 
-# An entry below this fraction of the largest of its row or of its column is a rounded zero.
+# An entry below this fraction of the largest of its row or column counts as zero.
 ZERO = 1e-12
 
 
 def scaling(J: Array) -> tuple[Array, Array]:
-    """The diagonals d (n,) and e (m,) that give every row and column of |J| geometric mean one."""
+    """The diagonals (n,) of D and (m,) of E, with which every row and column of |DJE| has the geometric mean 1."""
     n, m = J.shape
     size = np.abs(J)
     there = (size > ZERO * size.max(axis=1, keepdims=True)) & (size > ZERO * size.max(axis=0, keepdims=True))
@@ -33,6 +33,6 @@ def scaling(J: Array) -> tuple[Array, Array]:
 
 
 def unit_consistent_inverse(J: Array) -> Array:
-    """J^-U (m, n) of (n, m) J."""
+    """(m, n) unit-consistent inverse of J (n, m)."""
     d, e = scaling(J)
     return np.asarray(e[:, None] * np.linalg.pinv(d[:, None] * J * e) * d)

@@ -1,1 +1,1 @@
-"""What is measured of each method."""
+"""What is measured of each method, one measurement in a file."""

@@ -1,12 +1,12 @@
-"""Every method as a controller: what it tracks, what it asks of the joints, how often it fails, and what a tick costs.
+"""Every method as a controller: how well it tracks, how the joints move, how often it fails, and how long a tick takes.
 
-closed_loop   the task as it is: tracking errors, total variation of the velocity, share of failed ticks
-singular      through a singularity by an arm without speed limits: the largest speed over the limit that it has
-hard          what breaks velocity control: the share of failed ticks alone
-tick          median and 99th percentile of a whole tick, in states of the task's own run
+    closed_loop   the task as it is: tracking errors, total variation of the joint velocities, share of failed ticks
+    singular      through a singularity, without speed limits: largest joint speed divided by the limit left out
+    hard          tasks that are difficult for velocity control: share of failed ticks
+    tick          median and 99th percentile of the time of a whole tick, in states of a run of the task
 
-A tick has failed when the law raises, when its answer is not finite, or when the arm is further outside its limits
-after it than before.
+A tick fails if the method raises, if its answer is not finite, or if the arm is further outside its limits after it
+than before.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.compare.laws.baselines import controller_named
-from invariantqp.compare.measure.rewritten import rewritten
-from invariantqp.compare.measure.stability import INSIDE, Watched, quietly, watched_run
+from invariantqp.compare.cell import Cell, Kind, Result
+from invariantqp.compare.measure.rewrite import rewrite
+from invariantqp.compare.measure.stability import INSIDE, Watched, quietly, run_watched
 from invariantqp.compare.measure.timing import interleaved, spread
-from invariantqp.compare.sweep import Cell, Kind, Result
+from invariantqp.compare.registry import controller_named
 from invariantqp.control.controls import Controls
 from invariantqp.errors import InvariantQPError
 from invariantqp.geometry import se3
@@ -32,9 +32,9 @@ from invariantqp.runs.run import run_task
 from invariantqp.runs.taskfile import LawSpec, Task, load_task
 from invariantqp.runs.trace import Trace
 
-# Runs through singularities of the elbow, the shoulder and the wrist, six joints and seven.
+# Tasks through singularities of the elbow, the shoulder and the wrist, with six joints and with seven.
 SINGULAR = tuple(f"stability/{arm}_{where}" for arm in ("ur5", "panda") for where in ("wrist", "elbow", "shoulder"))
-# Where ticks fail: targets out of reach, starts outside limits, jumps, lost rank.
+# Tasks in which ticks fail: targets out of reach, starts outside the limits, jumps, loss of rank.
 HARD = tuple(
     f"stability/{name}"
     for name in (
@@ -49,25 +49,25 @@ HARD = tuple(
         "repeated_joints",
     )
 )
-# Ticks so much longer in a quick run, and the runs of these kinds that are left in it.
+# In a quick run ticks are this many times longer, and of the tasks above only these remain.
 COARSER = 10.0
 QUICK = ("stability/ur5_wrist", "stability/outside_limits")
-# Stretches of consecutive ticks that are timed, and rounds: of a full run, of a quick one.
+# How many stretches of how many consecutive ticks are timed, and how often; then the same for a quick run.
 STRETCHES, LENGTH, ROUNDS = 10, 20, 5
 QUICK_STRETCHES, QUICK_ROUNDS = 4, 2
 
 
 def task_of(cell: Cell) -> Task:
-    """The cell's task, its ticks longer in a quick run."""
+    """The task of a cell, with longer ticks in a quick run."""
     task = load_task(cell.task)
     if not cell.quick:
         return task
     return task.model_copy(update={"law": task.law.model_copy(update={"dt": COARSER * task.law.dt})})
 
 
-def tracked(cell: Cell) -> dict[str, Result]:
-    """The task in closed loop."""
-    watched, trace = watched_run(task_of(cell), controller_named(cell.method))
+def tracking(cell: Cell) -> dict[str, Result]:
+    """Errors, motion and failures of the task in closed loop."""
+    watched, trace = run_watched(task_of(cell), controller_named(cell.method))
     figures = trace.summary()
     return {
         cell.method: {
@@ -82,15 +82,15 @@ def tracked(cell: Cell) -> dict[str, Result]:
 
 
 def without_speed_limits(cell: Cell) -> dict[str, Result]:
-    """Through a singularity by the same arm without speed limits."""
+    """Joint speeds and failures of the same arm without speed limits, through a singularity."""
     if cell.quick and cell.task not in QUICK:
         return {}
     make = controller_named(cell.method)
 
-    def unhurried(robot: Robot, law: LawSpec) -> Controls:
-        return make(rewritten(robot, speed_limits=False), law)
+    def unlimited(robot: Robot, law: LawSpec) -> Controls:
+        return make(rewrite(robot, speed_limits=False), law)
 
-    watched, trace = watched_run(load_task(cell.task), unhurried)
+    watched, trace = run_watched(load_task(cell.task), unlimited)
     stopped = (watched.exceptions + watched.not_finite) / len(trace.velocity)
     return {
         cell.method: {**_motion(trace), "stopped": stopped, "final_position_mm": 1e3 * float(trace.position_error[-1])}
@@ -98,14 +98,14 @@ def without_speed_limits(cell: Cell) -> dict[str, Result]:
 
 
 def failures(cell: Cell) -> dict[str, Result]:
-    """The share of failed ticks."""
+    """The share of failed ticks of a difficult task."""
     if cell.quick and cell.task not in QUICK:
         return {}
-    return {cell.method: _failures(*watched_run(load_task(cell.task), controller_named(cell.method)))}
+    return {cell.method: _failures(*run_watched(load_task(cell.task), controller_named(cell.method)))}
 
 
 def _motion(trace: Trace) -> dict[str, float]:
-    """Largest joint speed over its limit, and the total variation of the joint velocities [rad/s, m/s]."""
+    """Largest joint speed divided by its limit, and total variation of the joint velocities [rad/s, m/s]."""
     return {
         "peak": float((np.abs(trace.velocity) / trace.velocity_limit).max()),
         "variation": float(np.abs(np.diff(trace.velocity, axis=0)).sum()),
@@ -125,8 +125,8 @@ def _failures(watched: Watched, trace: Trace) -> dict[str, Any]:
     return {"ticks": ticks, **ways, "failed_ticks": sum(ways.values())}
 
 
-def ticked(cell: Cell) -> dict[str, Result]:
-    """Times of whole ticks, side by side, in stretches of consecutive ticks of the task's own run under our law."""
+def tick_times(cell: Cell) -> dict[str, Result]:
+    """Times of whole ticks of all methods in turn, in stretches of consecutive ticks of a run under our law."""
     task = task_of(cell)
     robot = task.load_robot()
     stretches = QUICK_STRETCHES if cell.quick else STRETCHES
@@ -144,7 +144,7 @@ def ticked(cell: Cell) -> dict[str, Result]:
 
 
 def _inputs(task: Task, robot: Robot, stretches: int) -> list[tuple[Array, Any, Array]]:
-    """(q, target, feedforward) of ticks in stretches spread over a run."""
+    """(q, target, feedforward) of stretches of ticks that are spread over a run."""
     dt = task.law.dt
     q = run_task(task).q
     pose = task.path.along(robot, task.start())
@@ -162,13 +162,13 @@ def _inputs(task: Task, robot: Robot, stretches: int) -> list[tuple[Array, Any, 
 def _tick(loop: Controls, inputs: list[tuple[Array, Any, Array]], i: int) -> object:
     try:
         return loop.step(*inputs[i])
-    except Exception:  # noqa: BLE001 (failures are counted where runs are)
+    except Exception:  # noqa: BLE001 (`tracking` and `failures` count what fails)
         return None
 
 
 KINDS = {
-    "closed_loop": Kind(tracked),
+    "closed_loop": Kind(tracking),
     "singular": Kind(without_speed_limits, tasks=SINGULAR),
     "hard": Kind(failures, tasks=HARD),
-    "tick": Kind(ticked, alone=True),
+    "tick": Kind(tick_times, alone=True),
 }

@@ -1,30 +1,35 @@
-"""A task in contact told in displaced frames of tool, sensor and contact: what changes, ours and the textbook's.
+"""How much a run in contact changes when the frames of tool, sensor and contact are chosen differently.
 
     change = max |x(t) - x'(t)|,    T_tool' = T_tool X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
 
-Nothing physical is displaced. The textbook's task frame keeps its axes along the surface, as its users would see to.
+Only the description changes, the physical task is the same. Our controller is compared with the hybrid controller of
+textbooks, whose task frame keeps its axes along the surface, as a user would see to.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from invariantqp.compare.laws.raibert_craig import RaibertCraig
+from invariantqp.compare.measure.displaced import displaced
 from invariantqp.compare.measure.frames import random_displacement
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
-from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.pilots import Offsets, Wish
-from invariantqp.runs.plants.touch import Sensed
-from invariantqp.runs.run import MakeHybrid, Progress, our_hybrid, run_task
-from invariantqp.runs.scene import Scene
-from invariantqp.runs.taskfile import LawSpec, Task
+from invariantqp.geometry.arrays import Array
+from invariantqp.progress import Progress
+from invariantqp.runs.brief import Goal
+from invariantqp.runs.pilots import Pilot, pilot_of
+from invariantqp.runs.plants.plant import Measurement
+from invariantqp.runs.prepare import Setup, prepare
+from invariantqp.runs.run import run
+from invariantqp.runs.taskfile import Task
 from invariantqp.velocity.solution import VelocitySolution
 
-# Axes of the contact's frame that are moved along, turns first; the rest are pressed.
+# Diagonal of the selection matrix for each shape of contact, rotations first: 1 for motion, 0 for force.
 SELECTIONS = {
     "point": (1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
     "edge": (1.0, 0.0, 1.0, 1.0, 1.0, 0.0),
@@ -35,15 +40,15 @@ SELECTIONS = {
 
 @dataclass(frozen=True)
 class ContactFrameCheck:
-    """What displaced frames changed for one law.
+    """What other frames changed for one controller.
 
     Attributes:
         law: its name.
-        change: largest change of a joint velocity along the run [rad/s, m/s].
-        error_mm: largest path error after contact settled, as the task is told [mm].
-        force_error: of the true force, rms over the wanted one, as the task is told.
-        displaced_error_mm: in displaced frames.
-        displaced_force_error: in displaced frames.
+        change: largest change of a joint velocity during the run [rad/s, m/s].
+        error_mm: largest path error after the contact has settled, with the frames of the task file [mm].
+        force_error: rms error of the true force divided by the wanted force, with the frames of the task file.
+        displaced_error_mm: the same path error with displaced frames [mm].
+        displaced_force_error: the same force error with displaced frames.
     """
 
     law: str
@@ -55,23 +60,31 @@ class ContactFrameCheck:
 
 
 class Textbook:
-    """Raibert and Craig's controller on a task file's contact.
+    """Raibert and Craig's controller as a pilot, for the contact of a task file.
 
     Attributes:
-        measured: (6,) the wrench that it took the tool to exert, base frame.
+        wrench: (6,) the wrench that the tool exerts according to the sensor, base frame.
     """
 
     form = None
 
-    def __init__(self, robot: Robot, law: LawSpec, scene: Scene, offsets: Offsets) -> None:
-        """As `our_hybrid`; of the displaced frames it knows the tool's and the sensor's."""
-        self._back = se3.inverted(offsets.tool)
-        self._scene = scene
-        self._sensor = scene.sensor.relabelled(offsets.sensor, offsets.tool)
-        self._reading = se3.coadjoint(se3.inverted(offsets.sensor))
+    def __init__(self, setup: Setup, tool: Array | None = None) -> None:
+        """For a run described in displaced frames.
+
+        Args:
+            setup: of the run; of the displaced frames it knows the tool's and the sensor's.
+            tool: (4, 4) displacement of the tool frame, by which its task frame finds the surface; None is none.
+        """
+        brief, scene = setup.brief, setup.scene
+        if scene is None or brief.sensor is None:
+            raise BadInput("setup", "a task without contact", "one with [contact] and [force]")
+        law = brief.law
+        self._back = np.eye(4) if tool is None else se3.inverse(tool)
+        self._contact_at = scene.task.contact_at
+        self._sensor = brief.sensor
         self._loop = RaibertCraig(
-            robot,
-            SELECTIONS[scene.touch.shape],
+            brief.robot,
+            SELECTIONS[scene.springs.shape],
             np.eye(3),
             scene.wanted,
             dt=law.dt,
@@ -79,34 +92,42 @@ class Textbook:
             compliance=np.diag(np.asarray(scene.task.compliance)),
             sensor_axes=np.asarray(self._sensor.mount)[:3, :3],
         )
-        self.measured = np.zeros(6)
+        self.wrench = np.zeros(6)
 
-    def step(self, sensed: Sensed, wish: Wish) -> VelocitySolution:
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        if sensed.wrench is None:
-            raise BadInput("plant", "no force sensor", "one that senses the wrench at the tool")
-        tool = self._loop.robot.pose(sensed.q)
-        exerted = self._sensor.loaded(self._reading.dot(sensed.wrench), tool)
-        self.measured = self._sensor.in_base(exerted, tool)
-        self._loop.axes = np.asarray(self._scene.task.contact_at(tool.dot(self._back)).pose)[:3, :3]
-        return self._loop.step(sensed.q, wish.target, exerted, wish.ahead)
+        if measured.wrench is None:
+            raise BadInput("plant", "no force sensor", "a plant that measures the wrench at the tool")
+        tool = self._loop.robot.pose(measured.q)
+        exerted = self._sensor.load(measured.wrench, tool)
+        self.wrench = self._sensor.in_base(exerted, tool)
+        self._loop.axes = np.asarray(self._contact_at(tool.dot(self._back)).pose)[:3, :3]
+        return self._loop.step(measured.q, goal.target, exerted, goal.feedforward)
+
+
+def ours(setup: Setup, tool: Array | None = None) -> Pilot:  # noqa: ARG001 (it needs to be told of no displacement)
+    """Our hybrid controller as a pilot."""
+    return pilot_of(setup.brief)
 
 
 def contact_frame_check(
     task: Task, seed: int = 0, physics: str = "ideal", progress: Progress | None = None
 ) -> list[ContactFrameCheck]:
-    """Run a task with contact as it is told and in frames displaced at random, under our law and the textbook's.
+    """Run a task with contact in its own frames and in frames displaced at random, under our controller and another.
 
     Args:
-        task: from `load_task`.
-        seed: of the three displacements.
-        physics: the plant.
+        task: a task with contact, from `load_task`.
+        seed: seed of the three displacements.
+        physics: the plant, "ideal" or "mujoco".
         progress: called with (ticks done, ticks in all).
 
     Returns:
-        One ContactFrameCheck a law; ours first.
+        One ContactFrameCheck for each controller; ours is the first.
+
+    Raises:
+        BadInput: no such plant, or one without a force sensor.
     """
-    laws: dict[str, MakeHybrid] = {"invariantqp": our_hybrid, "Raibert-Craig": Textbook}
+    laws: dict[str, Callable[[Setup, Array | None], Pilot]] = {"invariantqp": ours, "Raibert-Craig": Textbook}
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
     checks = []
     runs = 0
@@ -116,20 +137,12 @@ def contact_frame_check(
             progress(runs * total + done, 2 * len(laws) * total)
 
     for name, make in laws.items():
-        plain = run_task(task, physics=physics, hybrid=make, progress=count)
+        as_told, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
+        plain = run(as_told, make(as_told, None), count)
         runs += 1
-        moved = run_task(
-            task,
-            physics=physics,
-            hybrid=make,
-            progress=count,
-            tool_offset=tool,
-            sensor_offset=sensor,
-            contact_offset=contact,
-        )
+        other = run(moved, make(moved, tool), count)
         runs += 1
-        change = float(np.abs(plain.velocity - moved.velocity).max())
-        errors = (1e3 * float(run.position_error[run.settled :].max()) for run in (plain, moved))
-        as_told, displaced = errors
-        checks.append(ContactFrameCheck(name, change, as_told, plain.force_error, displaced, moved.force_error))
+        change = float(np.abs(plain.velocity - other.velocity).max())
+        errors = [1e3 * float(trace.position_error[trace.counted_from :].max()) for trace in (plain, other)]
+        checks.append(ContactFrameCheck(name, change, errors[0], plain.force_error, errors[1], other.force_error))
     return checks

@@ -1,9 +1,9 @@
-"""How much a joint velocity depends on how the problem was written down: on where frames are, on the unit of length.
+"""How much a joint velocity depends on the choice of frames and of the unit of length.
 
-    |x - x'| / |x|,    x' the answer to the same physical question with tool frame and base frame displaced, or in mm
+    |x - x'| / |x|,    x' the answer to the same physical question with tool and base frame displaced, or in millimetres
 
-States are drawn over the joint range, with the limits on; each law is asked through its own loop, as shipped. Numbers
-that people give in metres (a length, an inertia) are converted; damping in mixed units cannot be.
+States are drawn over the joint range, limits are on, and each method runs in its own control loop. Parameters with a
+unit of length (a pitch, an inertia) are converted. A damping in mixed units cannot be converted.
 """
 
 from __future__ import annotations
@@ -13,13 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.compare.cell import Cell, Kind, Result
 from invariantqp.compare.laws.baselines import MethodLaw, controller_of, setting_of
 from invariantqp.compare.measure.closed_loop import task_of
 from invariantqp.compare.measure.frames import frame_check, random_displacement
-from invariantqp.compare.measure.rewritten import rewritten, stretched
+from invariantqp.compare.measure.rewrite import rewrite, scale_lengths
 from invariantqp.compare.measure.states import joint_range
-from invariantqp.compare.methods import Method, methods
-from invariantqp.compare.sweep import Cell, Kind, Result
+from invariantqp.compare.method import Method
+from invariantqp.compare.names import DLS, LEAST_SQUARES, MINK, OURS, PINK, PINV
+from invariantqp.compare.registry import methods
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.control.controls import Controls
 from invariantqp.geometry import se3
@@ -27,23 +29,23 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec, load_task
 
-# Displacements, and states for each: of a full run, of a quick one.
+# Displacements of a full run and of a quick one, and states for each displacement.
 DISPLACEMENTS, QUICK_DISPLACEMENTS = 10, 2
 STATES = 20
-# Standard deviation of each component of the twists asked for [rad/s, m/s]: fast enough to meet limits now and then.
+# Standard deviation of each component of the wanted twists [rad/s, m/s]: limits become active in some states.
 TWIST = 0.5
 MILLIMETRES = 1000.0
-# Methods whose whole trajectories are run twice as well.
-TRAJECTORIES = ("invariantqp", "Moore-Penrose, pinv", "DLS", "least-squares QP", "Pink", "mink")
+# Methods for which a whole run is repeated with another tool frame.
+TRAJECTORIES = (OURS, PINV, DLS, LEAST_SQUARES, PINK, MINK)
 
 
 class Writing(NamedTuple):
-    """One way to write an arm and its targets down.
+    """A choice of frames and of the unit of length in which an arm and its targets are described.
 
     Attributes:
         base: (4, 4) pose of the old base frame in the new one.
         tool: (4, 4) pose of the new tool frame in the old one, in the new unit.
-        unit: how many of the new units of length make a metre.
+        unit: how many new units of length make a metre.
     """
 
     base: Array
@@ -51,12 +53,12 @@ class Writing(NamedTuple):
     unit: float = 1.0
 
     def target(self, pose: Array) -> Array:
-        """A (4, 4) target as written here."""
-        return np.asarray(self.base.dot(stretched(pose, self.unit)).dot(self.tool))
+        """A (4, 4) target in this description."""
+        return np.asarray(self.base.dot(scale_lengths(pose, self.unit)).dot(self.tool))
 
     def loop(self, method: Method, robot: Robot, law: LawSpec) -> tuple[Controls, Robot]:
-        """A method's loop for the arm as written here, and that arm."""
-        moved = rewritten(robot, base=self.base, unit=self.unit).with_tool(self.tool)
+        """The control loop of a method for the arm in this description, and that arm."""
+        moved = rewrite(robot, base=self.base, unit=self.unit).with_tool(self.tool)
         back = se3.inverse(self.tool)
         point = back.dot([*(self.unit * np.asarray(law.point)), 1.0])[:3]
         law = law.model_copy(update={"point": tuple(point.tolist())})
@@ -69,7 +71,7 @@ class Writing(NamedTuple):
 
 
 def dependence(cell: Cell) -> dict[str, Result]:
-    """Frame and unit dependence of one method over the joint range of a task's arm."""
+    """How much one method depends on frames and on the unit, over the joint range of the arm of a task."""
     method = methods()[cell.method]
     task = load_task(cell.task)
     robot, law = task.load_robot(), task.law
@@ -87,11 +89,11 @@ def dependence(cell: Cell) -> dict[str, Result]:
 
 
 def _drawn(robot: Robot, law: LawSpec, rng: np.random.Generator) -> tuple[Array, list[Array]]:
-    """Joint positions (n, m), and target poses that ask for a random twist about the tool."""
+    """Random joint positions (n, m), and for each a target pose that asks for a random twist of the tool."""
     low, high = joint_range(robot)
     q = rng.uniform(low, high, (STATES, len(low)))
     gain = TRACKING_SHARE / law.dt if law.gain is None else law.gain
-    return q, [robot.pose(x).dot(se3.motion(TWIST / gain * rng.standard_normal(6))) for x in q]
+    return q, [robot.pose(x).dot(se3.exp(TWIST / gain * rng.standard_normal(6), check=False)) for x in q]
 
 
 def _answers(
@@ -104,13 +106,13 @@ def _answers(
 def _answer(loop: Controls, q: Array, target: Any) -> Array | None:
     try:
         x = np.asarray(loop.step(q, target).velocity, dtype=np.float64)
-    except Exception:  # noqa: BLE001 (failures are counted, here as a state left out)
+    except Exception:  # noqa: BLE001 (a state without an answer is counted as left out)
         return None
     return x if np.isfinite(x).all() else None
 
 
 class _Changes:
-    """Relative changes, and how many states had no answer to compare."""
+    """Relative changes, and the number of states in which there was nothing to compare."""
 
     def __init__(self) -> None:
         self._found: list[float] = []
@@ -136,7 +138,7 @@ class _Changes:
 
 
 def trajectory(cell: Cell) -> dict[str, Result]:
-    """How far the task's whole joint trajectory moves when the tool frame is put elsewhere."""
+    """How much the joint trajectory of a whole task changes when another tool frame is chosen."""
     (check,) = frame_check(task_of(cell), cell.seed, laws={cell.method: controller_of(methods()[cell.method])})
     return {cell.method: {"change": check.change, "worst_error_mm": check.worst_error_mm}}
 

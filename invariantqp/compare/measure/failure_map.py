@@ -1,13 +1,13 @@
-"""Where over the joint range a method fails, drawn over two joints, the others at random.
+"""Where in the joint range a method fails: a map over two joints, with the other joints at random.
 
-A motion is asked that any arm of this size makes in a day's work: the tool at 0.25 m/s and 0.5 rad/s, in a random
-direction. A state has failed when the answer
+The tool is asked to move at 0.25 m/s and 0.5 rad/s in a random direction, an ordinary motion for an arm of this size. A
+state counts as failed in three cases:
 
-    raised      raises, or is not finite
-    too fast    asks a joint for more than its speed limit (before anything clips it)
-    astray      has the tool further from its target after the tick than before, in position and in orientation
+    raised      the method raises, or its answer is not finite
+    too fast    the answer exceeds the speed limit of a joint, before anything clips it
+    astray      after the tick the tool is further from its target, both in position and in orientation
 
-The last asks for both, so that no weighing of one against the other takes a side.
+The last case asks for both, so that it does not depend on how position is weighed against orientation.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.compare.cell import Cell, Kind, Result
 from invariantqp.compare.laws.baselines import controller_of
-from invariantqp.compare.measure.rewritten import rewritten
+from invariantqp.compare.measure.rewrite import rewrite
 from invariantqp.compare.measure.stability import quietly
 from invariantqp.compare.measure.states import joint_range
-from invariantqp.compare.methods import methods
-from invariantqp.compare.sweep import Cell, Kind, Result
+from invariantqp.compare.registry import methods
 from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -31,19 +31,19 @@ from invariantqp.robots.load import load_robot
 from invariantqp.runs.log import distance
 from invariantqp.runs.taskfile import LawSpec
 
-# The two joints drawn over, by arm: those that make it singular.
+# The two joints of the map of each arm: those on which its singularities depend.
 AXES = {"ur5": (2, 4), "so101": (2, 3)}
-# Squares along each axis, states in each: of a full map, of a quick one.
+# Squares along each axis and states in each square, of a full map and of a quick one.
 GRID, SAMPLES = 20, 6
 QUICK_GRID, QUICK_SAMPLES = 12, 1
-# The motion asked for [rad/s], [m/s], and the tick [s].
+# The wanted angular and linear speed [rad/s], [m/s], and the duration of a tick [s].
 TURN, SPEED, TICK = 0.5, 0.25, 0.002
-# Speeds this much over a limit, relative, are over it; an error must grow by this much, relative, to have grown.
+# A speed over its limit, or an error that grew, counts if it does so by more than this fraction: less is rounding.
 OVER = 1e-6
 
 
-class State(NamedTuple):
-    """One state: its square in the grid, joint positions, and the target pose."""
+class MapState(NamedTuple):
+    """One state of a map: its square, its joint positions (m,), and the target pose (4, 4)."""
 
     row: int
     column: int
@@ -52,13 +52,13 @@ class State(NamedTuple):
 
 
 def failures(cell: Cell) -> dict[str, Result]:
-    """One method's map for one arm; counts out of `samples` in each square, rows along the second joint."""
+    """The map of one method for one arm: failures out of `samples` in each square; rows run along the second joint."""
     method = methods()[cell.method]
     robot = load_robot(cell.task)
     law = LawSpec(dt=TICK)
-    # A method that is told of limits has to keep them by itself; of what will be clipped we ask the raw speed.
-    asked = robot if method.limits == "inside" else rewritten(robot, speed_limits=False)
-    loop = controller_of(method)(asked, law)
+    # A method that knows limits has to keep them; of any other method we look at the speed before it is clipped.
+    arm = robot if method.limits == "inside" else rewrite(robot, speed_limits=False)
+    loop = controller_of(method)(arm, law)
     grid, samples = (QUICK_GRID, QUICK_SAMPLES) if cell.quick else (GRID, SAMPLES)
     failed = np.zeros((grid, grid), dtype=int)
     ways = dict.fromkeys(("raised", "too_fast", "astray"), 0)
@@ -83,8 +83,8 @@ def failures(cell: Cell) -> dict[str, Result]:
     }
 
 
-def _states(robot: Robot, cell: Cell, grid: int, samples: int) -> Iterator[State]:
-    """The same states for every method: uniform in each square and in the other joints."""
+def _states(robot: Robot, cell: Cell, grid: int, samples: int) -> Iterator[MapState]:
+    """The states, the same for every method: uniformly distributed in each square and over the other joints."""
     rng = np.random.default_rng([cell.seed, 3])
     low, high = joint_range(robot)
     first, second = AXES[cell.task]
@@ -96,13 +96,13 @@ def _states(robot: Robot, cell: Cell, grid: int, samples: int) -> Iterator[State
             size * d / np.linalg.norm(d) for size, d in zip((TURN, SPEED), rng.standard_normal((2, 3)), strict=True)
         )
         ahead = TICK / TRACKING_SHARE * np.concatenate((w, v))
-        yield State(row, column, q, robot.pose(q).dot(se3.motion(ahead)))
+        yield MapState(row, column, q, robot.pose(q).dot(se3.exp(ahead, check=False)))
 
 
-def _ways(robot: Robot, loop: Any, state: State) -> list[str]:
+def _ways(robot: Robot, loop: Any, state: MapState) -> list[str]:
     try:
         x = np.asarray(loop.step(state.q, robot.target(state.target)).velocity, dtype=np.float64)
-    except Exception:  # noqa: BLE001 (whatever a law throws is a failed state)
+    except Exception:  # noqa: BLE001 (whatever a method raises makes the state a failed one)
         return ["raised"]
     if not np.isfinite(x).all():
         return ["raised"]

@@ -1,9 +1,9 @@
-"""How cost grows: with joints, tasks, limit rows and batch size, each with its slope on doubly logarithmic axes.
+"""How the time of a solve grows with the number of joints, tasks and limit rows, and with the size of a batch.
 
-cost ~ size^slope,   fitted to the larger half of the sizes
+    time ~ size^slope,   fitted to the larger half of the sizes
 
-tasks of this kind: "joints" (no limit met), "joints, limits met", "tasks", "rows", "batch"
-result: {"size": [...], "median_us": [...], "slope": x};   of a batch: us a row
+Places instead of tasks: "joints" (no limit active), "joints, limits met" (some active), "tasks", "rows", "batch".
+Result: {"size": [...], "median_us": [...], "slope": x}; of a batch the time for each row of it.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from invariantqp.compare.laws.invariant import OURS
-from invariantqp.compare.measure.solves import answered, has_solver
-from invariantqp.compare.measure.states import Question
+from invariantqp.compare.cell import Cell, Kind, Result
+from invariantqp.compare.measure.solves import clipped_answer, has_solver
 from invariantqp.compare.measure.timing import interleaved
-from invariantqp.compare.methods import Method, Setting, methods
-from invariantqp.compare.sweep import Cell, Kind, Result
+from invariantqp.compare.method import Method, Question, Setting
+from invariantqp.compare.names import OURS
+from invariantqp.compare.registry import methods
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import revolute
 from invariantqp.velocity.batch import solve_velocities
@@ -31,31 +31,31 @@ TASKS, QUICK_TASKS = (1, 2, 3, 4, 6, 8), (1, 4, 8)
 ROWS, QUICK_ROWS = (1, 2, 5, 10, 20, 50, 100), (1, 10, 100)
 BATCH, QUICK_BATCH = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000), (1, 30, 1000)
 ROUNDS, QUICK_ROUNDS = 30, 5
-# States each size is timed on.
+# States for each size.
 STATES = 3
-# Joints where something else than their number grows: a humanoid's for tasks, an arm's for rows and batches.
+# Joints of the robot where something else grows: as many as a humanoid has for tasks, an arm for rows and batches.
 MANY, FEW = 30, 7
-# Pitch of the chains, about as long as they are wide [m/rad].
+# Pitch of the forms [m/rad], about half the width of the chains.
 PITCH = 0.5
-# Bounds in units of the largest speed without them: wide, and such that they bind.
+# Velocity bounds, as multiples of the largest joint speed without bounds: never active, and active.
 WIDE, NARROW = 10.0, 0.6
 
 Call = Callable[[int], object]
 
 
 def random_chain(rng: np.random.Generator, m: int) -> Array:
-    """(6, m) twists of revolute joints with any axes through points of a cube a metre wide."""
+    """(6, m) twists of revolute joints, with random axes through random points of a cube with sides of a metre."""
     return np.column_stack([revolute(rng.standard_normal(3), rng.uniform(-0.5, 0.5, 3)) for _ in range(m)])
 
 
 def slope(size: Sequence[float], cost: Sequence[float]) -> float:
-    """The exponent fitted to the larger half of the sizes."""
+    """The exponent of cost ~ size^slope, fitted to the larger half of the sizes."""
     half = len(size) // 2
     return float(np.polyfit(np.log(size[half:]), np.log(cost[half:]), 1)[0])
 
 
 def growth(cell: Cell) -> dict[str, Result]:
-    """One axis of growth for every method that it is for."""
+    """The times of every method for one quantity that grows."""
     rounds = QUICK_ROUNDS if cell.quick else ROUNDS
     sizes, calls = _AXES[cell.task](cell)
     found: dict[str, dict[int, float]] = {}
@@ -79,14 +79,14 @@ def _joints(cell: Cell, share: float) -> Axis:
     def calls(m: int) -> dict[str, Call]:
         rng = np.random.default_rng([cell.seed, m])
         setting = Setting(m, pitch=PITCH)
-        asked = []
+        questions = []
         for _ in range(STATES):
             J, s = random_chain(rng, m), rng.standard_normal(6)
             reach = np.full(m, share * float(np.abs(np.linalg.pinv(J).dot(s)).max()))
-            asked.append(Question(J, s, -reach, reach))
+            questions.append(Question(J, s, -reach, reach))
         found = {}
         for name in cell.methods:
-            call = _solving(methods()[name], setting, asked)
+            call = _solving(methods()[name], setting, questions)
             if call is not None:
                 found[name] = call
         return found
@@ -94,14 +94,14 @@ def _joints(cell: Cell, share: float) -> Axis:
     return QUICK_JOINTS if cell.quick else JOINTS, calls
 
 
-def _solving(method: Method, setting: Setting, asked: list[Question]) -> Call | None:
-    """A method on these states; None where it fails on one of them, since a failure's time says nothing."""
+def _solving(method: Method, setting: Setting, questions: list[Question]) -> Call | None:
+    """A method on these states; None if it fails in one of them, since the time of a failure means nothing."""
     if method.make is None:
         return None
     solve = method.make(setting)
-    if any(answered(solve, question) is None for question in asked):
+    if any(clipped_answer(solve, question) is None for question in questions):
         return None
-    return lambda i: solve(*asked[i])
+    return lambda i: solve(*questions[i])
 
 
 def _tasks(cell: Cell) -> Axis:
@@ -110,7 +110,7 @@ def _tasks(cell: Cell) -> Axis:
         states = []
         for _ in range(STATES):
             J = random_chain(rng, MANY)
-            # Bodies along a chain: each is moved by the joints before it.
+            # Bodies along a chain: each is moved by the joints between the base and itself.
             bodies = [J * (np.arange(MANY) < MANY - 2 * k) for k in range(count)]
             twists = [body.dot(0.1 * rng.standard_normal(MANY)) for body in bodies]
             states.append(list(zip(bodies, twists, strict=True)))

@@ -1,4 +1,4 @@
-"""What figures depend on besides the code: the machine and the libraries, without a name or a path of anyone's."""
+"""What measured times depend on besides the code: the machine and the versions of libraries, but no names or paths."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from invariantqp import __version__
+from invariantqp.version import __version__
 
-# Distributions whose releases move figures.
+# Distributions whose version may change a result.
 LIBRARIES = (
     "numpy",
     "scipy",
@@ -35,7 +35,7 @@ LIBRARIES = (
 
 @cache
 def machine() -> dict[str, str | int]:
-    """Processor, cores, system, Python."""
+    """Processor, number of cores, operating system, and version of Python."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count() or 1,
@@ -45,7 +45,7 @@ def machine() -> dict[str, str | int]:
 
 
 def _processor() -> str:
-    """The processor's name, where the system tells it."""
+    """The name of the processor as the operating system gives it."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
         for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -56,7 +56,7 @@ def _processor() -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """The release of this package and of every library that is installed."""
+    """The version of this package and of each library above that is installed."""
     found = {"invariantqp": __version__}
     for name in LIBRARIES:
         try:
@@ -68,7 +68,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def source_digest() -> str:
-    """A digest of this package's own source: a changed law is measured again."""
+    """A digest of the source of this package: after a change everything is measured again."""
     digest = hashlib.sha256()
     root = Path(__file__).parents[2]
     for file in sorted(root.rglob("*.py")):

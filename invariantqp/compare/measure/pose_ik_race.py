@@ -1,11 +1,12 @@
-"""Inverse kinematics to a pose, ours and what people have, on the same random reachable targets from the same starts.
+"""Inverse kinematics for a pose: `solve_pose` and other solvers on the same random targets, from the same starts.
 
-    target = T(q),   q and the start drawn evenly from the joint range      met: 1e-6 m, 1e-6 rad, inside limits
+    target = T(q),   q and the start uniformly distributed over the joint range
+    success: errors of at most 1e-6 m and 1e-6 rad, inside the joint limits, within the time limit
 
-Newton by the pseudoinverse and Pink know no restarts: they get the same ones as ours, from a loop a script would have.
-The Robotics Toolbox's ik_LM runs with its defaults but for the tolerance and brings its own restarts (100 of 30 steps,
-random in the joint range); it ignores limits on the way and throws a solution outside of them away. A joint without
-limits has one turn there.
+Newton's method with the pseudoinverse and Pink have no restarts of their own: a loop around them restarts them where
+`solve_pose` does. The Robotics Toolbox's ik_LM has its default settings except for the tolerance. It has its own
+restarts (100 of 30 steps, random in the joint range), ignores limits on the way, and rejects a solution outside them;
+a joint without limits has a range of one turn there.
 """
 
 from __future__ import annotations
@@ -24,42 +25,43 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import load_robot
 from invariantqp.runs.log import distance
 from invariantqp.runs.taskfile import LawSpec
 
-Progress = Callable[[int, int], None]
-# A target (4, 4) and a start (m,) to joint positions (m,), found or not.
+# A target (4, 4) and a start (m,) to joint positions (m,), whether they reach the target or not.
 Solver = Callable[[Array, Array], Array]
-# A robot and a time limit [s] to its solver.
+# A robot and a time limit [s] to a solver.
 Contestant = Callable[[Robot, float], Solver]
-# A state q to the step that is to be taken from it.
+# Joint positions (m,) to the step (m,) to take from there.
 Step = Callable[[Array], Array]
 
 ROBOTS = ("panda", "ur5", "xarm7", "kinova", "so101")
-OURS = "invariantqp solve_pose"
+SOLVE_POSE = "invariantqp solve_pose"
+# Largest error of a success [m, rad], and largest time [s]: what a controller at 20 Hz could wait for.
 TOLERANCE = 1e-6
 TIME_LIMIT = 0.05
-# ik_LM stops at 1/2 e'e: this is a residual e of the same 1e-6.
+# ik_LM compares 1/2 e'e with its tolerance: this is an error |e| of TOLERANCE.
 LM_TOLERANCE = 0.5 * TOLERANCE**2
-# The loop around a step: so many of them in a try, which is given up where this many have not halved the error.
+# Steps of one try of a stepping method, and steps after which a try ends if they did not halve the error.
 STEPS, STALLED = 100, 10
-# Targets solved before the clock counts, for what is imported or compiled at first use.
+# Targets solved before times are measured, since some modules are imported or compiled at the first use.
 WARM_UP = 3
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One solver on one robot.
+class RaceOutcome:
+    """How one solver did on one robot.
 
     Attributes:
         robot: its name.
         solver: its name.
-        success: share of the targets met inside limits and within the time limit.
-        median_ms: time for a target, met or not [ms].
-        p99_ms: likewise.
-        outside: answers outside the joint limits, met or not.
+        success: share of the targets that it reached, inside the limits and within the time limit.
+        median_ms: median time for a target, reached or not [ms].
+        p99_ms: 99th percentile of that time [ms].
+        outside: number of answers outside the joint limits.
     """
 
     robot: str
@@ -71,8 +73,8 @@ class Outcome:
 
 
 def contestants() -> dict[str, Contestant]:
-    """Those that are installed, ours first."""
-    found: dict[str, Contestant] = {OURS: _ours}
+    """The solvers that are installed; ours is the first."""
+    found: dict[str, Contestant] = {SOLVE_POSE: _ours}
     if has_toolbox():
         found["roboticstoolbox ik_LM (C++)"] = _toolbox
     if has_pink():
@@ -87,18 +89,18 @@ def race(
     at_limits: int = 0,
     seed: int = 0,
     progress: Progress | None = None,
-) -> list[Outcome]:
-    """Every contestant on `count` targets of every robot.
+) -> list[RaceOutcome]:
+    """Run every solver on the same targets of every robot.
 
     Args:
-        count: targets a robot.
+        count: number of targets for each robot.
         robots: names or URDF files.
-        at_limits: joints of a target's q that are put at one of their limits.
-        seed: of targets and starts.
+        at_limits: number of joints of a target's q that are moved to one of their limits.
+        seed: seed of targets and starts.
         progress: called with (targets done, targets in all).
 
     Raises:
-        BadInput: no targets.
+        BadInput: count is less than one.
     """
     if count < 1:
         raise BadInput("count", str(count), "one target or more")
@@ -125,7 +127,7 @@ def race(
 
 
 def _problems(robot: Robot, count: int, at_limits: int, rng: np.random.Generator) -> list[tuple[Array, Array]]:
-    """Targets and starts."""
+    """Target poses (4, 4) and starts (m,)."""
     low, high = joint_ranges(robot)
     limited = np.flatnonzero(np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper))
     problems = []
@@ -139,13 +141,13 @@ def _problems(robot: Robot, count: int, at_limits: int, rng: np.random.Generator
 
 def _judged(
     robot: Robot, name: str, solver: str, problems: list[tuple[Array, Array]], answers: list[Array], times: Array
-) -> Outcome:
-    """What the answers are worth; nobody's own word for it is taken."""
+) -> RaceOutcome:
+    """The outcome according to our own check of every answer, whatever the solver said about it."""
     inside = np.array([bool((robot.position_lower <= q).all() and (q <= robot.position_upper).all()) for q in answers])
     met = np.array(
         [max(distance(robot.pose(q), target)) <= TOLERANCE for q, (target, _) in zip(answers, problems, strict=True)]
     )
-    return Outcome(
+    return RaceOutcome(
         robot=name,
         solver=solver,
         success=float(np.mean(met & inside & (times <= TIME_LIMIT))),
@@ -178,7 +180,7 @@ def _pinv(robot: Robot, time_limit: float) -> Solver:
 
 
 def _pink(robot: Robot, time_limit: float) -> Solver:
-    law = PinkLaw(robot, LawSpec.model_validate({"dt": 1.0, "gain": 1.0}))  # a step is what it would do in a second
+    law = PinkLaw(robot, LawSpec.model_validate({"dt": 1.0, "gain": 1.0}))  # a step is its velocity for one second
 
     def solve(target: Array, start: Array) -> Array:
         wanted: Any = robot.target(target)
@@ -188,7 +190,7 @@ def _pink(robot: Robot, time_limit: float) -> Solver:
 
 
 def _tried(robot: Robot, target: Any, start: Array, step: Step, time_limit: float) -> Array:
-    """Steps from the start, then from others spread over the joint range; where it ended if nothing met the target."""
+    """Take steps from the start, then from other states spread over the joint range; returns the last q in any case."""
     deadline = perf_counter() + time_limit
     error = pose_error(robot, target, None, ())
     q = start
@@ -203,7 +205,7 @@ def _tried(robot: Robot, target: Any, start: Array, step: Step, time_limit: floa
                 break
             try:
                 x = step(q)
-            except Exception:  # noqa: BLE001 (a peer's own trouble ends its try)
+            except Exception:  # noqa: BLE001 (an exception of another library ends this try)
                 break
             q = np.minimum(np.maximum(q + x, robot.position_lower), robot.position_upper)
     return q

@@ -1,10 +1,11 @@
-"""Single solves: the error against the exact answer, and the time, in states that are free, limited and near-singular.
+"""Single solves: error and time, in states without active limits, with active limits, and close to a singularity.
 
-error    |x - x*| / |x*|,   x* the exact answer of the method's own problem, or with limits met, of what it stands for
-missed   |s - Jx| / |s|     in the tool's frame, metres and radians alike: what Moore-Penrose minimises
+    error    |x - x*| / |x*|,   x* the exact answer of the problem that the method solves; with active limits, of the
+             problem that it solves or that clipping approximates
+    missed   |s - Jx| / |s|     in the tool frame, with metres and radians alike: what Moore-Penrose minimises
 
-result: {"free": {"error", "error_max", "missed", "failed", "agreement"}, "limited": {...}, "singular": {...}}
-        {"free": {"median_us", "p99_us"}, "limited": {...}, "singular": {...}}
+Results: {"free": {"error", "error_max", "missed", "failed", "agreement"}, "limited": {...}, "singular": {...}} and
+{"free": {"median_us", "p99_us"}, "limited": {...}, "singular": {...}}.
 """
 
 from __future__ import annotations
@@ -14,20 +15,24 @@ from typing import Any
 
 import numpy as np
 
+from invariantqp.compare.cell import Cell, Kind, Result
+from invariantqp.compare.exact.failure import NoReference
 from invariantqp.compare.laws.baselines import setting_of
-from invariantqp.compare.measure.states import SORTS, Question, State, states
+from invariantqp.compare.measure.states import SORTS, SolveState, states
 from invariantqp.compare.measure.timing import interleaved, spread
-from invariantqp.compare.methods import Method, Setting, Solve, methods
-from invariantqp.compare.sweep import Cell, Kind, NoReference, Result
+from invariantqp.compare.method import Method, Question, Setting, Solve
+from invariantqp.compare.registry import methods
+from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.taskfile import load_task
 
-# States of each sort, and rounds in which they are timed: of a full run, of a quick one.
+# States of each sort, and rounds in which they are timed, of a full run and of a quick one.
 COUNT, QUICK_COUNT = 20, 4
 ROUNDS, QUICK_ROUNDS = 50, 6
 
 
-def _arm(cell: Cell) -> tuple[Setting, dict[str, list[State]]]:
+def _arm(cell: Cell) -> tuple[Setting, dict[str, list[SolveState]]]:
+    """What methods may know of the arm of a cell's task, and states of each sort."""
     task = load_task(cell.task)
     robot = task.load_robot()
     setting = setting_of(robot, task.law.dt)
@@ -37,22 +42,22 @@ def _arm(cell: Cell) -> tuple[Setting, dict[str, list[State]]]:
 
 def _solver(method: Method, setting: Setting) -> Solve:
     if method.make is None:
-        raise TypeError(f"{method.name} is a system: it has no single solve")
+        raise BadInput("method", f"{method.name}, which has a control loop only", "a method with a solver")
     return method.make(setting)
 
 
-def answered(solve: Solve, asked: Question) -> Array | None:
-    """A method's velocity inside the limits; None where it raises or answers with what is not finite."""
+def clipped_answer(solve: Solve, question: Question) -> Array | None:
+    """A method's velocity clipped to the limits; None if it raises or its answer is not finite."""
     try:
         with np.errstate(all="ignore"):
-            x = np.asarray(solve(*asked), dtype=np.float64)
-    except Exception:  # noqa: BLE001 (whatever a solver throws is a failure to be counted)
+            x = np.asarray(solve(*question), dtype=np.float64)
+    except Exception:  # noqa: BLE001 (whatever a solver raises is counted as a failure)
         return None
-    return np.minimum(np.maximum(x, asked.lower), asked.upper) if np.isfinite(x).all() else None
+    return np.minimum(np.maximum(x, question.lower), question.upper) if np.isfinite(x).all() else None
 
 
 def errors(cell: Cell) -> dict[str, Result]:
-    """Every method's error, against references that are shared."""
+    """The error of every method; methods with the same problem share its exact answers."""
     setting, drawn = _arm(cell)
     exact = _Exact(setting)
     table = methods()
@@ -62,14 +67,14 @@ def errors(cell: Cell) -> dict[str, Result]:
 
 
 class _Exact:
-    """Exact answers, each made once for all methods that have the same problem in the same frame."""
+    """Exact answers, computed once for all methods with the same problem in the same frame."""
 
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
         self._kept: dict[tuple[str, str, int], Any] = {}
 
-    def of(self, method: Method, kind: str, state: State) -> Any:
-        """The reference, or None where the method has no problem or the problem no unique answer here."""
+    def of(self, method: Method, kind: str, state: SolveState) -> Any:
+        """The reference; None if the method has no exact problem, or the problem no unique answer in this state."""
         from invariantqp.compare.exact.references import reference
 
         problem = method.limited if kind == "limited" else method.problem
@@ -78,17 +83,17 @@ class _Exact:
         key = (problem, method.frame, id(state))
         if key not in self._kept:
             try:
-                self._kept[key] = reference(problem, state.asked(method), self._setting)
+                self._kept[key] = reference(problem, state.question(method), self._setting)
             except NoReference:
                 self._kept[key] = None
         return self._kept[key]
 
 
-def _error(method: Method, kind: str, drawn: list[State], setting: Setting, exact: _Exact) -> Result:
+def _error(method: Method, kind: str, drawn: list[SolveState], setting: Setting, exact: _Exact) -> Result:
     solve = _solver(method, setting)
     found, missed, agreements, failed = [], [], [], 0
     for state in drawn:
-        x = answered(solve, state.asked(method))
+        x = clipped_answer(solve, state.question(method))
         truth = exact.of(method, kind, state)
         if truth is not None:
             agreements.append(truth.agreement)
@@ -109,7 +114,7 @@ def _error(method: Method, kind: str, drawn: list[State], setting: Setting, exac
 
 
 def times(cell: Cell) -> dict[str, Result]:
-    """Every method's time of a solve, side by side."""
+    """The time of a solve of every method, measured in turn."""
     setting, drawn = _arm(cell)
     table = methods()
     rounds = QUICK_ROUNDS if cell.quick else ROUNDS
@@ -121,14 +126,14 @@ def times(cell: Cell) -> dict[str, Result]:
     return found
 
 
-def _call(method: Method, drawn: list[State], setting: Setting) -> Callable[[int], object]:
+def _call(method: Method, drawn: list[SolveState], setting: Setting) -> Callable[[int], object]:
     solve = _solver(method, setting)
-    asked = [state.asked(method) for state in drawn]
+    questions = [state.question(method) for state in drawn]
 
     def call(i: int) -> object:
         try:
-            return solve(*asked[i])
-        except Exception:  # noqa: BLE001 (failures are counted where errors are)
+            return solve(*questions[i])
+        except Exception:  # noqa: BLE001 (`errors` counts what fails)
             return None
 
     return call
@@ -140,6 +145,6 @@ def has_solver(name: str) -> bool:
 
 
 KINDS: dict[str, Kind] = {
-    "error": Kind(errors, together=True, fits=has_solver, variants=True),
+    "error": Kind(errors, together=True, fits=has_solver, variants=True, needs=("mpmath",)),
     "time": Kind(times, alone=True, fits=has_solver, variants=True),
 }

@@ -1,7 +1,7 @@
-"""What breaks velocity control, run under our law and the usual ones: tasks/stability/*.toml and broken inputs.
+"""Tasks that are difficult for velocity control, and inputs with NaN, under our law and the usual ones.
 
-Every law is watched as a robot's own supervisor does it: an exception, or an answer that is not finite, stops the arm
-for that tick and is counted. Figures are of the whole run, failures and all.
+The tasks are tasks/stability/*.toml. As the supervisor of a robot would do, an exception or an answer that is not
+finite stops the arm for that tick, and is counted. The figures are those of the whole run, failed ticks included.
 """
 
 from __future__ import annotations
@@ -16,61 +16,64 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.baselines import controller_named
-from invariantqp.compare.laws.invariant import OURS, PAPER_LAMBDA
+from invariantqp.compare.laws.invariant import PAPER_LAMBDA
 from invariantqp.compare.laws.pink_law import PinkLaw, has_pink
+from invariantqp.compare.names import DLS, LEAST_SQUARES, OURS, PINV, SDLS
+from invariantqp.compare.registry import controller_named
 from invariantqp.control.controller import Controller
 from invariantqp.control.controls import Controls
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
+from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.run import MakeController, Progress, our_controller, run_task
+from invariantqp.runs.controllers import MakeController, our_controller
+from invariantqp.runs.run import run_task
 from invariantqp.runs.taskfile import LawSpec, Task, load_task, shipped_tasks
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.solution import VelocitySolution
 
-# The yardstick of chatter: least squares with the same limits in the same run.
-YARDSTICK = "least-squares QP"
-# The share of a run that counts as its tail.
+# Chatter is measured relative to least squares with the same limits in the same run.
+YARDSTICK = LEAST_SQUARES
+# The last part of a run in which the arm should be at rest, as a share of it.
 TAIL = 0.1
-# Ticks in which a broken input is broken: every third in the first half, so that there is time to recover.
+# A broken input is NaN in every third tick of the first half of a run; the second half is time to recover.
 BROKEN_EVERY = 3
-# More than this past a limit is outside [rad, m] and [rad/s, m/s].
+# An excess over a limit up to this is rounding [rad, m] and [rad/s, m/s].
 INSIDE = 1e-9
 
 
 class Case(NamedTuple):
-    """A task of the library, and which input to `step` is NaN now and then: "", "q", "target" or "feedforward"."""
+    """A shipped task, and the input of `step` that is sometimes NaN: "q", "target", "feedforward", or "" for none."""
 
     task: str
     broken: str = ""
 
     @property
     def name(self) -> str:
-        """How tables call it."""
+        """Its name in tables."""
         short = self.task.removeprefix("stability/")
         return f"{short}, NaN in {self.broken}" if self.broken else short
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StabilityOutcome:
     """How one law did in one case.
 
     Attributes:
-        case: its name.
-        law: its name.
-        ticks: in all.
-        exceptions: ticks in which it raised.
-        not_finite: ticks in which its answer was not finite.
-        excess: largest growth beyond a position limit in a tick, or what is left of it at the end, or largest excess
-            over a velocity limit; 0 inside [rad, m; rad/s, m/s].
-        peak: largest joint velocity over its limit.
-        error_mm: position error at the end.
-        error_deg: orientation error at the end.
-        tail: largest joint velocity in the last tenth [rad/s, m/s].
+        case: name of the case.
+        law: name of the law.
+        ticks: number of ticks.
+        exceptions: number of ticks in which the law raised an exception.
+        not_finite: number of ticks in which its answer was not finite.
+        excess: the largest of three: how much further a joint went beyond a position limit in a tick, how far beyond
+            one it is at the end, and by how much a velocity exceeded its limit [rad, m; rad/s, m/s].
+        peak: largest joint velocity divided by its limit.
+        error_mm: position error at the end [mm].
+        error_deg: orientation error at the end [deg].
+        tail: largest joint velocity in the last tenth of the run [rad/s, m/s].
         variation: total variation of the joint velocities [rad/s, m/s].
-        chatter: that over the least-squares QP's in the same case.
+        chatter: the variation divided by that of the least-squares QP in the same case.
     """
 
     case: str
@@ -88,7 +91,7 @@ class Outcome:
 
     @property
     def finite(self) -> bool:
-        """Whether every answer was."""
+        """Whether every answer was finite."""
         return self.not_finite == 0
 
     @property
@@ -97,23 +100,24 @@ class Outcome:
         return self.excess <= INSIDE
 
     def as_json(self) -> dict[str, Any]:
-        """Every figure; one that is no number is null."""
+        """All figures; None for one that is not finite."""
         return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()}
 
 
 def paper_law(robot: Robot, law: LawSpec) -> Controller:
-    """[DS]'s own formula with Lambda = lambda I, clipped, with our form and posture of nothing else."""
-    return Controller(robot, dt=law.dt, gain=law.gain, form=law.pitch, damping=PaperLambda(PAPER_LAMBDA))
+    """The formula of [DS] with Lambda = lambda I, clipped to the limits; form and gain are those of the task."""
+    pitch = law.form if isinstance(law.form, float) else None
+    return Controller(robot, dt=law.dt, gain=law.gain, form=pitch, damping=PaperLambda(PAPER_LAMBDA))
 
 
 def laws() -> dict[str, MakeController]:
-    """The laws compared, ours first; Pink where it is installed."""
+    """The laws by name; ours is the first, and Pink is among them if it is installed."""
     table: dict[str, MakeController] = {
         OURS: our_controller,
         YARDSTICK: controller_named(YARDSTICK),
-        "Moore-Penrose": controller_named("Moore-Penrose, pinv"),
-        "DLS": controller_named("DLS"),
-        "SDLS": controller_named("SDLS"),
+        "Moore-Penrose": controller_named(PINV),
+        DLS: controller_named(DLS),
+        SDLS: controller_named(SDLS),
         "[DS] Lambda": paper_law,
     }
     if has_pink():
@@ -122,16 +126,21 @@ def laws() -> dict[str, MakeController]:
 
 
 def cases() -> list[Case]:
-    """Every stability task, and the jump with NaN in each input."""
+    """Every stability task, and the task with a jump with NaN in each of the inputs."""
     broken = [Case("stability/jump", name) for name in ("q", "target", "feedforward")]
     return [*(Case(name) for name in shipped_tasks("stability")), *broken]
 
 
 class Watched:
-    """A law that is stopped for a tick where it raises or answers with what is not finite."""
+    """A law whose arm stops for a tick if the law raises, or if its answer is not finite.
+
+    Attributes:
+        exceptions: number of ticks in which it raised.
+        not_finite: number of ticks in which its answer was not finite.
+    """
 
     def __init__(self, law: Controls, broken: str = "", ticks: int = 0) -> None:
-        """`broken` input is NaN in every third of the first half of `ticks`."""
+        """The input named `broken` is NaN in every third tick of the first half of `ticks`; none if it is empty."""
         self._law = law
         self._broken = broken
         self._last = ticks // 2
@@ -140,24 +149,24 @@ class Watched:
         self.not_finite = 0
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick, whatever happens."""
+        """One tick; never raises."""
         still = np.zeros(len(np.asarray(q)))
         self._tick += 1
         if self._broken and self._tick < self._last and self._tick % BROKEN_EVERY == 0:
             q, target, feedforward = _spoilt(self._broken, q, target, feedforward)
         try:
             solution = self._law.step(q, target, feedforward)
-        except Exception as error:  # noqa: BLE001 (whatever a law throws is what the table is about)
+        except Exception as error:  # noqa: BLE001 (exceptions are counted)
             self.exceptions += 1
             return _stopped(still, f"{type(error).__name__}: {error}")
         if np.isfinite(solution.velocity).all():
             return solution
         self.not_finite += 1
-        return _stopped(still, "answer that is not finite")
+        return _stopped(still, "the answer was not finite")
 
 
 def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | None) -> tuple[Any, Any, Any]:
-    """The inputs with NaN in one of them; the target's own class keeps what it checked before."""
+    """The inputs with NaN in one of them; a target keeps its class, which checked it before."""
     if broken == "q":
         return np.full(len(np.asarray(q)), np.nan), target, feedforward
     if broken == "feedforward":
@@ -171,20 +180,22 @@ def _stopped(still: Array, reason: str) -> VelocitySolution:
     return VelocitySolution(still, "hold", "held", reason, (), np.full(6, np.nan), 0.0, 0.0, 0.0, "")
 
 
-def run_case(case: Case, law: str, make: MakeController, progress: Progress | None = None) -> tuple[Outcome, Trace]:
-    """One case under one law.
+def run_case(
+    case: Case, law: str, make: MakeController, progress: Progress | None = None
+) -> tuple[StabilityOutcome, Trace]:
+    """Run one case under one law.
 
     Raises:
-        RobotModelError, MissingExtra: the law cannot have this robot.
+        RobotModelError, MissingExtra: the law cannot control this robot.
     """
-    watched, trace = watched_run(load_task(case.task), make, broken=case.broken, progress=progress)
+    watched, trace = run_watched(load_task(case.task), make, broken=case.broken, progress=progress)
     return _outcome(case, law, watched, trace), trace
 
 
-def watched_run(
-    task: Task, make: MakeController, *, broken: str = "", progress: Progress | None = None, **overrides: Any
+def run_watched(
+    task: Task, make: MakeController, *, broken: str = "", progress: Progress | None = None
 ) -> tuple[Watched, Trace]:
-    """A task under a law that is stopped for a tick where it fails; as in `run_task` otherwise."""
+    """Run a task under a `Watched` law; returns the law and the trace."""
     watched: list[Watched] = []
 
     def watch(robot: Robot, spec: LawSpec) -> Watched:
@@ -192,13 +203,13 @@ def watched_run(
         return watched[0]
 
     with quietly():
-        trace = run_task(task, controller=watch, progress=progress, **overrides)
+        trace = run_task(task, controller=watch, progress=progress)
     return watched[0], trace
 
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Without a warning in every tick: what a law thinks of its arithmetic is in its figures."""
+    """Suppress warnings, which a failing law would give in every tick."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:
@@ -209,13 +220,13 @@ def quietly() -> Iterator[None]:
         logging.disable(before)
 
 
-def _outcome(case: Case, law: str, watched: Watched, trace: Trace) -> Outcome:
+def _outcome(case: Case, law: str, watched: Watched, trace: Trace) -> StabilityOutcome:
     low, high = trace.position_limits
     outside = np.maximum(np.maximum(low - trace.q, trace.q - high), 0.0)
     speed = np.abs(trace.velocity)
     excess = (np.diff(outside, axis=0).max(), outside[-1].max(), (speed - trace.velocity_limit).max())
     last = max(1, round(TAIL * len(speed)))
-    return Outcome(
+    return StabilityOutcome(
         case=case.name,
         law=law,
         ticks=len(speed),
@@ -232,24 +243,29 @@ def _outcome(case: Case, law: str, watched: Watched, trace: Trace) -> Outcome:
 
 def compare_stability(
     progress: Progress | None = None, chosen: Callable[[Case], bool] = lambda _: True
-) -> list[Outcome]:
-    """Every case under every law that can have its robot, chatter measured against the least-squares QP.
+) -> list[StabilityOutcome]:
+    """Run every case under every law that can control its robot.
 
     Args:
         progress: called with (runs done, runs in all).
-        chosen: which cases.
+        chosen: whether to run a case.
+
+    Raises:
+        MissingExtra: the robot models are not installed; raised before the first run.
     """
     picked = [case for case in cases() if chosen(case)]
+    for name in dict.fromkeys(case.task for case in picked):
+        load_task(name).load_robot()
     table = laws()
-    outcomes: list[Outcome] = []
+    outcomes: list[StabilityOutcome] = []
     total = len(picked) * len(table)
     for i, case in enumerate(picked):
-        runs: dict[str, Outcome] = {}
+        runs: dict[str, StabilityOutcome] = {}
         for j, (name, make) in enumerate(table.items()):
             try:
                 runs[name] = run_case(case, name, make)[0]
             except (RobotModelError, MissingExtra):
-                continue  # Pink has no robot made of screws
+                continue  # Pink cannot control a robot that is given by joint screws
             finally:
                 if progress is not None:
                     progress(i * len(table) + j + 1, total)

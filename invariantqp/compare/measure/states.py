@@ -1,6 +1,6 @@
-"""The states in which single solves are compared: no limit met, limits met, and close to a singularity.
+"""The states in which single solves are compared: without active limits, with active limits, and near a singularity.
 
-Joint positions are drawn over an arm's whole range, twists at random; all from one seed.
+Joint positions are uniformly distributed over the joint range and twists are random; one seed determines them all.
 """
 
 from __future__ import annotations
@@ -10,45 +10,36 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from invariantqp.compare.methods import Method, Setting
+from invariantqp.compare.method import Method, Question, Setting
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.gram import gram_matrix
 
 SORTS = ("free", "limited", "singular")
-# Of the twists asked for [rad/s, m/s].
+# Standard deviation of each component of the wanted twists [rad/s, m/s].
 TWIST = 0.3
-# |mu| ratio above which a state is far from a singularity and from principal pitches, so that no policy damps it.
+# Smallest |mu| over largest above which no law damps: far from singularities and from principal pitches.
 REGULAR = 1e-3
-# Bounds in units of the largest joint speed that the closed forms ask for: wide, and such that they bind.
+# Velocity bounds as multiples of the largest joint speed of the closed forms: never active, and active.
 WIDE, NARROW = 10.0, 0.7
-# Joints are not alike: each one's bounds are that times a factor drawn from this range.
+# The bounds of each joint are multiplied by a random factor from this range, since real joints differ.
 UNEVEN = (0.7, 1.3)
-# How far from a singularity, as powers of ten of a radian.
+# Distance from a singularity, as powers of ten of a radian.
 NEAREST, FARTHEST = -4.0, -1.5
-# A joint without limits is drawn from a turn.
+# A joint without limits has this range in either direction [rad].
 TURN = np.pi
 
 
-class Question(NamedTuple):
-    """What a method is asked: a twist of joints within bounds, in the frame that it is meant for."""
-
-    J: Array
-    s: Array
-    lower: Array
-    upper: Array
-
-
-class State(NamedTuple):
-    """One state and what is asked of it.
+class SolveState(NamedTuple):
+    """One state, and the twist that is wanted in it.
 
     Attributes:
         J: (6, m) joint twists in the base frame.
-        s: (6,) the twist wanted, in the base frame.
-        to_tool: (6, 6) the adjoint that takes both to the tool's frame.
-        lower: (m,) bounds.
-        upper: (m,).
+        s: (6,) wanted twist in the base frame.
+        to_tool: (6, 6) adjoint matrix that takes both to the tool frame.
+        lower: (m,) least joint velocities.
+        upper: (m,) largest joint velocities.
     """
 
     J: Array
@@ -57,32 +48,32 @@ class State(NamedTuple):
     lower: Array
     upper: Array
 
-    def asked(self, method: Method) -> Question:
-        """The question in the frame of a method."""
+    def question(self, method: Method) -> Question:
+        """The question for a method, in its frame."""
         if method.frame == "base":
             return Question(self.J, self.s, self.lower, self.upper)
         return Question(self.to_tool.dot(self.J), self.to_tool.dot(self.s), self.lower, self.upper)
 
 
 def joint_range(robot: Robot) -> tuple[Array, Array]:
-    """(lower, upper) joint positions to draw from."""
+    """The range (lower, upper) of random joint positions."""
     lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -TURN)
     return lower, np.where(np.isfinite(robot.position_upper), robot.position_upper, TURN)
 
 
-def states(robot: Robot, kind: str, count: int, seed: int, setting: Setting) -> list[State]:
-    """`count` states of one kind.
+def states(robot: Robot, kind: str, count: int, seed: int, setting: Setting) -> list[SolveState]:
+    """Random states of one sort; fewer than `count` if regular states are too rare.
 
     Args:
         robot: the arm.
         kind: one of SORTS.
         count: how many.
-        seed: of positions and twists.
-        setting: gives the pitch at which free states are regular.
+        seed: seed of positions and twists.
+        setting: gives the pitch for which states are regular.
     """
     rng = np.random.default_rng([seed, SORTS.index(kind)])
     low, high = joint_range(robot)
-    found: list[State] = []
+    found: list[SolveState] = []
     for _ in range(200 * count):
         if len(found) == count:
             break
@@ -96,23 +87,23 @@ def states(robot: Robot, kind: str, count: int, seed: int, setting: Setting) -> 
 
 
 def _ratio(J: Array, setting: Setting) -> float:
-    """Smallest |mu| over largest, of those that are not zero by count."""
+    """Smallest |mu| over largest, without the zeros that a Gram matrix of more than six joints always has."""
     mu = np.sort(np.abs(np.linalg.eigvalsh(gram_matrix(J, setting.pitch))))[-min(setting.m, 6) :]
     return float(mu[0] / mu[-1])
 
 
-def _state(robot: Robot, q: Array, s_tool: Array, kind: str, uneven: Array, setting: Setting) -> State:
+def _state(robot: Robot, q: Array, s_tool: Array, kind: str, uneven: Array, setting: Setting) -> SolveState:
     J, pose = robot.jacobian(q), robot.pose(q)
     to_tool, s = se3.adjoint(se3.inverse(pose)), se3.adjoint(pose).dot(s_tool)
     Q = gram_matrix(np.eye(6), setting.pitch)
     stationary = np.linalg.lstsq(J.T.dot(Q).dot(J), J.T.dot(Q).dot(s), rcond=None)[0]
     sizes = [float(np.abs(x).max()) for x in (np.linalg.pinv(to_tool.dot(J)).dot(s_tool), stationary)]
     reach = uneven * (NARROW * min(sizes) if kind == "limited" else WIDE * max(sizes))
-    return State(J, s, to_tool, -reach, reach)
+    return SolveState(J, s, to_tool, -reach, reach)
 
 
 def _near_singular(robot: Robot, q: Array, rng: np.random.Generator) -> Array:
-    """A singularity found downhill from q, left again by a little."""
+    """Joint positions close to a singularity, which a minimiser finds from q."""
 
     def distance(x: Array) -> float:
         sigma = np.linalg.svd(robot.jacobian(x), compute_uv=False)

@@ -1,6 +1,6 @@
-"""Times of short calls, side by side: rounds go through all in turn, so that a drift of the clock hits all alike.
+"""Times of short calls. Each round calls all functions in turn, so that a change of the clock rate affects all alike.
 
-One call is timed by the nanosecond counter around it; medians and 99th percentiles are of single calls.
+Every call is timed by itself with the nanosecond counter; medians and percentiles are those of single calls.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 
-# Rounds run first and not counted: workspaces are made, caches filled.
+# First rounds that do not count: they allocate workspaces and fill caches.
 WARM_UP = 3
 
 
 def interleaved(calls: Mapping[str, Callable[[int], object]], count: int, rounds: int) -> dict[str, Array]:
-    """Times [us] of each call(i), i in 0..count-1, `rounds` times each: {name: (rounds * count,)}.
+    """Times [us] of call(i) for i in 0..count-1, with each call made `rounds` times: {name: (rounds * count,)}.
 
     Args:
-        calls: named functions of a state's index.
-        count: how many states there are.
-        rounds: how often each is timed on each state.
+        calls: functions of the index of a state, by name.
+        count: number of states.
+        rounds: how often each function is timed in each state.
     """
     taken: dict[str, list[int]] = {name: [] for name in calls}
     before = gc.isenabled()
@@ -45,5 +45,5 @@ def interleaved(calls: Mapping[str, Callable[[int], object]], count: int, rounds
 
 
 def spread(times: Array) -> dict[str, float]:
-    """Median and 99th percentile [us], as results.json has them."""
+    """Median and 99th percentile [us], with the keys of results.json."""
     return {"median_us": float(np.median(times)), "p99_us": float(np.percentile(times, 99.0))}

@@ -1,1 +1,1 @@
-"""Charts, tables and the page."""
+"""What people read: charts, tables, sentences and the page, all made from results.json."""

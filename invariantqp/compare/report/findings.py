@@ -1,27 +1,27 @@
-"""What the results say, in sentences: who is fastest, who is most accurate, where Moore-Penrose wins and where not.
+"""What the results say in sentences: which method is fastest, which is most accurate, where Moore-Penrose is better.
 
-Each sentence is a comparison of figures in the results; one that its figures do not allow is left out.
+Each sentence compares figures of the results; a sentence for which the results have no figures is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from invariantqp.compare.laws.invariant import OURS
+from invariantqp.compare.names import FACTORED, GRAM, LU, OURS, PINV, UNGUARDED
 from invariantqp.compare.report.tables import across
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 
-MP, LU = "Moore-Penrose, pinv", "Moore-Penrose, LU"
-UNGUARDED, GRAM, FACTORED = "invariantqp, no guard", "h, Gram + LDL'", "h, factored"
-# A figure this many times another is worth a sentence; less is noise.
+# Two residuals are told apart if one is at least this many times the other.
 APART = 1.05
-# A relative error that no robot can tell from none.
+# A relative error that makes no difference to a robot.
 EXACT = 1e-6
-PLACES = {"free": "Where no limit is met", "limited": "Where limits are met", "singular": "Near singularities"}
+# A relative residual up to this means that the twist was achieved.
+ACHIEVED = 1e-6
+PLACES = {"free": "While no limit is active", "limited": "While limits are active", "singular": "Near singularities"}
 
 
 def findings(results: Results) -> list[str]:
-    """The sentences that the results allow."""
+    """The sentences for which the results have figures."""
     makers: tuple[Callable[[Results], list[str]], ...] = (_speed, _accuracy, residual, _clipping, _batch)
     return [sentence for make in makers for sentence in make(results)]
 
@@ -31,7 +31,7 @@ def _names(results: Results) -> list[str]:
 
 
 def _exact(results: Results, sort: str) -> list[str]:
-    """The methods whose median error is rounding."""
+    """The methods whose median error is negligible."""
     errors = {name: across(results, "error", name, sort, "error") for name in _names(results)}
     return [name for name, error in errors.items() if error is not None and error <= EXACT]
 
@@ -48,7 +48,7 @@ def _least(results: Results, kind: str, *path: str, among: Sequence[str] | None 
 
 
 def _speed(results: Results) -> list[str]:
-    said = []
+    sentences = []
     for sort, where in PLACES.items():
         fastest, ours = _least(results, "time", sort, "median_us"), across(results, "time", OURS, sort, "median_us")
         plain = across(results, "time", LU, sort, "median_us")
@@ -59,53 +59,56 @@ def _speed(results: Results) -> list[str]:
             text += f", Moore-Penrose by plain LU takes {plain:.1f} us"
         exact = _least(results, "time", sort, "median_us", among=_exact(results, sort))
         if exact is not None and exact[0] != fastest[0]:
-            text += f", the fastest within {EXACT:.0e} of its exact answer is {exact[0]} ({exact[1]:.1f} us)"
-        said.append(f"{text}; {OURS} takes {ours:.1f} us.")
-    return said
+            text += f", the fastest with an error below {EXACT:.0e} is {exact[0]} ({exact[1]:.1f} us)"
+        sentences.append(f"{text}; {OURS} takes {ours:.1f} us.")
+    return sentences
 
 
 def _accuracy(results: Results) -> list[str]:
-    said = []
+    sentences = []
     for sort in ("free", "singular"):
-        figures = {name: across(results, "error", name, sort, "error") for name in (FACTORED, GRAM, MP, LU, UNGUARDED)}
+        figures = {
+            name: across(results, "error", name, sort, "error") for name in (FACTORED, GRAM, PINV, LU, UNGUARDED)
+        }
         have = [f"{name} {value:.0e}" for name, value in figures.items() if value is not None]
         if len(have) > 1:
-            said.append(f"{PLACES[sort]} the median error against the exact answer is: {'; '.join(have)}.")
-    return said
+            sentences.append(f"{PLACES[sort]} the median error against the exact answer is: {'; '.join(have)}.")
+    return sentences
 
 
 def residual(results: Results) -> list[str]:
-    """The Euclidean residual in the tool's own frame: what Moore-Penrose minimises."""
-    said = []
-    errors = picked(results, "error")
+    """Sentences about the Euclidean residual in the tool frame, which Moore-Penrose minimises."""
+    sentences = []
+    errors = results_of(results, "error")
     for task in results["tasks"]:
-        ours, theirs = (errors.get((task, name), {}).get("free", {}).get("missed") for name in (UNGUARDED, MP))
-        if ours is None or theirs is None or max(ours, theirs) < 1e-6:
-            continue  # both meet the twist
-        better, worse = (MP, "the pitch form") if theirs < ours else ("the pitch form", MP)
+        ours, theirs = (errors.get((task, name), {}).get("free", {}).get("missed") for name in (UNGUARDED, PINV))
+        if ours is None or theirs is None or max(ours, theirs) < ACHIEVED:
+            continue
+        better, worse = (PINV, "the pitch form") if theirs < ours else ("the pitch form", PINV)
         low, high = sorted((ours, theirs))
         if high > APART * low:
-            said.append(
-                f"On the arm of {task}, which cannot meet every twist, {better} leaves less of it in the tool's frame: "
-                f"{low:.2f} of its size against {high:.2f} for {worse}."
+            sentences.append(
+                f"The arm of {task} cannot achieve every twist; {better} leaves the smaller residual in the tool "
+                f"frame: {low:.2f} of the twist against {high:.2f} for {worse}."
             )
-    return said
+    return sentences
 
 
 def _clipping(results: Results) -> list[str]:
-    clipped = across(results, "error", MP, "limited", "error")
+    clipped = across(results, "error", PINV, "limited", "error")
     inside = across(results, "error", UNGUARDED, "limited", "error")
     if clipped is None or inside is None:
         return []
-    verb = "is" if clipped > inside else "is no more than"
-    theirs = f"Moore-Penrose clipped {verb} {clipped:.0%} off the exact limited least squares"
-    return [f"Where limits are met, {theirs}; {UNGUARDED} is {inside:.0e} off the optimum of its own limited problem."]
+    text = f"{PLACES['limited']} the error of clipped Moore-Penrose against least squares inside the limits is"
+    return [
+        f"{text} {clipped:.0%}; {UNGUARDED} has an error of {inside:.0e} against its own problem inside the limits."
+    ]
 
 
 def _batch(results: Results) -> list[str]:
-    table = {name: r for (axis, name), r in picked(results, "growth").items() if axis == "batch"}
+    table = {name: r for (axis, name), r in results_of(results, "growth").items() if axis == "batch"}
     together, loop = table.get(f"{OURS}, solve_velocities"), table.get(f"{OURS}, in a loop")
     if together is None or loop is None:
         return []
-    a, b = together["median_us"][-1], loop["median_us"][-1]
-    return [f"In a batch of {together['size'][-1]} solve_velocities takes {a:.1f} us a row, a loop {b:.1f}."]
+    size, a, b = together["size"][-1], together["median_us"][-1], loop["median_us"][-1]
+    return [f"For each twist of a batch of {size}, solve_velocities takes {a:.1f} us and a loop {b:.1f} us."]

@@ -1,29 +1,21 @@
-"""A page as a list of blocks, written as Markdown beside its pictures, or as one HTML file with the pictures in it."""
+"""A page as a list of blocks: written as Markdown beside its pictures, or as one HTML file with the pictures in it."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
-STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #1a1a1a; }
-h1, h2 { line-height: 1.2; } h2 { margin-top: 2.5rem; }
-figure { margin: 1.5rem 0; } figure svg { width: 100%; height: auto; } figcaption { color: #444; }
-.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 14px; }
-th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid #ddd; text-align: right; white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; } td.words { text-align: left; white-space: normal; }
-pre { background: #f5f5f5; padding: 0.7rem 1rem; overflow-x: auto; }
-"""
-# From this many characters on a cell holds words, not figures.
+from invariantqp.template import fill_template
+
+# A table cell with more characters than this holds words, which are wrapped and aligned to the left.
 WORDS = 28
 
 
 @dataclass(frozen=True)
 class Heading:
-    """A heading; level 1 is the page's own."""
+    """A heading; level 1 is the title of the page."""
 
     text: str
     level: int = 2
@@ -31,7 +23,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Plain words."""
+    """Sentences."""
 
     text: str
 
@@ -52,7 +44,7 @@ class Code:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of strings under their columns; the first column has the names."""
+    """Rows of strings under the names of their columns; the first column names the row."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -60,18 +52,29 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """An SVG file and what it says."""
+    """An SVG file with its title and its caption."""
 
     file: Path
     title: str
     caption: str
 
+    @property
+    def svg(self) -> str:
+        """The picture as an element of an HTML page."""
+        return inline_svg(self.file)
+
 
 Block = Heading | Paragraph | Bullets | Code | Table | Picture
 
 
+def html(title: str, blocks: Sequence[Block]) -> str:
+    """The page as one HTML file that needs no other file."""
+    named = [(type(block).__name__, block) for block in blocks]
+    return fill_template("invariantqp.compare.report", "page.html", {"title": title, "blocks": named, "words": WORDS})
+
+
 def markdown(blocks: Sequence[Block]) -> str:
-    """The page as Markdown; pictures are linked by their file names."""
+    """The page as Markdown, with links to the pictures by their file names."""
     return "\n\n".join(_markdown(block) for block in blocks) + "\n"
 
 
@@ -91,47 +94,13 @@ def _markdown(block: Block) -> str:
 
 def table_markdown(table: Table) -> str:
     """A table as Markdown."""
-    lines = ["| " + " | ".join(_barless(cell) for cell in row) + " |" for row in (table.columns, *table.rows)]
+    lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in (table.columns, *table.rows)]
     lines.insert(1, "|" + "---|" * len(table.columns))
     return "\n".join(lines)
 
 
-def _barless(cell: str) -> str:
-    return cell.replace("|", r"\|")
-
-
-def html(title: str, blocks: Sequence[Block]) -> str:
-    """The page as one HTML file that needs nothing else."""
-    body = "\n".join(_html(block) for block in blocks)
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{escape(title)}</title>'
-    return (
-        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body>\n{body}\n</body></html>\n'
-    )
-
-
-def _html(block: Block) -> str:
-    if isinstance(block, Heading):
-        return f"<h{block.level}>{escape(block.text)}</h{block.level}>"
-    if isinstance(block, Paragraph):
-        return f"<p>{escape(block.text)}</p>"
-    if isinstance(block, Bullets):
-        return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in block.items) + "</ul>"
-    if isinstance(block, Code):
-        return f"<pre>{escape(block.text)}</pre>"
-    if isinstance(block, Picture):
-        return f"<figure>{inlined(block.file)}<figcaption>{escape(block.caption)}</figcaption></figure>"
-    head = "".join(f"<th>{escape(cell)}</th>" for cell in block.columns)
-    rows = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in block.rows)
-    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
-
-
-def _cell(text: str) -> str:
-    kind = ' class="words"' if len(text) > WORDS else ""
-    return f"<td{kind}>{escape(text)}</td>"
-
-
-def inlined(file: Path) -> str:
-    """An SVG as an element of a page, its ids made the file's own so that two pictures never share one."""
+def inline_svg(file: Path) -> str:
+    """An SVG file as an element of an HTML page; its ids begin with the name of the file, as no other picture's do."""
     text = file.read_text(encoding="utf-8")
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -1,6 +1,6 @@
-"""The page: what was compared, charts that say who is better where, tables, machine, and how to make it again.
+"""The report: findings, charts, tables, the machine, and the command that repeats the comparison.
 
-Every sentence with a figure or a winner in it is computed from the results; nothing here knows who wins.
+Every sentence with a figure or a winner is computed from the results.
 """
 
 from __future__ import annotations
@@ -8,41 +8,45 @@ from __future__ import annotations
 from pathlib import Path
 
 from invariantqp.compare.report import tables
+from invariantqp.compare.report.charts import CHARTS
+from invariantqp.compare.report.charts.chart import CaptionedChart
 from invariantqp.compare.report.findings import findings
 from invariantqp.compare.report.page import Block, Bullets, Code, Heading, Paragraph, Picture, Table, html, markdown
-from invariantqp.compare.results import Chart, Results, kinds
-from invariantqp.runs.run import Progress
+from invariantqp.compare.results import Results, kinds_in
+from invariantqp.progress import Progress
 
 TITLE = "Speed against accuracy of velocity control"
 LEGEND = (
-    "Medians over the tasks. error: relative, against the exact answer of the method's own problem; where limits are "
-    "met, of the limited problem that a method solves or that its clipping stands for. missed: the share of the twist "
-    "that is not met where limits are, in the tool's frame, metres and radians alike. tracking: the largest position "
-    "error of a run. frame: the relative change of the joint velocity, at worst, when the tool frame is put elsewhere."
+    "All figures are medians over the tasks. error: relative to the exact answer of the method's own problem; with "
+    "active limits, of the problem inside the limits that the method solves or that clipping approximates. residual: "
+    "the share of the twist that is not achieved while limits are active, in the tool frame, with metres and radians "
+    "alike. tracking: the largest position error of a run. frame: the largest relative change of the joint velocity "
+    "when another tool frame and base frame are chosen."
 )
 AGAIN = (
-    "An interrupted run is taken up where it stopped. Times are of one BLAS thread with nothing beside it; "
+    "An interrupted run continues where it stopped. Times are measured with one BLAS thread while nothing else runs; "
     "--against OTHER/results.json tells whether two runs rank the methods alike."
 )
-# Kinds with tables of their own.
+# Measurements with tables of their own.
 TOLD = {"error", "time", "growth"}
 
 
-def charts_of(results: Results) -> list[Chart]:
-    """The charts that these results have figures for."""
-    from invariantqp.compare.report.charts import CHARTS
-
-    have = kinds(results)
+def charts_of(results: Results) -> list[CaptionedChart]:
+    """The charts for which the results have figures."""
+    have = kinds_in(results)
     return [chart for chart in CHARTS if set(chart.shows) <= have]
 
 
 def write_report(results: Results, out: Path, progress: Progress | None = None) -> list[Path]:
-    """Write DIR/report.html, DIR/report.md and the pictures; returns the files.
+    """Write report.html, report.md and the pictures into a folder.
 
     Args:
-        results: from `sweep`, or `load_results`.
-        out: the folder.
+        results: from `sweep` or `load_results`.
+        out: the folder, which exists.
         progress: called with (charts drawn, charts in all).
+
+    Returns:
+        The files: both reports, then the pictures.
     """
     pictures = []
     charts = charts_of(results)
@@ -61,7 +65,7 @@ def write_report(results: Results, out: Path, progress: Progress | None = None) 
 
 def page(results: Results, pictures: list[Picture]) -> list[Block]:
     """The blocks of the page."""
-    blocks: list[Block] = [Heading(TITLE, 1), Paragraph(_opening(results)), Heading("What came out")]
+    blocks: list[Block] = [Heading(TITLE, 1), Paragraph(_opening(results)), Heading("Findings")]
     blocks.append(Bullets(findings(results)))
     blocks.append(tables.summary(results))
     blocks.append(Paragraph(LEGEND))
@@ -70,9 +74,9 @@ def page(results: Results, pictures: list[Picture]) -> list[Block]:
     blocks += [Heading("What was compared"), _methods(results)]
     for task in results["tasks"]:
         blocks += [Heading(f"Single solves: the arm of {task}"), tables.solves(results, task)]
-    if "growth" in kinds(results):
-        blocks += [Heading("Growth of cost"), tables.growth(results)]
-    for kind in sorted(kinds(results) - TOLD):
+    if "growth" in kinds_in(results):
+        blocks += [Heading("Growth of the time of a solve"), tables.growth(results)]
+    for kind in sorted(kinds_in(results) - TOLD):
         table = tables.listed(results, kind)
         if table.rows:
             blocks += [Heading(kind.replace("_", " ").capitalize()), table]
@@ -84,6 +88,7 @@ def page(results: Results, pictures: list[Picture]) -> list[Block]:
 
 
 def _opening(results: Results) -> str:
+    """What was measured, and how exact the references are."""
     agreement = [
         sort["agreement"]
         for c in results["cells"]
@@ -91,8 +96,8 @@ def _opening(results: Results) -> str:
         for sort in c["result"].values()
         if sort["agreement"] is not None
     ]
-    exact = f" Two independent references for each exact answer agree to {max(agreement):.0e}." if agreement else ""
-    quick = " A quick run: few states, coarse ticks." if results["quick"] else ""
+    exact = f" Two independent computations of each exact answer agree to {max(agreement):.0e}." if agreement else ""
+    quick = " This was a quick run, with few states and long ticks." if results["quick"] else ""
     return f"{len(results['methods'])} methods on {', '.join(results['tasks'])}; seed {results['seed']}.{exact}{quick}"
 
 
@@ -102,6 +107,7 @@ def _methods(results: Results) -> Table:
 
 
 def _closing(results: Results) -> list[Block]:
+    """The machine, the versions, and the command."""
     m = results["machine"]
     quick = " --quick" if results["quick"] else ""
     command = f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison"
@@ -109,7 +115,7 @@ def _closing(results: Results) -> list[Block]:
     return [
         Heading("Machine and versions"),
         Paragraph(f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases}."),
-        Heading("Make it again"),
+        Heading("How to repeat this"),
         Code(command),
         Paragraph(AGAIN),
     ]

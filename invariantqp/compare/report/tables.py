@@ -1,4 +1,4 @@
-"""The comparison in rows: what the command prints, what the report lists, and the README's ten lines."""
+"""The comparison as tables: the summary that the command prints, the tables of the report, and the README's."""
 
 from __future__ import annotations
 
@@ -7,37 +7,37 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from invariantqp.compare.laws.invariant import OURS
+from invariantqp.compare.names import DAQP, DLS, GRAM, LEAST_SQUARES, LU, OURS, PINK, PINV, SDLS, SNS
 from invariantqp.compare.report.page import Table, table_markdown
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 from invariantqp.errors import BadInput
 
 NOTHING = "-"
-# The README's rows: the law, the closest of each family, the systems people have.
+# The rows of the README: our law, and the best-known methods of each family.
 README_METHODS = (
     OURS,
-    "h, Gram + LDL'",
-    "QP, DAQP",
-    "Moore-Penrose, LU",
-    "Moore-Penrose, pinv",
-    "DLS",
-    "SDLS",
-    "SNS",
-    "least-squares QP",
-    "Pink",
+    GRAM,
+    DAQP,
+    LU,
+    PINV,
+    DLS,
+    SDLS,
+    SNS,
+    LEAST_SQUARES,
+    PINK,
 )
 BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
 
 
 def figure(value: float | None, style: str = "{:.3g}") -> str:
-    """A figure as text; a dash where there is none."""
+    """A figure as text; a dash for None."""
     return NOTHING if value is None else style.format(value)
 
 
 def across(results: Results, kind: str, method: str, *path: str) -> float | None:
-    """The median over tasks of one figure of a method; None where it has none."""
+    """The median over all tasks of one figure of a method; None if the method has no such figure."""
     found = []
-    for (_, name), result in picked(results, kind).items():
+    for (_, name), result in results_of(results, kind).items():
         value: Any = result if name == method else None
         for key in path:
             value = value.get(key) if isinstance(value, dict) else None
@@ -47,7 +47,7 @@ def across(results: Results, kind: str, method: str, *path: str) -> float | None
 
 
 class Column(NamedTuple):
-    """A column of the summary: its heading, the figure's kind and place in a result, how it is written."""
+    """A column of the summary: its heading, the measurement, the place of the figure in its result, and its format."""
 
     heading: str
     kind: str
@@ -58,39 +58,39 @@ class Column(NamedTuple):
 ERROR = "{:.0e}"
 FREE = (Column("free, us", "time", ("free", "median_us")), Column("error", "error", ("free", "error"), ERROR))
 LIMITED = (
-    Column("limits met, us", "time", ("limited", "median_us")),
+    Column("limits active, us", "time", ("limited", "median_us")),
     Column("error", "error", ("limited", "error"), ERROR),
 )
 SINGULAR = (
     Column("near-singular, us", "time", ("singular", "median_us")),
     Column("error", "error", ("singular", "error"), ERROR),
 )
-MISSED = Column("missed", "error", ("limited", "missed"), "{:.2f}")
+RESIDUAL = Column("residual", "error", ("limited", "missed"), "{:.2f}")
 LOOPS = (
     Column("tick, us", "tick", ("median_us",)),
     Column("tracking, mm", "closed_loop", ("position_mm", "max"), "{:.2g}"),
     Column("frame", "dependence", ("frame", "worst"), ERROR),
 )
 FAILED = Column("failed ticks", "closed_loop", ("failed_ticks",), "{:.1%}")
-SUMMARY = (*FREE, *LIMITED, *SINGULAR, MISSED, *LOOPS, FAILED)
+SUMMARY = (*FREE, *LIMITED, *SINGULAR, RESIDUAL, *LOOPS, FAILED)
 README = (*FREE, *LIMITED, *LOOPS)
 
 
 def summary(results: Results, methods: Sequence[str] | None = None, columns: Sequence[Column] = SUMMARY) -> Table:
-    """One row a method, figures medians over the tasks; a column without any is left out."""
+    """One row for each method, with medians over the tasks; a column without any figure is left out."""
     names = [m["name"] for m in results["methods"]] if methods is None else list(methods)
     found = {c: [across(results, c.kind, name, *c.path) for name in names] for c in columns}
-    kept = {c: values for c, values in found.items() if any(value is not None for value in values)}
+    kept = {c: values for c, values in found.items() if values.count(None) < len(values)}
     rows = [[name, *(figure(values[k], c.style) for c, values in kept.items())] for k, name in enumerate(names)]
     return Table(["method", *(c.heading for c in kept)], rows)
 
 
 def solves(results: Results, task: str) -> Table:
-    """Single solves on one task's arm: error, largest error, what of the twist is missed, time."""
-    errors, times = picked(results, "error"), picked(results, "time")
+    """Single solves of the arm of one task: times, errors, residual, and share of failures."""
+    errors, times = results_of(results, "error"), results_of(results, "time")
     columns = ["method"]
     for sort in ("free", "limited", "singular"):
-        columns += [f"{sort}: us", "p99", "error", "largest", "missed", "failed"]
+        columns += [f"{sort}: us", "p99", "error", "largest", "residual", "failed"]
     rows = []
     for method in results["methods"]:
         name = method["name"]
@@ -108,9 +108,9 @@ def solves(results: Results, task: str) -> Table:
 
 
 def growth(results: Results) -> Table:
-    """Cost at the smallest and at the largest size, and the slope between the larger half of the sizes."""
+    """The time at the smallest and at the largest size, and the slope over the larger half of the sizes."""
     rows = []
-    for (axis, name), result in picked(results, "growth").items():
+    for (axis, name), result in results_of(results, "growth").items():
         size, cost = result["size"], result["median_us"]
         ends = [f"{size[0]} to {size[-1]}", figure(cost[0]), figure(cost[-1]), figure(result["slope"], "{:.2f}")]
         rows.append([name, axis, *ends])
@@ -118,8 +118,8 @@ def growth(results: Results) -> Table:
 
 
 def listed(results: Results, kind: str) -> Table:
-    """A kind of measurement as it is: every figure that is a number, one row a task and method."""
-    found = picked(results, kind)
+    """Every number that a measurement found, one row for each task and method."""
+    found = results_of(results, kind)
     keys = list(dict.fromkeys(key for result in found.values() for key, _ in _numbers(result)))
     rows = []
     for (task, method), result in found.items():
@@ -129,6 +129,7 @@ def listed(results: Results, kind: str) -> Table:
 
 
 def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float | None]]:
+    """(name, number) of every figure of a result; names of inner results come first in the name."""
     found: list[tuple[str, float | None]] = []
     for key, value in result.items():
         if isinstance(value, dict):
@@ -139,16 +140,16 @@ def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float 
 
 
 def readme_table(results: Results) -> str:
-    """At most ten rows of the summary as Markdown: the README's."""
+    """The table of the README as Markdown: at most ten rows of the summary."""
     names = [m["name"] for m in results["methods"]]
     return table_markdown(summary(results, [name for name in README_METHODS if name in names], README))
 
 
 def with_table(readme: str, table: str) -> str:
-    """The README with its table between the markers replaced.
+    """The README with a new table between its markers.
 
     Raises:
-        BadInput: no markers.
+        BadInput: the README has no markers.
     """
     before, begin, rest = readme.partition(BEGIN)
     _, end, after = rest.partition(END)
@@ -158,5 +159,5 @@ def with_table(readme: str, table: str) -> str:
 
 
 def write_readme(results: Results, readme: Path) -> None:
-    """Put the table of the results into a README, between its markers."""
+    """Write the table of the results into a README, between its markers."""
     readme.write_text(with_table(readme.read_text("utf-8"), readme_table(results)), encoding="utf-8")

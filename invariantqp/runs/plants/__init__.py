@@ -1,1 +1,1 @@
-"""What a controller is run against: an ideal arm, or MuJoCo's."""
+"""What a run controls: an ideal arm, or one simulated by MuJoCo."""

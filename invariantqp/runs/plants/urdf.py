@@ -1,6 +1,6 @@
-"""A URDF cut down to the chain from its root to a tool: no meshes, no branches, joints that do not move held at rest.
+"""A URDF reduced to the chain from its root to a tool, without meshes and branches. Joints that do not move are fixed.
 
-For readers of URDF other than Pinocchio, which has its own way to reduce a model.
+For other readers of URDF than Pinocchio, which reduces models itself.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def chain_xml(path: Path, tool: str, moving: Sequence[str]) -> str:
             link.remove(mesh)
     cut = ET.Element("robot", name=root.get("name", "robot"))
     cut.extend(chain)
-    # MuJoCo's own section: every link stays a body, and inertias as CAD rounds them are mended.
+    # MuJoCo's own section: every link stays a body, and inertias that CAD has rounded are corrected.
     compiler = {"fusestatic": "false", "balanceinertia": "true", "discardvisual": "false"}
     ET.SubElement(ET.SubElement(cut, "mujoco"), "compiler", compiler)
     return ET.tostring(cut, encoding="unicode")

@@ -27,14 +27,6 @@ def _limit(value: ArrayLike, argument: str) -> Array:
     return a
 
 
-def not_below_zero(value: float, argument: str, expected: str) -> float:
-    """A finite number, zero or more."""
-    x = arrays.number(value, argument, expected)
-    if x < 0.0:
-        raise BadInput(argument, f"{x:g}", f"{expected}, not below zero")
-    return x
-
-
 def accelerations(value: ArrayLike, m: int) -> Array:
     """(m,) positive acceleration limits, inf where there is none; one number is every joint's."""
     a = arrays.array(value, "acceleration_limit", "numbers above zero")

@@ -104,6 +104,10 @@ class Osqp:
     _workspace: Any = field(default=None, init=False, repr=False)
     _shape: tuple[int, int, bool] = field(default=(0, 0, False), init=False, repr=False)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy or a pickle is made from: the settings, without the workspace, which has one owner."""
+        return {**vars(self), "_workspace": None}
+
     def solve(self, qp: BoxQP) -> Array:
         """The minimiser."""
         import osqp  # 90 ms to import: only when this solver is asked for

@@ -44,7 +44,8 @@ class Cvxpy:
             raise MissingExtra("cvxpy", "cvxpy") from error
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"name": self.name, "_kept": {}}  # problems are made again where they are needed
+        """What a copy or a pickle is made from: the kept problems have one owner."""
+        return {**vars(self), "_kept": {}}
 
     def solve(self, qp: BoxQP) -> Array:
         """The minimiser, without a speed limit."""

@@ -1,6 +1,6 @@
-"""Names where lines end, moved apart up and down and no further than they must be.
+"""Names at the ends of lines, moved up or down as little as possible so that none covers another.
 
-minimise sum (y_i - end_i)^2,   y_{i+1} - y_i >= the height of a line of text
+minimise sum (y_i - end_i)^2   with   y_{i+1} - y_i >= the height of a line of text
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from invariantqp.geometry.arrays import Array
 
 
 def name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, bool]], size: float = 7.5) -> list[Annotation]:
-    """Write names to the right of where lines end (x, y, name, bold), moved apart up and down, a thin line to each."""
+    """Write names to the right of the ends (x, y, name, bold) of lines, each with a thin line to its end."""
     if not ends:
         return []
     renderer = renderer_of(axes)
@@ -43,9 +43,9 @@ def name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, bool]], size: 
 
 
 def _apart(wanted: Array, step: float, low: float, high: float) -> Array:
-    """Ascending heights at least a step apart inside [low, high], each as near as may be to where it is wanted."""
+    """Heights inside [low, high] at least a step apart, as close as possible to the ascending heights wanted."""
     ranks = step * np.arange(len(wanted))
-    blocks: list[list[float]] = []  # pools of neighbours that push each other: their mean, and how many
+    blocks: list[list[float]] = []  # groups of neighbours that touch: their mean, and how many they are
     for value in (wanted - ranks).tolist():
         blocks.append([value, 1.0])
         while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:

@@ -1,42 +1,43 @@
-"""How cost grows with joints, tasks, rows and batch size, each with its slope."""
+"""How the time of a solve grows with the number of joints, tasks and limit rows, and with the size of a batch."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from invariantqp.compare.laws.invariant import OURS
+from invariantqp.compare.names import DAQP, GRAM, LEAST_SQUARES, LU, OURS, PINV, SNS
 from invariantqp.compare.report.charts.ends import name_ends
 from invariantqp.compare.report.charts.style import (
-    chart,
+    chart_file,
     families_legend,
     grid,
     is_ours,
-    laid_out,
-    look,
+    lay_out,
     plain_ticks,
     short,
+    style_of,
 )
-from invariantqp.compare.results import Results, picked
+from invariantqp.compare.results import Results, results_of
 
 TITLES = {
-    "joints": ("joints, no limit met", "joints"),
-    "joints, limits met": ("joints, limits met", "joints"),
+    "joints": ("joints, no limit active", "joints"),
+    "joints, limits met": ("joints, limits active", "joints"),
     "tasks": ("tasks of 6 rows, 30 joints", "tasks"),
     "rows": ("limit rows, 7 joints", "rows"),
     "batch": ("batch of twists, 7 joints", "twists"),
 }
-# Lines that are named where there are more than a few; the others are drawn in grey.
+# In a panel with more than FEW lines these have names and the others are grey.
 NAMED = (
     OURS,
-    "h, Gram + LDL'",
-    "Moore-Penrose, LU",
-    "Moore-Penrose, pinv",
-    "SNS",
-    "least-squares QP",
-    "QP, DAQP",
+    GRAM,
+    LU,
+    PINV,
+    SNS,
+    LEAST_SQUARES,
+    DAQP,
     "QP, OSQP 1e-5, warm",
     "QP, ProxQP",
     "QP, PIQP",
@@ -44,66 +45,76 @@ NAMED = (
     "QP, CVXPY",
 )
 FEW = 8
-# Lines whose slopes the caption tells.
+# Width of the room for names, relative to the width of the lines.
+ROOM = 1.1
+GREY = "#cccccc"
+# Lines whose slopes are in the caption.
 TOLD = NAMED[:7]
-NOTE = "beside a name: its slope, cost ~ size^slope,\nfitted to the larger half of the sizes;\ngrey: every other method"
+NOTE = "beside a name: slope in time ~ size^slope,\nfitted to the larger half of the sizes;\ngrey: all other methods"
 
 
 def growth_chart(results: Results, file: Path) -> None:
-    """A panel for each axis of growth."""
-    found = picked(results, "growth")
+    """One panel for each quantity that grows."""
+    found = results_of(results, "growth")
     there = [axis for axis in TITLES if any(task == axis for task, _ in found)]
     rows = (len(there) + 1) // 2
-    with chart(file, rows, 2, height=3.6 * rows) as (figure, panels):
+    with chart_file(file, rows, 2, height=3.6 * rows) as (figure, panels):
         flat = panels.ravel().tolist()
         for axes in flat[len(there) :]:
             axes.set_axis_off()
             axes.text(0.0, 0.9, NOTE, va="top", transform=axes.transAxes, color="#555555")
         families_legend(figure, results, NAMED)
         ends = [_panel(axes, results, axis) for axes, axis in zip(flat, there, strict=False)]
-        laid_out(figure)
+        lay_out(figure)
         for axes, names in zip(flat, ends, strict=False):
             name_ends(axes, names)
 
 
 def _panel(axes: Axes, results: Results, axis: str) -> list[tuple[float, float, str, bool]]:
-    """Draw one axis of growth; returns where lines end, and what they are called."""
-    lines = {name: run for (task, name), run in picked(results, "growth").items() if task == axis}
+    """Draw one panel; returns the ends of its lines, with their names and whether these are bold."""
+    lines = {name: run for (task, name), run in results_of(results, "growth").items() if task == axis}
     title, unit = TITLES[axis]
     axes.set_title(title)
     axes.set_xlabel(unit)
-    axes.set_ylabel("us a twist, median" if axis == "batch" else "us a solve, median")
+    axes.set_ylabel("us for a twist, median" if axis == "batch" else "us for a solve, median")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    ends = []
+    named = [name for name in lines if len(lines) <= FEW or name in NAMED]
     for name, run in lines.items():
-        chosen = len(lines) <= FEW or name in NAMED
-        style = look(results, name if name in {m["name"] for m in results["methods"]} else _owner(name))
-        axes.plot(
-            run["size"],
-            run["median_us"],
-            marker=style.marker if chosen else "",
-            markersize=3.5,
-            linewidth=(2.2 if is_ours(name) else 1.3) if chosen else 0.7,
-            color=style.colour if chosen else "#cccccc",
-            zorder=3 if chosen else 1,
-        )
-        if chosen:
-            slope = "" if run["slope"] is None else f"  {run['slope']:.2f}"
-            ends.append((float(run["size"][-1]), float(run["median_us"][-1]), f"{short(name)}{slope}", is_ours(name)))
-    sizes = sorted({size for run in lines.values() for size in run["size"]})
+        _line(axes, results, name, run, named=name in named)
+    _sizes(axes, sorted({size for run in lines.values() for size in run["size"]}))
+    plain_ticks(axes.yaxis, axes.get_ylim())
+    grid(axes)
+    return [_end(name, lines[name]) for name in named]
+
+
+def _line(axes: Axes, results: Results, name: str, run: dict[str, Any], *, named: bool) -> None:
+    """Draw the line of one method: coloured if it has a name beside it, else grey."""
+    size, cost = run["size"], run["median_us"]
+    if not named:
+        axes.plot(size, cost, linewidth=0.7, color=GREY, zorder=1)
+        return
+    style = style_of(results, name if name in {m["name"] for m in results["methods"]} else _owner(name))
+    width = 2.2 if is_ours(name) else 1.3
+    axes.plot(size, cost, marker=style.marker, markersize=3.5, linewidth=width, color=style.colour, zorder=3)
+
+
+def _end(name: str, run: dict[str, Any]) -> tuple[float, float, str, bool]:
+    slope = "" if run["slope"] is None else f"  {run['slope']:.2f}"
+    return float(run["size"][-1]), float(run["median_us"][-1]), f"{short(name)}{slope}", is_ours(name)
+
+
+def _sizes(axes: Axes, sizes: list[int]) -> None:
+    """Label the sizes, and make room for names to the right of the lines."""
     low, high = axes.get_xlim()
-    axes.set_xlim(low, high * (high / low) ** 1.1)  # names stand where no line is
+    axes.set_xlim(low, high * (high / low) ** ROOM)
     axes.set_xticks(_spaced(sizes), minor=False)
     axes.set_xticks([], minor=True)
-    plain_ticks(axes.yaxis, axes.get_ylim())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    grid(axes)
-    return ends
 
 
 def _spaced(sizes: list[int]) -> list[int]:
-    """The sizes that can stand beside each other under a logarithmic axis."""
+    """The sizes whose labels fit beside each other below a logarithmic axis."""
     kept = [sizes[-1]]
     for size in reversed(sizes[:-1]):
         if kept[-1] / size >= (sizes[-1] / sizes[0]) ** 0.2:
@@ -112,14 +123,14 @@ def _spaced(sizes: list[int]) -> list[int]:
 
 
 def _owner(name: str) -> str:
-    """The method that a line of its own kind belongs to: "numpy pinv, stacked" is Moore-Penrose."""
-    return "Moore-Penrose, pinv" if "pinv" in name else OURS
+    """The method to which a line belongs that has a name of its own: "numpy pinv, stacked" is Moore-Penrose."""
+    return PINV if "pinv" in name else OURS
 
 
 def growth_caption(results: Results) -> str:
-    """Slopes of our lines."""
-    found = picked(results, "growth")
-    said = ["Numbers beside names are slopes on doubly logarithmic axes, fitted to the larger half of the sizes."]
+    """The slopes of the lines."""
+    found = results_of(results, "growth")
+    sentences = ["The number beside a name is the slope in time ~ size^slope, fitted to the larger half of the sizes."]
     for axis, (title, _) in TITLES.items():
         slopes = [
             f"{name} {run['slope']:.2f}"
@@ -129,5 +140,5 @@ def growth_caption(results: Results) -> str:
             and (name in TOLD or name.startswith(f"{OURS}, ") or "joints" not in axis)
         ]
         if slopes:
-            said.append(f"{title}: {', '.join(slopes)}.")
-    return " ".join(said)
+            sentences.append(f"Slopes, {title}: {'; '.join(slopes)}.")
+    return " ".join(sentences)

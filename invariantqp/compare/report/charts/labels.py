@@ -1,9 +1,11 @@
-"""Names beside points, none over another: each takes the cheapest free place around its point, the others fixed.
+"""Names beside points, so that no name covers another name or a marker.
 
-cost = distance + crossings of leader lines and markers;   a place over another name or a marker costs more than any
+    cost of a place = distance from the point + penalties for overlaps and for crossings with lines and markers
 
-Places are tried in rings around the point; after a first pass, most crowded first, every name may move again. Nothing
-is random: the same points are named in the same places.
+Each name takes the cheapest of many places in rings around its point while the other names stay; the names in the
+densest crowd are first, and after a first pass every name may move again. Nothing is random: the same points always get
+the same places. (The library adjustText moves names by forces instead; on these charts it leaves some names over others
+in almost every panel.)
 """
 
 from __future__ import annotations
@@ -18,26 +20,29 @@ from matplotlib.text import Annotation
 
 from invariantqp.geometry.arrays import Array
 
-# Rings and directions in which places are tried [points], and what each side of a name keeps free.
+# Radii of the rings of places [points], places in each ring, and space around a name [points].
 RINGS = np.concatenate((np.arange(5.0, 40.0, 5.0), np.arange(40.0, 260.0, 10.0)))
 DIRECTIONS = 32
 FREE = 1.5
 # Half the size of a marker [points].
 MARKER = 4.0
-# A name nearer than this needs no line to its point [points].
+# A name farther than this from its point gets a line to it [points].
 NEAR = 9.0
-# What overlapping costs, what it costs a leader line to cross a name, another line, a marker, and a name to lie on a
-# line of the chart [points].
+# Penalties [points]: a name over a name or marker; its line through a name, another line, or a marker; a name on a line
+# of the chart.
 OVERLAP, THROUGH_NAME, THROUGH_LINE, THROUGH_MARKER, ON_LINE = 1e6, 3e3, 60.0, 40.0, 80.0
+# Passes over all names at most; usually the second changes nothing.
 PASSES = 5
-# Points nearer than this are named together [points].
+# Points nearer to each other than this share one place for their names [points].
 TOGETHER = 9.0
-# Places whose lines are looked at, of those that are free, nearest first.
+# Cheapest places for which crossings are computed.
 LOOKED_AT = 60
+# Reach of a crowd [points]: a neighbour at this distance counts 1/e.
+CROWD = 40.0
 
 
 class Named(NamedTuple):
-    """A point in data coordinates, its name (several lines if it stands for several), and whether it is set in bold."""
+    """A point in data coordinates, its name (a line for each if it stands for several), whether the name is bold."""
 
     x: float
     y: float
@@ -48,13 +53,16 @@ class Named(NamedTuple):
 def name_points(
     axes: Axes, points: Sequence[Named], size: float = 8.0, lines: Sequence[tuple[float, float]] = ()
 ) -> list[Annotation]:
-    """Write every point's name near it; points that all but coincide share one place, a line each.
+    """Write the name of every point near it; points that almost coincide share one place, with a line of text for each.
 
     Args:
-        axes: laid out for good: nothing may move afterwards. What is written in it already is kept free.
-        points: what to name; all their markers are kept free.
+        axes: a panel whose place in the figure is final. Text that it has already stays uncovered.
+        points: the points, whose markers stay uncovered.
         size: of the letters [points].
-        lines: corners, in data coordinates, of a line that names had better not lie on.
+        lines: corners, in data coordinates, of a line that names should not cover.
+
+    Returns:
+        The names as Matplotlib's annotations.
     """
     if not points:
         return []
@@ -98,30 +106,34 @@ def name_points(
 
 
 def renderer_of(axes: Axes) -> Any:
-    """What measures text where it will be drawn."""
+    """Matplotlib's renderer, which knows the size of text in pixels."""
     canvas: Any = FigureCanvasAgg(axes.get_figure(root=True))
     return canvas.get_renderer()
 
 
 def _together(points: Sequence[Named], at: Array, near: float) -> list[Named]:
-    """The points with those nearer than `near` pixels to each other made one, but for a bold one."""
+    """The points, with those within `near` pixels of each other made one; a bold point stays by itself."""
     left = list(range(len(points)))
     found = []
     while left:
         group = [left.pop(0)]
-        if not points[group[0]].bold:
-            for i in left:
-                gap = np.linalg.norm(at[group] - at[i], axis=1).max()
-                if gap < near and not points[i].bold:
-                    group.append(i)
+        for i in () if points[group[0]].bold else left:
+            if not points[i].bold and np.linalg.norm(at[group] - at[i], axis=1).max() < near:
+                group.append(i)
         left = [i for i in left if i not in group]
-        members = sorted((points[i] for i in group), key=lambda p: p.text)
-        x, y = (float(np.exp(np.mean(np.log([getattr(p, a) for p in members])))) for a in ("x", "y"))
-        found.append(Named(x, y, "\n".join(p.text for p in members), members[0].bold))
+        found.append(_merged([points[i] for i in group]))
     return found
 
 
+def _merged(points: Sequence[Named]) -> Named:
+    """One point in the middle of several, on logarithmic axes, with a line of text for each."""
+    members = sorted(points, key=lambda p: p.text)
+    x, y = np.exp(np.log([(p.x, p.y) for p in members]).mean(axis=0)).tolist()
+    return Named(x, y, "\n".join(p.text for p in members), members[0].bold)
+
+
 def _extent(axes: Axes, point: Named, size: float, renderer: Any) -> tuple[float, float]:
+    """Width and height of a name [pixels]."""
     text = axes.text(0, 0, point.text, fontsize=size, fontweight="bold" if point.bold else "normal", linespacing=1.0)
     box = text.get_window_extent(renderer)
     text.remove()
@@ -129,7 +141,7 @@ def _extent(axes: Axes, point: Named, size: float, renderer: Any) -> tuple[float
 
 
 class _Places:
-    """Where names could go, and what each place costs; all in pixels, boxes as left, bottom, right, top."""
+    """The places of all names and their costs; in pixels, with boxes as (left, bottom, right, top)."""
 
     def __init__(self, at: Array, sizes: Array, frame: Array, kept_free: Array, lines: Array, pixel: float) -> None:
         self._at = at
@@ -143,10 +155,10 @@ class _Places:
             + ON_LINE * _pierced(lines, boxes).sum(axis=0)
             for boxes, p in zip(self._candidates, at, strict=True)
         ]
-        self._crowd = np.exp(-np.linalg.norm(at[:, None] - at, axis=2) / (40.0 * pixel)).sum(axis=1)
+        self._crowd = np.exp(-np.linalg.norm(at[:, None] - at, axis=2) / (CROWD * pixel)).sum(axis=1)
 
     def found(self) -> Array:
-        """(n, 4) boxes of the names."""
+        """(n, 4) the boxes that the names take."""
         boxes = np.full((len(self._at), 4), np.nan)
         order = np.argsort(-self._crowd, kind="stable").tolist()
         for turn in range(PASSES):
@@ -159,7 +171,7 @@ class _Places:
         return boxes
 
     def _cheapest(self, i: int, placed: Array) -> Array:
-        """The box of point i, the other names being where they are; nan is nowhere yet."""
+        """The box for point i while the other names stay where they are; nan stands for a name without a place."""
         there = ~np.isnan(placed[:, 0])
         others = placed[there]
         cost = self._costs[i] + OVERLAP * _overlaps(self._candidates[i], others)
@@ -177,12 +189,12 @@ class _Places:
 
 
 def _nearest(boxes: Array, point: Array) -> Array:
-    """(n, 2) the point of each box that is nearest."""
+    """(n, 2) the nearest point of each box."""
     return np.clip(point, boxes[:, :2], boxes[:, 2:])
 
 
 def _around(point: Array, size: Array, shifts: Array, frame: Array) -> Array:
-    """Boxes (n, 4) whose nearest point to `point` lies at a shift from it, inside the frame."""
+    """(n, 4) boxes around a point, each shifted by one of the shifts; only those inside the frame, if there are any."""
     half = 0.5 * size
     slant = shifts / np.abs(shifts).max(axis=1, keepdims=True)
     centre = point + shifts + half * np.clip(1.5 * slant, -1.0, 1.0)
@@ -192,14 +204,14 @@ def _around(point: Array, size: Array, shifts: Array, frame: Array) -> Array:
 
 
 def _overlaps(boxes: Array, others: Array) -> Array:
-    """(n,) how many of the others each box overlaps."""
+    """(n,) the number of other boxes that each box overlaps."""
     a, b = boxes[:, None], others[None]
     apart = (a[..., 0] >= b[..., 2]) | (b[..., 0] >= a[..., 2]) | (a[..., 1] >= b[..., 3]) | (b[..., 1] >= a[..., 3])
     return np.asarray((~apart).sum(axis=1), dtype=np.float64)
 
 
 def _pierced(lines: Array, boxes: Array) -> Array:
-    """(n, k) whether each of n segments, from and to, enters each of k boxes."""
+    """(n, k) whether each of n segments (x0, y0, x1, y1) crosses each of k boxes."""
     start, along = lines[:, None, :2], (lines[:, 2:] - lines[:, :2])[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         first, second = (boxes[None, :, :2] - start) / along, (boxes[None, :, 2:] - start) / along
@@ -209,7 +221,7 @@ def _pierced(lines: Array, boxes: Array) -> Array:
 
 
 def _crossed(lines: Array, others: Array) -> Array:
-    """(n,) how many of the other segments each segment crosses."""
+    """(n,) the number of other segments that each segment crosses."""
 
     def side(a: Array, b: Array, p: Array) -> Array:
         across, along = b - a, p - a

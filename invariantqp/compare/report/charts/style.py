@@ -1,4 +1,4 @@
-"""How the charts look: one colour and marker a family, told apart by colour-blind readers, text that stays text."""
+"""How the charts look: each family of methods has a colour and a marker, and text in an SVG stays text."""
 
 from __future__ import annotations
 
@@ -7,50 +7,41 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from invariantqp.compare.laws.invariant import OURS
+from invariantqp.compare.names import OURS
 from invariantqp.compare.results import Results, family
-from invariantqp.pictures.run import COLOURS
+from invariantqp.pictures.figure import figure_file
+from invariantqp.pictures.palette import BLUE, GREEN, ORANGE, PURPLE, TEXT, VERMILION
 
-# Inches; 100 dots to the inch are the width of a README.
+# Width of a chart [inches] and its resolution [dots per inch], such that it fits the width of a README.
 WIDTH = 9.0
 DOTS = 100
-
-
-# Ratios of a logarithmic axis's ends below which it is short, and above which it is long.
+# Largest over smallest value of a logarithmic axis: below SHORT ticks are at 1, 2, 5; from LONG on at powers of ten.
 SHORT, LONG = 3e3, 1e6
 
 
-class Look(NamedTuple):
-    """A family's colour and marker."""
+class FamilyStyle(NamedTuple):
+    """Colour and marker of a family of methods, and its name in a legend."""
 
     colour: str
     marker: str
+    title: str
 
 
-BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION = COLOURS[:6]
-LOOKS = {
-    "invariant": Look(BLUE, "o"),
-    "Moore-Penrose": Look(VERMILION, "s"),
-    "damped": Look(ORANGE, "^"),
-    "QP": Look(GREEN, "D"),
-    "system": Look(PURPLE, "P"),
+STYLES = {
+    "invariant": FamilyStyle(BLUE, "o", "invariant (pitch form)"),
+    "Moore-Penrose": FamilyStyle(VERMILION, "s", "Moore-Penrose"),
+    "damped": FamilyStyle(ORANGE, "^", "damped"),
+    "QP": FamilyStyle(GREEN, "D", "QP solvers"),
+    "system": FamilyStyle(PURPLE, "P", "whole systems"),
 }
-TITLES = {
-    "invariant": "invariant (pitch form)",
-    "Moore-Penrose": "Moore-Penrose",
-    "damped": "damped",
-    "QP": "QP solvers",
-    "system": "whole systems",
-}
-RC: Any = {
+NO_FAMILY = FamilyStyle(TEXT, "o", "")
+RC: dict[str, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titlelocation": "left",
@@ -62,42 +53,38 @@ RC: Any = {
 
 
 @contextmanager
-def chart(file: Path, rows: int, columns: int = 1, height: float = 4.0, **options: Any) -> Iterator[tuple[Figure, Any]]:
-    """A figure of README width with its panels, written to the file in the end.
+def chart_file(
+    file: Path, rows: int, columns: int = 1, *, height: float = 4.0, shared: bool = False
+) -> Iterator[tuple[Figure, Any]]:
+    """A figure and its panels to draw on; it is written to the file when the block ends.
 
     Args:
-        file: .svg, .png or .pdf.
-        rows: of panels.
-        columns: of panels.
+        file: ends in .svg, .png or .pdf.
+        rows: number of rows of panels.
+        columns: number of columns of panels.
         height: of the figure [inches].
-        options: of `matplotlib.pyplot.subplots`.
+        shared: whether all panels have the same axes.
+
+    Raises:
+        BadInput: the file cannot be written.
     """
-    with mpl.rc_context(RC):
-        figure, panels = plt.subplots(
-            rows, columns, figsize=(WIDTH, height), dpi=DOTS, layout="constrained", squeeze=False, **options
-        )
-        try:
-            yield figure, panels
-            # The time of drawing is no result: the same figures make the same file.
-            metadata = {"Date": None} if file.suffix == ".svg" else None
-            figure.savefig(file, dpi=DOTS, metadata=metadata)
-        finally:
-            plt.close(figure)
+    with figure_file(file, (WIDTH, height), RC, dots=DOTS) as figure:
+        yield figure, figure.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared)
 
 
-def laid_out(figure: Figure) -> None:
-    """Lay the panels out, once: what is placed by pixels may be placed now."""
+def lay_out(figure: Figure) -> None:
+    """Place the panels for good, so that positions in pixels are known."""
     figure.canvas.draw()
     figure.set_layout_engine("none")
 
 
-def look(results: Results, method: str) -> Look:
-    """A method's colour and marker; grey for what has no family."""
-    return LOOKS.get(family(results, method), Look("#555555", "o"))
+def style_of(results: Results, method: str) -> FamilyStyle:
+    """Colour and marker of a method."""
+    return STYLES.get(family(results, method), NO_FAMILY)
 
 
 def short(method: str) -> str:
-    """A method's name as charts write it: its family is told by its colour."""
+    """A method's name in a chart, where the colour tells its family."""
     return (
         method.removeprefix("QP, ")
         .replace(", polished", " polished")
@@ -108,16 +95,16 @@ def short(method: str) -> str:
 
 
 def is_ours(method: str) -> bool:
-    """Whether a name is set in bold."""
+    """Whether this is our method, whose name is written in bold."""
     return method == OURS
 
 
 def families_legend(figure: Figure, results: Results, names: Iterable[str], extra: Sequence[Line2D] = ()) -> None:
-    """The families of the named methods, and extra lines, above the panels."""
+    """A legend above the panels: the families of the named methods, and extra lines."""
     there = {family(results, name) for name in names}
     handles = [
-        Line2D([], [], color=LOOKS[name].colour, marker=LOOKS[name].marker, linestyle="", label=TITLES[name])
-        for name in LOOKS
+        Line2D([], [], color=style.colour, marker=style.marker, linestyle="", label=style.title)
+        for name, style in STYLES.items()
         if name in there
     ]
     handles += extra
@@ -125,13 +112,13 @@ def families_legend(figure: Figure, results: Results, names: Iterable[str], extr
 
 
 def grid(axes: Axes) -> None:
-    """Faint lines behind everything."""
+    """Faint grid lines behind the data."""
     axes.grid(visible=True, which="major", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
 
 
 def plain_ticks(axis: Axis, limits: tuple[float, float]) -> None:
-    """1, 10, 100 on a logarithmic axis, or 1, 2, 5, 10 where it is short; powers of ten where it is long."""
+    """Ticks of a logarithmic axis as 1, 10, 100; also 2 and 5 if the axis is short; as powers of ten if it is long."""
     span = limits[1] / limits[0]
     if span < LONG:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if span < SHORT else (1.0,), numticks=20))
@@ -140,5 +127,5 @@ def plain_ticks(axis: Axis, limits: tuple[float, float]) -> None:
 
 
 def percent(share: float) -> str:
-    """A share in words."""
+    """A share as a percentage."""
     return f"{100.0 * share:.3g} %"

@@ -1,4 +1,4 @@
-"""`python -m invariantqp.cli`."""
+"""`python -m invariantqp`."""
 
 from __future__ import annotations
 

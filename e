@@ -1,0 +1,1 @@
+error: output could not be written: No space left on device

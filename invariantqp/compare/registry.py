@@ -1,0 +1,122 @@
+"""The table of all methods, and how a user names some of them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+from invariantqp.compare.laws import damped, invariant, moore_penrose, qp_backends, systems
+from invariantqp.compare.laws.baselines import controller_of
+from invariantqp.compare.method import FAMILIES, Method
+from invariantqp.errors import BadInput, UnknownName
+from invariantqp.runs.controllers import MakeController
+
+# A known name at least this similar to an unknown one (ratio of difflib) is suggested.
+SIMILAR = 0.5
+
+_FAMILIES = (invariant.METHODS, moore_penrose.METHODS, damped.METHODS, qp_backends.METHODS, systems.METHODS)
+_METHODS = {method.name: method for family in _FAMILIES for method in family}
+
+
+def methods() -> dict[str, Method]:
+    """Every method by its name, installed or not; ours is the first."""
+    return dict(_METHODS)
+
+
+def controller_named(name: str) -> MakeController:
+    """The control loop of a method, by the method's name."""
+    return controller_of(_METHODS[name])
+
+
+def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
+    """The methods that some names stand for, without those that are not installed.
+
+    Args:
+        names: each the name of a method, a family such as "damped", or part of a name ("osqp" is every OSQP); upper
+            and lower case are the same. None stands for every method.
+
+    Returns:
+        {name: method} in the order of the table.
+
+    Raises:
+        UnknownName: one name stands for no method.
+        BadInput: several names stand for no method, a method given by its full name is not installed, or no name.
+    """
+    meant = _meant(names)
+    for word in _words(names):
+        method = _exactly(word)
+        if method is not None and not method.installed:
+            raise BadInput(
+                "--methods",
+                f"{method.name}, which needs {' and '.join(method.needs)}",
+                "installed methods",
+                f"Run: pip install 'invariantqp[{method.extra}]'",
+            )
+    return {name: method for name, method in meant.items() if method.installed}
+
+
+def left_out(names: str | Iterable[str] | None = None) -> list[Method]:
+    """The methods that the same names stand for and that `chosen` leaves out, since they are not installed."""
+    return [method for method in _meant(names).values() if not method.installed]
+
+
+def first_of_groups(names: Iterable[str]) -> list[str]:
+    """The names without those that share a group with an earlier one."""
+    firsts: dict[str, str] = {}
+    for name in names:
+        firsts.setdefault(_METHODS[name].group or name, name)
+    return list(firsts.values())
+
+
+def _words(names: str | Iterable[str] | None) -> list[str]:
+    if names is None:
+        return []
+    return [word.strip() for word in ([names] if isinstance(names, str) else names) if word.strip()]
+
+
+def _meant(names: str | Iterable[str] | None) -> dict[str, Method]:
+    """The methods that the names stand for, in the order of the table."""
+    if names is None:
+        return methods()
+    words = _words(names)
+    if not words:
+        raise BadInput(
+            "--methods", "no method", "methods, families or parts of names", f"Methods: {_quoted(_METHODS)}."
+        )
+    found = {word: _matches(word) for word in words}
+    unknown = [word for word, matches in found.items() if not matches]
+    if unknown:
+        raise _unknown(unknown)
+    meant = {name for matches in found.values() for name in matches}
+    return {name: method for name, method in _METHODS.items() if name in meant}
+
+
+def _exactly(word: str) -> Method | None:
+    """The method with this full name."""
+    return next((method for name, method in _METHODS.items() if name.lower() == word.lower()), None)
+
+
+def _matches(word: str) -> list[str]:
+    """The method of this name; or the methods of this family; or those with this in their name."""
+    low = word.lower()
+    by_name = [name for name in _METHODS if name.lower() == low]
+    by_family = [name for name, method in _METHODS.items() if method.family.lower() == low]
+    return by_name or by_family or [name for name in _METHODS if low in name.lower()]
+
+
+def _unknown(words: list[str]) -> BadInput | UnknownName:
+    """The error for names that stand for no method."""
+    known = [*_METHODS, *FAMILIES]
+    near = {word: difflib.get_close_matches(word, known, cutoff=SIMILAR) for word in words}
+    if len(words) == 1 and "," not in words[0]:
+        return UnknownName("method", words[0], near[words[0]], known)
+    found = [f"{word!r}" + (f" (similar: {_quoted(names)})" if names else "") for word, names in near.items()]
+    remedy = f"Give each name a --methods of its own. Methods: {_quoted(_METHODS)}. Families: {_quoted(FAMILIES)}."
+    return BadInput(
+        "--methods", f"no method called {' or '.join(found)}", "methods, families or parts of names", remedy
+    )
+
+
+def _quoted(names: Iterable[str]) -> str:
+    """Names in quotes, since some of them contain a comma."""
+    return ", ".join(f"'{name}'" for name in names)

@@ -1,0 +1,36 @@
+"""Contacts between a tool and its surroundings: what may move, what can be pressed.
+
+Each name is loaded when first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from invariantqp.lazy import load_lazily
+
+if TYPE_CHECKING:
+    from invariantqp.systems.contact_kinds import ContactKind as ContactKind
+    from invariantqp.systems.contacts import Contact as Contact
+    from invariantqp.systems.contacts import face_contact as face_contact
+    from invariantqp.systems.contacts import hinge as hinge
+    from invariantqp.systems.contacts import line_contact as line_contact
+    from invariantqp.systems.contacts import peg_in_hole as peg_in_hole
+    from invariantqp.systems.contacts import point_contact as point_contact
+    from invariantqp.systems.contacts import surface_contact as surface_contact
+
+load_lazily(
+    __name__,
+    {
+        "invariantqp.systems.contact_kinds": ("ContactKind",),
+        "invariantqp.systems.contacts": (
+            "Contact",
+            "face_contact",
+            "hinge",
+            "line_contact",
+            "peg_in_hole",
+            "point_contact",
+            "surface_contact",
+        ),
+    },
+)

@@ -1,0 +1,61 @@
+"""What a controller is told before a run, and in each tick of it.
+
+A brief may be told in other frames than the task file: a tool frame elsewhere on the tool, say. What it asks of the arm
+stays the same, so a controller that is right answers with the same joint velocities.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.wrench import WrenchSensor
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.contactspec import OperatorSpec
+from invariantqp.runs.taskfile import LawSpec
+
+
+class Goal(NamedTuple):
+    """What is asked for in a tick.
+
+    Attributes:
+        target: tool pose, as `robot.target` returned it.
+        feedforward: (6,) twist of the target, base frame [rad/s, m/s].
+        time: [s].
+    """
+
+    target: Any
+    feedforward: Array
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Brief:
+    """What a controller is told.
+
+    Attributes:
+        robot: the arm, with the tool frame that targets are for.
+        law: the [law] table; its points are in that tool frame.
+        time: (n + 1,) [s].
+        poses: (n + 1, 4, 4) tool poses that are asked for.
+        feedforward: (n, 6) their twists, base frame [rad/s, m/s].
+        contact_task: what to do at a contact; None without one.
+        sensor: what is known of the force sensor; None without contact.
+        operator: the person who moves the tool too; None without one.
+    """
+
+    robot: Robot
+    law: LawSpec
+    time: Array
+    poses: Array
+    feedforward: Array
+    contact_task: HybridTask | None = None
+    sensor: WrenchSensor | None = None
+    operator: OperatorSpec | None = None
+
+    def goals(self) -> list[Goal]:
+        """What is asked for, tick by tick."""
+        ticks = zip(self.poses, self.feedforward, self.time.tolist(), strict=False)
+        return [Goal(self.robot.target(T), twist, t) for T, twist, t in ticks]

@@ -1,0 +1,48 @@
+"""The controllers that a task's [law] describes: its keys are their arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from invariantqp.control.controller import Controller
+from invariantqp.control.controls import Controls
+from invariantqp.control.demands import ExactPoint
+from invariantqp.control.measure import tool_metric
+from invariantqp.force.hybrid import HybridController
+from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.wrench import WrenchSensor
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.limits.toolspeed import ToolSpeed
+
+MakeController = Callable[[Robot, LawSpec], Controls]
+
+
+def our_controller(robot: Robot, law: LawSpec) -> Controller:
+    """The velocity controller that a [law] describes."""
+    return Controller(robot, **law_options(robot, law))
+
+
+def our_hybrid(robot: Robot, law: LawSpec, task: HybridTask, sensor: WrenchSensor | None) -> HybridController:
+    """The hybrid controller that a [law] and a contact describe."""
+    return HybridController(robot, task, sensor=sensor, **law_options(robot, law))
+
+
+def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
+    """A [law] as keyword arguments of `Controller`."""
+    return {
+        "dt": law.dt,
+        "gain": law.gain,
+        "form": tool_metric(robot) if law.form == "tool" else law.form,
+        "damping": law.damping,
+        "guard": law.guard,
+        "posture": law.posture,
+        "joint_metric": law.joint_metric,
+        "backend": law.backend,
+        "exact": None if law.exact is None else ExactPoint(law.point),
+        "point": law.point,
+        "acceleration_limit": law.acceleration_limit,
+        "position_margin": law.position_margin,
+        "tool_speed": None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),
+    }

@@ -1,0 +1,137 @@
+"""A task made ready to run: everything that a run needs, as one value. Nothing has moved yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.brief import Brief
+from invariantqp.runs.make_scene import scene_of
+from invariantqp.runs.plants.ideal import IdealPlant
+from invariantqp.runs.plants.plant import Plant
+from invariantqp.runs.problems import said
+from invariantqp.runs.scene import ContactScene
+from invariantqp.runs.taskfile import LawSpec, Task
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Everything that one run needs.
+
+    Attributes:
+        task: with its law as overridden.
+        robot: the arm, with the task's tool frame: the run is judged there.
+        scene: what the tool touches; None where it touches nothing.
+        physics: the name of the plant, "ideal" or "mujoco".
+        plant: the arm at its start; it moves in the run, so a second run needs a second setup.
+        wanted: (n + 1, 4, 4) tool poses that are asked for.
+        noise: (n, m) what the controller's joint positions are off by [rad, m].
+        counted_from: the first tick whose errors count; 0 without contact.
+        brief: what the controller is told.
+    """
+
+    task: Task
+    robot: Robot
+    scene: ContactScene | None
+    physics: str
+    plant: Plant
+    wanted: Array
+    noise: Array
+    counted_from: int
+    brief: Brief
+
+
+def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
+    """A task made ready to run.
+
+    Args:
+        task: from `load_task`.
+        physics: the plant: "ideal", or "mujoco" with friction, lag and noise (extra `sim`).
+        overrides: keys of the task's [law] to change.
+
+    Raises:
+        BadInput: no task, no such override or plant, shapes that do not fit, a run of no ticks or of far too many.
+        RobotModelError, UnknownName, MissingExtra: the robot or the plant cannot be had.
+    """
+    if not isinstance(task, Task):
+        raise BadInput("task", repr(task), "a Task, such as load_task returns")
+    law = overridden(task.law, overrides)
+    task = task.model_copy(update={"law": law})
+    n = task.ticks
+    robot = task.load_robot()
+    start = task.start()
+    scene = scene_of(task, robot.pose(start))
+    time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
+    wanted = _wanted(task, robot, scene, time)
+    return Setup(
+        task=task,
+        robot=robot,
+        scene=scene,
+        physics=physics,
+        plant=_plant(task, robot, scene, physics),
+        wanted=wanted,
+        noise=np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start))),
+        counted_from=round(task.settle / law.dt),
+        brief=Brief(
+            robot=robot,
+            law=law,
+            time=time,
+            poses=wanted,
+            feedforward=_feedforward(task, wanted),
+            contact_task=None if scene is None else scene.task,
+            sensor=None if scene is None else scene.sensor,
+            operator=task.operator,
+        ),
+    )
+
+
+def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
+    """A law with some of its keys changed, checked as those of a file are.
+
+    Raises:
+        BadInput: no such key, or a value that it does not take.
+    """
+    keys = LawSpec.model_fields
+    for name in overrides:
+        if name not in keys:
+            now = f"{name}, which is now {LawSpec.RENAMED[name]}" if name in LawSpec.RENAMED else name
+            raise BadInput("overrides", now, f"some of {', '.join(keys)}")
+    try:
+        return LawSpec.model_validate({**law.model_dump(), **overrides})
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        key = str(wrong["loc"][0])
+        raise BadInput(key, repr(overrides[key]), said(wrong)) from error
+
+
+def _plant(task: Task, robot: Robot, scene: ContactScene | None, physics: str) -> Plant:
+    springs, sensor = (None, None) if scene is None else (scene.springs, scene.simulated_sensor)
+    if physics == "ideal":
+        return IdealPlant(robot, task.start(), task.law.dt, springs, sensor)
+    if physics != "mujoco":
+        raise BadInput("physics", repr(physics), '"ideal" or "mujoco"')
+    from invariantqp.runs.plants.mujoco import MujocoPlant  # only where it is asked for
+
+    return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, springs, sensor, task.physics)
+
+
+def _wanted(task: Task, robot: Robot, scene: ContactScene | None, time: Array) -> Array:
+    """(n + 1, 4, 4) tool poses asked for; the path waits until contact has settled."""
+    pose = task.path.along(robot, task.start())
+    path = [pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()]
+    return np.array(path if scene is None else [scene.on_surface(T) for T in path])
+
+
+def _feedforward(task: Task, wanted: Array) -> Array:
+    """(n, 6) twists that lead from one pose to the next in a tick, base frame; zero for a target that jumps."""
+    if task.path.jumps:
+        return np.zeros((len(wanted) - 1, 6))
+    return np.array([se3.log(b.dot(se3.inverse(a))) / task.law.dt for a, b in pairwise(wanted)])

@@ -1,0 +1,32 @@
+"""Rigid motions, twists and screws: poses are (4, 4), twists (omega; v), wrenches (m; f).
+
+Each name is loaded when first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from invariantqp.lazy import load_lazily
+
+if TYPE_CHECKING:
+    from invariantqp.geometry.screws import axis as axis
+    from invariantqp.geometry.screws import helical as helical
+    from invariantqp.geometry.screws import pitch as pitch
+    from invariantqp.geometry.screws import prismatic as prismatic
+    from invariantqp.geometry.screws import revolute as revolute
+    from invariantqp.geometry.se3 import adjoint as adjoint
+    from invariantqp.geometry.se3 import bracket as bracket
+    from invariantqp.geometry.se3 import coadjoint as coadjoint
+    from invariantqp.geometry.se3 import exp as exp
+    from invariantqp.geometry.se3 import inverse as inverse
+    from invariantqp.geometry.se3 import log as log
+    from invariantqp.geometry.se3 import transform as transform
+
+load_lazily(
+    __name__,
+    {
+        "invariantqp.geometry.screws": ("axis", "helical", "pitch", "prismatic", "revolute"),
+        "invariantqp.geometry.se3": ("adjoint", "bracket", "coadjoint", "exp", "inverse", "log", "transform"),
+    },
+)

@@ -1,0 +1,32 @@
+"""An HTML page made from a template: values are escaped, and a value is never read as a template itself.
+
+fill_template("invariantqp.view", "page.html", {"title": "<b>{{ title }}</b>"})    shows <b>{{ title }}</b> as it stands
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+
+
+def fill_template(package: str, template: str, values: Mapping[str, Any]) -> str:
+    """The text of a template with its values.
+
+    Args:
+        package: the package that has the template as a file.
+        template: the name of the file, in Jinja's syntax.
+        values: by name; escaped, unless the template marks them as `safe`.
+
+    Returns:
+        The page.
+
+    Raises:
+        ValueError: a number that the template writes as JSON is not finite.
+    """
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False}
+    text = (resources.files(package) / template).read_text(encoding="utf-8")
+    return environment.from_string(text).render(values)

@@ -1,0 +1,37 @@
+"""What `invariantqp compare` refuses; what it measures is tested with the comparison."""
+
+import sys
+
+import pytest
+
+from invariantqp import cli
+
+REFUSED = [
+    ([""], "unknown task ''"),
+    (["nobody"], "unknown task 'nobody'"),
+    (["arm_3r", "--methods", "zzz"], "unknown method 'zzz'"),
+    (["arm_3r", "--only", "zzz"], "unknown measurement 'zzz'; known: error, time,"),
+    (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
+    (["--out", "{file}"], "--out: found {file}: File exists; expected a folder"),
+    (["--against", "nowhere.json"], "expected a results.json of invariantqp compare"),
+    (["--against", "{file}"], "expected a results.json of invariantqp compare"),
+    (["--json", "{file}"], "--json: found no --stability beside it"),
+    (["--stability", "arm_3r"], "TASK: found --stability too; expected one of them"),
+    (["--stability", "--only", "time"], "--only: found --stability too"),
+    (["--stability", "--json", "/nowhere/at/all.json"], "in a folder that does not exist"),
+    (["--seed", "-1"], "--seed"),
+]
+
+
+@pytest.mark.parametrize(("words", "said"), REFUSED, ids=[" ".join(words) for words, _ in REFUSED])
+def test_bad_input_is_one_message_and_status_2(monkeypatch, capsys, tmp_path, words, said):
+    file = tmp_path / "file"
+    file.write_text("no results", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["invariantqp", "compare", *(word.format(file=file) for word in words)])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    out, err = capsys.readouterr()
+    assert (left.value.code, out) == (2, "")
+    assert said.format(file=file) in " ".join(err.split())
+    assert "Traceback" not in err

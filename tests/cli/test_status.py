@@ -1,0 +1,179 @@
+"""Exit statuses as a shell sees them. 1 says that a run was not accepted, and nothing else."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import invariantqp as iq
+from invariantqp import cli
+from invariantqp.cli.status import BAD_INPUT, DEFECT, DONE, HELP, INTERRUPTED, NOT_ACCEPTED, NOT_WRITTEN
+
+TASK = """
+name = "short"
+about = "A [short] swing."
+[robot]
+screws = [{ axis = [0.0, 0.0, 1.0] }, { axis = [0.0, 0.0, 1.0], point = [0.5, 0.0, 0.0] }]
+tool_point = [1.0, 0.0, 0.0]
+start = [0.3, 0.8]
+[path]
+kind = "joints"
+duration = 0.05
+waypoints = [[0.31, 0.8]]
+[law]
+dt = 0.002
+form = "tool"
+[accept]
+position_error_mm = 0.1
+"""
+FULL = Path("/dev/full")
+BUFFERED = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
+posix = pytest.mark.skipif(sys.platform == "win32", reason="pipes and signals of POSIX")
+
+
+@pytest.fixture
+def task(tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(TASK, encoding="utf-8")
+    return file
+
+
+@pytest.fixture
+def refused(tmp_path):
+    file = tmp_path / "refused.toml"
+    file.write_text(TASK.replace("position_error_mm = 0.1", "position_error_mm = 1e-13"), encoding="utf-8")
+    return file
+
+
+def started(*words, **options):
+    """A command line as a process; its standard output is buffered, as it is for most users."""
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": BUFFERED, **options}
+    return subprocess.run([sys.executable, "-m", "invariantqp", *map(str, words)], check=False, **options)
+
+
+def test_done_not_accepted_and_bad_input(task, refused):
+    assert [started("run", file).returncode for file in (task, refused, "")] == [DONE, NOT_ACCEPTED, BAD_INPUT]
+
+
+def gone(command):
+    """The status and standard error of a command whose reader goes away before it is written."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = started(*command, stdout=writing)
+    os.close(writing)
+    return done.returncode, done.stderr
+
+
+@posix
+@pytest.mark.parametrize(
+    "command", [["run", "{task}"], ["run", "{refused}"], ["run", "--help"], ["tasks"], ["inspect", "planar_3r"]]
+)
+def test_a_reader_that_is_gone_is_not_a_refusal(task, refused, command):
+    status, said = gone([word.format(task=task, refused=refused) for word in command])
+    assert status == NOT_WRITTEN
+    assert "Traceback" not in said
+    assert "Exception ignored" not in said
+
+
+@posix
+def test_what_a_run_is_to_write_is_written_though_nobody_reads_what_it_prints(task, tmp_path):
+    figures = tmp_path / "run.json"
+    assert gone(["run", task, "--json", figures])[0] == NOT_WRITTEN
+    assert figures.read_text(encoding="utf-8").endswith("}\n")
+
+
+@posix
+def test_the_first_line_of_a_passing_run(task):
+    line = f"set -o pipefail; {sys.executable} -m invariantqp run {task} | head -n 1"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, env=BUFFERED)
+    assert done.returncode in (DONE, NOT_WRITTEN)
+    assert done.stdout == "short  A [short] swing.\n"
+    assert done.stderr == ""
+
+
+@needs_full
+@pytest.mark.parametrize("command", [["run", "{task}"], ["inspect", "planar_3r"]])
+def test_a_full_disk(task, command):
+    done = started(*(word.format(task=task) for word in command), "--json", FULL)
+    assert (done.returncode, done.stderr) == (
+        NOT_WRITTEN,
+        "error: /dev/full could not be written: No space left on device\n",
+    )
+    with FULL.open("w") as full:
+        done = started(*(word.format(task=task) for word in command), stdout=full)
+        assert done.returncode == NOT_WRITTEN
+        assert done.stderr == "error: output could not be written: No space left on device\n"
+        assert (
+            started(*(word.format(task=task) for word in command), stdout=full, stderr=full).returncode == NOT_WRITTEN
+        )
+        assert started("run", "nowhere", stderr=full).returncode == BAD_INPUT
+
+
+@posix
+@pytest.mark.parametrize(("closed", "status"), [(">&-", DONE), ("2>&-", DONE), (">&- 2>&-", DONE)])
+def test_closed_streams(task, closed, status):
+    for file, expected in ((task, status), ("nowhere", BAD_INPUT)):
+        line = f"{sys.executable} -m invariantqp run {file} {closed}"
+        assert subprocess.run(["bash", "-c", line], env=BUFFERED, check=False).returncode == expected
+
+
+@posix
+def test_ctrl_c(tmp_path):
+    long = tmp_path / "long.toml"
+    long.write_text(TASK.replace("duration = 0.05", "duration = 500.0"), encoding="utf-8")
+    command = [sys.executable, "-c", "import invariantqp.cli as c; print('on', flush=True); c.main()", "run", str(long)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout.readline() == "on\n"
+        time.sleep(1.0)
+        running.send_signal(signal.SIGINT)
+        _, said = running.communicate(timeout=30)
+    assert running.returncode == INTERRUPTED
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    "error", [ZeroDivisionError("division by zero"), MemoryError(), RecursionError("deep"), KeyError("a")]
+)
+def test_a_defect_says_where_to_report_it(monkeypatch, capsys, task, error):
+    def broken(*_, **__):
+        raise error
+
+    monkeypatch.setattr("invariantqp.runs.run.run_task", broken)
+    monkeypatch.setattr(sys, "argv", ["invariantqp", "run", str(task)])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    out, said = capsys.readouterr()
+    assert left.value.code == DEFECT
+    assert out == ""
+    for words in (
+        type(error).__name__,
+        f"defect of invariantqp {iq.__version__}",
+        "report it",
+        f"invariantqp run {task}",
+    ):
+        assert words in said
+
+
+def test_a_defect_is_not_one_of_the_others():
+    assert len({DONE, NOT_ACCEPTED, BAD_INPUT, NOT_WRITTEN, DEFECT, INTERRUPTED}) == 6
+
+
+@pytest.mark.parametrize("command", [[], ["run"], ["tasks"], ["inspect"], ["compare"]])
+def test_help_says_what_the_statuses_mean(command):
+    done = started(*command, "--help", env={**BUFFERED, "COLUMNS": "300"})
+    assert done.returncode == DONE
+    assert HELP in " ".join(done.stdout.split())
+
+
+def test_a_warning_is_a_note(task, tmp_path):
+    mixed = tmp_path / "mixed.toml"
+    mixed.write_text(TASK.replace("point = [0.5, 0.0, 0.0] }", "pitch = inf }"), encoding="utf-8")
+    said = started("run", mixed).stderr
+    assert said.startswith("note: ")
+    assert "joint_metric" in said
+    assert ".py:" not in said

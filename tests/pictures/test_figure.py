@@ -1,0 +1,92 @@
+"""Pictures leave the caller's Matplotlib alone."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+
+import invariantqp as iq
+from invariantqp.pictures.figure import figure_file
+
+ROOT = Path(__file__).parents[2]
+
+# Everything is imported and drawn once, as a notebook with a backend of its own would do it.
+SCRIPT = """
+import json, sys
+from importlib import import_module
+from pathlib import Path
+from pkgutil import walk_packages
+import matplotlib
+def look():
+    # Reading rcParams["backend"] would select one.
+    rest = {key: repr(matplotlib.rcParams[key]) for key in matplotlib.rcParams if key != "backend"}
+    return {"backend": matplotlib.get_backend(auto_select=False), **rest}
+before = look()
+import invariantqp as iq
+for module in walk_packages(iq.__path__, "invariantqp."):
+    import_module(module.name)
+imported = look()
+from invariantqp.compare.report.charts import CHARTS
+from invariantqp.compare.results import load_results
+out, results = Path(sys.argv[1]), load_results(Path(sys.argv[2]))
+motion = iq.load_task("scara")
+iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
+contact = iq.load_task("pen_on_paper")
+contact = contact.model_copy(update={"path": contact.path.model_copy(update={"duration": 0.05})})
+iq.pictures.picture(iq.run_task(contact), out / "contact.svg")
+robot = iq.load_robot("so101")
+iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8), robot, out / "pitches.pdf")
+for chart in CHARTS:
+    chart.draw(results, out / f"{chart.slug}.svg")
+drawn = look()
+changed = [k for k in before if not before[k] == imported[k] == drawn[k]]
+print(json.dumps({"changed": changed, "pyplot": "matplotlib.pyplot" in sys.modules, "charts": len(CHARTS)}))
+"""
+
+
+@pytest.mark.parametrize("backend", [None, "svg"])
+def test_no_import_and_no_picture_changes_matplotlib(tmp_path, backend):
+    words = {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}
+    words |= {} if backend is None else {"MPLBACKEND": backend}
+    results = ROOT / "examples" / "comparison" / "results.json"
+    command = [sys.executable, "-c", SCRIPT, str(tmp_path), str(results)]
+    done = subprocess.run(command, capture_output=True, text=True, env=words, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found["changed"] == []
+    assert not found["pyplot"]
+    files = [file for file in tmp_path.iterdir() if file.stat().st_size > 1000]
+    assert len(files) == 3 + found["charts"]
+
+
+def test_a_format_that_cannot_be_written_is_told(tmp_path):
+    for name in ("picture.txt", "picture"):
+        with (
+            pytest.raises(iq.BadInput, match=r"found the ending .*expected one of .*\.svg"),
+            figure_file(tmp_path / name, (4.0, 3.0), {}),
+        ):
+            pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_to_is_told(tmp_path):
+    with (
+        pytest.raises(iq.BadInput, match="expected a file that can be written"),
+        figure_file(tmp_path / "nowhere" / "picture.svg", (4.0, 3.0), {}),
+    ):
+        pass
+
+
+def test_an_error_while_drawing_writes_no_file(tmp_path):
+    def draw():
+        with figure_file(tmp_path / "picture.svg", (4.0, 3.0), {"font.size": 30.0}) as figure:
+            figure.subplots().plot([1, 2], [1, 2, 3])
+
+    with pytest.raises(ValueError, match="same first dimension"):
+        draw()
+    assert not list(tmp_path.iterdir())
+    assert mpl.rcParams["font.size"] != 30.0

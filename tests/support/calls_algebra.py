@@ -1,0 +1,170 @@
+"""Calls of geometry, systems and velocity with the right arguments."""
+
+import numpy as np
+
+import invariantqp as iq
+
+RNG = np.random.default_rng(0)
+J, S = RNG.normal(size=(6, 6)), RNG.normal(size=(6, 2))
+T, TWIST, Q, H = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), RNG.normal(size=6), np.full(6, 0.2), 0.3
+POINT, AXIS = [0.1, 0.2, 0.3], [0.0, 0.6, 0.8]
+
+WITH_TOLERANCE = (
+    "blind_directions",
+    "describe",
+    "gibson_hunt",
+    "gram_polynomial",
+    "principal_pitches",
+    "principal_screws",
+)
+WITH_PITCH = ("existence", "gram_matrix", "has_pseudoinverse", "reciprocal_has_pseudoinverse")
+
+
+def contact():
+    return iq.point_contact(POINT, AXIS)
+
+
+def law_options(*left_out):
+    names = ["form", "damping", "bounds", "exact", "joint_metric", "backend", "guard", "posture", "rows", "tool_speed"]
+    good = {"form": H, "backend": "daqp", "guard": True}
+    return {name: good.get(name) for name in names if name not in left_out}
+
+
+# What is called, and arguments that it takes.
+ALGEBRA = {
+    # geometry
+    **{
+        name: lambda name=name: (getattr(iq, name), {"pose": T, "check": True})
+        for name in ("adjoint", "coadjoint", "inverse", "log")
+    },
+    "exp": lambda: (iq.exp, {"twist": TWIST, "check": True}),
+    "bracket": lambda: (iq.se3.bracket, {"first": TWIST, "second": TWIST}),
+    "transform": lambda: (iq.transform, {"rotation": np.eye(3), "translation": POINT}),
+    "pitch_form": lambda: (iq.pitch_form, {"h": H}),
+    "pitch_form_inverse": lambda: (iq.pitch_form_inverse, {"h": H}),
+    "invariant_form": lambda: (iq.forms.invariant_form, {"alpha": 1.0, "beta": 1.0}),
+    "helical": lambda: (iq.se3.helical, {"axis": AXIS, "point": POINT, "pitch": H}),
+    "revolute": lambda: (iq.revolute, {"axis": AXIS, "point": POINT}),
+    "prismatic": lambda: (iq.se3.prismatic, {"axis": AXIS}),
+    "pitch": lambda: (iq.se3.pitch, {"twist": TWIST}),
+    "axis": lambda: (iq.se3.axis, {"twist": TWIST}),
+    # systems
+    **{name: lambda name=name: (getattr(iq.systems, name), {"J": S, "tolerance": 1e-10}) for name in WITH_TOLERANCE},
+    **{name: lambda name=name: (getattr(iq.systems, name), {"J": S, "h": H}) for name in WITH_PITCH},
+    "annihilator": lambda: (iq.systems.annihilator, {"S": S}),
+    "reciprocal": lambda: (iq.reciprocal, {"S": S, "h": H}),
+    "self_reciprocal": lambda: (iq.systems.self_reciprocal, {"S": S, "h": H, "tolerance": 1e-10}),
+    "screw_system": lambda: (iq.systems.screw_system, {"J": S, "tolerance": 1e-10}),
+    "system_meet": lambda: (iq.systems.system_meet, {"first": S, "second": J, "tolerance": 1e-10}),
+    "system_sum": lambda: (iq.systems.system_sum, {"first": S, "second": J, "tolerance": 1e-10}),
+    "pseudoinverse": lambda: (iq.pseudoinverse, {"J": S, "h": H, "joint_metric": None}),
+    "hyperbolic_singular_values": lambda: (
+        iq.systems.hyperbolic_singular_values,
+        {"J": S, "h": H, "joint_metric": None},
+    ),
+    "form_adjoint": lambda: (
+        iq.systems.form_adjoint,
+        {"A": J, "domain": np.eye(6), "codomain": iq.pitch_form(H)},
+    ),
+    "h_adjoint": lambda: (iq.systems.h_adjoint, {"J": S, "h": H, "joint_metric": None}),
+    "psi": lambda: (iq.systems.psi, {"J": S, "h": H, "Lambda": 0.1}),
+    "penrose_conditions": lambda: (
+        iq.systems.penrose_conditions,
+        {"J": S, "X": iq.pseudoinverse(S, H), "h": H, "joint_metric": None, "tolerance": 1e-10},
+    ),
+    "alpha_plane": lambda: (iq.systems.alpha_plane, {"point": POINT, "h": H, "direction": None}),
+    "beta_plane": lambda: (iq.systems.beta_plane, {"point": POINT, "normal": AXIS, "h": H}),
+    "null_plane": lambda: (iq.systems.null_plane, {"S": S, "tolerance": 1e-10}),
+    "NullPlane.contains": lambda: (
+        iq.systems.alpha_plane(POINT, H).contains,
+        {"twist": TWIST, "tolerance": 1e-10},
+    ),
+    "hyperbolic_polar": lambda: (iq.systems.hyperbolic_polar, {"J": S, "h": H, "joint_metric": None}),
+    "involution": lambda: (iq.involution, {"lines": np.array([iq.revolute(AXIS)] * 2).T, "tolerance": 1e-10}),
+    "reach": lambda: (iq.systems.reach, {"J": J, "point": POINT}),
+    "centre": lambda: (iq.systems.centre, {"J": J, "twist": None}),
+    "error_form": lambda: (iq.systems.error_form, {"J": J, "twist": TWIST, "h": H, "velocity": Q}),
+    "stationary_point": lambda: (iq.systems.stationary_point, {"J": J, "twist": TWIST, "h": H}),
+    "vanishing_pitches": lambda: (iq.systems.vanishing_pitches, {"J": S, "twist": TWIST}),
+    "leg_wrenches": lambda: (
+        iq.systems.leg_wrenches,
+        {"base": RNG.normal(size=(6, 3)), "platform": RNG.normal(size=(6, 3))},
+    ),
+    "leg_spectrum": lambda: (iq.systems.leg_spectrum, {"W": J, "h": H, "leg_stiffness": None}),
+    "platform_stiffness": lambda: (iq.systems.platform_stiffness, {"W": J, "leg_stiffness": np.ones(6)}),
+    "wrench_pseudoinverse": lambda: (iq.systems.wrench_pseudoinverse, {"W": S, "h": H, "leg_metric": None}),
+    "dual_projectors": lambda: (
+        iq.dual_projectors,
+        {"S": S, "wrenches": None, "h": None, "complement": None, "metric": np.ones(6)},
+    ),
+    "DualProjectors.moved": lambda: (iq.dual_projectors(S, h=H).moved, {"pose": T}),
+    "point_motion": lambda: (iq.systems.point_motion, {"J": J, "point": POINT, "direction": AXIS}),
+    "motions_along": lambda: (iq.systems.motions_along, {"point": POINT, "direction": AXIS}),
+    "point_contact": lambda: (iq.point_contact, {"point": POINT, "normal": AXIS, "slip": True, "tangent": None}),
+    "line_contact": lambda: (
+        iq.contacts.line_contact,
+        {"point": POINT, "direction": [1, 0, 0], "normal": [0, 0, 1], "slip": True},
+    ),
+    "face_contact": lambda: (
+        iq.contacts.face_contact,
+        {"point": POINT, "normal": AXIS, "slip": True, "twist": False, "tangent": None},
+    ),
+    "hinge": lambda: (iq.contacts.hinge, {"point": POINT, "axis": AXIS, "pitch": 0.0}),
+    "peg_in_hole": lambda: (iq.contacts.peg_in_hole, {"point": POINT, "axis": AXIS}),
+    "surface_contact": lambda: (
+        iq.contacts.surface_contact,
+        {"point": POINT, "normal": lambda _: AXIS, "implicit": None, "slip": True},
+    ),
+    "ContactKind": lambda: (
+        iq.contacts.ContactKind,
+        {
+            "name": "a kind",
+            "freedoms": J[:, :5],
+            "constraints": None,
+            "unilateral": False,
+            "out": None,
+            "origin": POINT,
+        },
+    ),
+    "ContactKind.relabelled": lambda: (contact().kind.relabelled, {"offset": T}),
+    "Contact": lambda: (iq.contacts.Contact, {"kind": contact().kind, "pose": T}),
+    "Contact.moved": lambda: (contact().moved, {"pose": T}),
+    "Contact.relabelled": lambda: (contact().relabelled, {"offset": T}),
+    # velocity
+    "PitchForm": lambda: (iq.PitchForm, {"h": H}),
+    "CarriedMetric": lambda: (iq.CarriedMetric, {"matrix": np.ones(6), "pose": T}),
+    "CarriedMetric.at": lambda: (iq.CarriedMetric(np.ones(6)).at, {"pose": T}),
+    "Complement": lambda: (iq.Complement, {"Z": S}),
+    "Adaptive": lambda: (iq.velocity.Adaptive, {"threshold": 1e-4, "ceiling": 1e-4}),
+    "Fixed": lambda: (iq.velocity.Fixed, {"value": 0.1}),
+    "Selective": lambda: (iq.velocity.Selective, {"speed": 1.0, "threshold": 1e-4, "ceiling": 1e-4}),
+    "PaperLambda": lambda: (iq.velocity.PaperLambda, {"matrix": np.ones(6)}),
+    "Guard": lambda: (iq.Guard, {"fraction": 0.5, "point": None, "length": None}),
+    "Osqp": lambda: (iq.velocity.Osqp, {"name": "osqp", "tolerance": 1e-9, "polishing": False, "warm": True}),
+    "Bounds": lambda: (iq.Bounds, {"lower": -np.ones(6), "upper": np.ones(6)}),
+    "ExactRows": lambda: (iq.ExactRows, {"A": J[:2], "b": [0.1, 0.2]}),
+    "ExactRows.axis": lambda: (iq.ExactRows.axis, {"J": J, "axis": AXIS, "omega": POINT}),
+    "ExactRows.plane": lambda: (iq.ExactRows.plane, {"J": J, "point": POINT, "normal": AXIS, "speed": 0.1}),
+    "ExactRows.point": lambda: (iq.ExactRows.point, {"J": J, "point": POINT, "velocity": AXIS}),
+    "ExactRows.with_rows": lambda: (
+        iq.ExactRows(J[:2], [0.1, 0.2]).with_rows,
+        {"others": iq.ExactRows(J[:1], [0.1])},
+    ),
+    "LimitRows": lambda: (iq.limits.LimitRows, {"C": J[:2], "lower": [-1, -1], "upper": [1, 1]}),
+    "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None, "exact": False}),
+    "JointTask": lambda: (iq.velocity.JointTask, {"velocity": Q, "weight": 1.0, "priority": 0}),
+    "TwistTask": lambda: (iq.velocity.TwistTask, {"J": J, "twist": TWIST, "form": H, "weight": 1.0, "priority": 0}),
+    "solve_velocity": lambda: (iq.solve_velocity, {"J": J, "twist": TWIST, **law_options()}),
+    "method_for": lambda: (iq.velocity.method_for, {"J": J, "twist": TWIST, **law_options()}),
+    "solve_velocities": lambda: (
+        iq.solve_velocities,
+        {"J": np.stack([J, J]), "twist": np.stack([TWIST, TWIST]), **law_options("exact", "rows", "tool_speed")},
+    ),
+    "solve_tasks": lambda: (
+        iq.velocity.solve_tasks,
+        {
+            "tasks": [iq.velocity.TwistTask(J, TWIST, form=H)],
+            **law_options("form", "guard", "posture", "rows", "tool_speed"),
+        },
+    ),
+}

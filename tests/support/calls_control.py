@@ -1,0 +1,211 @@
+"""Calls of robots, control, force, pose and what is above them with the right arguments."""
+
+from functools import cache
+
+import numpy as np
+
+import invariantqp as iq
+from invariantqp.pink import InvariantFrameTask
+from support.calls_algebra import AXIS, POINT, TWIST, H, J, Q, S, T, contact
+
+
+@cache
+def ur5():
+    return iq.load_robot("ur5")
+
+
+@cache
+def chain():
+    return iq.robots.Chain(J, T)
+
+
+@cache
+def controller():
+    return iq.Controller(ur5(), dt=0.01, form=H)
+
+
+def task():
+    return iq.HybridTask(contact(), [5.0])
+
+
+@cache
+def hybrid():
+    return iq.HybridController(ur5(), task(), dt=0.01, form=H)
+
+
+def loop_options():
+    return {
+        "dt": 0.01,
+        "gain": 5.0,
+        "form": H,
+        "damping": None,
+        "guard": True,
+        "posture": True,
+        "joint_metric": None,
+        "backend": "daqp",
+        "exact": None,
+        "acceleration_limit": None,
+        "position_margin": 0.0,
+        "tool_speed": None,
+        "rows": None,
+        "limits": (),
+    }
+
+
+def pose_options():
+    return {"form": None, "exact": None, "tolerance": 1e-6, "time_limit": 0.01, "restarts": 0, "seed": 0}
+
+
+def sensor():
+    return iq.WrenchSensor(mass=0.5)
+
+
+def shared():
+    return iq.control.SharedTask(S, h=H)
+
+
+def robot_calls(name, robot):
+    return {
+        f"{name}.pose": lambda: (robot().pose, {"q": Q}),
+        f"{name}.jacobian": lambda: (robot().jacobian, {"q": Q}),
+        f"{name}.origins": lambda: (robot().origins, {"q": Q}),
+        f"{name}.target": lambda: (robot().target, {"pose": T}),
+        f"{name}.with_tool": lambda: (robot().with_tool, {"offset": T}),
+    }
+
+
+# What is called, and arguments that it takes.
+CONTROL = {
+    # robots
+    "load_robot": lambda: (iq.load_robot, {"source": "ur5", "tool": None, "joints": None}),
+    "load_robot, screws": lambda: (iq.load_robot, {"source": J, "tool": T, "joints": None}),
+    "Chain": lambda: (
+        iq.robots.Chain,
+        {
+            "screws": J,
+            "home": T,
+            "names": (),
+            "position_lower": -1.0,
+            "position_upper": 1.0,
+            "velocity_limit": 1.0,
+        },
+    ),
+    **robot_calls("Chain", chain),
+    **robot_calls("PinocchioRobot", ur5),
+    # control
+    "Controller": lambda: (iq.Controller, {"robot": ur5(), **loop_options()}),
+    "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q}),
+    "Controller.follow": lambda: (
+        controller().follow,
+        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None},
+    ),
+    "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
+    "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
+    "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
+    "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),
+    "ExactJoints": lambda: (iq.control.ExactJoints, {"A": J[:2], "b": 0.0}),
+    "ExactPoint.moved": lambda: (iq.control.ExactPoint(POINT).moved, {"offset": T}),
+    "ExactAxis.moved": lambda: (iq.control.ExactAxis(AXIS).moved, {"offset": T}),
+    "ExactPlane.moved": lambda: (iq.control.ExactPlane(AXIS).moved, {"offset": T}),
+    "ExactJoints.moved": lambda: (iq.control.ExactJoints(J).moved, {"offset": T}),
+    "own_form": lambda: (iq.forms.own_form, {"robot": chain()}),
+    "tool_metric": lambda: (iq.tool_metric, {"robot": chain()}),
+    "SharedTask": lambda: (iq.control.SharedTask, {"S1": S, "S2": None, "h": H, "metric": None}),
+    "SharedTask.moved": lambda: (shared().moved, {"pose": T}),
+    "SharedTask.twist": lambda: (shared().twist, {"robot": TWIST, "operator": TWIST}),
+    # force
+    "HybridTask": lambda: (
+        iq.HybridTask,
+        {
+            "contact": contact(),
+            "wrench": [5.0],
+            "h": None,
+            "complement": None,
+            "metric": None,
+            "compliance": 1e-3,
+            "size": 0.05,
+            "lost_below": None,
+            "lost_after": 0.1,
+            "on_loss": "approach",
+            "approach_speed": 0.02,
+            "max_force": 60.0,
+            "max_moment": 10.0,
+            "on_overload": "hold",
+            "retreat_speed": 0.02,
+            "retreat_distance": 0.02,
+        },
+    ),
+    "HybridTask.contact_at": lambda: (task().contact_at, {"tool": T}),
+    "HybridTask.relabelled": lambda: (task().relabelled, {"offset": T, "tool_offset": T}),
+    "HybridTask.split": lambda: (task().split, {"kind": contact().kind}),
+    "HybridController": lambda: (
+        iq.HybridController,
+        {"robot": ur5(), "task": task(), "sensor": None, "force_first": True, **loop_options()},
+    ),
+    "HybridController.step": lambda: (
+        hybrid().step,
+        {
+            "q": Q,
+            "target": T,
+            "wrench": TWIST,
+            "feedforward": TWIST,
+            "contact": contact(),
+            "velocity": Q,
+            "wanted": [5.0],
+        },
+    ),
+    "WrenchSensor": lambda: (
+        iq.WrenchSensor,
+        {
+            "mount": T,
+            "mass": 0.5,
+            "centre": POINT,
+            "gravity": [0, 0, -9.81],
+            "bias": np.zeros(6),
+            "cutoff": 50.0,
+            "force_deadband": 0.1,
+            "moment_deadband": 0.1,
+            "reads": "reaction",
+            "origin": POINT,
+        },
+    ),
+    "WrenchSensor.tare": lambda: (sensor().tare, {"tool": T}),
+    "WrenchSensor.load": lambda: (sensor().load, {"reading": TWIST, "tool": T}),
+    "WrenchSensor.wrench": lambda: (sensor().wrench, {"reading": TWIST, "tool": T}),
+    "WrenchSensor.in_base": lambda: (sensor().in_base, {"wrench": TWIST, "tool": T}),
+    "WrenchSensor.deadband": lambda: (sensor().deadband, {"wrench": TWIST}),
+    "WrenchSensor.relabelled": lambda: (sensor().relabelled, {"offset": T, "tool_offset": T}),
+    # pose
+    "solve_pose": lambda: (
+        iq.solve_pose,
+        {"robot": ur5(), "target": ur5().pose(Q), "q0": Q + 0.01, **pose_options()},
+    ),
+    "solve_poses": lambda: (
+        iq.solve_poses,
+        {
+            "robot": ur5(),
+            "targets": [ur5().pose(Q)],
+            "q0": Q + 0.01,
+            "along": False,
+            "jobs": 1,
+            "progress": None,
+            **pose_options(),
+        },
+    ),
+    # Pink
+    "InvariantFrameTask": lambda: (
+        InvariantFrameTask,
+        {"frame": "tool0", "h": H, "cost": 1.0, "damping": None, "guard": True, "gain": 1.0, "lm_damping": 1e-3},
+    ),
+    "InvariantFrameTask.set_target": lambda: (
+        InvariantFrameTask("tool0").set_target,
+        {"transform_target_to_world": T},
+    ),
+    # runs, analysis, pictures
+    "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),
+    "shipped_tasks": lambda: (iq.tasks.shipped_tasks, {"group": ""}),
+    "inspect": lambda: (
+        iq.analysis.inspect,
+        {"robot": ur5(), "name": "robot", "q": Q, "samples": 4, "jobs": 1, "progress": None},
+    ),
+}

@@ -1,0 +1,14 @@
+"""What the package exports, at the top and in each namespace."""
+
+from importlib import import_module
+
+import invariantqp as iq
+
+
+def public_names():
+    """Names and values by namespace; "" is the top."""
+    found = {"": {name: getattr(iq, name) for name in iq.__all__}}
+    for namespace in iq._NAMESPACES:
+        module = import_module(f"invariantqp.{namespace}")
+        found[namespace] = {name: getattr(module, name) for name in module.__all__}
+    return found

@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.random_systems import motion
+
+import invariantqp as iq
+from invariantqp.systems.damped import psi
+
+SEEDS = st.integers(0, 2**31)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, m=st.integers(1, 7), h=st.floats(-2.0, 2.0))
+def test_it_maps_to_where_the_cost_is_stationary(seed, m, h):
+    """[DS]'s Psi(x) = (s - Jx)'Q_h(s - Jx) + x'Lambda x, differentiated by differences at the x that psi belongs to."""
+    rng = np.random.default_rng(seed)
+    J, s, A = rng.normal(size=(6, m)), rng.normal(size=6), rng.normal(size=(m, m))
+    Lambda, Q = A + A.T, iq.pitch_form(h)
+    total = iq.systems.gram_matrix(J, h) + Lambda
+    if np.linalg.cond(total) > 1e4:
+        return
+    x = np.linalg.solve(total, J.T @ Q @ s)
+    np.testing.assert_allclose(psi(J, h, Lambda) @ s, J @ x, atol=1e-9 * (1.0 + np.abs(x).max()))
+
+    def cost(y):
+        left = s - J @ y
+        return left @ Q @ left + y @ Lambda @ y
+
+    slopes = [(cost(x + step) - cost(x - step)) / 2e-4 for step in 1e-4 * np.eye(m)]
+    np.testing.assert_allclose(slopes, 0.0, atol=1e-6 * (1.0 + np.abs(x).max() ** 2))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, m=st.integers(1, 6), h=st.floats(-2.0, 2.0))
+def test_its_eigenvalues_are_the_gains_that_are_stated(seed, m, h):
+    rng = np.random.default_rng(seed)
+    J, A = rng.normal(size=(6, m)), rng.normal(size=(m, m))
+    G = iq.systems.gram_matrix(J, h)
+    for Lambda in (0.3 * np.eye(m), A @ A.T + 0.1 * np.eye(m)):
+        mu = np.linalg.eigvals(np.linalg.solve(Lambda, G)).real
+        if np.abs(mu + 1.0).min() < 1e-3:
+            continue
+        expected = np.append(mu / (mu + 1.0), np.zeros(6 - m))
+        gains = np.linalg.eigvals(psi(J, h, Lambda))
+        scale = 1.0 + np.abs(expected).max()
+        np.testing.assert_allclose(np.sort(gains.real), np.sort(expected), atol=1e-6 * scale**2)
+
+
+def test_signs_of_the_gains():
+    """Lambda = lambda I: damped for mu > 0, negative for -lambda < mu < 0, above 1 below that, a pole between."""
+    S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, -0.1, 0), (0, 0, 1, 0, 0, -0.9)]).T  # G = diag(1, -0.2, -1.8)
+    np.testing.assert_allclose(np.diag(iq.systems.gram_matrix(S, 0.0)), [1.0, -0.2, -1.8])
+    np.testing.assert_allclose(
+        np.sort(np.linalg.eigvals(psi(S, 0.0, 0.4)).real)[[0, -2, -1]], [-1.0, 1 / 1.4, 1.8 / 1.4]
+    )
+    for pole in (0.2, 1.8):
+        with pytest.raises(iq.BadInput, match="Lambda: found a pole"):
+            psi(S, 0.0, pole)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS, m=st.integers(1, 6), h=st.floats(-2.0, 2.0), size=st.floats(1e-3, 10.0))
+def test_the_inverse_as_lambda_damps_whatever_the_signs(seed, m, h, size):
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(6, m))
+    G = iq.systems.gram_matrix(J, h)
+    if np.linalg.cond(G) > 1e5:
+        return
+    mu = np.linalg.eigvalsh(G)
+    gains = np.linalg.eigvals(psi(J, h, size**2 * np.linalg.inv(G)))
+    np.testing.assert_allclose(
+        np.sort(gains.real), np.sort(np.append(mu**2 / (mu**2 + size**2), np.zeros(6 - m))), atol=1e-6
+    )
+
+
+def test_h_adjoint_frames_and_the_projector_it_tends_to():
+    rng = np.random.default_rng(1)
+    J, h = rng.normal(size=(6, 4)), 0.7
+    Lambda = np.diag(rng.uniform(0.1, 1.0, size=4))
+    P, Q = psi(J, h, Lambda), iq.pitch_form(h)
+    np.testing.assert_allclose(Q @ P, (Q @ P).T, atol=1e-12)
+    Ad = iq.adjoint(motion(rng))
+    np.testing.assert_allclose(psi(Ad @ J, h, Lambda), Ad @ P @ np.linalg.inv(Ad), atol=1e-10)
+    np.testing.assert_allclose(psi(J, h, 1e-9), J @ iq.pseudoinverse(J, h), atol=1e-7)
+    np.testing.assert_allclose(psi(J, h, np.diag(Lambda)), P, atol=1e-14)
+
+
+def test_it_is_what_the_law_does_with_the_papers_damping():
+    rng = np.random.default_rng(2)
+    J, s = rng.normal(size=(6, 4)), rng.normal(size=6)
+    solution = iq.solve_velocity(J, s, form=0.4, damping=iq.velocity.PaperLambda(0.3))
+    np.testing.assert_allclose(J @ solution.velocity, psi(J, 0.4, 0.3) @ s, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (np.eye(3), "shape"),
+        (np.ones(3), "shape"),
+        ([[1.0, 2.0], [0.0, 1.0]], "not symmetric"),
+        (np.nan, "NaN"),
+        ("x", "numeric"),
+    ],
+)
+def test_bad_lambda(value, said):
+    with pytest.raises(iq.BadInput, match=said) as caught:
+        psi(np.eye(6)[:, :2], 0.3, value)
+    assert caught.value.argument == "Lambda"

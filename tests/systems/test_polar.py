@@ -1,0 +1,173 @@
+import pickle
+from itertools import pairwise
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from support.exact_pseudoinverse import exact_form
+from support.random_systems import CLASSES, admits, motion, sample
+
+import invariantqp as iq
+from invariantqp.errors import NoPolarDecomposition
+from invariantqp.systems.polar import hyperbolic_polar
+
+SEEDS = st.integers(0, 2**31)
+
+
+def spread(J, h):
+    """Largest over smallest |mu| that counts: what rounding is magnified by."""
+    mu = np.abs(np.linalg.eigvalsh(iq.systems.gram_matrix(J, h)))
+    mu = np.sort(mu)[::-1][: np.linalg.matrix_rank(J)]
+    return mu[0] / mu[-1]
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=SEEDS, m=st.integers(1, 8), rank=st.integers(1, 6), h=st.floats(-2.0, 2.0))
+def test_the_factors_are_what_they_say(seed, m, rank, h):
+    rng = np.random.default_rng(seed)
+    r = min(m, rank)
+    J, A = rng.normal(size=(6, r)) @ rng.normal(size=(r, m)), rng.normal(size=(m, m))
+    Q = iq.pitch_form(h)
+    for M in (np.eye(m), A @ A.T + np.eye(m)):
+        try:
+            found = hyperbolic_polar(J, h, joint_metric=M)
+        except NoPolarDecomposition:
+            assume(condition=False)
+        ratio = (found.gains[0] / found.gains[-1]) ** 2
+        assume(ratio < 1e5)
+        W, S, R = found.movement, found.stretch, found.twist_stretch
+        close = {"atol": 1e-11 * ratio * np.linalg.cond(M) * (1.0 + np.abs(J).max() ** 2)}
+        np.testing.assert_allclose(W @ S, J, **close)
+        np.testing.assert_allclose(R @ W, J, **close)
+        np.testing.assert_allclose(M @ S, (M @ S).T, **close)
+        np.testing.assert_allclose(Q @ R, (Q @ R).T, **close)
+        assert np.linalg.eigvalsh(M @ S)[0] > -close["atol"]
+        # W carries the joint metric to Q_h up to the signs of G, which commute with S.
+        signs = np.linalg.solve(M, W.T @ Q @ W)
+        np.testing.assert_allclose(signs @ signs @ signs, signs, **close)
+        np.testing.assert_allclose(signs @ S, S @ signs, **close)
+        np.testing.assert_allclose(S @ signs @ S, np.linalg.solve(M, J.T @ Q @ J), **close)
+        assert found.signs.shape == found.gains.shape == (r,)
+        np.testing.assert_allclose(found.screws.T @ Q @ found.screws, np.diag(found.signs), **close)
+        np.testing.assert_allclose(J @ found.joint_directions, found.screws * found.gains, **close)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 4, 5, 6])
+def test_against_fifty_digits(m):
+    """S = |G|^(1/2) and W = J S^-1 by mpmath's eigenvectors of the exact J'Q_h J."""
+    rng = np.random.default_rng(m)
+    with mpmath.workdps(50):
+        for _ in range(12):
+            J, h = rng.normal(size=(6, m)), rng.uniform(-1.0, 1.0)
+            found = hyperbolic_polar(J, h)
+            A = mpmath.matrix(J.tolist())
+            mu, V = mpmath.eigsy(A.T * exact_form(h) * A)
+            gains = [mpmath.sqrt(abs(x)) for x in mu]
+            S = V * mpmath.diag(gains) * V.T
+            W = A * V * mpmath.diag([1 / g for g in gains]) * V.T
+            for ours, exact in ((found.stretch, S), (found.movement, W)):
+                expected = np.array(exact.tolist(), dtype=float)
+                error = np.linalg.norm(ours - expected) / np.linalg.norm(expected)
+                assert error <= 1e-14 * spread(J, h)
+            assert found.signs.sum() == sum(mpmath.sign(x) for x in mu)
+
+
+def test_frames_move_the_movement_alone():
+    rng = np.random.default_rng(1)
+    for m in (2, 3, 5, 7):
+        J, Ad = rng.normal(size=(6, m)), iq.adjoint(motion(rng))
+        here, there = hyperbolic_polar(J, 0.4), hyperbolic_polar(Ad @ J, 0.4)
+        np.testing.assert_allclose(there.stretch, here.stretch, atol=1e-9)
+        np.testing.assert_allclose(there.gains, here.gains, atol=1e-9)
+        np.testing.assert_allclose(there.movement, Ad @ here.movement, atol=1e-8)
+        np.testing.assert_allclose(there.twist_stretch, Ad @ here.twist_stretch @ np.linalg.inv(Ad), atol=1e-7)
+
+
+def test_an_isometry_needs_three_joints_and_a_pitch_outside_the_principal_ones():
+    """The canonical polar decomposition, W'Q_h W = I: iff no eigenvalue of J'Q_h J is negative."""
+    rng = np.random.default_rng(2)
+    for m in (1, 2, 3):
+        J = rng.normal(size=(6, m))
+        pitches = iq.principal_pitches(J)
+        Q = iq.pitch_form(pitches[0] - 0.3)
+        below, above = hyperbolic_polar(J, pitches[0] - 0.3), hyperbolic_polar(J, pitches[-1] + 0.3)
+        assert (below.isometry, above.isometry) == (1, -1)
+        np.testing.assert_allclose(below.movement.T @ Q @ below.movement, np.eye(m), atol=1e-9)
+        for low, high in pairwise(pitches):
+            assert hyperbolic_polar(J, 0.5 * (low + high)).isometry == 0
+    for m in (4, 5, 6, 7):
+        J = rng.normal(size=(6, m))
+        for h in (-1e3, -1.0, 0.2, 1e3):
+            assert hyperbolic_polar(J, h).isometry == 0
+
+
+def test_signs_tell_screws_of_pitch_above_h_from_those_below():
+    rng = np.random.default_rng(3)
+    for m in (1, 3, 5, 6):
+        J, h = rng.normal(size=(6, m)), 0.3
+        found = hyperbolic_polar(J, h)
+        for w, sign in zip(found.screws.T, found.signs, strict=True):
+            assert np.sign(iq.se3.pitch(w) - h) == sign
+            assert 2.0 * w[:3] @ w[:3] * (iq.se3.pitch(w) - h) == pytest.approx(sign)
+
+
+def test_gains_make_the_manipulability():
+    J = np.random.default_rng(4).normal(size=(6, 6))
+    assert hyperbolic_polar(J, 0.7).gains.prod() == pytest.approx(abs(np.linalg.det(J)))
+
+
+@pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
+def test_it_exists_where_the_pseudoinverse_does(key):
+    rng = np.random.default_rng(5)
+    J, _ = sample(rng, key, extra=1)
+    for h in (-2.5, 1.7):
+        if admits(key[1]):
+            found = hyperbolic_polar(J, h)
+            np.testing.assert_allclose(found.movement @ found.stretch, J, atol=1e-8)
+        else:
+            with pytest.raises(NoPolarDecomposition, match=r"whose gain is zero\. No h works for this system"):
+                hyperbolic_polar(J, h)
+
+
+def test_where_there_is_none_the_reason_is_told():
+    S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, -0.25, 0)]).T
+    with pytest.raises(
+        NoPolarDecomposition, match=r"screw z = \(0.8944, 0, 0, 0.4472, 0, 0\), whose gain is zero"
+    ) as caught:
+        hyperbolic_polar(S, 0.5)
+    assert isinstance(caught.value, iq.NoPseudoinverse)
+    assert (caught.value.rank, caught.value.gram_rank) == (2, 1)
+    assert "Choose h away from the principal pitches (0.5, -0.25)" in str(caught.value)
+    # Gains that differ by more than rounding allows.
+    with pytest.raises(NoPolarDecomposition, match="so small beside the largest that it is rounding"):
+        hyperbolic_polar(S * np.array([1.0, 1e-7]), 0.1)
+
+
+def test_nothing_moves_nothing():
+    found = hyperbolic_polar(np.zeros((6, 2)), 0.3)
+    assert found.gains.shape == (0,)
+    np.testing.assert_array_equal(found.movement, np.zeros((6, 2)))
+
+
+def test_it_is_a_value():
+    J = np.random.default_rng(6).normal(size=(6, 3))
+    found = hyperbolic_polar(J, 0.3)
+    assert pickle.loads(pickle.dumps(found)) == found == hyperbolic_polar(J, 0.3)
+    with pytest.raises(ValueError, match="read-only"):
+        found.stretch[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda: hyperbolic_polar(np.eye(5), 0.3), "J"),
+        (lambda: hyperbolic_polar(np.eye(6), np.inf), "h"),
+        (lambda: hyperbolic_polar(np.eye(6), 0.3, joint_metric=-np.ones(6)), "joint_metric"),
+    ],
+)
+def test_bad_input(call, argument):
+    with pytest.raises(iq.BadInput) as caught:
+        call()
+    assert caught.value.argument == argument

@@ -1,0 +1,129 @@
+"""Whatever a public function is given, it raises an error of ours that names the argument, or none."""
+
+import inspect
+import warnings
+
+import pytest
+from support.calls_algebra import ALGEBRA
+from support.calls_control import CONTROL
+from support.hostile import HOSTILE
+from support.public_names import public_names
+
+import invariantqp as iq
+
+CALLS = {**ALGEBRA, **CONTROL}
+# Every public name, of the package and of its namespaces.
+PUBLIC = {name: value for names in public_names().values() for name, value in names.items()}
+PROTOCOLS = "Backend Controls Damping Exact PinkLimit Robot"
+# Public names that are not called here, and why.
+NOT_CALLED = {
+    "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
+    "FrameCheck GibsonHunt HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection Involution MethodChoice "
+    "NullPlane PenroseConditions PointMotion PoseSolution Recommendation Sighting StationaryPoint Survey "
+    "SystemReport Trace VelocitySolution VelocitySolutions View",
+    "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
+    "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError UnitsMixed "
+    "UnknownName",
+    "what a back end is given, and protocols": f"BoxQP {PROTOCOLS}",
+    "decoded from a file by pydantic, which has errors of its own": "LawSpec Task",
+    "takes what load_task, run_task and inspect return; runs, draws or serves for seconds": "run_task frame_check "
+    "contact_frame_check picture pitch_picture animation Viewer",
+}
+# Public methods that are not called here, and why.
+INNER = {
+    "called in a tick, with arguments that were checked before": "CarriedMetric.gram_data Complement.gram_data "
+    "PitchForm.gram_data Guard.scene LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
+    "Selective.squares ToolSpeed.cone ExactPoint.rows ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight "
+    "Chain.points InvariantFrameTask.compute_qp_objective",
+}
+# What is not so yet, and why. Remove what is mended; the test says which.
+TO_MEND = {
+    "velocity: form_of converts before it checks": "TwistTask(form) solve_velocity(form) method_for(form) "
+    "solve_velocities(form) Controller(form) HybridController(form) solve_pose(form) solve_poses(form) "
+    "InvariantFrameTask(h)",
+    "velocity: blames an argument of a function inside": "Fixed(value) ExactRows.point(velocity) "
+    "solve_velocities(bounds)",
+    "velocity: not checked": "PaperLambda(matrix) ExactRows.with_rows(others) ToolSpeed(exact) solve_tasks(tasks) "
+    "solve_tasks(bounds) solve_tasks(exact)",
+}
+# An argument that messages call by another name: the one that a controller's user knows.
+ALSO_CALLED = {
+    ("Chain.target", "pose"): "target",
+    ("PinocchioRobot.target", "pose"): "target",
+    ("InvariantFrameTask.set_target", "transform_target_to_world"): "target",
+    ("InvariantFrameTask", "h"): "form",
+}
+# Arguments that may be functions; what a function of the user's raises is the user's.
+FUNCTIONS = {"damping", "progress", "normal", "implicit", "contact", "rows"}
+
+
+def words(table):
+    return {word for words in table.values() for word in words.split()}
+
+
+def failure(function, arguments, names=()):
+    """What is wrong with the answer to a call, "" where nothing is."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", iq.velocity.UnitsMixed)
+        try:
+            function(**arguments)
+        except iq.BadInput as error:
+            name = error.argument.split("[")[0]
+            return "" if name in {*arguments, *names} else f"blames {error.argument!r}"
+        except iq.InvariantQPError:
+            return ""
+        except Exception as error:  # noqa: BLE001 (whatever it is, it is reported)
+            return f"raises {type(error).__name__}: {str(error)[:100]}"
+    return ""
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_every_argument_of_the_wrong_kind_is_named(name):
+    function, good = CALLS[name]()
+    assert failure(function, good) == ""
+    function(**good)
+    wrong = {}
+    for argument in good:
+        for kind, value in HOSTILE.items():
+            if callable(value) and argument in FUNCTIONS:
+                continue
+            names = [ALSO_CALLED.get((name, argument), argument)]
+            if said := failure(function, {**good, argument: value}, names):
+                wrong.setdefault(f"{name}({argument})", {})[kind] = said
+    known = {argument for argument in words(TO_MEND) if argument.startswith(f"{name}(")}
+    assert {argument: said for argument, said in wrong.items() if argument not in known} == {}
+    assert known - set(wrong) == set(), "mended: remove from TO_MEND"
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_every_argument_is_tried(name):
+    function, good = CALLS[name]()
+    parameters = inspect.signature(function).parameters.values()
+    named = {p.name for p in parameters if p.kind is not p.VAR_KEYWORD}
+    assert named <= set(good)
+    assert named == set(good) or any(p.kind is p.VAR_KEYWORD for p in parameters)
+
+
+def test_every_public_name_is_tried():
+    assert {argument.split("(")[0] for argument in words(TO_MEND)} <= set(CALLS)
+    public = {name for name, value in PUBLIC.items() if callable(value)}
+    tried = {name.split(",")[0].split(".")[0] for name in CALLS}
+    assert public - tried - words(NOT_CALLED) == set()
+    assert words(NOT_CALLED) - public == set()
+
+
+def methods(kind):
+    """Public methods that take arguments, other than those a tuple or a pydantic model brings."""
+    for name, member in inspect.getmembers(kind, callable):
+        made_here = (getattr(member, "__module__", None) or "").startswith("invariantqp")
+        if not name.startswith("_") and made_here and len(inspect.signature(member).parameters) > 1:
+            yield name
+
+
+def test_every_public_method_is_tried():
+    kinds = {name: value for name, value in PUBLIC.items() if inspect.isclass(value)}
+    skipped = {"Robot", "Task", "Viewer", "ContactTrace", *words({"": PROTOCOLS})}
+    found = {f"{name}.{m}" for name, kind in kinds.items() if name not in skipped for m in methods(kind)}
+    assert found - set(CALLS) - words(INNER) == set()
+    assert words(INNER) - found == set()

@@ -1,0 +1,183 @@
+"""Every line of code in the README is a line that runs; every name and every file in it is there."""
+
+import ast
+import os
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+from itertools import groupby, pairwise
+from pathlib import Path
+
+import pytest
+
+import invariantqp as iq
+from invariantqp.runs.taskfile import task_from
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+FENCED = re.findall(r"^```(\w*)\n(.*?)^```", README, flags=re.DOTALL | re.MULTILINE)
+PROSE = re.sub(r"^```.*?^```", "", README, flags=re.DOTALL | re.MULTILINE)
+# Names that the text has introduced where a block of code uses them.
+PREAMBLE = """
+import numpy as np
+import invariantqp
+import invariantqp as iq
+robot = iq.load_robot("panda")
+q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+target = robot.pose(q)
+J, twist = robot.jacobian(q), np.array([0.1, 0.0, 0.2, 0.0, 0.05, 0.1])
+lower, upper = -robot.velocity_limit, robot.velocity_limit
+A, b = J[3:], np.zeros(3)
+dt = 0.001
+wrist = iq.transform(translation=[0.0, 0.0, -0.1])
+reading = np.zeros(6)
+Z, matrix, pose = np.eye(6), np.eye(6), np.eye(4)
+"""
+PINK = "import pink\n"
+
+
+def indented():
+    """Blocks of code that are indented, as Markdown has them: between empty lines, four spaces in."""
+    for code, lines in groupby(PROSE.splitlines(), lambda line: line.startswith("    ") or not line):
+        block = textwrap.dedent("\n".join(lines)).strip()
+        if code and block:
+            yield from re.split(r"\n\n(?=\S)", block)
+
+
+def is_python(block):
+    try:
+        ast.parse(block)
+    except SyntaxError:
+        return False
+    return True
+
+
+BLOCKS = [block for language, block in FENCED if language == "python"] + [b for b in indented() if is_python(b)]
+SHELL = [block for language, block in FENCED if not language] + [b for b in indented() if b.startswith("invariantqp ")]
+
+
+def python(code, folder):
+    run = subprocess.run(
+        [sys.executable, "-W", "error::SyntaxWarning", "-c", code],
+        cwd=folder,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_no_block_is_overlooked():
+    assert len(BLOCKS) >= 6
+    others = [b for b in indented() if not is_python(b) and not b.startswith(("invariantqp ", "invariantqp/"))]
+    assert others == []  # the map of the package starts with invariantqp/
+    assert {language for language, _ in FENCED} == {"", "python", "toml"}
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=[block.splitlines()[0][:50] for block in BLOCKS])
+def test_a_block_of_python_runs(block, tmp_path):
+    if "pink" in block:
+        pytest.importorskip("pink")
+    said = python(
+        ("" if "import invariantqp as iq" in block else PREAMBLE + PINK * ("pink." in block)) + block, tmp_path
+    )
+    if "solution.method, solution.status" in block:
+        assert "closed-form ok" in said
+
+
+def inline():
+    """Code in the text that is an expression or an import, without an ellipsis."""
+    for code in re.findall(r"`([^`]+)`", PROSE):
+        line = " ".join(code.split())
+        if re.match(r"(iq\.|Controller|from invariantqp|invariantqp\.)", line) and "..." not in line:
+            yield line
+
+
+CALLS = [line for line in inline() if "(" in line or line.startswith("from")]
+
+
+@pytest.mark.parametrize("line", CALLS)
+def test_a_line_of_python_in_the_text_runs(line, tmp_path):
+    python(f"{PREAMBLE}Controller = iq.Controller\n{line}", tmp_path)
+
+
+def test_what_is_told_of_exact_rows_is_so():
+    robot = iq.load_robot("panda")
+    assert '`Controller(..., exact="position")`, or `exact=iq.ExactRows(A, b)`' in README
+    q = [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]
+    A, b = [[1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]], [0.1]
+    for exact in (iq.ExactRows(A, b), [iq.control.ExactPoint(), iq.ExactRows(A, b)]):
+        x = iq.Controller(robot, dt=0.001, exact=exact).step(q, robot.pose(q)).velocity
+        assert x[0] + x[1] == pytest.approx(0.1)
+
+
+def test_every_name_of_ours_is_there():
+    names = set(re.findall(r"\b(?:iq|invariantqp)((?:\.[A-Za-z_]\w*)+)", README))
+    assert len(names) > 20
+    for name in names:
+        found = iq
+        for part in name.strip(".").split("."):
+            found = getattr(found, part)
+
+
+def test_the_task_file_is_one():
+    (text,) = (block for language, block in FENCED if language == "toml")
+    trace = iq.run_task(task_from(tomllib.loads(text), "README.md"), dt=0.01)
+    assert trace.limit_violation == 0.0
+
+
+def commands():
+    """Command lines of ours, in blocks and in the text."""
+    lines = [line for block in SHELL for line in block.splitlines()]
+    lines += [" ".join(code.split()) for code in re.findall(r"`([^`]+)`", PROSE)]
+    for line in lines:
+        found = re.match(r"(?:\.venv/bin/)?invariantqp (run|inspect|tasks|compare)\b(.*?)(  .*)?$", line)
+        if found:
+            yield found[1], shlex.split(found[2])
+
+
+COMMANDS = sorted({(name, *words) for name, words in commands()})
+MEANT = {"TASK": "scara", "ROBOT": "so101"}
+
+
+def test_commands_are_found():
+    assert {name for name, *_ in COMMANDS} == {"run", "inspect", "tasks", "compare"}
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_a_command_runs(command, tmp_path):
+    """Those that take minutes are asked for their help, with the same options."""
+    words = [MEANT.get(word, word) for word in command]
+    if command[0] == "compare" or "mujoco" in command or command in (("run",), ("inspect",)):
+        words = [words[0], "--help"]
+    done = subprocess.run(
+        [sys.executable, "-m", "invariantqp", *words],
+        cwd=tmp_path,
+        env={**os.environ, "COLUMNS": "300", "DISPLAY": "", "WAYLAND_DISPLAY": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    if words[-1] == "--help":
+        for option in (word for word in command if word.startswith("--")):
+            assert option in done.stdout
+    for option, file in pairwise(words):
+        if option in ("--plot", "--json", "--view") and not file.startswith("-"):
+            assert (tmp_path / file).stat().st_size > 1000
+
+
+def test_every_file_it_names_is_there():
+    named = re.findall(r"\]\((?!http)([^)#]+)\)|`((?:tests|examples|tasks)/[\w./]+)`", README)
+    files = [a or b for a, b in named]
+    assert len(files) >= 3
+    assert [f for f in files if not (ROOT / f).exists()] == []
