@@ -84,9 +84,8 @@ def _own_points(J: Array, s: Array) -> Array:
     spread = np.matmul(w, w.transpose(0, 2, 1))
     trace = np.trace(spread, axis1=1, axis2=2)
     S = trace[:, None, None] * np.eye(3) - spread
-    certain = (np.linalg.det(S) > WELL_POSED * (2.0 * trace) ** 3) & (
-        (v * v).sum(axis=(1, 2)) <= trace * LENGTH_LIMIT**2
-    )
+    slow = (v * v).sum(axis=(1, 2)) <= trace * LENGTH_LIMIT**2
+    certain: Mask = np.asarray(np.linalg.det(S) > WELL_POSED * (2.0 * trace) ** 3) & slow
     S[~certain] = np.eye(3)
     points: Array = np.linalg.solve(S, b[:, :, None])[:, :, 0]
     for i in np.flatnonzero(~certain).tolist():
@@ -145,7 +144,7 @@ def _regular(A: Array, b: Array, posture: Array | None, threshold: float) -> tup
 def _spectral(damping: Adaptive | Fixed, A: Array, b: Array, posture: Array | None) -> tuple[Mask, Array]:
     """`least_squares` for all rows, and where damping takes nothing and something is achieved."""
     n, _, m = A.shape
-    good = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(b).all(axis=1)
+    good: Mask = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(b).all(axis=1))
     U, singular, Vt = np.linalg.svd(np.where(good[:, None, None], A, 0.0))
     k = singular.shape[1]
     largest = singular[:, :1]

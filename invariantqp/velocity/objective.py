@@ -1,7 +1,8 @@
 """What one tick minimises, over the velocities z that exact rows leave free: a convex quadratic known by its root.
 
     1/2 |A z - b|^2 + 1/2 sum of lambda_i^2 (v_i'(z - z_p))^2  =  1/2 |K (z - z*)|^2 + constant
-    A = U diag(sigma) V',   K = diag(sqrt(sigma^2 + lambda^2)) V',   z* = V (sigma U'b + lambda^2 V'z_p) / (sigma^2 + lambda^2)
+    A = U diag(sigma) V',   K = diag(sqrt(sigma^2 + lambda^2)) V'
+    z* = V (sigma U'b + lambda^2 V'z_p) / (sigma^2 + lambda^2)
 
 What `damping` leaves of a direction goes to the posture z_p, and a direction that moves nothing goes to it whole. z*
 is the answer where no limit is met; K says what limits cost, so the law is continuous as they come and go. K has the

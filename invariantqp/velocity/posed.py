@@ -101,7 +101,8 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     attempt = wanted
     if law.form is not None and pitch is None:
         fraction = None if law.guard is None else law.guard.fraction
-        attempt = attempted(law.form, np.linalg.inv(demand.root), A, wanted, damping, fraction)
+        inverse_root = np.asarray(np.linalg.inv(demand.root), np.float64)
+        attempt = attempted(law.form, inverse_root, A, wanted, damping, fraction)
     return Posed(A, wanted, attempt, posture, reduction, damping, pitch, J, demand.s)
 
 

@@ -98,8 +98,18 @@ class VelocityProblem:
         Args:
             J: (6, m) joint twists (omega; v) as columns, in any one frame.
             twist: (6,) wanted twist in the same frame [rad/s; length/s].
-            form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length: as
-                `VelocityOptions` tells.
+            form: as `VelocityOptions` tells, like all the others.
+            damping: likewise.
+            bounds: (m,) lower and upper.
+            exact: on m joints.
+            joint_metric: (m, m) or (m,).
+            backend: a name or a solver.
+            guard: a guard, True or False.
+            posture: (m,) [rad/s, length/s].
+            rows: on m joints.
+            tool_speed: its point in the frame of J.
+            point: (3,) in the frame of J, or "own".
+            length: [length/rad].
 
         Raises:
             BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.

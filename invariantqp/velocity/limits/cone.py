@@ -1,9 +1,10 @@
 """The QP inside a speed limit |start + J z| <= limit, by the limit's one multiplier.
 
-    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits, nu >= 0 such that the speed is the limit
+    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits,
+    nu >= 0 such that the speed is the limit
 
-Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J' three
-by three, and nu a root of one scalar equation; the QP with that nu says whether those are the limits that are active.
+Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J'
+three by three, and nu a root of one scalar equation; the QP with that nu says whether those are the active ones.
 """
 
 from __future__ import annotations
@@ -122,7 +123,7 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum) -
     free = face(limits, found.multipliers, len(centre))
     if not free.shape[1]:
         return inf
-    R = np.linalg.qr(K.dot(free), mode="r")
+    R: Array = np.asarray(np.linalg.qr(K.dot(free), mode="r"))
     try:
         reached = np.linalg.solve(R.T, cone.J.dot(free).T)  # G = reached'reached
     except np.linalg.LinAlgError:
