@@ -16,7 +16,7 @@ from invariantqp.systems.centre import ROUNDING
 from invariantqp.systems.span import LENGTH_LIMIT
 from invariantqp.velocity.damping import Adaptive, Fixed
 from invariantqp.velocity.law import VelocityLaw
-from invariantqp.velocity.measure import own_point
+from invariantqp.velocity.measure import length_at, own_point
 from invariantqp.velocity.objective import NULL_RATIO
 from invariantqp.velocity.regular import ACCURATE_SHARE
 from invariantqp.velocity.solve import MET_TOLERANCE, PROGRESS_SHARE
@@ -68,7 +68,7 @@ def measures(J: Array, s: Array, point: Array | None, length: float | None) -> A
     """(N, 6, 6) roots of diag(L^2 I, I) at a point (3,) or (N, 3), or at each row's own point; L is its reach."""
     n = len(J)
     p = _own_points(J, s) if point is None else np.broadcast_to(point, (n, 3))
-    L = _reaches(J, p) if length is None else np.full(n, length)
+    L = _reaches(J, s, p) if length is None else np.full(n, length)
     roots = np.zeros((n, 6, 6))
     for i in range(3):
         roots[:, i, i], roots[:, i + 3, i + 3] = L, 1.0
@@ -93,7 +93,7 @@ def _own_points(J: Array, s: Array) -> Array:
     return points
 
 
-def _reaches(J: Array, points: Array) -> Array:
+def _reaches(J: Array, s: Array, points: Array) -> Array:
     """`length_at` for all rows: the broken line from the point to its foot on each turning axis, the last one first."""
     n, _, m = J.shape
     here, length, size = points.copy(), np.zeros(n), np.sqrt((points * points).sum(axis=1))
@@ -106,7 +106,9 @@ def _reaches(J: Array, points: Array) -> Array:
         here = here + leg
         length += np.sqrt((leg * leg).sum(axis=1))
         size = np.where(turns, np.maximum(size, far / rate[:, 0]), size)
-    return np.where(length > ROUNDING * size, length, 1.0)
+    for i in np.flatnonzero(length <= ROUNDING * size).tolist():
+        length[i] = length_at(J[i], points[i], s[i])
+    return length
 
 
 def _dot(A: Array, x: Array) -> Array:

@@ -10,10 +10,14 @@ A body may carry another metric (`CarriedMetric`): its root takes the place of t
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.centre import centre, reach
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.centre import ROUNDING, centre, reach
+from invariantqp.systems.span import LENGTH_LIMIT
 
 
 def root_at(point: Array, length: float) -> Array:
@@ -33,6 +37,19 @@ def own_point(J: Array, s: Array | None = None) -> Array:
     return centre(J, s).point
 
 
-def length_at(J: Array, point: Array) -> float:
-    """L: the arm's reach to the point; one unit of length where no turning joint is away from it."""
-    return reach(J, point) or 1.0
+def length_at(J: Array, point: Array, s: Array | None = None) -> float:
+    """L: the arm's reach to the point; where no turning joint is away from it, |v_p| / |omega| of the twist s (6,).
+
+    Where that, too, says nothing it is one unit of length, and the unit then changes no answer.
+    """
+    return reach(J, point) or (0.0 if s is None else twist_length(s, point)) or 1.0
+
+
+def twist_length(s: Array, point: Array) -> float:
+    """|v_p| / |omega| of a twist (6,); 0.0 where one of them is zero, but for rounding."""
+    turn, moved = s[:3], velocity_at(s, point)
+    rate, speed = sqrt(float(turn.dot(turn))), sqrt(float(moved.dot(moved)))
+    moment = max(sqrt(float(s[3:].dot(s[3:]))), rate * sqrt(float(point.dot(point))))
+    if speed <= ROUNDING * moment or rate * LENGTH_LIMIT <= speed:
+        return 0.0
+    return speed / rate

@@ -161,7 +161,7 @@ def measure_of(
         raise BadInput("point", repr(point), '"own" or (3,) in the frame of J')
     named = point is not None and not isinstance(point, str)
     p = arrays.vector(point, 3, "point") if named else own_point(J, s)  # type: ignore[arg-type]
-    L = length_at(J, p) if length is None else arrays.number(length, "length", "a length", positive=True)
+    L = length_at(J, p, s) if length is None else arrays.number(length, "length", "a length", positive=True)
     if isinstance(form, CarriedMetric):
         return Measure(form.root(), p, L, None)
     return Measure(root_at(p, L), p, L, form)

@@ -231,7 +231,7 @@ def _sum(
             if measure.form is not None:
                 inverse_root = np.asarray(np.linalg.inv(measure.root), np.float64)
                 b = attempted(measure.form, inverse_root, A, b, damping, None)
-            objective = least_squares(A.dot(B), share * b - A.dot(origin), None, damping)
+            objective = least_squares(A.dot(B), share * b - A.dot(origin), None, damping, float(np.linalg.norm(A, 2)))
             K = objective.root()
             roots.append(weight * K)
             wanted.append(weight * K.dot(objective.centre()))

@@ -153,7 +153,7 @@ def _minimised(law: VelocityLaw, room: Room, limits: Limits, objective: Objectiv
     quadratic = Quadratic(objective.root(), objective.centre())
     found = minimise_in_cone(law.backend, quadratic, polytope, cone, problem.free(room.inside, share))
     troubles = (*limits.troubles, f"{found.trouble}; solved by {found.backend}") if found.trouble else limits.troubles
-    multipliers = found.multipliers if found.multipliers.any() else None
+    multipliers = found.multipliers if found.backend else None
     y = problem.joint(found.z, share)
     return Answer(y, share, objective, multipliers, found.backend, 0.0, troubles, room.held_by)
 

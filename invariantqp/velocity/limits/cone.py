@@ -109,7 +109,7 @@ def _by_multiplier(
         if abs(speed - cone.limit) <= CONE_TOLERANCE * cone.limit:
             break
         low, high = (nu, high) if speed > cone.limit else (low, nu)
-    return found
+    return found._replace(backend=found.backend or "multiplier")
 
 
 def _unit(problem: Quadratic, cone: Cone) -> float:
@@ -133,8 +133,10 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum) -
     step = reached.T.dot(np.linalg.solve(R.T, gradient))
     gains, axes = np.linalg.eigh(reached.T.dot(reached))
     along = (cone.velocity(found.z) - step).dot(axes)
-    gains = np.maximum(gains, 0.0)
+    gains = np.where(gains > FIXED_TOLERANCE * gains.max(), gains, 0.0)
     squares, wanted = (along * along).tolist(), cone.limit * cone.limit
+    if (along * along)[gains == 0.0].sum() >= wanted:  # on this face no multiplier makes the point slow enough
+        return inf
     nu = 0.0
     for _ in range(NEWTON_STEPS):
         shrunk = [(g, a / (1.0 + nu * g) ** 2) for g, a in zip(gains.tolist(), squares, strict=True)]
