@@ -28,6 +28,11 @@ FIXED_TOLERANCE = 1e-13
 # Sets of active limits tried before the multiplier is bisected, and bisections.
 MOST_FACES = 8
 MOST_BISECTIONS = 60
+# Beyond this many times the multiplier at which the cone's term weighs as much as the rest, it drowns the rest. Where
+# limits leave the point hardly any slower than its limit, the answer is on the way from what is inside.
+LARGEST = 1e10
+# How fast the multiplier grows while nothing bounds it.
+STEEPER = 4.0
 # Newton's steps for the multiplier on one face: |v(nu)|^-1 is nearly linear in nu, a few reach rounding.
 NEWTON_STEPS = 20
 
@@ -98,18 +103,34 @@ def minimise_in_cone(
 def _by_multiplier(
     backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, inside: Array | None
 ) -> Optimum:
+    unit = _unit(problem, cone)
     low, high = 0.0, inf
     for attempt in range(MOST_FACES + MOST_BISECTIONS):
         nu = _on_face(problem, limits, cone, found) if attempt < MOST_FACES else inf
         if not low < nu < high:
-            nu = 0.5 * (low + high) if high < inf else max(2.0 * low, _unit(problem, cone))
+            nu = 0.5 * (low + high) if high < inf else max(STEEPER * low, unit)
+        if nu > LARGEST * unit:
+            break
         root = sqrt(nu)
         found = minimise(backend, problem.plus(root * cone.J, -root * cone.start), limits, inside)
         speed = cone.speed(found.z)
         if abs(speed - cone.limit) <= CONE_TOLERANCE * cone.limit:
             break
         low, high = (nu, high) if speed > cone.limit else (low, nu)
-    return found._replace(backend=found.backend or "multiplier")
+    z = found.z if inside is None else _towards(inside, found.z, cone)
+    return found._replace(z=z, backend=found.backend or "multiplier")
+
+
+def _towards(inside: Array, z: Array, cone: Cone) -> Array:
+    """z where it is inside the cone, but for rounding; otherwise the last point of the way to it that is."""
+    if cone.nearly_allows(z):
+        return z
+    way = z - inside
+    start, change = cone.velocity(inside), cone.J.dot(way)
+    a, b, c = float(change.dot(change)), float(start.dot(change)), float(start.dot(start)) - cone.limit * cone.limit
+    share = (sqrt(max(b * b - a * c, 0.0)) - b) / a if a > 0.0 else 0.0
+    last: Array = inside + min(max(share, 0.0), 1.0) * way
+    return last
 
 
 def _unit(problem: Quadratic, cone: Cone) -> float:
