@@ -25,8 +25,8 @@ from invariantqp.geometry.fields import Value
 
 # Half of what least squares would gain: a form keeps its own way wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
-# A decrease short by less than this share of the best is short by rounding.
-ROUNDING = 1e-12
+# Less decrease than asked for by no more than this share of |b|^2 is rounding.
+ROUNDING = 1e-13
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -68,7 +68,7 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     best, have = _decrease(A, b, mu, x_W), _decrease(A, b, mu, x_f)
     # Where even the best loses (exact rows can ask for that), the allowance is measured from it downwards.
     missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - have
-    if missing <= ROUNDING * abs(best):
+    if missing <= ROUNDING * float(b.dot(b)):
         return 0.0
     d = x_W - x_f
     step = A.dot(d)
