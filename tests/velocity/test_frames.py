@@ -72,32 +72,30 @@ def question(rng, here, form, exact, limited, achievable, rows, named):
 @given(
     seed=st.integers(0, 10**9),
     m=st.integers(1, 12),
-    form=st.sampled_from([None, "pitch", "complement", "carried"]),
-    exact=st.sampled_from([None, "point", "axis", "both"]),
+    exact=st.sampled_from([None, None, "point", "axis", "both"]),
     limited=st.booleans(),
     achievable=st.booleans(),
     rows=st.booleans(),
     named=st.booleans(),
 )
 @SCENES
-def test_frames_and_units_change_nothing(kind, seed, m, form, exact, limited, achievable, rows, named):
+def test_frames_and_units_change_nothing(kind, seed, m, exact, limited, achievable, rows, named):
     rng = np.random.default_rng(seed)
     here = arm(rng, kind, m)
+    spare = np.linalg.matrix_rank(here.J, tol=1e-9) < m
     # An arm that has no length and no point of its own is asked about a point that somebody names.
     named = named or kind in {"gantry", "mixed", "scara"}
-    told = question(
-        rng, here, form if m <= 5 or form != "complement" else None, exact, limited, achievable, rows, named
-    )
-    J, s, options = options_in(here, np.eye(4), 1.0, told)
-    x = iq.solve_velocity(J, s, **options)
-    for T, unit in ((motion(rng, 1.0), 1.0), (np.eye(4), 10.0 ** rng.uniform(-3.0, 3.0))):
-        J_there, s_there, there = options_in(here, T, unit, told)
-        y = iq.solve_velocity(J_there, s_there, **there)
+    T, unit = motion(rng, 1.0), 10.0 ** rng.uniform(-3.0, 3.0)
+    for form in (None, "pitch", "complement", "carried")[: 4 if m <= 5 else 2]:
+        told = question(rng, here, form, exact, limited, achievable, rows, named)
+        J, s, options = options_in(here, np.eye(4), 1.0, told)
+        x = iq.solve_velocity(J, s, **options)
+        J, s, options = options_in(here, T, unit, told)
+        y = iq.solve_velocity(J, s, **options)
         assert (y.status, y.method) == (x.status, x.method)
-        spare = np.linalg.matrix_rank(J, tol=1e-9) < m
         agree = AGREE_WITH_A_NULL_SPACE if spare and x.method == "qp" else AGREE
         difference = np.abs(y.velocity / here.joints_in(unit) - x.velocity).max()
-        assert difference <= agree * max(np.abs(x.velocity).max(), 1e-3), x.reason
+        assert difference <= agree * max(np.abs(x.velocity).max(), 1e-3), (form, x.reason)
 
 
 @pytest.mark.parametrize("kind", KINDS)
