@@ -1,4 +1,4 @@
-"""No arm is left out: planar, parallel, concurrent, sliding, nearly singular, blind to every h, written with rounding."""
+"""No arm is left out: planar, parallel, concurrent, sliding, near-singular, blind to every h, written with rounding."""
 
 import numpy as np
 import pytest

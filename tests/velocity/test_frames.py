@@ -1,4 +1,4 @@
-"""The answer depends on the arm, the motion, the limits and one physical point: on no frame and on no unit of length."""
+"""The answer depends on the arm, the motion, the limits and one physical point: on no frame, on no unit of length."""
 
 import numpy as np
 import pytest
