@@ -140,7 +140,7 @@ def _is_rounding(A: Array, b: Array, x: Array) -> bool:
     """Whether what x leaves of the twist is rounding."""
     r = b - A.dot(x)
     missed = float(r.dot(r))
-    return missed <= MET_TOLERANCE**2 * b.dot(b) or missed <= PRODUCT_ROUNDING**2 * np.vdot(A, A) * x.dot(x)
+    return bool(missed <= MET_TOLERANCE**2 * b.dot(b) or missed <= PRODUCT_ROUNDING**2 * np.vdot(A, A) * x.dot(x))
 
 
 def _shortened(demand: Demand, x: Array) -> Array:

@@ -1,9 +1,10 @@
 """The QP inside a speed limit |start + J z| <= limit, by the limit's one multiplier.
 
-    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits, nu >= 0 that makes the speed the limit
+    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits,
+    nu >= 0 such that the speed is the limit
 
 Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J'
-three by three, and nu a root of one scalar equation; the QP with that nu says whether those limits are the active ones.
+three by three, and nu a root of one scalar equation; the QP with that nu says whether those are the active ones.
 """
 
 from __future__ import annotations
