@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.centre import ROUNDING, centre, reach
 from invariantqp.systems.span import LENGTH_LIMIT
 
@@ -36,18 +36,26 @@ def own_point(J: Array, s: Array | None = None) -> Array:
 
 
 def length_at(J: Array, point: Array, s: Array | None = None) -> float:
-    """L: the arm's reach to the point; where no axis is away from it, the pitch of its joints that turn, or what the
-    twist s (6,) says of lengths, |v_p| / |omega|; otherwise one unit, and the unit then changes no answer.
+    """L: the arm's reach to the point; where no axis is away from it, |v_p| / |omega| of turning joints or the twist.
+
+    Where those, too, say nothing it is one unit of length, and the unit then changes no answer.
+
+    Args:
+        J: (6, m) joint twists, the joint at the base first.
+        point: (3,).
+        s: (6,) the twist wanted, or None.
     """
     far = reach(J, point)
     if far > 0.0:
         return far
-    turning = J[:, (J[:3] * J[:3]).sum(axis=0) * LENGTH_LIMIT**2 > (J[3:] * J[3:]).sum(axis=0)]
-    return _ratio(turning, point) or (0.0 if s is None else _ratio(s.reshape(6, 1), point)) or 1.0
+    turning = (J[:3] * J[:3]).sum(axis=0) * LENGTH_LIMIT**2 > (J[3:] * J[3:]).sum(axis=0)  # a slide has no length
+    return ratio(J[:, turning], point) or (0.0 if s is None else ratio(s, point)) or 1.0
 
 
-def _ratio(twists: Array, point: Array) -> float:
-    """|v_p| / |omega| of (6, n) twists; 0.0 where one of them is zero, but for rounding."""
-    turn, moved = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(se3.velocity_at(twists, point)))
-    moment = max(float(np.linalg.norm(twists[3:])), turn * float(np.linalg.norm(point)))
-    return 0.0 if moved <= ROUNDING * moment or turn * LENGTH_LIMIT <= moved else moved / turn
+def ratio(twists: Array, point: Array) -> float:
+    """|v_p| / |omega| of one twist or several; 0.0 where one of them is zero, but for rounding."""
+    rate, speed = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(velocity_at(twists, point)))
+    moment = max(float(np.linalg.norm(twists[3:])), rate * float(np.linalg.norm(point)))
+    if speed <= ROUNDING * moment or rate * LENGTH_LIMIT <= speed:
+        return 0.0
+    return speed / rate

@@ -1,7 +1,7 @@
 """The QP inside a speed limit |start + J z| <= limit, by the limit's one multiplier.
 
     minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits,
-    nu >= 0 that makes the speed the limit
+    nu >= 0 such that the speed is the limit
 
 Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J'
 three by three, and nu a root of one scalar equation; the QP with that nu says whether those are the active ones.
@@ -103,22 +103,19 @@ def minimise_in_cone(
         return found
     if not cone.J.any():
         raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
-    trouble = ""
-    if cone.program is not None:
-        try:
-            return _programmed(cone.program, problem, limits, cone)
-        except SolverFailure as failure:
-            if failure.infeasible:
-                raise
-            trouble = str(failure)
-    found = _by_multiplier(backend, problem, limits, cone, inside, found)
-    return found._replace(trouble=trouble or found.trouble)
+    if cone.program is None:
+        return _by_multiplier(backend, problem, limits, cone, found, inside)
+    try:
+        return _programmed(cone.program, problem, limits, cone)
+    except SolverFailure as failure:
+        if failure.infeasible:
+            raise
+        return _by_multiplier(backend, problem, limits, cone, found, inside)._replace(trouble=str(failure))
 
 
 def _by_multiplier(
-    backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, inside: Array | None, found: Optimum
+    backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, inside: Array | None
 ) -> Optimum:
-    """The multiplier at which the speed is the limit, from the optimum with another one."""
     low, high, unit = 0.0, inf, _unit(problem, cone)
     for attempt in range(1, MOST_MULTIPLIERS):
         speed = cone.speed(found.z)
