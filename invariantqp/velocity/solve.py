@@ -98,9 +98,9 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
     wanted, missed = demand.root.dot(demand.s), demand.root.dot(residual)
     size = float(np.linalg.norm(wanted))
     lost = objective.lost > LOSS_TOLERANCE * size
-    rows_met = demand.exact is not None and answer.share == 1.0
+    rows_move = demand.exact is not None and answer.share > PROGRESS_SHARE
     stuck = (
-        not rows_met
+        not rows_move
         and wanted.dot(wanted - missed) < PROGRESS_SHARE * size * size
         and not _is_rounding(demand.root.dot(demand.J), wanted, x)
     )
