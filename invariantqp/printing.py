@@ -192,7 +192,7 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
             f"{run.exceptions}" if run.exceptions else "",
         )
         before = run.case
-    console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
     console.print(
         "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; largest, last: "
