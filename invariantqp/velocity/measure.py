@@ -13,7 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.centre import centre, reach
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.centre import ROUNDING, centre, reach
+from invariantqp.systems.span import LENGTH_LIMIT
 
 
 def root_at(point: Array, length: float) -> Array:
@@ -33,6 +35,23 @@ def own_point(J: Array, s: Array | None = None) -> Array:
     return centre(J, s).point
 
 
-def length_at(J: Array, point: Array) -> float:
-    """L: the arm's reach to the point; one unit of length where no turning joint is away from it."""
-    return reach(J, point) or 1.0
+def length_at(J: Array, point: Array, s: Array | None = None) -> float:
+    """L: the arm's reach to the point; where no axis is away from it, |v_p| / |omega| of the joints, or of the twist.
+
+    Where those, too, say nothing it is one unit of length, and the unit then changes no answer.
+
+    Args:
+        J: (6, m) joint twists, the joint at the base first.
+        point: (3,).
+        s: (6,) the twist wanted, or None.
+    """
+    return reach(J, point) or ratio(J, point) or (0.0 if s is None else ratio(s, point)) or 1.0
+
+
+def ratio(twists: Array, point: Array) -> float:
+    """|v_p| / |omega| of one twist or several; 0.0 where one of them is zero, but for rounding."""
+    rate, speed = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(velocity_at(twists, point)))
+    moment = max(float(np.linalg.norm(twists[3:])), rate * float(np.linalg.norm(point)))
+    if speed <= ROUNDING * moment or rate * LENGTH_LIMIT <= speed:
+        return 0.0
+    return speed / rate
