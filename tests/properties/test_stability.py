@@ -47,7 +47,7 @@ def test_finite_inside_limits_and_no_chatter(runs, case):
 
 @pytest.mark.parametrize("case", [case for case in cases() if not case.broken], ids=lambda c: c.name)
 def test_no_further_off_than_least_squares_told_the_same(runs, case):
-    """In millimetres or in degrees: what is best in both is for nobody to say. A form has its price, in the next test."""
+    """In millimetres or in degrees, as either can be had for the other. What a form costs is the next test's."""
     (ours, trace), (least, _) = runs(case)
     if trace.task.law.form is not None:
         pytest.skip("the task names a form")

@@ -43,7 +43,8 @@ def test_quiet_at_the_definite_laws_error(name, gain):
     target = robot.target(pose)
     loop = iq.Controller(robot, dt=DT, gain=gain)
     errors = []
-    for step in (lambda q: loop.step(q, target).velocity, lambda q: definite(robot, q, target, gain, loop.measure.length)):
+    L = loop.measure.length
+    for step in (lambda q: loop.step(q, target).velocity, lambda q: definite(robot, q, target, gain, L)):
         q = np.array(start)
         for _ in range(round(seconds / DT)):
             x = step(q)
