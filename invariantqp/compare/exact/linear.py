@@ -11,7 +11,6 @@ from fractions import Fraction
 from typing import Any
 
 import mpmath as mp
-import numpy as np
 
 from invariantqp.compare.exact.box import active_set, least_index, rational_solve
 from invariantqp.compare.laws.moore_penrose import reach_of
@@ -67,13 +66,6 @@ def _shortest(J: list[list[Fraction]], s: list[Fraction]) -> list[Fraction]:
     return rational_solve(rows, [*[Fraction(0)] * m, *s])[:m]
 
 
-def form_matrix(problem: str, setting: Setting) -> Array:
-    """The matrix of the quadratic form with which a problem measures twists."""
-    if problem.startswith("inertia"):
-        return np.diag(setting.inertia)
-    return pitch_form(setting.pitch)
-
-
 def stationary(problem: str) -> tuple[Way, Way]:
     """The two ways to the undamped answer: stationary for m < 6, else the shortest velocity that achieves the twist."""
 
@@ -81,7 +73,7 @@ def stationary(problem: str) -> tuple[Way, Way]:
         J, s = matrix(question.J), mp.matrix(question.s.tolist())
         if setting.m >= 6:
             return J.T * mp.lu_solve(J * J.T, s)
-        Q = mp.eye(6) if problem == "least squares" else matrix(form_matrix(problem, setting))
+        Q = mp.eye(6) if problem == "least squares" else matrix(pitch_form(setting.pitch))
         return mp.lu_solve(J.T * Q * J, J.T * Q * s)
 
     def second(question: Question, setting: Setting) -> Numbers:
@@ -90,7 +82,7 @@ def stationary(problem: str) -> tuple[Way, Way]:
             return _shortest(J, s)
         if problem == "least squares":
             return _augmented(_eye(6), J, s)
-        Q = _rational(form_matrix(problem, setting))
+        Q = _rational(pitch_form(setting.pitch))
         columns = [rational_solve(Q, unit) for unit in _eye(6)]
         return _augmented([list(row) for row in zip(*columns, strict=True)], J, s)
 
