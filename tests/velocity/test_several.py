@@ -127,3 +127,26 @@ def test_bad_tasks_are_refused(rng):
         iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s)], damping=iq.velocity.PaperLambda(0.1))
     with pytest.raises(iq.BadInput, match="zero vector"):
         iq.ExactRows.axis(J, np.zeros(3), np.zeros(3))
+
+
+def test_many_levels_with_rows_and_exact_rows_at_the_limits_always_answer(rng):
+    """Each level starts from what the one before it left, which is inside; none is disturbed by those below it."""
+    for _ in range(40):
+        m = int(rng.integers(3, 9))
+        J, K = arm(rng, m), arm(rng, m)
+        K[:, m // 2 :] = 0.0
+        tasks = [
+            iq.velocity.TwistTask(J, 2.0 * rng.normal(size=6)),
+            iq.velocity.TwistTask(K, rng.normal(size=6), priority=1),
+            iq.velocity.JointTask(rng.normal(size=m), priority=2),
+        ]
+        options = {
+            "bounds": (-rng.uniform(0.0, 0.5, m), rng.uniform(0.0, 0.5, m)),
+            "exact": iq.ExactRows(rng.normal(size=(1, m)), rng.normal(size=1)),
+            "rows": iq.limits.LimitRows(rng.normal(size=(2, m)), [-0.1, -0.2], [0.2, 0.1]),
+        }
+        whole, part = iq.velocity.solve_tasks(tasks, **options), iq.velocity.solve_tasks(tasks[:1], **options)
+        assert whole.status in {"ok", "scaled"}
+        assert 0.0 <= whole.scale <= 1.0
+        np.testing.assert_allclose(J @ whole.velocity, J @ part.velocity, atol=1e-8)
+        np.testing.assert_allclose(options["exact"].A @ whole.velocity, whole.scale * options["exact"].b, atol=1e-9)
