@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from support.velocity_reference import reach_of, root_of
 
 import invariantqp as iq
 
@@ -41,15 +42,13 @@ def test_a_joint_task_alone_is_met():
 def test_the_weighted_sum_is_the_optimum_of_the_sum(rng):
     J, s, rest = arm(rng, 4), rng.normal(size=6), rng.normal(size=4)
     x = iq.velocity.solve_tasks(
-        [iq.velocity.TwistTask(J, s, form=0.5, weight=2.0), iq.velocity.JointTask(rest, weight=0.3)]
+        [iq.velocity.TwistTask(J, s, weight=2.0), iq.velocity.JointTask(rest, weight=0.3)]
     ).velocity
-    mu, V = np.linalg.eigh(J.T @ iq.pitch_form(0.5) @ J)
-    g = J.T @ iq.pitch_form(0.5) @ s
-    H = V @ np.diag(np.abs(mu)) @ V.T
-    best = V @ ((V.T @ g) / mu)
+    own = iq.systems.centre(J, s).point
+    A, b = root_of(own, reach_of(J, own)) @ J, root_of(own, reach_of(J, own)) @ s
 
     def cost(y):
-        return (y - best) @ H @ (y - best) + 0.15 * (y - rest) @ (y - rest)
+        return (A @ y - b) @ (A @ y - b) + 0.15 * (y - rest) @ (y - rest)
 
     found = minimize(cost, np.zeros(4), method="BFGS", options={"gtol": 1e-12}).x
     assert np.allclose(x, found, atol=1e-6)

@@ -20,8 +20,9 @@ from invariantqp.velocity.qp.quadratic import Quadratic, minimise
 # What a joint velocity costs beside a violation of the same size, squared: only to make the problem strictly convex.
 # The rows give way by at most about this share more than they have to.
 REGULARISATION = 1e-8
-# Rows that would have to give way by less than this, relative to their size, need not.
-VIOLATION_TOLERANCE = 1e-9
+# Rows that would have to give way by less than this, relative to their size, need not: a hundred times what the
+# regularisation makes of rows that fit.
+VIOLATION_TOLERANCE = 1e-6
 # Limits that gave way are let go by this share of the violation more, for a solver to find an inside.
 WIDENING = 1e-7
 # Likewise of the tool's least speed.
