@@ -45,6 +45,8 @@ from invariantqp.velocity.solve import solve, standing
 TRACKING_SHARE = 0.1
 # The most of the error removed within a told delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
 DELAY_SHARE = 0.25
+# What a joint has to go to the target: near a singularity the whole way would be long, and nobody goes it to its end.
+WAY_DAMPING = Adaptive(0.1, 0.1)
 # The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
 WHOLE_ERROR = 1.0 + 1e-9
 
@@ -160,7 +162,7 @@ class Controller:
         fast = None if tool_speed is None else tool_speed.point
         self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
         root = self.measure.root(robot, robot.sight(mid, robot.target(robot.pose(mid))), robot.pose(mid))
-        self._fastest = float(np.linalg.norm(root.dot(J) * robot.velocity_limit))  # what the arm can do at full speed
+        self._fastest = _full_speed(root.dot(J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
 
     def __copy__(self) -> Controller:
@@ -210,6 +212,7 @@ class Controller:
         velocity: ArrayLike | None = None,
         rows: ExactRows | None = None,
         sighting: Sighting | None = None,
+        at: ArrayLike | None = None,
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
@@ -219,6 +222,7 @@ class Controller:
             velocity: as in `step`.
             rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
             sighting: what `robot.sight` returned at q, if it was called in this tick already.
+            at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -230,7 +234,8 @@ class Controller:
         s = arrays.twist(twist)
         if rows is not None:
             require_rows(rows, len(self._middle))
-        return self._tick(self._here(positions, sighting, self._last(velocity)), s, 0.0, s, rows)
+        where = None if at is None else arrays.vector(at, 3, "at")
+        return self._tick(self._here(positions, sighting, self._last(velocity), where), s, 0.0, s, rows)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -249,16 +254,16 @@ class Controller:
         positions = arrays.vector(q, len(self._middle), "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        state = self._here(positions, sighting, self._last(velocity))
+        state = self._here(positions, sighting, self._last(velocity), None)
         return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
 
-    def _here(self, positions: Array, sighting: Sighting | None, before: Array) -> _Observed:
+    def _here(self, positions: Array, sighting: Sighting | None, before: Array, at: Array | None) -> _Observed:
         """The state of an arm whose target is where its tool is now."""
         if sighting is None:
             sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
         elif not isinstance(sighting, Sighting):
             raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
-        root = self.measure.root(self.robot, sighting, sighting.pose)
+        root = self.measure.root(self.robot, sighting, sighting.pose, at)
         return _Observed(positions, sighting, sighting.pose, root, before)
 
     def _last(self, velocity: ArrayLike | None) -> Array:
@@ -271,7 +276,7 @@ class Controller:
             return 1.0
         T = self.law.to_joint
         A = root.dot(J) if T is None else root.dot(J).dot(T)
-        way = least_squares(A, root.dot(error), None, Adaptive()).centre()
+        way = least_squares(A, root.dot(error), None, WAY_DAMPING).centre()
         return braking_share(way if T is None else T.dot(way), self._braking.acceleration, self.gain)
 
     def _tick(
@@ -312,6 +317,12 @@ class Controller:
         return _troubled(solution, "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained))
 
 
+def _full_speed(A: Array, limits: Array) -> float:
+    """What joints (m,) at full speed move, for measured joint twists A (6, m); inf where one has no limit."""
+    each = np.sqrt((A * A).sum(axis=0))
+    return float(np.linalg.norm(each[each > 0.0] * limits[each > 0.0]))
+
+
 class _Observed(NamedTuple):
     """One tick: checked joint positions, what the robot saw at them, its target, the measure, the velocity before."""
 
@@ -323,7 +334,7 @@ class _Observed(NamedTuple):
 
 
 class _Memory(NamedTuple):
-    """What a loop keeps from tick to tick: the velocity commanded last, which way the error turned, how it converges."""
+    """What a loop keeps between ticks: the velocity commanded last, which way the error turned, how it converges."""
 
     velocity: Array
     turn: Array | None

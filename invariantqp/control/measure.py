@@ -61,11 +61,12 @@ class ToolMeasure:
         at = own_point(J) if self.point is None else pose[:3, :3].dot(self.point) + pose[:3, 3]
         return root_at(at, self.length)
 
-    def root(self, robot: Robot, sighting: Sighting, target: Any) -> Array:
-        """(6, 6) root of the metric in this tick."""
+    def root(self, robot: Robot, sighting: Sighting, target: Any, at: Array | None = None) -> Array:
+        """(6, 6) root of the metric in this tick; `at` (3,) is the point in the base frame, if it is another one."""
         if self.carried is not None:
             return self.carried.root(_homogeneous(sighting.pose) if self.carried.follows_tool else None)
-        at = own_point(sighting.J) if self.point is None else robot.points(sighting, target, self.point)[0]
+        if at is None:
+            at = own_point(sighting.J) if self.point is None else robot.points(sighting, target, self.point)[0]
         return root_at(at, self.length)
 
 

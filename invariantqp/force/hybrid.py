@@ -29,9 +29,10 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.measure import length_at
 from invariantqp.velocity.solution import VelocitySolution
 
 
@@ -110,7 +111,8 @@ class HybridController:
                 the base frame.
             force_first: whether W'Jx = W's are exact rows. They cost time only where the arm cannot achieve all of s:
                 at limits, near singularities, with fewer than six joints.
-            options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ...
+            options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without a point,
+                what cannot be achieved is missed by least at the point of contact.
 
         Raises:
             BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.
@@ -120,12 +122,17 @@ class HybridController:
         if not (sensor is None or isinstance(sensor, WrenchSensor)):
             raise BadInput("sensor", excerpt(sensor), "a WrenchSensor, or None")
         self.task = task
+        mid = middle(require_robot(robot))
+        contact = task.contact_at(robot.pose(mid))
+        self._at_contact = options.get("point") is None
+        if self._at_contact and options.get("length") is None:
+            options["length"] = length_at(robot.jacobian(mid), contact.point)
         self.loop: Controller = Controller(robot, dt=dt, **options)
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
         self._smoothing = Smoothing.of(inf if sensor is None else sensor.cutoff, self.loop.dt)
         self._watch = Watch()
-        self._split = task.split(task.contact_at(robot.pose(middle(robot))).kind)
+        self._split = task.split(contact.kind)
 
     @property
     def robot(self) -> Robot:
@@ -196,6 +203,7 @@ class HybridController:
         watch = self._watch.after(self.task, press, _load(contact, raw), loop.dt)
         verdict = watch.verdict(self.task)
 
+        where = contact.point if self._at_contact else None
         if verdict.action == SLOW:
             force *= self._share(contact, force)
         if verdict.action == HOLD:
@@ -205,11 +213,12 @@ class HybridController:
             out = A.dot(np.asarray(contact.kind.out))
             speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
             motion, force = np.zeros(6), speed * out
-            inner = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting)
+            inner = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting, where)
             v = velocity_at(sighting.J.dot(inner.velocity), contact.point)
             watch = watch.after_retreat(loop.dt * float(velocity_at(out, contact.point).dot(v)))
         else:
-            inner = loop.follow(positions, motion + force, velocity, self._rows(contact, sighting.J, force), sighting)
+            rows = self._rows(contact, sighting.J, force)
+            inner = loop.follow(positions, motion + force, velocity, rows, sighting, where)
         self._watch, self._smoothing = watch, smoothing
         return HybridSolution(
             velocity=inner.velocity,

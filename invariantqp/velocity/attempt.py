@@ -3,8 +3,8 @@
     A = U diag(sigma) V',  r = b - U U'b:     U'M (U y - r) = 0,     attempt U (U'b + y)
 
 M is the form on measured twists, the wanted twist's own part U U'b is attempted whatever the form. In exact arithmetic
-A x = P b with P the form's projector; a spectrum of U'MU near zero (a principal pitch, a planar arm, |P| large) is
-filtered, and a direction that the arm is losing counts for as much of it as it can still do. So a form that cannot
+A x = P b with P the form's projector; a spectrum of U'MU near zero beside U'|M|U (a principal pitch, a planar arm, |P|
+large) is filtered, and a direction that the arm is losing counts for as much of it as it can still do. So a form that cannot
 tell, or an arm at a singularity, fades to least squares without a jump.
 
 Descent: |b - A x|^2 = |r|^2 + |y|^2 where the attempt is met, so the least-squares decrease is kept to the share eta if
@@ -22,10 +22,12 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import Form
 
-# Eigenvalues of U'MU below this share of |M| are filtered: beyond it |P| would exceed twenty, and a tenth of that is
-# what is left of it at zero.
-FORM_THRESHOLD = 0.05
-FORM_CEILING = 0.05
+# Eigenvalues of U'MU below this share of U'|M|U are filtered: a projector with |P| of three or more costs accuracy on
+# the way past a principal pitch, where one below saves some.
+FORM_THRESHOLD = 0.3
+FORM_CEILING = 0.3
+# What a direction that M does not see counts in |M|, so that |M| is definite.
+UNSEEN = 1e-14
 
 
 def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damping, fraction: float | None) -> Array:
@@ -51,10 +53,12 @@ def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damp
     done = U.dot(share * wanted)
     r = b - done
     M = form.matrix(inverse_root)
-    size = float(np.abs(np.linalg.eigvalsh(M)).max())
+    values, vectors, _ = lapack.dsyev(M)
+    sizes = np.abs(values)
+    absolute = (vectors * (sizes + UNSEEN * sizes.max())).dot(vectors.T)
     V = U * np.sqrt(share)
-    mu, axes, _ = lapack.dsyev(V.T.dot(M).dot(V) / size)
-    pull = M.dot(r).dot(V).dot(axes) / size
+    mu, axes, _ = lapack.dsygv(V.T.dot(M).dot(V), U.T.dot(absolute).dot(U))
+    pull = M.dot(r).dot(V).dot(axes)
     left = np.maximum(0.0, 1.0 - (mu / FORM_THRESHOLD) ** 2)
     divisor = mu * mu + (FORM_CEILING * left) ** 2
     y = V.dot(axes.dot(np.divide(mu * pull, divisor, out=np.zeros(len(mu)), where=divisor > 0.0)))

@@ -23,6 +23,8 @@ from invariantqp.geometry.arrays import Array
 
 # Half of what least squares would gain: a form keeps its own way wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
+# Less decrease than asked for by no more than this share of |b|^2 is rounding.
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     best, have = _decrease(A, b, mu, x_W), _decrease(A, b, mu, x_f)
     # Where even the best loses (exact rows can ask for that), the allowance is measured from it downwards.
     missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - have
-    if missing <= 0.0:
+    if missing <= ROUNDING * float(b.dot(b)):
         return 0.0
     d = x_W - x_f
     step = A.dot(d)

@@ -12,8 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.centre import centre, reach
+
+# A length this short is rounding, whatever the unit: of arms some metres long, or some thousand millimetres.
+SMALL = 1e-12
 
 
 def root_at(point: Array, length: float) -> Array:
@@ -34,5 +38,9 @@ def own_point(J: Array, s: Array | None = None) -> Array:
 
 
 def length_at(J: Array, point: Array) -> float:
-    """L: the arm's reach to the point; one unit of length where no turning joint is away from it."""
-    return reach(J, point) or 1.0
+    """L: the arm's reach to the point; where no axis is away from it, |v at the point| per |omega|; else one unit."""
+    far = reach(J, point)
+    if far > 0.0:
+        return far
+    turning, sliding = np.linalg.norm(J[:3]), np.linalg.norm(se3.velocity_at(J, point))
+    return float(sliding / turning) if turning > 0.0 and sliding > SMALL * turning else 1.0

@@ -44,13 +44,13 @@ def test_five_joints_draw_with_an_exact_position(so101, rule):
 
 
 def test_five_joints_keep_the_force_without_any_exact_demand(so101):
-    """The force part is met first; without that, the pitch form weighs it against an orientation it cannot have."""
+    """The force part is met first; without that, it is weighed against an orientation that five joints cannot have."""
     errors = {}
     for first in (True, False):
         task = pen(2.0, compliance=5e-3)
         bench = Bench(so101, SO101, task, stiffness=2e3, dt=5e-3, force_first=first)
         errors[first] = rms_error(bench.run(500, circle(bench.start, 0.02, 3.0))[200:], 2.0)
-    assert errors[True] < 0.02 < errors[False]
+    assert errors[True] < 0.01 < errors[False]
 
 
 def test_a_tilted_face_lies_down_and_is_wiped_along(panda):
@@ -130,8 +130,10 @@ def test_limits_slow_the_path_down_before_they_let_go_of_the_force(panda):
         solutions = bench.run(300, circle(bench.start, 0.3, 0.5))  # 3.8 m/s: far beyond the joints
         assert any(s.velocity_solution.active for s in solutions)
         assert max(np.abs(s.velocity / panda.velocity_limit).max() for s in solutions) <= 1.0 + 1e-12
+        across = [s.contact.constraints.T @ (s.J @ s.velocity - s.force) for s in solutions]
+        assert (np.abs(across).max() < 1e-9) == first  # what is left is the bend of the way within a tick
         errors[first] = np.median([abs(s.intensities[0] - 5.0) for s in solutions[100:]])
-    assert errors[True] < 1.0 < errors[False]
+    assert errors[True] < 1.5 < 4.0 < errors[False]
 
 
 @pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])

@@ -1,9 +1,9 @@
 """The QP inside a speed limit |start + J z| <= limit, by the limit's one multiplier.
 
-    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits, nu >= 0 such that the speed is the limit
+    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits, nu >= 0 that makes the speed the limit
 
-Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J' three
-by three, and nu a root of one scalar equation; the QP with that nu says whether those are the limits that are active.
+Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J'
+three by three, and nu a root of one scalar equation; the QP with that nu says whether those limits are the active ones.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ MOST_FACES = 8
 MOST_BISECTIONS = 60
 # Newton's steps for the multiplier on one face: |v(nu)|^-1 is nearly linear in nu, a few reach rounding.
 NEWTON_STEPS = 20
+# A multiplier that shrinks the easiest direction this many times: the limit is out of reach on the face.
+BEYOND = 1e100
 
 
 class Cone(NamedTuple):
@@ -144,6 +146,8 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum) -
         # Newton on 1 / |v|: from below, it never overshoots.
         ahead = square / slope * (sqrt(square / wanted) - 1.0)
         nu += ahead
+        if nu * float(gains[-1]) > BEYOND:
+            return inf
         if ahead <= np.finfo(float).eps * nu:
             break
     return nu
