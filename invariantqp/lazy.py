@@ -50,6 +50,9 @@ class LazyModule(ModuleType):
         if not (isinstance(value, ModuleType) and name in self._MODULE_OF):
             super().__setattr__(name, value)
 
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        return import_module, (self.__name__,)  # by name, as cloudpickle does with other modules: for joblib and Dask
+
     def __dir__(self) -> list[str]:
         return sorted((*self.__all__, *self._NAMESPACES))
 

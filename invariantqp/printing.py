@@ -168,7 +168,9 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
         "finite",
         "inside limits",
         "peak/limit",
-        "error mm",
+        "largest mm",
+        "deg",
+        "last mm",
         "deg",
         "tail rad/s",
         "chatter",
@@ -183,6 +185,8 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
             "yes" if run.finite else f"[red]no: {run.not_finite}[/red]",
             "yes" if run.inside else f"[red]{run.excess:.1e}[/red]",
             f"{run.peak:.3f}",
+            f"{run.largest_mm:.3g}",
+            f"{run.largest_deg:.3g}",
             f"{run.error_mm:.3g}",
             f"{run.error_deg:.3g}",
             f"{run.tail:.1e}",
@@ -190,12 +194,12 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
             f"{run.exceptions}" if run.exceptions else "",
         )
         before = run.case
-    console = Console(highlight=False, width=None if Console().is_terminal else WIDE)
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
     console.print(
-        "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; error: at the "
-        "end of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
-        "relative to the least-squares QP; raised: number of ticks in which the law raised an exception."
+        "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; largest, last: "
+        "errors of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
+        "relative to the least-squares QP that is told the same; raised: number of ticks in which the law raised."
     )
 
 

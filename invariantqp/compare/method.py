@@ -25,12 +25,12 @@ FAMILIES: tuple[Family, ...] = ("invariant", "Moore-Penrose", "damped", "QP", "s
 # The problems that have an exact answer in `compare.exact.references`; "" where a method solves none of them.
 ExactProblem = Literal[
     "",
+    "law",
+    "measured",
+    "inertia",
     "pitch",
     "filter",
-    "adaptive",
-    "adaptive box",
-    "inertia",
-    "inertia box",
+    "convexified",
     "least squares",
     "ridge",
     "least squares box",
@@ -45,12 +45,16 @@ TOOL_INERTIA = np.repeat((0.0025, 1.0), 3)
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What a method may know of the arm and the control loop before the first tick.
+    """What every method is told of the arm and the control loop before the first tick.
 
     Attributes:
         m: number of joints.
         dt: duration of a tick [s].
         pitch: h of the pitch forms [length/rad].
+        point: (3,) the point of the tool where accuracy is asked for, in the frame of J of methods meant for the tool
+            frame [length].
+        length: L, how many units of length at that point a radian counts for [length/rad].
+        joint_metric: (m, m) what counts as a short joint velocity, for arms with slides; None is the identity.
         inertia: (6,) diagonal of the tool's inertia in the tool frame.
         body: (4, 4) pose of the tool frame in the frame of J.
         unit: how many units of length of J make a metre.
@@ -59,6 +63,9 @@ class Setting:
     m: int
     dt: float = 0.001
     pitch: float = 0.3
+    point: Array = field(default_factory=lambda: np.zeros(3))
+    length: float = 1.0
+    joint_metric: Array | None = None
     inertia: Array = field(default_factory=TOOL_INERTIA.copy)
     body: Array = field(default_factory=lambda: np.eye(4))
     unit: float = 1.0

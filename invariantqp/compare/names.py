@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 OURS = "invariantqp"
-UNGUARDED = "invariantqp, no guard"
+OURS_PITCH = "invariantqp, h"
+CONVEXIFIED = "h, convexified"
 GRAM = "h, Gram + LDL'"
 FACTORED = "h, factored"
 PINV = "Moore-Penrose, pinv"
@@ -13,6 +14,7 @@ DLS = "DLS"
 SDLS = "SDLS"
 SNS = "SNS"
 LEAST_SQUARES = "least-squares QP"
+TOLD_LEAST_SQUARES = "least-squares QP, all told"
 DAQP = "QP, DAQP"
 PINK = "Pink"
 PINK_POSTURE = "Pink, posture"

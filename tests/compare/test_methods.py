@@ -12,13 +12,13 @@ from invariantqp.compare.registry import chosen, left_out, methods
 from invariantqp.errors import BadInput, UnknownName
 
 SOLVERS = {name: method for name, method in methods().items() if method.make is not None}
-INVARIANT = [n for n, m in SOLVERS.items() if m.frame == "base"]
+INVARIANT = [n for n, m in SOLVERS.items() if m.family == "invariant" or n.startswith("QP, ")]
 WIDE = 1e3
 
 
 def solved(name, J, s, reach=WIDE, **setting):
     m = J.shape[1]
-    reach = np.broadcast_to(reach, m)
+    reach = np.array(np.broadcast_to(reach, m))
     return SOLVERS[name].make(Setting(m, **setting))(J, s, -reach, reach)
 
 
@@ -166,9 +166,11 @@ def test_no_invariant_method_sees_where_the_frame_is(name):
         pytest.skip(f"needs {SOLVERS[name].needs}")
     rng = np.random.default_rng(7)
     J, s = rng.normal(size=(6, 5)), rng.normal(size=6)
-    A = iq.adjoint(iq.exp(rng.normal(size=6)))
     reach = 0.7 * np.abs(iq.pseudoinverse(J, 0.4) @ s).max()
-    x, moved = (solved(name, X @ J, X @ s, reach, pitch=0.4) for X in (np.eye(6), A))
+    T = iq.exp(rng.normal(size=6))
+    A, point = iq.adjoint(T), np.array([0.3, -0.1, 0.2])
+    x = solved(name, J, s, reach, pitch=0.4, point=point)
+    moved = solved(name, A @ J, A @ s, reach, pitch=0.4, point=T[:3, :3] @ point + T[:3, 3], body=T)
     loose = any(word in name for word in ("OSQP", "ProxQP", "PIQP", "Clarabel", "HiGHS", "CVXPY"))
     np.testing.assert_allclose(moved, x, rtol=0.0, atol=(2e-2 if loose else 1e-10) * np.abs(x).max())
 
@@ -177,7 +179,7 @@ def test_methods_are_chosen_by_name_family_or_part():
     everything = chosen()
     assert next(iter(everything)) == "invariantqp"
     assert list(chosen("dls")) == ["DLS"]
-    assert list(chosen(["QP, DAQP", "dls ", "invariantqp, no guard"])) == ["invariantqp, no guard", "DLS", "QP, DAQP"]
+    assert list(chosen(["QP, DAQP", "dls ", "invariantqp, h"])) == ["invariantqp, h", "DLS", "QP, DAQP"]
     assert {m.family for m in chosen("damped").values()} == {"damped"}
     assert len(chosen("osqp")) == 12
     assert list(chosen(["h, eigen"])) == ["h, eigen"]

@@ -53,12 +53,12 @@ def test_the_command_prints_a_table_and_writes_every_figure(few, tmp_path):
     for word in ("pitch_crossing", "jump, NaN in target", "Moore-Penrose", "SDLS", "[DS] Lambda", "chatter"):
         assert word in result.output
     written = json.loads(file.read_text(encoding="utf-8"))
-    assert {"case", "law", "excess", "peak", "error_mm", "tail", "chatter", "exceptions"} <= set(written[0])
+    assert {"case", "law", "excess", "peak", "error_mm", "largest_mm", "tail", "chatter", "exceptions"} <= set(written[0])
     assert written[0]["law"] == OURS
 
 
 def test_the_status_tells_when_ours_leaves_its_limits(monkeypatch):
-    left = [stability.StabilityOutcome("c", OURS, 1, 0, 0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)]
+    left = [stability.StabilityOutcome("c", OURS, 1, 0, 0, 1.0, *[0.0] * 7)]
     monkeypatch.setattr(stability, "compare_stability", lambda _: left)
     assert CliRunner().invoke(app, ["compare", "--stability", "--quiet"]).exit_code == 1
 

@@ -67,13 +67,6 @@ def _shortest(J: list[list[Fraction]], s: list[Fraction]) -> list[Fraction]:
     return rational_solve(rows, [*[Fraction(0)] * m, *s])[:m]
 
 
-def form_matrix(problem: str, setting: Setting) -> Array:
-    """The matrix of the quadratic form with which a problem measures twists."""
-    if problem.startswith("inertia"):
-        return np.diag(setting.inertia)
-    return pitch_form(setting.pitch)
-
-
 def stationary(problem: str) -> tuple[Way, Way]:
     """The two ways to the undamped answer: stationary for m < 6, else the shortest velocity that achieves the twist."""
 
@@ -81,7 +74,7 @@ def stationary(problem: str) -> tuple[Way, Way]:
         J, s = matrix(question.J), mp.matrix(question.s.tolist())
         if setting.m >= 6:
             return J.T * mp.lu_solve(J * J.T, s)
-        Q = mp.eye(6) if problem == "least squares" else matrix(form_matrix(problem, setting))
+        Q = mp.eye(6) if problem == "least squares" else matrix(pitch_form(setting.pitch))
         return mp.lu_solve(J.T * Q * J, J.T * Q * s)
 
     def second(question: Question, setting: Setting) -> Numbers:
@@ -90,7 +83,7 @@ def stationary(problem: str) -> tuple[Way, Way]:
             return _shortest(J, s)
         if problem == "least squares":
             return _augmented(_eye(6), J, s)
-        Q = _rational(form_matrix(problem, setting))
+        Q = _rational(pitch_form(setting.pitch))
         columns = [rational_solve(Q, unit) for unit in _eye(6)]
         return _augmented([list(row) for row in zip(*columns, strict=True)], J, s)
 

@@ -4,9 +4,7 @@
     least squares   J'(JJ')^-1 s or (J'J)^-1 J's            |  [[I, J'], [J, 0]] or [[I, J], [J', 0]], eliminated
     damped, ridge   J'(JJ' + lambda^2)^-1 s                 |  (J'J + lambda^2) x = J's
     pitch           (J'QJ)^-1 J'Qs                          |  [[Q^-1, J], [J', 0]], eliminated
-    filter          V diag(mu / (mu^2 + lambda^2)) V'g      |  (G^2 + lambda^2) x = G g
-    box             V diag(sqrt(mu^2 + lambda^2)) V'        |  the matrix square root of G^2 + lambda^2
-                    active-set method, certified            |  least-index pivoting
+    the laws that follow the spectrum: see `exact.damped`
 
 If the two differ by more than 1e-12, that is an error and nothing is compared.
 """
@@ -29,7 +27,7 @@ try:
 except ImportError as error:
     raise MissingExtra("mpmath", "compare") from error
 
-from invariantqp.compare.exact.filter import filtered, filtered_box
+from invariantqp.compare.exact.damped import convexified, filtered, measured
 from invariantqp.compare.exact.linear import Way, number, ridge, ridge_box, stationary, weighted
 
 # Digits of the first computation.
@@ -55,8 +53,8 @@ def reference(problem: ExactProblem, question: Question, setting: Setting) -> Re
 
     Args:
         problem: which problem.
-        question: J, s and the bounds.
-        setting: gives the pitch, the inertia and the number of joints.
+        question: J, s and the bounds, all of them finite.
+        setting: gives what the problem depends on besides.
 
     Returns:
         The answer, and how well the two computations of it agree.
@@ -88,9 +86,9 @@ _WAYS: dict[str, tuple[Way, Way]] = {
     "damped": ridge(DLS_DAMPING**2),
     "least squares box": ridge_box(QP_DAMPING),
     "damped box": ridge_box(DLS_DAMPING**2),
-    "filter": filtered("filter"),
-    "adaptive": filtered("adaptive"),
-    "inertia": filtered("inertia"),
-    "adaptive box": filtered_box("adaptive"),
-    "inertia box": filtered_box("inertia"),
+    "filter": filtered(),
+    "convexified": convexified(),
+    "measured": measured(),
+    "inertia": measured(inertia=True),
+    "law": measured(calmed=True),
 }

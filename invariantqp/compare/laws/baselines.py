@@ -13,16 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.peers import pose_of
-from invariantqp.compare.method import Method, Setting, Solve
+from invariantqp.compare.laws.setting import setting_of
+from invariantqp.compare.method import Method, Solve
 from invariantqp.control.controller import TRACKING_SHARE
-from invariantqp.control.own_form import own_form
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
-from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.systems.centre import centre
-from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.solution import VelocitySolution
 
@@ -56,16 +54,6 @@ class MethodLaw:
         return VelocitySolution(clipped, self._name, "ok", "", active, residual, 1.0, 0.0, 0.0, "")
 
 
-def setting_of(robot: Robot, dt: float) -> Setting:
-    """What methods may know of an arm.
-
-    The pitch is the recommended one, or the arm's own length L = |J_v| / |J_omega| if no pitch works for the arm.
-    """
-    form, _ = own_form(robot)
-    pitch = form.h if isinstance(form, PitchForm) else centre(robot.jacobian(middle(robot))).length
-    return Setting(len(robot.names), dt, pitch)
-
-
 def controller_of(method: Method) -> MakeController:
     """The control loop of a method: its own if it is a whole system, a `MethodLaw` otherwise.
 
@@ -77,4 +65,4 @@ def controller_of(method: Method) -> MakeController:
     make = method.make
     if make is None:
         raise BadInput("method", f"{method.name}, which has neither a solver nor a loop", "a method with one of them")
-    return lambda robot, law: MethodLaw(robot, law, method, make(setting_of(robot, law.dt)))
+    return lambda robot, law: MethodLaw(robot, law, method, make(setting_of(robot, law)))

@@ -1,8 +1,8 @@
-"""Our law as it is shipped, and its parts: the closed forms, the damped forms, and the law with a metric of the tool.
+"""Our law as it is shipped, the same with a pitch form or a body's metric, and what [DS] has: closed and damped forms.
 
     closed forms   Gram + LDL'  (J'Q_h J) x = J'Q_h s,   factored  J^{+h} s,   eigen  V diag(1/mu) V'J'Q_h s
     damped         V diag(mu / (mu^2 + lambda^2)) V'J'Q_h s
-    body inertia   the same law with J'WJ, where W is the inertia of the tool
+    convexified    minimise (x - x*)'V diag(sqrt(mu^2 + lambda^2)) V'(x - x*) inside the limits, x* the damped form
 
 Reference: [DS] Theorem 2.2, (2.14), (6.4).
 """
@@ -12,16 +12,22 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import lapack
 
+from invariantqp.compare.laws.setting import pitch_of
 from invariantqp.compare.method import Method, Setting, Solve
-from invariantqp.compare.names import FACTORED, GRAM, OURS, UNGUARDED
+from invariantqp.compare.names import CONVEXIFIED, FACTORED, GRAM, OURS, OURS_PITCH
+from invariantqp.control.controller import Controller
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
+from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import our_controller
+from invariantqp.runs.taskfile import LawSpec
 from invariantqp.systems.pseudoinverse import pseudoinverse
 from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, Selective
 from invariantqp.velocity.forms import CarriedMetric, PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solve import solve
+from invariantqp.velocity.stationary import convexified
 
 # lambda of the fixed filter [m]: the square of the usual damping of least squares, since mu is like sigma^2.
 FIXED_DAMPING = 0.0025
@@ -29,26 +35,40 @@ FIXED_DAMPING = 0.0025
 PAPER_LAMBDA = 0.05
 
 
-def _by(law: VelocityLaw) -> Solve:
-    return lambda J, s, lower, upper: solve(law, Demand(J, s, lower, upper)).velocity
+def _by(law: VelocityLaw, root: Array) -> Solve:
+    return lambda J, s, lower, upper: solve(law, Demand(J, s, root, lower, upper)).velocity
+
+
+def _at_point(setting: Setting) -> Array:
+    return root_at(setting.point, setting.length)
 
 
 def _ours(setting: Setting) -> Solve:
-    return _by(VelocityLaw(PitchForm(setting.pitch), dt=setting.dt))
+    return _by(VelocityLaw(metric=setting.joint_metric, dt=setting.dt), _at_point(setting))
 
 
-def _unguarded(setting: Setting) -> Solve:
-    return _by(VelocityLaw(PitchForm(setting.pitch), guard=None))
+def _ours_pitch(setting: Setting) -> Solve:
+    law = VelocityLaw(PitchForm(setting.pitch), metric=setting.joint_metric, dt=setting.dt)
+    return _by(law, _at_point(setting))
+
+
+def pitch_controller(robot: Robot, law: LawSpec) -> Controller:
+    """Our controller with the pitch of the comparison."""
+    return our_controller(robot, law.model_copy(update={"form": pitch_of(robot, law)}))
 
 
 def _inertia(setting: Setting) -> Solve:
-    return _by(VelocityLaw(CarriedMetric(setting.inertia, setting.body), guard=None))
+    root = CarriedMetric(setting.inertia, setting.body).root()
+    return _by(VelocityLaw(metric=setting.joint_metric), root)
+
+
+def _convexified(setting: Setting) -> Solve:
+    return _by(VelocityLaw(PitchForm(setting.pitch, convexified=True)), np.eye(6))
 
 
 def _unlimited(setting: Setting, damping: Damping) -> Solve:
-    """V diag(filter(mu)) V'J'Q_h s without limits, guard or any later step of the law."""
-    law = VelocityLaw(PitchForm(setting.pitch), damping=damping)
-    return lambda J, s, lower, upper: law.build(Demand(J, s, lower, upper)).unconstrained()
+    """V diag(filter(mu)) V'J'Q_h s, without limits."""
+    return lambda J, s, _lower, _upper: convexified(J, s, setting.pitch, None, damping).centre()
 
 
 def _eigen(setting: Setting) -> Solve:
@@ -87,7 +107,8 @@ def _factored(setting: Setting) -> Solve:
 
 
 def _as_printed(setting: Setting) -> Solve:
-    return _by(VelocityLaw(PitchForm(setting.pitch), damping=PaperLambda(PAPER_LAMBDA * setting.unit)))
+    law = VelocityLaw(PitchForm(setting.pitch), damping=PaperLambda(PAPER_LAMBDA * setting.unit))
+    return _by(law, np.eye(6))
 
 
 METHODS = [
@@ -95,22 +116,29 @@ METHODS = [
         name=OURS,
         family="invariant",
         limits="inside",
-        why="this library's law as it is shipped: closed form, or convex QP with prices and descent guard",
+        why="this library's law as it is shipped: least squares at the told point, in closed form or inside the limits",
         make=_ours,
-        frame="base",
-        problem="adaptive",
-        limited="adaptive box",
+        problem="law",
+        limited="law",
         system=our_controller,
     ),
     Method(
-        name=UNGUARDED,
+        name=OURS_PITCH,
         family="invariant",
         limits="inside",
-        why="the same without descent guard and residual damping: the optimum of the form, or of the convex QP",
-        make=_unguarded,
+        why="the same with a pitch form, which says what is attempted of a twist beyond the joints, and its guard",
+        make=_ours_pitch,
+        system=pitch_controller,
+    ),
+    Method(
+        name=CONVEXIFIED,
+        family="invariant",
+        limits="inside",
+        why="[DS]'s own problem made convex: |J'Q_h J| in the place of a metric at a point",
+        make=_convexified,
         frame="base",
-        problem="adaptive",
-        limited="adaptive box",
+        problem="convexified",
+        limited="convexified",
     ),
     Method(
         name=GRAM,
@@ -120,7 +148,7 @@ METHODS = [
         make=_gram,
         frame="base",
         problem="pitch",
-        limited="adaptive box",
+        limited="convexified",
         group="h, closed form",
     ),
     Method(
@@ -131,7 +159,7 @@ METHODS = [
         make=_factored,
         frame="base",
         problem="pitch",
-        limited="adaptive box",
+        limited="convexified",
         group="h, closed form",
     ),
     Method(
@@ -142,7 +170,7 @@ METHODS = [
         make=_eigen,
         frame="base",
         problem="pitch",
-        limited="adaptive box",
+        limited="convexified",
         group="h, closed form",
     ),
     Method(
@@ -180,6 +208,6 @@ METHODS = [
         why="least squares in the metric of the tool's inertia: no frame changes it, but the choice of a body does",
         make=_inertia,
         problem="inertia",
-        limited="inertia box",
+        limited="inertia",
     ),
 ]

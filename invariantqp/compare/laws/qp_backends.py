@@ -1,9 +1,10 @@
-"""Least squares inside the limits, and the invariant law's convex QP solved by one QP solver after the other.
+"""Least squares inside the limits, and our law's QP as one QP solver after the other answers it.
 
-    minimise 1/2 |s - Jx|^2 + mu/2 |x|^2      or      minimise 1/2 x'Hx - c'x,    lower <= x <= upper
+    minimise 1/2 |s - Jx|^2 + mu/2 |x|^2      or      minimise 1/2 |K (x - x*)|^2,    lower <= x <= upper
 
-A solver that finds no answer raises SolverFailure; no second solver takes over. An answer that leaves its bounds by the
-solver's tolerance is clipped by the control loop.
+Our law takes from a solver which limits are active and computes the numbers itself; here the solver's numbers are
+taken. A solver that finds no answer raises SolverFailure; no second solver takes over. An answer that leaves its bounds
+by the solver's tolerance is clipped by the control loop.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ from itertools import product
 
 import numpy as np
 
+from invariantqp.compare.laws.least_squares_law import LeastSquaresLaw
 from invariantqp.compare.method import Method, Setting, Solve
-from invariantqp.compare.names import DAQP, LEAST_SQUARES
+from invariantqp.compare.names import DAQP, LEAST_SQUARES, TOLD_LEAST_SQUARES
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.forms import PitchForm
-from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.rows import Polytope
-from invariantqp.velocity.qp.backends import Backend, Daqp, Osqp, QpSolvers, answer
+from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.measure import root_at
+from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.qp.backends import Backend, Daqp, Osqp, QpSolvers
 from invariantqp.velocity.qp.cones import Cvxpy
+from invariantqp.velocity.qp.scaling import BoxQP, scaled
 
 # mu: keeps J'J + mu I positive definite; a usual value in scripts and with Pink.
 QP_DAMPING = 1e-6
@@ -29,17 +32,20 @@ OSQP_TOLERANCES = (1e-3, 1e-5, 1e-8)
 
 def _least_squares(setting: Setting) -> Solve:
     ridge, daqp = QP_DAMPING * np.eye(setting.m), Daqp()
-    return lambda J, s, lower, upper: answer(daqp, J.T.dot(J) + ridge, s.dot(J), Polytope(None, lower, upper))
+    return lambda J, s, lower, upper: daqp.solve(BoxQP(J.T.dot(J) + ridge, s.dot(J), lower, upper, None))
 
 
 def _by(make_backend: Callable[[], Backend]) -> Callable[[Setting], Solve]:
     def make(setting: Setting) -> Solve:
-        law, backend = VelocityLaw(PitchForm(setting.pitch)), make_backend()
+        backend, damping, root = make_backend(), Adaptive(), root_at(setting.point, setting.length)
 
         def velocity(J: Array, s: Array, lower: Array, upper: Array) -> Array:
-            problem = law.build(Demand(J, s, lower, upper))
-            H, c = problem.convex.qp()
-            return answer(backend, H, c, Polytope(None, lower, upper))
+            objective = least_squares(root.dot(J), root.dot(s), None, damping)
+            centre = objective.centre()
+            if (centre >= lower).all() and (centre <= upper).all():
+                return centre
+            qp, _, size = scaled(objective.root(), None, lower - centre, upper - centre)
+            return centre + size * backend.solve(qp)
 
         return velocity
 
@@ -53,11 +59,10 @@ def _method(
         name=name,
         family="QP",
         limits="inside",
-        why=f"this library's convex QP by {why}",
+        why=f"the QP of this library's law, with the numbers of {why}",
         make=_by(make_backend),
-        frame="base",
-        problem="adaptive",
-        limited="adaptive box",
+        problem="measured",
+        limited="measured",
         needs=needs,
         extra="compare" if needs else "",
         group=group,
@@ -87,6 +92,14 @@ METHODS = [
         make=_least_squares,
         problem="ridge",
         limited="least squares box",
+    ),
+    Method(
+        name=TOLD_LEAST_SQUARES,
+        family="QP",
+        limits="inside",
+        why="a hand-written least-squares QP that is told all that our law is told: point, length, posture, exact rows; "
+        "damped by what is missed (Sugihara 2011)",
+        system=LeastSquaresLaw,
     ),
     _method(DAQP, "DAQP, a dual active-set method", Daqp),
     *(_osqp(eps, polishing=p, warm=w) for w, p, eps in product((True, False), (False, True), OSQP_TOLERANCES)),

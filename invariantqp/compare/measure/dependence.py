@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from invariantqp.compare.cell import Cell, Kind, Result
-from invariantqp.compare.laws.baselines import MethodLaw, controller_of, setting_of
+from invariantqp.compare.laws.baselines import MethodLaw, controller_of
+from invariantqp.compare.laws.setting import setting_of
 from invariantqp.compare.measure.closed_loop import task_of
 from invariantqp.compare.measure.frames import frame_check, random_displacement
 from invariantqp.compare.measure.rewrite import rewrite, scale_lengths
@@ -64,7 +65,7 @@ class Writing(NamedTuple):
         law = law.model_copy(update={"point": tuple(point.tolist())})
         if method.system is not None or method.make is None:
             return controller_of(method)(moved, law), moved
-        setting = setting_of(moved, law.dt)
+        setting = setting_of(moved, law)
         inertia = setting.inertia * np.repeat((self.unit**2, 1.0), 3)
         setting = replace(setting, inertia=inertia, body=back, unit=self.unit)
         return MethodLaw(moved, law, method, method.make(setting)), moved

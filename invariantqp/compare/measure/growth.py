@@ -117,10 +117,10 @@ def _tasks(cell: Cell) -> Axis:
         bounds = Bounds(np.full(MANY, -0.2), np.full(MANY, 0.2))
 
         def weighed(i: int) -> object:
-            return solve_tasks([TwistTask(J, s, PITCH) for J, s in states[i]], bounds=bounds)
+            return solve_tasks([TwistTask(J, s) for J, s in states[i]], bounds=bounds)
 
         def ordered(i: int) -> object:
-            tasks = [TwistTask(J, s, PITCH, priority=k) for k, (J, s) in enumerate(states[i])]
+            tasks = [TwistTask(J, s, priority=k) for k, (J, s) in enumerate(states[i])]
             return solve_tasks(tasks, bounds=bounds)
 
         return {f"{OURS}, weighed": weighed, f"{OURS}, in order": ordered}
@@ -143,7 +143,7 @@ def _rows(cell: Cell) -> Axis:
         def by(backend: str) -> Call:
             def call(i: int) -> object:
                 J, s, bounds, rows = states[i]
-                return solve_velocity(J, s, form=PITCH, bounds=bounds, rows=rows, backend=backend)
+                return solve_velocity(J, s, bounds=bounds, rows=rows, backend=backend)
 
             return call
 
@@ -159,10 +159,10 @@ def _batch(cell: Cell) -> Axis:
         s = rng.standard_normal((count, 6))
 
         def together(_: int) -> object:
-            return solve_velocities(J, s, form=PITCH)
+            return solve_velocities(J, s)
 
         def in_a_loop(_: int) -> object:
-            return [solve_velocity(*question, form=PITCH) for question in zip(J, s, strict=True)]
+            return [solve_velocity(*question) for question in zip(J, s, strict=True)]
 
         def pinv(_: int) -> object:
             return np.matmul(np.linalg.pinv(J), s[:, :, None])

@@ -17,7 +17,7 @@ import numpy as np
 
 from invariantqp.compare.cell import Cell, Kind, Result
 from invariantqp.compare.exact.failure import NoReference
-from invariantqp.compare.laws.baselines import setting_of
+from invariantqp.compare.laws.setting import setting_of
 from invariantqp.compare.measure.states import SORTS, SolveState, states
 from invariantqp.compare.measure.timing import interleaved, spread
 from invariantqp.compare.method import Method, Question, Setting, Solve
@@ -35,7 +35,7 @@ def _arm(cell: Cell) -> tuple[Setting, dict[str, list[SolveState]]]:
     """What methods may know of the arm of a cell's task, and states of each sort."""
     task = load_task(cell.task)
     robot = task.load_robot()
-    setting = setting_of(robot, task.law.dt)
+    setting = setting_of(robot, task.law)
     count = QUICK_COUNT if cell.quick else COUNT
     return setting, {kind: states(robot, kind, count, cell.seed, setting) for kind in SORTS}
 

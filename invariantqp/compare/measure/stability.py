@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.invariant import PAPER_LAMBDA
 from invariantqp.compare.laws.pink_law import PinkLaw, has_pink
-from invariantqp.compare.names import DLS, LEAST_SQUARES, OURS, PINV, SDLS
+from invariantqp.compare.laws.setting import pitch_of
+from invariantqp.compare.names import DLS, LEAST_SQUARES, OURS, PINV, SDLS, TOLD_LEAST_SQUARES
 from invariantqp.compare.registry import controller_named
 from invariantqp.control.controller import Controller
 from invariantqp.control.controls import Controls
@@ -33,8 +34,8 @@ from invariantqp.runs.trace import Trace
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.solution import VelocitySolution
 
-# Chatter is measured relative to least squares with the same limits in the same run.
-YARDSTICK = LEAST_SQUARES
+# Chatter is measured relative to least squares that is told the same and calm, in the same run.
+YARDSTICK = TOLD_LEAST_SQUARES
 # The last part of a run in which the arm should be at rest, as a share of it.
 TAIL = 0.1
 # A broken input is NaN in every third tick of the first half of a run; the second half is time to recover.
@@ -71,9 +72,11 @@ class StabilityOutcome:
         peak: largest joint velocity divided by its limit.
         error_mm: position error at the end [mm].
         error_deg: orientation error at the end [deg].
+        largest_mm: largest position error of the run [mm].
+        largest_deg: largest orientation error of the run [deg].
         tail: largest joint velocity in the last tenth of the run [rad/s, m/s].
         variation: total variation of the joint velocities [rad/s, m/s].
-        chatter: the variation divided by that of the least-squares QP in the same case.
+        chatter: the variation divided by that of the yardstick in the same case.
     """
 
     case: str
@@ -85,6 +88,8 @@ class StabilityOutcome:
     peak: float
     error_mm: float
     error_deg: float
+    largest_mm: float
+    largest_deg: float
     tail: float
     variation: float
     chatter: float = float("nan")
@@ -105,9 +110,9 @@ class StabilityOutcome:
 
 
 def paper_law(robot: Robot, law: LawSpec) -> Controller:
-    """The formula of [DS] with Lambda = lambda I, clipped to the limits; form and gain are those of the task."""
-    pitch = law.form if isinstance(law.form, float) else None
-    return Controller(robot, dt=law.dt, gain=law.gain, form=pitch, damping=PaperLambda(PAPER_LAMBDA))
+    """The formula of [DS] with Lambda = lambda I, clipped to the limits; pitch and gain are those of the task."""
+    form = pitch_of(robot, law)
+    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=PaperLambda(PAPER_LAMBDA))
 
 
 def laws() -> dict[str, MakeController]:
@@ -115,6 +120,7 @@ def laws() -> dict[str, MakeController]:
     table: dict[str, MakeController] = {
         OURS: our_controller,
         YARDSTICK: controller_named(YARDSTICK),
+        LEAST_SQUARES: controller_named(LEAST_SQUARES),
         "Moore-Penrose": controller_named(PINV),
         DLS: controller_named(DLS),
         SDLS: controller_named(SDLS),
@@ -236,6 +242,8 @@ def _outcome(case: Case, law: str, watched: Watched, trace: Trace) -> StabilityO
         peak=float((speed / trace.velocity_limit).max()),
         error_mm=1e3 * float(trace.position_error[-1]),
         error_deg=float(np.degrees(trace.orientation_error[-1])),
+        largest_mm=1e3 * float(trace.position_error.max()),
+        largest_deg=float(np.degrees(trace.orientation_error.max())),
         tail=float(speed[-last:].max()),
         variation=float(np.abs(np.diff(trace.velocity, axis=0)).sum()),
     )

@@ -15,11 +15,15 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.gram import gram_matrix
+from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.measure import root_at
+from invariantqp.velocity.objective import least_squares
 
 SORTS = ("free", "limited", "singular")
 # Standard deviation of each component of the wanted twists [rad/s, m/s].
 TWIST = 0.3
-# Smallest |mu| over largest above which no law damps: far from singularities and from principal pitches.
+# Smallest |mu| over largest, and singular value over largest, above which no law damps: far from singularities and
+# from principal pitches.
 REGULAR = 1e-3
 # Velocity bounds as multiples of the largest joint speed of the closed forms: never active, and active.
 WIDE, NARROW = 10.0, 0.7
@@ -69,7 +73,7 @@ def states(robot: Robot, kind: str, count: int, seed: int, setting: Setting) -> 
         kind: one of SORTS.
         count: how many.
         seed: seed of positions and twists.
-        setting: gives the pitch for which states are regular.
+        setting: gives the pitch and the point for which states are regular.
     """
     rng = np.random.default_rng([seed, SORTS.index(kind)])
     low, high = joint_range(robot)
@@ -81,15 +85,18 @@ def states(robot: Robot, kind: str, count: int, seed: int, setting: Setting) -> 
         if kind == "singular":
             q = _near_singular(robot, q, rng)
         s_tool = TWIST * rng.standard_normal(6)
-        if kind == "singular" or _ratio(robot.jacobian(q), setting) > REGULAR:
+        if kind == "singular" or _ratio(robot, q, setting) > REGULAR:
             found.append(_state(robot, q, s_tool, kind, rng.uniform(*UNEVEN, setting.m), setting))
     return found
 
 
-def _ratio(J: Array, setting: Setting) -> float:
-    """Smallest |mu| over largest, without the zeros that a Gram matrix of more than six joints always has."""
+def _ratio(robot: Robot, q: Array, setting: Setting) -> float:
+    """Smallest over largest, of |mu| or of singular values at the point, without the zeros of more than six joints."""
+    J = robot.jacobian(q)
     mu = np.sort(np.abs(np.linalg.eigvalsh(gram_matrix(J, setting.pitch))))[-min(setting.m, 6) :]
-    return float(mu[0] / mu[-1])
+    A = root_at(setting.point, setting.length).dot(se3.inverse_adjoint(robot.pose(q))).dot(J)
+    sigma = np.linalg.svd(A, compute_uv=False)
+    return float(min(mu[0] / mu[-1], sigma[-1] / sigma[0]))
 
 
 def _state(robot: Robot, q: Array, s_tool: Array, kind: str, uneven: Array, setting: Setting) -> SolveState:
@@ -97,7 +104,10 @@ def _state(robot: Robot, q: Array, s_tool: Array, kind: str, uneven: Array, sett
     to_tool, s = se3.adjoint(se3.inverse(pose)), se3.adjoint(pose).dot(s_tool)
     Q = gram_matrix(np.eye(6), setting.pitch)
     stationary = np.linalg.lstsq(J.T.dot(Q).dot(J), J.T.dot(Q).dot(s), rcond=None)[0]
-    sizes = [float(np.abs(x).max()) for x in (np.linalg.pinv(to_tool.dot(J)).dot(s_tool), stationary)]
+    root = root_at(setting.point, setting.length)
+    ours = least_squares(root.dot(to_tool.dot(J)), root.dot(s_tool), None, Adaptive()).centre()
+    answers = (np.linalg.pinv(to_tool.dot(J)).dot(s_tool), stationary, ours)
+    sizes = [float(np.abs(x).max()) for x in answers]
     reach = uneven * (NARROW * min(sizes) if kind == "limited" else WIDE * max(sizes))
     return SolveState(J, s, to_tool, -reach, reach)
 

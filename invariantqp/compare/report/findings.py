@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from invariantqp.compare.names import FACTORED, GRAM, LU, OURS, PINV, UNGUARDED
+from invariantqp.compare.names import FACTORED, GRAM, LU, OURS, OURS_PITCH, PINV
 from invariantqp.compare.report.tables import across
 from invariantqp.compare.results import Results, results_of
 
@@ -68,7 +68,7 @@ def _accuracy(results: Results) -> list[str]:
     sentences = []
     for sort in ("free", "singular"):
         figures = {
-            name: across(results, "error", name, sort, "error") for name in (FACTORED, GRAM, PINV, LU, UNGUARDED)
+            name: across(results, "error", name, sort, "error") for name in (FACTORED, GRAM, PINV, LU, OURS)
         }
         have = [f"{name} {value:.0e}" for name, value in figures.items() if value is not None]
         if len(have) > 1:
@@ -81,27 +81,26 @@ def residual(results: Results) -> list[str]:
     sentences = []
     errors = results_of(results, "error")
     for task in results["tasks"]:
-        ours, theirs = (errors.get((task, name), {}).get("free", {}).get("missed") for name in (UNGUARDED, PINV))
-        if ours is None or theirs is None or max(ours, theirs) < ACHIEVED:
+        missed = {name: errors.get((task, name), {}).get("free", {}).get("missed") for name in (PINV, OURS, OURS_PITCH)}
+        have = {name: share for name, share in missed.items() if share is not None}
+        if len(have) < 2 or max(have.values()) < ACHIEVED or max(have.values()) <= APART * min(have.values()):
             continue
-        better, worse = (PINV, "the pitch form") if theirs < ours else ("the pitch form", PINV)
-        low, high = sorted((ours, theirs))
-        if high > APART * low:
-            sentences.append(
-                f"The arm of {task} cannot achieve every twist; {better} leaves the smaller residual in the tool "
-                f"frame: {low:.2f} of the twist against {high:.2f} for {worse}."
-            )
+        listed = "; ".join(f"{name} {have[name]:.2f}" for name in sorted(have, key=lambda name: have[name]))
+        sentences.append(
+            f"The arm of {task} cannot achieve every twist. Left of it in the tool frame, with metres and radians "
+            f"alike, is: {listed}."
+        )
     return sentences
 
 
 def _clipping(results: Results) -> list[str]:
     clipped = across(results, "error", PINV, "limited", "error")
-    inside = across(results, "error", UNGUARDED, "limited", "error")
+    inside = across(results, "error", OURS, "limited", "error")
     if clipped is None or inside is None:
         return []
     text = f"{PLACES['limited']} the error of clipped Moore-Penrose against least squares inside the limits is"
     return [
-        f"{text} {clipped:.0%}; {UNGUARDED} has an error of {inside:.0e} against its own problem inside the limits."
+        f"{text} {clipped:.0%}; {OURS} has an error of {inside:.0e} against its own problem inside the limits."
     ]
 
 

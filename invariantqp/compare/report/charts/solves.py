@@ -104,8 +104,8 @@ def _exact_limited(limited: list[Point]) -> list[str]:
 def _ours_limited(limited: list[Point]) -> list[str]:
     """The time and the error of our law while limits are active."""
     return [
-        f"{OURS} as it is shipped takes {p.x:.0f} us there, with prices and guard; its error against the optimum of "
-        f"its QP is {p.y:.0e}."
+        f"{OURS} as it is shipped takes {p.x:.0f} us there; its error against the exact answer of all of its law "
+        f"is {p.y:.0e}."
         for p in limited
         if p.method == OURS
     ]
