@@ -162,7 +162,7 @@ class Controller:
         fast = None if tool_speed is None else tool_speed.point
         self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
         root = self.measure.root(robot, robot.sight(mid, robot.target(robot.pose(mid))), robot.pose(mid))
-        self._fastest = _full_speed(root.dot(J), robot.velocity_limit)
+        self._slowness = _slowness(root.dot(J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
 
     def __copy__(self) -> Controller:
@@ -201,7 +201,7 @@ class Controller:
         watch = self._memory.convergence.seen(root.dot(error))
         solution = self._tick(state, s, share * self.gain, ahead)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
-        watch = watch.commanded(root.dot(error), root.dot(change), share * self.gain / self._fastest)
+        watch = watch.commanded(root.dot(error), root.dot(change), share * self.gain * self._slowness)
         self._memory = self._memory._replace(turn=error[:3].copy(), convergence=watch)
         return _troubled(solution, watch.trouble) if watch.trouble else solution
 
@@ -317,10 +317,12 @@ class Controller:
         return _troubled(solution, "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained))
 
 
-def _full_speed(A: Array, limits: Array) -> float:
-    """What joints (m,) at full speed move, for measured joint twists A (6, m); inf where one has no limit."""
+def _slowness(A: Array, limits: Array) -> float:
+    """1 / |v|, v what all joints (m,) move at full speed, measured; 0 where one has no limit or none moves anything."""
     each = np.sqrt((A * A).sum(axis=0))
-    return float(np.linalg.norm(each[each > 0.0] * limits[each > 0.0]))
+    moving = each > 0.0
+    speed = float(np.linalg.norm(each[moving] * limits[moving]))
+    return 1.0 / speed if speed > 0.0 else 0.0
 
 
 class _Observed(NamedTuple):

@@ -135,14 +135,14 @@ def pose_error(robot: Robot, target: Any, form: Form | float | None, exact: tupl
     place, L = centre(J)
     L = L if 0.0 < L < inf else 1.0
     if form is not None:
-        form = form_of(form)
-        if isinstance(form, CarriedMetric):
+        chosen = form_of(form)
+        if isinstance(chosen, CarriedMetric):
             T = se3.exp(robot.sight(mid, wanted).error, check=False).dot(here)  # the target as a matrix
-            return _metric_error(robot, wanted, form, T, exact)
-        if not isinstance(form, PitchForm) or form.h == 0.0:
-            found = "h = 0" if isinstance(form, PitchForm) else "a complement"
+            return _metric_error(robot, wanted, chosen, T, exact)
+        if not isinstance(chosen, PitchForm) or chosen.h == 0.0:
+            found = "h = 0" if isinstance(chosen, PitchForm) else "a complement"
             raise BadInput("form", f"{found}, which measures no distance", "a pitch other than 0, or CarriedMetric")
-        L = abs(form.h)
+        L = abs(chosen.h)
     anchors = [np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)]
     point = anchors[0] if anchors else here[:3, :3].T.dot(place - here[:3, 3])
     return PoseError(robot, wanted, np.diag(np.repeat((L, 1.0), 3)), point, even=True, exact=exact)

@@ -4,8 +4,8 @@
 
 M is the form on measured twists, the wanted twist's own part U U'b is attempted whatever the form. In exact arithmetic
 A x = P b with P the form's projector; a spectrum of U'MU near zero beside U'|M|U (a principal pitch, a planar arm, |P|
-large) is filtered, and a direction that the arm is losing counts for as much of it as it can still do. So a form that cannot
-tell, or an arm at a singularity, fades to least squares without a jump.
+large) is filtered, and a direction that the arm is losing counts for as much of it as it can still do. So a form that
+cannot tell, or an arm at a singularity, fades to least squares without a jump.
 
 Descent: |b - A x|^2 = |r|^2 + |y|^2 where the attempt is met, so the least-squares decrease is kept to the share eta if
 |y|^2 <= (1 - eta) |U U'b|^2; y is shortened to that.

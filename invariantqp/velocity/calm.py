@@ -1,4 +1,4 @@
-"""What keeps a loop still where its target is out of reach, or at a singularity: damping that follows what a tick spoils.
+"""What keeps a loop still where its target is out of reach or near a singularity: damping by what a tick spoils.
 
     mu = CALM / 2 dt (|b - A x| + max(0, 1/2 dt |A| |x|^2 - |b|)) |A|
 

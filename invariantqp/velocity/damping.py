@@ -1,6 +1,6 @@
 """How much of each direction is given up near a singularity: lambda, from the singular values sigma of A = root J.
 
-    x = sum over i of  sigma_i / (sigma_i^2 + lambda_i^2)  v_i (u_i'b)  +  lambda_i^2 / (sigma_i^2 + lambda_i^2)  v_i (v_i'x_p)
+    x = sum over i of  v_i (sigma_i u_i'b + lambda_i^2 v_i'x_p) / (sigma_i^2 + lambda_i^2)
 
 which minimises |A x - b|^2 + sum of lambda_i^2 (v_i'(x - x_p))^2: the weaker a direction, the more of it goes to the
 posture x_p, and a direction that moves nothing goes to it whole. Each gain sigma^2 / (sigma^2 + lambda^2) lies in
@@ -9,15 +9,16 @@ posture x_p, and a direction that moves nothing goes to it whole. Each gain sigm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 
 # Damping sets in where a direction needs a thousand times the joint speed of the easiest one, and allows none to take
 # more than five thousand times. Limits keep velocities small long before; `examples/14_defaults.py` measures what other
@@ -49,17 +50,26 @@ class Damping(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Fixed:
-    """The same lambda everywhere [length; unit of root J]; 0 is no damping at all."""
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Fixed(Value):
+    """The same lambda everywhere.
+
+    Attributes:
+        value: lambda >= 0 [length; unit of root J]; 0 is no damping at all.
+    """
 
     value: float
 
-    def __post_init__(self) -> None:
-        value = arrays.number(self.value, "damping")
-        if value < 0.0:
-            raise BadInput("damping", f"{value:g}", "a number not below zero")
-        object.__setattr__(self, "value", value)
+    def __init__(self, value: float) -> None:
+        """A damping.
+
+        Args:
+            value: lambda >= 0 [length; unit of root J].
+
+        Raises:
+            BadInput: not a number, or below zero.
+        """
+        self.__attrs_init__(arrays.not_negative(value, "damping", "a number not below zero"))
 
     @property
     def threshold(self) -> float:
@@ -71,19 +81,33 @@ class Fixed:
         return np.full(len(sigma), self.value**2)
 
 
-@dataclass(frozen=True)
-class Adaptive:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Adaptive(Value):
     """No damping of directions with sigma >= threshold sigma_max; below, it grows smoothly to ceiling sigma_max.
 
     lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2), r_i = sigma_i / sigma_max.
+
+    Attributes:
+        threshold: share of the largest singular value, positive.
+        ceiling: likewise.
     """
 
-    threshold: float = DEFAULT_THRESHOLD
-    ceiling: float = DEFAULT_CEILING
+    threshold: float
+    ceiling: float
 
-    def __post_init__(self) -> None:
-        for name in ("threshold", "ceiling"):
-            object.__setattr__(self, name, arrays.number(getattr(self, name), name, positive=True))
+    def __init__(self, threshold: float = DEFAULT_THRESHOLD, ceiling: float = DEFAULT_CEILING) -> None:
+        """A policy.
+
+        Args:
+            threshold: share of the largest singular value, positive.
+            ceiling: likewise.
+
+        Raises:
+            BadInput: one that is not positive.
+        """
+        self.__attrs_init__(
+            arrays.number(threshold, "threshold", positive=True), arrays.number(ceiling, "ceiling", positive=True)
+        )
 
     def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:  # noqa: ARG002 (a policy's signature)
         """Zero away from singularities."""
@@ -92,8 +116,8 @@ class Adaptive:
         return left * left
 
 
-@dataclass(frozen=True)
-class Selective:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Selective(Value):
     """Each direction damped so that it contributes at most a given speed, and as `Adaptive` near zero.
 
     lambda_i^2 = max(adaptive_i^2, sigma_i (|u_i'b| / speed - sigma_i)), hence |v_i'x| <= speed along every v_i.
@@ -105,13 +129,23 @@ class Selective:
     Reference: Buss & Kim 2005 (SDLS).
     """
 
-    speed: float = 1.0
-    adaptive: Adaptive = Adaptive()
+    speed: float
+    adaptive: Adaptive
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "speed", arrays.number(self.speed, "speed", positive=True))
-        if not isinstance(self.adaptive, Adaptive):
-            raise BadInput("adaptive", repr(self.adaptive), "Adaptive(threshold, ceiling)")
+    def __init__(self, speed: float = 1.0, adaptive: Adaptive | None = None) -> None:
+        """A policy.
+
+        Args:
+            speed: what one direction may contribute [rad/s], positive.
+            adaptive: what is damped at least; None is `Adaptive()`.
+
+        Raises:
+            BadInput: a speed that is not positive, something that is not `Adaptive`.
+        """
+        least = Adaptive() if adaptive is None else adaptive
+        if not isinstance(least, Adaptive):
+            raise BadInput("adaptive", repr(adaptive), "Adaptive(threshold, ceiling)")
+        self.__attrs_init__(arrays.number(speed, "speed", positive=True), least)
 
     @property
     def threshold(self) -> float:
@@ -123,8 +157,8 @@ class Selective:
         return np.maximum(self.adaptive.squares(sigma, wanted, largest), sigma * (np.abs(wanted) / self.speed - sigma))
 
 
-@dataclass(frozen=True, eq=False)
-class PaperLambda:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class PaperLambda(Value):
     """[DS]'s own damping, x = (G + Lambda)^-1 g, kept to compare with. With Lambda = lambda I it is not damping.
 
     An eigenvalue of G in (-lambda, 0) gets the closed-loop gain mu / (mu + lambda) < 0 and mu = -lambda is a pole. The
@@ -137,15 +171,23 @@ class PaperLambda:
     Reference: [DS] Sect. 6.3, the damped formula.
     """
 
-    matrix: ArrayLike
+    matrix: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        Lambda = arrays.array(self.matrix, "matrix", "a symmetric (m, m) matrix, its diagonal, or a number")
+    def __init__(self, matrix: ArrayLike) -> None:
+        """A damping.
+
+        Args:
+            matrix: (m, m) symmetric, (m,) its diagonal, or a number [unit of G].
+
+        Raises:
+            BadInput: NaN, another shape, no symmetry.
+        """
+        Lambda = arrays.array(matrix, "matrix", "a symmetric (m, m) matrix, its diagonal, or a number")
         if not np.isfinite(Lambda).all():
             raise BadInput("matrix", "NaN or infinity", "finite numbers")
         if Lambda.ndim > 2 or (Lambda.ndim == 2 and not np.allclose(Lambda, Lambda.T, rtol=1e-9, atol=0.0)):
             raise BadInput("matrix", f"shape {Lambda.shape} or no symmetry", "a symmetric (m, m) matrix")
-        object.__setattr__(self, "matrix", Lambda.copy())
+        self.__attrs_init__(Lambda)
 
     def of_size(self, m: int) -> Array:
         """Lambda as an (m, m) matrix.
@@ -153,7 +195,7 @@ class PaperLambda:
         Raises:
             BadInput: it was given for another number of joints.
         """
-        Lambda = np.asarray(self.matrix)
+        Lambda = self.matrix
         Lambda = Lambda * np.eye(m) if Lambda.ndim == 0 else np.diag(Lambda) if Lambda.ndim == 1 else Lambda
         if Lambda.shape != (m, m):
             raise BadInput("damping", f"Lambda of shape {Lambda.shape}", f"shape ({m}, {m}), one row a joint")

@@ -9,23 +9,25 @@ the identity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.measure import root_at
 
 # Rows dependent to this share of the largest are one row; a demand that needs joints this much faster cannot be met.
 ROW_TOLERANCE = 1e-10
 
 
-@dataclass(frozen=True, eq=False)
-class ExactRows:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ExactRows(Value):
     """A x = b, met exactly, or along the same direction more slowly where limits forbid it.
 
     Attributes:
@@ -33,23 +35,28 @@ class ExactRows:
         b: (k,) demands.
         of_twist: (k, 6) D where the rows are parts of the twist, A = D J, zero for a row that is not; None for none.
             Rows in several units are then weighed by what they say of the twist, not by how they are written.
-
-    Raises:
-        BadInput: shapes that do not fit, NaN.
     """
 
-    A: ArrayLike
-    b: ArrayLike
-    of_twist: ArrayLike | None = None
+    A: Array = field(converter=own)
+    b: Array = field(converter=own)
+    of_twist: Array | None = field(converter=optional(own))
 
-    def __post_init__(self) -> None:
-        A = arrays.array(self.A, "A", "a (k, m) matrix")
-        if A.ndim != 2 or 0 in A.shape:
-            raise BadInput("A", f"shape {A.shape}", "(k, m), one row a demand")
-        object.__setattr__(self, "A", arrays.matrix(A, (None, A.shape[1]), "A"))
-        object.__setattr__(self, "b", arrays.vector(self.b, len(A), "b"))
-        if self.of_twist is not None:
-            object.__setattr__(self, "of_twist", arrays.matrix(self.of_twist, (len(A), 6), "of_twist"))
+    def __init__(self, A: ArrayLike, b: ArrayLike, of_twist: ArrayLike | None = None) -> None:
+        """Rows.
+
+        Args:
+            A: (k, m) rows on the joint velocity.
+            b: (k,) demands.
+            of_twist: (k, 6) D where A = D J, zero for a row that is no part of the twist.
+
+        Raises:
+            BadInput: shapes that do not fit, NaN.
+        """
+        rows = arrays.array(A, "A", "a (k, m) matrix")
+        if rows.ndim != 2 or 0 in rows.shape:
+            raise BadInput("A", f"shape {rows.shape}", "(k, m), one row a demand")
+        told = None if of_twist is None else arrays.matrix(of_twist, (len(rows), 6), "of_twist")
+        self.__attrs_init__(arrays.matrix(rows, (None, rows.shape[1]), "A"), arrays.vector(b, len(rows), "b"), told)
 
     def with_rows(self, others: ExactRows) -> ExactRows:
         """These rows and others, of the same joints.
@@ -57,13 +64,12 @@ class ExactRows:
         Raises:
             BadInput: rows on another number of joints.
         """
-        A, B = np.asarray(self.A), np.asarray(others.A)
-        if A.shape[1] != B.shape[1]:
-            raise BadInput("others", f"rows on {B.shape[1]} joints", f"rows on {A.shape[1]}")
+        if self.A.shape[1] != others.A.shape[1]:
+            raise BadInput("others", f"rows on {others.A.shape[1]} joints", f"rows on {self.A.shape[1]}")
         told = None
         if self.of_twist is not None or others.of_twist is not None:
             told = np.vstack([np.zeros((len(r.A), 6)) if r.of_twist is None else r.of_twist for r in (self, others)])
-        return ExactRows(np.vstack((A, B)), np.concatenate((np.asarray(self.b), np.asarray(others.b))), told)
+        return ExactRows(np.vstack((self.A, others.A)), np.concatenate((self.b, others.b)), told)
 
     @classmethod
     def of(cls, J: Array, told: Array, b: ArrayLike) -> ExactRows:
@@ -72,7 +78,7 @@ class ExactRows:
 
     def on(self, to_joint: Array | None) -> ExactRows:
         """The same rows on y, x = T y."""
-        return self if to_joint is None else ExactRows(np.asarray(self.A).dot(to_joint), self.b, self.of_twist)
+        return self if to_joint is None else ExactRows(self.A.dot(to_joint), self.b, self.of_twist)
 
     @classmethod
     def point(cls, J: ArrayLike, point: ArrayLike, velocity: ArrayLike) -> ExactRows:
@@ -147,10 +153,10 @@ def reduce(exact: ExactRows, root: Array) -> Reduction:
         exact: the rows on y.
         root: (6, 6) of the measure.
     """
-    C, e = np.asarray(exact.A), np.asarray(exact.b)
+    C, e = exact.A, exact.b
     whitened, wanted = C, e
     if exact.of_twist is not None:
-        told = np.linalg.solve(root.T, np.asarray(exact.of_twist).T).T
+        told = np.linalg.solve(root.T, exact.of_twist.T).T
         joints = ~told.any(axis=1)
         sizes, mix = np.linalg.eigh(told.dot(told.T) + np.diag(np.where(joints, (C * C).sum(axis=1), 0.0)))
         apart = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), np.finfo(float).tiny)

@@ -1,6 +1,7 @@
 """What is attempted of a twist that the joints cannot do: the part that a form leaves of it.
 
-    U a basis of the twists that the joints can do, r what is left of the twist:   U'Q (U y - r) = 0,   attempt s + U y - r
+    U a basis of the twists that the joints can do, r what is left of the twist:
+    U'Q (U y - r) = 0,   attempt s + U y - r
 
     PitchForm(h)             Q = Q_h, indefinite, the same in every frame: P_h s ([DS] Sect. 6.2)
     Complement(Z)            Q = KK', K'Z = 0: s projected along Z, what may be given up
@@ -13,15 +14,17 @@ out, and no rounding decides between two laws.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 
 # A singular value of Z below this fraction of the largest is a dependent twist.
@@ -30,7 +33,7 @@ COMPLEMENT_TOLERANCE = 1e-10
 
 @runtime_checkable
 class Form(Protocol):
-    """A symmetric form on twists that says what is attempted of a twist beyond the joints; implement it to bring one."""
+    """A symmetric form on twists: what is attempted of a twist beyond the joints. Implement it to bring one."""
 
     def matrix(self, inverse_root: Array) -> Array:
         """(6, 6) the form on measured twists t = root s: t'Mt = s'Qs, M = inverse_root' Q inverse_root."""
@@ -41,14 +44,8 @@ class Form(Protocol):
         ...
 
 
-def _set(frozen: object, **values: Any) -> None:
-    """Store what a frozen dataclass derives from its arguments, once, while it is made."""
-    for name, value in values.items():
-        object.__setattr__(frozen, name, value)
-
-
-@dataclass(frozen=True)
-class PitchForm:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class PitchForm(Value):
     """The invariant form Q_h of pitch h [length/rad]: s'Q_h s = 2 (omega.v - h omega.omega).
 
     What is attempted is P_h s: what is left of s is h-reciprocal to all that the joints can do. Large |h| puts
@@ -64,12 +61,21 @@ class PitchForm:
     """
 
     h: float
-    convexified: bool = False
+    convexified: bool
 
-    def __post_init__(self) -> None:
-        _set(self, h=finite_pitch(self.h))
-        if not isinstance(self.convexified, bool):
-            raise BadInput("convexified", repr(self.convexified), "True or False")
+    def __init__(self, h: float, *, convexified: bool = False) -> None:
+        """A form.
+
+        Args:
+            h: pitch [length/rad], finite.
+            convexified: True for [DS]'s own problem made convex.
+
+        Raises:
+            BadInput: an h that is no finite number, a convexified that is neither True nor False.
+        """
+        if not isinstance(convexified, bool):
+            raise BadInput("convexified", repr(convexified), "True or False")
+        self.__attrs_init__(finite_pitch(h), convexified)
 
     def matrix(self, inverse_root: Array) -> Array:
         """(6, 6) Q_h on measured twists."""
@@ -81,8 +87,8 @@ class PitchForm:
         return f"pitch form h = {self.h:.4g}"
 
 
-@dataclass(frozen=True, eq=False)
-class Complement:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Complement(Value):
     """Twists projected along a space Z of twists that may be given up: what is left of s + Z is what the arm can do.
 
     Where the arm can do all that is left, Jx = P s, P = J(K'J)^-1 K', K'Z = 0.
@@ -90,67 +96,79 @@ class Complement:
     Attributes:
         Z: (6, c) twists in the frame of J, independent; c + rank(J) = 6 makes the projector unique.
 
-    Raises:
-        BadInput: dependent columns, NaN.
-
     Reference: [DS] Sect. 6.2, P = J(K'J)^-1 K'.
     """
 
-    Z: ArrayLike
+    Z: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        Z = arrays.columns(self.Z, "Z")
-        sigma = np.linalg.svd(Z, compute_uv=False)
+    def __init__(self, Z: ArrayLike) -> None:
+        """A form.
+
+        Args:
+            Z: (6, c) twists in the frame of J, independent.
+
+        Raises:
+            BadInput: dependent columns, NaN.
+        """
+        twists = arrays.columns(Z, "Z")
+        sigma = np.linalg.svd(twists, compute_uv=False)
         rank = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
-        if rank < Z.shape[1]:
+        if rank < twists.shape[1]:
             raise BadInput(
-                "Z", f"{Z.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones."
+                "Z", f"{twists.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones."
             )
-        _set(self, Z=Z.copy())
+        self.__attrs_init__(twists)
 
     def matrix(self, inverse_root: Array) -> Array:
         """(6, 6) the projector on what is not given up, KK' with K orthonormal in the measure."""
-        measured = np.linalg.solve(inverse_root, np.asarray(self.Z))
+        measured = np.linalg.solve(inverse_root, self.Z)
         basis = np.linalg.qr(measured)[0]
-        return np.eye(6) - basis.dot(basis.T)
+        M: Array = np.eye(6) - basis.dot(basis.T)
+        return M
 
     def describe(self) -> str:
         """One phrase for reports."""
-        return f"projection along the given complement of dimension {np.shape(self.Z)[1]}"
+        return f"projection along the given complement of dimension {self.Z.shape[1]}"
 
 
-@dataclass(frozen=True, eq=False)
-class CarriedMetric:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class CarriedMetric(Value):
     """A positive-definite metric on twists carried by a body: s'Ws, with W given in the body's own frame.
 
     It takes the place of diag(L^2 I, I) at a point: what cannot be done is given up by least squares in it.
 
     Attributes:
-        matrix: (6, 6) symmetric positive definite, in the body's frame; a (6,) vector is its diagonal. The body's
-            inertia or a contact's stiffness, for instance.
-        pose: (4, 4) pose of the body's frame in the frame of J, or "tool" to have a controller put it at the tool in
-            every tick.
-
-    Raises:
-        BadInput: a matrix that is not positive definite, no pose.
+        matrix: (6, 6) symmetric positive definite, in the body's frame.
+        pose: (4, 4) pose of the body's frame in the frame of J, or None where a controller puts it at the tool in every
+            tick.
     """
 
-    matrix: ArrayLike
-    pose: ArrayLike | str = "tool"
-    _root: Array = field(init=False, repr=False)  # of W, in the body's frame
+    matrix: Array = field(converter=own)
+    pose: Array | None = field(converter=optional(own))
+    _root: Array = field(converter=own, eq=False, repr=False)  # of W, in the body's frame
 
-    def __post_init__(self) -> None:
-        W = arrays.positive_definite(self.matrix, 6, "matrix")
-        _set(self, matrix=W, _root=np.linalg.cholesky(W).T)
-        if not isinstance(self.pose, str):
-            _set(self, pose=arrays.pose(self.pose))
-        elif self.pose != "tool":
-            raise BadInput("pose", repr(self.pose), 'a (4, 4) pose or "tool"')
+    def __init__(self, matrix: ArrayLike, pose: ArrayLike | Literal["tool"] = "tool") -> None:
+        """A metric.
+
+        Args:
+            matrix: (6, 6) symmetric positive definite, in the body's frame; a (6,) vector is its diagonal. The body's
+                inertia or a contact's stiffness, for instance.
+            pose: (4, 4) pose of the body's frame in the frame of J, or "tool" to have a controller put it at the tool
+                in every tick.
+
+        Raises:
+            BadInput: a matrix that is not positive definite, no pose.
+        """
+        W = arrays.positive_definite(matrix, 6, "matrix")
+        if isinstance(pose, str) and pose != "tool":
+            raise BadInput("pose", repr(pose), 'a (4, 4) pose or "tool"')
+        where = None if isinstance(pose, str) else arrays.pose(pose)
+        self.__attrs_init__(W, where, np.asarray(np.linalg.cholesky(W).T, dtype=np.float64))
 
     @property
     def follows_tool(self) -> bool:
         """Whether a controller is to put it at the tool in every tick."""
-        return isinstance(self.pose, str)
+        return self.pose is None
 
     def root(self, tool: Array | None = None) -> Array:
         """(6, 6) with |root s|^2 = s'Ws for twists in the frame of J; `tool` (4, 4) is where it is if it follows it.
@@ -161,7 +179,7 @@ class CarriedMetric:
         pose = tool if self.follows_tool else self.pose
         if pose is None:
             raise BadInput("form", 'CarriedMetric(..., "tool")', "a CarriedMetric with a (4, 4) pose")
-        root: Array = self._root.dot(se3.inverse_adjoint(np.asarray(pose)))
+        root: Array = self._root.dot(se3.inverse_adjoint(pose))
         return root
 
     def describe(self) -> str:

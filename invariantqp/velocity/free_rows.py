@@ -16,7 +16,7 @@ from invariantqp.systems.centre import ROUNDING
 from invariantqp.systems.span import LENGTH_LIMIT
 from invariantqp.velocity.damping import Adaptive, Fixed
 from invariantqp.velocity.law import VelocityLaw
-from invariantqp.velocity.measure import own_point
+from invariantqp.velocity.measure import length_at, own_point
 from invariantqp.velocity.objective import NULL_RATIO
 from invariantqp.velocity.regular import ACCURATE_SHARE
 from invariantqp.velocity.solve import MET_TOLERANCE, PROGRESS_SHARE
@@ -68,7 +68,7 @@ def measures(J: Array, s: Array, point: Array | None, length: float | None) -> A
     """(N, 6, 6) roots of diag(L^2 I, I) at a point (3,) or (N, 3), or at each row's own point; L is its reach."""
     n = len(J)
     p = _own_points(J, s) if point is None else np.broadcast_to(point, (n, 3))
-    L = _reaches(J, p) if length is None else np.full(n, length)
+    L = _reaches(J, s, p) if length is None else np.full(n, length)
     roots = np.zeros((n, 6, 6))
     for i in range(3):
         roots[:, i, i], roots[:, i + 3, i + 3] = L, 1.0
@@ -84,9 +84,8 @@ def _own_points(J: Array, s: Array) -> Array:
     spread = np.matmul(w, w.transpose(0, 2, 1))
     trace = np.trace(spread, axis1=1, axis2=2)
     S = trace[:, None, None] * np.eye(3) - spread
-    certain = (np.linalg.det(S) > WELL_POSED * (2.0 * trace) ** 3) & (
-        (v * v).sum(axis=(1, 2)) <= trace * LENGTH_LIMIT**2
-    )
+    slow = (v * v).sum(axis=(1, 2)) <= trace * LENGTH_LIMIT**2
+    certain: Mask = np.asarray(np.linalg.det(S) > WELL_POSED * (2.0 * trace) ** 3) & slow
     S[~certain] = np.eye(3)
     points: Array = np.linalg.solve(S, b[:, :, None])[:, :, 0]
     for i in np.flatnonzero(~certain).tolist():
@@ -94,7 +93,7 @@ def _own_points(J: Array, s: Array) -> Array:
     return points
 
 
-def _reaches(J: Array, points: Array) -> Array:
+def _reaches(J: Array, s: Array, points: Array) -> Array:
     """`length_at` for all rows: the broken line from the point to its foot on each turning axis, the last one first."""
     n, _, m = J.shape
     here, length, size = points.copy(), np.zeros(n), np.sqrt((points * points).sum(axis=1))
@@ -107,7 +106,9 @@ def _reaches(J: Array, points: Array) -> Array:
         here = here + leg
         length += np.sqrt((leg * leg).sum(axis=1))
         size = np.where(turns, np.maximum(size, far / rate[:, 0]), size)
-    return np.where(length > ROUNDING * size, length, 1.0)
+    for i in np.flatnonzero(length <= ROUNDING * size).tolist():
+        length[i] = length_at(J[i], points[i], s[i])
+    return length
 
 
 def _dot(A: Array, x: Array) -> Array:
@@ -145,7 +146,7 @@ def _regular(A: Array, b: Array, posture: Array | None, threshold: float) -> tup
 def _spectral(damping: Adaptive | Fixed, A: Array, b: Array, posture: Array | None) -> tuple[Mask, Array]:
     """`least_squares` for all rows, and where damping takes nothing and something is achieved."""
     n, _, m = A.shape
-    good = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(b).all(axis=1)
+    good: Mask = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(b).all(axis=1))
     U, singular, Vt = np.linalg.svd(np.where(good[:, None, None], A, 0.0))
     k = singular.shape[1]
     largest = singular[:, :1]

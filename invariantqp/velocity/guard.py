@@ -14,12 +14,14 @@ Where standing still is allowed f(x_W) >= f(0) = 0: the error never grows to fir
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, sqrt
+
+from attrs import frozen
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value
 
 # Half of what least squares would gain: a form keeps its own way wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
@@ -27,24 +29,29 @@ DEFAULT_FRACTION = 0.5
 ROUNDING = 1e-13
 
 
-@dataclass(frozen=True)
-class Guard:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Guard(Value):
     """What a form must at least achieve, measured at the point.
 
     Attributes:
-        fraction: eta in [0, 1], the share of the least-squares decrease that is asked for; 1 is least squares.
-
-    Raises:
-        BadInput: a fraction out of range.
+        fraction: eta in [0, 1], the share of the least-squares decrease that is asked for.
     """
 
-    fraction: float = DEFAULT_FRACTION
+    fraction: float
 
-    def __post_init__(self) -> None:
-        fraction = arrays.number(self.fraction, "fraction")
-        if not 0.0 <= fraction <= 1.0:
-            raise BadInput("fraction", f"{fraction:g}", "a number from 0 to 1")
-        object.__setattr__(self, "fraction", fraction)
+    def __init__(self, fraction: float = DEFAULT_FRACTION) -> None:
+        """A guard.
+
+        Args:
+            fraction: eta in [0, 1]; 1 is least squares.
+
+        Raises:
+            BadInput: a fraction out of range.
+        """
+        share = arrays.number(fraction, "fraction")
+        if not 0.0 <= share <= 1.0:
+            raise BadInput("fraction", f"{share:g}", "a number from 0 to 1")
+        self.__attrs_init__(share)
 
 
 def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float) -> float:

@@ -90,9 +90,9 @@ class VelocityLaw:
     @cached_property
     def to_joint(self) -> Array | None:
         """(m, m) T with T'MT = I for the joint metric M: x = T y."""
-        return None if self.metric is None else np.linalg.inv(np.linalg.cholesky(self.metric)).T
+        return None if self.metric is None else np.asarray(np.linalg.inv(np.linalg.cholesky(self.metric)).T, np.float64)
 
     @cached_property
     def from_joint(self) -> Array | None:
         """(m, m) the inverse of T."""
-        return None if self.metric is None else np.linalg.cholesky(self.metric).T
+        return None if self.metric is None else np.asarray(np.linalg.cholesky(self.metric).T, np.float64)

@@ -12,12 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.centre import centre, reach
-
-# A length this short is rounding, whatever the unit: of arms some metres long, or some thousand millimetres.
-SMALL = 1e-12
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.centre import ROUNDING, centre, reach
+from invariantqp.systems.span import LENGTH_LIMIT
 
 
 def root_at(point: Array, length: float) -> Array:
@@ -37,10 +35,23 @@ def own_point(J: Array, s: Array | None = None) -> Array:
     return centre(J, s).point
 
 
-def length_at(J: Array, point: Array) -> float:
-    """L: the arm's reach to the point; where no axis is away from it, |v at the point| per |omega|; else one unit."""
-    far = reach(J, point)
-    if far > 0.0:
-        return far
-    turning, sliding = np.linalg.norm(J[:3]), np.linalg.norm(se3.velocity_at(J, point))
-    return float(sliding / turning) if turning > 0.0 and sliding > SMALL * turning else 1.0
+def length_at(J: Array, point: Array, s: Array | None = None) -> float:
+    """L: the arm's reach to the point; where no axis is away from it, |v_p| / |omega| of the joints, or of the twist.
+
+    Where those, too, say nothing it is one unit of length, and the unit then changes no answer.
+
+    Args:
+        J: (6, m) joint twists, the joint at the base first.
+        point: (3,).
+        s: (6,) the twist wanted, or None.
+    """
+    return reach(J, point) or ratio(J, point) or (0.0 if s is None else ratio(s, point)) or 1.0
+
+
+def ratio(twists: Array, point: Array) -> float:
+    """|v_p| / |omega| of one twist or several; 0.0 where one of them is zero, but for rounding."""
+    rate, speed = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(velocity_at(twists, point)))
+    moment = max(float(np.linalg.norm(twists[3:])), rate * float(np.linalg.norm(point)))
+    if speed <= ROUNDING * moment or rate * LENGTH_LIMIT <= speed:
+        return 0.0
+    return speed / rate

@@ -1,7 +1,8 @@
 """What one tick minimises, over the velocities z that exact rows leave free: a convex quadratic known by its root.
 
     1/2 |A z - b|^2 + 1/2 sum of lambda_i^2 (v_i'(z - z_p))^2  =  1/2 |K (z - z*)|^2 + constant
-    A = U diag(sigma) V',   K = diag(sqrt(sigma^2 + lambda^2)) V',   z* = V (sigma U'b + lambda^2 V'z_p) / (sigma^2 + lambda^2)
+    A = U diag(sigma) V',   K = diag(sqrt(sigma^2 + lambda^2)) V'
+    z* = V (sigma U'b + lambda^2 V'z_p) / (sigma^2 + lambda^2)
 
 What `damping` leaves of a direction goes to the posture z_p, and a direction that moves nothing goes to it whole. z*
 is the answer where no limit is met; K says what limits cost, so the law is continuous as they come and go. K has the
@@ -69,7 +70,9 @@ class Objective(NamedTuple):
         return self._replace(weights=weights, optimum=self.optimum * (self.weights / weights))
 
 
-def least_squares(A: Array, b: Array, posture: Array | None, damping: Damping) -> Objective:
+def least_squares(
+    A: Array, b: Array, posture: Array | None, damping: Damping, largest: float | None = None
+) -> Objective:
     """The damped least-squares objective.
 
     Args:
@@ -77,6 +80,8 @@ def least_squares(A: Array, b: Array, posture: Array | None, damping: Damping) -
         b: (6,) measured twist wanted of them.
         posture: (n,) z_p; None is zero.
         damping: the policy.
+        largest: singular value that all others are compared with, that of all joints where rows leave some directions
+            free only; None is the largest of A.
     """
     n = A.shape[1]
     if n == 0:
@@ -84,14 +89,18 @@ def least_squares(A: Array, b: Array, posture: Array | None, damping: Damping) -
     U, singular, Vt, info = lapack.dgesdd(A)
     if info != 0:
         raise np.linalg.LinAlgError(f"dgesdd returned {info}")
-    k, largest = len(singular), float(singular[0])
+    k = len(singular)
+    if largest is None:
+        largest = float(singular[0])
     wanted, sigma = np.zeros(n), np.zeros(n)
     wanted[:k] = b.dot(U[:, :k])
     sigma[:k] = singular
     towards = np.zeros(n) if posture is None else Vt.dot(posture)
     if largest == 0.0:
         return Objective(Vt.T, np.ones(n), towards, ratio=0.0)
-    null = sigma <= NULL_RATIO * largest
+    moving = np.minimum(np.maximum(sigma / (NULL_RATIO * largest) - 1.0, 0.0), 1.0)  # fades in, for no jump
+    sigma *= moving
+    null = moving == 0.0
     squares = damping.squares(sigma, wanted, largest)
     squares[null] = np.maximum(squares[null], NULL_WEIGHT * largest * largest)
     weights = sigma * sigma + squares

@@ -35,8 +35,9 @@ class Posed(NamedTuple):
         reduction: what exact rows leave, or None.
         damping: the policy.
         pitch: of [DS]'s problem made convex, or None.
-        J: (6, m) joint twists on y, for that.
-        s: (6,) the twist, for that.
+        largest: singular value of A, where rows leave only some directions free; None where all are.
+        J: (6, m) joint twists on y, for [DS]'s problem.
+        s: (6,) the twist, likewise.
     """
 
     A: Array
@@ -46,6 +47,7 @@ class Posed(NamedTuple):
     reduction: Reduction | None
     damping: Damping
     pitch: float | None
+    largest: float | None
     J: Array
     s: Array
 
@@ -61,7 +63,8 @@ class Posed(NamedTuple):
             posture = (posture - origin).dot(B)
         if self.pitch is not None:
             return convexified(self.J.dot(B), share * self.s - self.J.dot(origin), self.pitch, posture, self.damping)
-        return least_squares(self.A.dot(B), share * self.attempt - self.A.dot(origin), posture, self.damping)
+        wanted = share * self.attempt - self.A.dot(origin)
+        return least_squares(self.A.dot(B), wanted, posture, self.damping, self.largest)
 
     def joint(self, z: Array, share: float) -> Array:
         """(m,) y of z."""
@@ -94,15 +97,17 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     J = demand.J if T is None else demand.J.dot(T)
     A, wanted = demand.root.dot(J), demand.root.dot(demand.s)
     posture = demand.posture if law.from_joint is None or demand.posture is None else law.from_joint.dot(demand.posture)
-    reduction = None
+    reduction, largest = None, None
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(T), demand.root)
+        largest = float(np.linalg.norm(A, 2))
     pitch = law.form.h if isinstance(law.form, PitchForm) and law.form.convexified else None
     attempt = wanted
     if law.form is not None and pitch is None:
         fraction = None if law.guard is None else law.guard.fraction
-        attempt = attempted(law.form, np.linalg.inv(demand.root), A, wanted, damping, fraction)
-    return Posed(A, wanted, attempt, posture, reduction, damping, pitch, J, demand.s)
+        inverse_root = np.asarray(np.linalg.inv(demand.root), np.float64)
+        attempt = attempted(law.form, inverse_root, A, wanted, damping, fraction)
+    return Posed(A, wanted, attempt, posture, reduction, damping, pitch, largest, J, demand.s)
 
 
 def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Cone | None]:

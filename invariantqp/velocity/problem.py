@@ -98,8 +98,18 @@ class VelocityProblem:
         Args:
             J: (6, m) joint twists (omega; v) as columns, in any one frame.
             twist: (6,) wanted twist in the same frame [rad/s; length/s].
-            form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length: as
-                `VelocityOptions` tells.
+            form: as `VelocityOptions` tells, like all the others.
+            damping: likewise.
+            bounds: (m,) lower and upper.
+            exact: on m joints.
+            joint_metric: (m, m) or (m,).
+            backend: a name or a solver.
+            guard: a guard, True or False.
+            posture: (m,) [rad/s, length/s].
+            rows: on m joints.
+            tool_speed: its point in the frame of J.
+            point: (3,) in the frame of J, or "own".
+            length: [length/rad].
 
         Raises:
             BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
@@ -151,7 +161,7 @@ def measure_of(
         raise BadInput("point", repr(point), '"own" or (3,) in the frame of J')
     named = point is not None and not isinstance(point, str)
     p = arrays.vector(point, 3, "point") if named else own_point(J, s)  # type: ignore[arg-type]
-    L = length_at(J, p) if length is None else arrays.number(length, "length", "a length", positive=True)
+    L = length_at(J, p, s) if length is None else arrays.number(length, "length", "a length", positive=True)
     if isinstance(form, CarriedMetric):
         return Measure(form.root(), p, L, None)
     return Measure(root_at(p, L), p, L, form)

@@ -30,8 +30,8 @@ class MethodChoice(NamedTuple):
         method: "closed-form", "damped" or "qp".
         reason: in words.
         damping: lambda that would be used [length].
-        conditioning: smallest singular value of the measured joint twists over the largest, in [0, 1]: the distance from
-            a singularity.
+        conditioning: smallest singular value of the measured joint twists over the largest, in [0, 1]: how far from a
+            singularity.
     """
 
     method: str
@@ -50,8 +50,8 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
     Args:
         J: (6, m) joint twists (omega; v) as columns, in any one frame, the joint at the base first.
         twist: (6,) wanted twist in the same frame [rad/s; length/s].
-        options: form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length: as
-            `VelocityOptions` tells.
+        options: form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length,
+            as `VelocityOptions` tells.
 
     Returns:
         VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.

@@ -11,25 +11,26 @@ achieved is removed before the next is solved, x = x_1 + B z with J_1 B = 0, so 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.attempt import attempted
-from invariantqp.velocity.damping import PaperLambda
+from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.exact import ROW_TOLERANCE, reduce
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import minimise_in_cone
 from invariantqp.velocity.objective import least_squares
-from invariantqp.velocity.problem import VelocityProblem, measure_of
+from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.quadratic import Quadratic, weighted
 from invariantqp.velocity.share import share_of
@@ -50,37 +51,57 @@ REFUSED = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class TwistTask:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class TwistTask(Value):
     """Move one body of the arm with a twist.
 
     Attributes:
         J: (6, m) joint twists of that body; zero columns for joints that do not move it.
         twist: (6,) wanted, in the frame of J.
-        form: as in `solve_velocity`.
+        form: what is attempted beyond the joints, or None.
         weight: share in its level's sum [1], positive.
         priority: level, 0 first.
-        point: as in `solve_velocity`.
+        point: (3,) at which a twist that cannot be achieved is missed by least.
+        measure: how twists are measured there.
     """
 
-    J: ArrayLike
-    twist: ArrayLike
-    form: Form | CarriedMetric | float | None = None
-    weight: float = 1.0
-    priority: int = 0
-    point: ArrayLike | str | None = None
+    J: Array = field(converter=own)
+    twist: Array = field(converter=own)
+    form: Form | CarriedMetric | None
+    weight: float
+    priority: int
+    point: Array = field(converter=own)
+    measure: Measure = field(eq=False, repr=False)
 
-    def __post_init__(self) -> None:
-        J, twist = arrays.columns(self.J), arrays.twist(self.twist)
-        form = form_of(self.form)
-        measure = measure_of(J, twist, form, self.point, None)
-        checked = {"J": J, "twist": twist, "form": form, "weight": _weight(self.weight), "_measure": measure}
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+    def __init__(
+        self,
+        J: ArrayLike,
+        twist: ArrayLike,
+        form: Form | CarriedMetric | float | None = None,
+        weight: float = 1.0,
+        priority: int = 0,
+        point: ArrayLike | str | None = None,
+    ) -> None:
+        """A task.
+
+        Args:
+            J: (6, m) joint twists of the body; zero columns for joints that do not move it.
+            twist: (6,) wanted, in the frame of J.
+            form: as in `solve_velocity`.
+            weight: share in its level's sum [1], positive.
+            priority: level, 0 first.
+            point: as in `solve_velocity`.
+
+        Raises:
+            BadInput: NaN, shapes that do not fit, a weight that is not positive, something that is no form or point.
+        """
+        twists, wanted, chosen = arrays.columns(J), arrays.twist(twist), form_of(form)
+        measure = measure_of(twists, wanted, chosen, point, None)
+        self.__attrs_init__(twists, wanted, chosen, _weight(weight), priority, measure.point, measure)
 
 
-@dataclass(frozen=True, eq=False)
-class JointTask:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class JointTask(Value):
     """Move the joints themselves: towards a posture, gain (q_wanted - q), or zero for little motion.
 
     Attributes:
@@ -89,13 +110,22 @@ class JointTask:
         priority: level, 0 first.
     """
 
-    velocity: ArrayLike
-    weight: float = 1.0
-    priority: int = 0
+    velocity: Array = field(converter=own)
+    weight: float
+    priority: int
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "velocity", arrays.vector(self.velocity, None, "velocity"))
-        object.__setattr__(self, "weight", _weight(self.weight))
+    def __init__(self, velocity: ArrayLike, weight: float = 1.0, priority: int = 0) -> None:
+        """A task.
+
+        Args:
+            velocity: (m,) wanted [rad/s, length/s].
+            weight: share in its level's sum, positive.
+            priority: level, 0 first.
+
+        Raises:
+            BadInput: NaN, a weight that is not positive.
+        """
+        self.__attrs_init__(arrays.vector(velocity, None, "velocity"), _weight(weight), priority)
 
 
 def _weight(weight: float) -> float:
@@ -109,8 +139,8 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
 
     Args:
         tasks: of one arm, any order; those of one priority are weighed against each other.
-        options: damping, bounds, exact, joint_metric, backend, rows, tool_speed as `VelocityOptions` tells. form, point,
-            length and posture belong to a task.
+        options: damping, bounds, exact, joint_metric, backend, rows, tool_speed, as `VelocityOptions` tells. form,
+            point, length and posture belong to a task.
 
     Returns:
         VelocitySolution; residual is that of the first twist task of the highest level, zero where there is none.
@@ -131,26 +161,28 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
             raise BadInput(f"tasks[{i}]", f"{_joints(task, i)} joints", f"{m}, as in tasks[0]")
     levels = [list(g) for _, g in groupby(sorted(tasks, key=lambda t: t.priority), key=lambda t: t.priority)]
     first = next((t for level in levels for t in level if isinstance(t, TwistTask)), None)
-    J, s = (np.zeros((6, m)), np.zeros(6)) if first is None else (np.asarray(first.J), np.asarray(first.twist))
+    J, s = (np.zeros((6, m)), np.zeros(6)) if first is None else (first.J, first.twist)
     problem = VelocityProblem.of(J, s, **options)
     law, demand = problem.law, problem.demand
     if isinstance(law.damping, PaperLambda):
         raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
     try:
-        return _solved(levels, law, demand)
+        return _solved(levels, law, demand, law.damping)
     except SolverFailure as failure:
         return held(demand, f"no velocity found: {failure}")
 
 
 def _joints(task: TwistTask | JointTask, i: int) -> int:
     if isinstance(task, TwistTask):
-        return np.shape(task.J)[1]
+        return int(task.J.shape[1])
     if isinstance(task, JointTask):
-        return len(np.asarray(task.velocity))
+        return len(task.velocity)
     raise BadInput(f"tasks[{i}]", repr(task), "a TwistTask or a JointTask")
 
 
-def _solved(levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand: Demand) -> VelocitySolution:
+def _solved(
+    levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand: Demand, damping: Damping
+) -> VelocitySolution:
     m = len(demand.lower)
     T = np.eye(m) if law.to_joint is None else law.to_joint
     limits = given_way(law, demand)
@@ -165,7 +197,7 @@ def _solved(levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand:
             break
         cone = None if limits.cone is None else limits.cone.on(origin, B)
         found = minimise_in_cone(
-            law.backend, _sum(level, origin, B, T, law, share), limits.polytope.on(origin, B), cone
+            law.backend, _sum(level, origin, B, T, damping, share), limits.polytope.on(origin, B), cone
         )
         origin = origin + B.dot(found.z)
         B = B.dot(_left(level, T.dot(B)))
@@ -185,7 +217,7 @@ def _solved(levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand:
 
 
 def _sum(
-    level: list[TwistTask | JointTask], origin: Array, B: Array, T: Array, law: VelocityLaw, share: float
+    level: list[TwistTask | JointTask], origin: Array, B: Array, T: Array, damping: Damping, share: float
 ) -> Quadratic:
     """The weighted sum of a level's objectives over z."""
     n = B.shape[1]
@@ -193,25 +225,26 @@ def _sum(
     for task in level:
         weight = sqrt(task.weight)
         if isinstance(task, TwistTask):
-            measure = task._measure  # type: ignore[attr-defined]  # noqa: SLF001 (set by itself, once)
-            A = measure.root.dot(np.asarray(task.J)).dot(T)
-            b = measure.root.dot(np.asarray(task.twist))
+            measure = task.measure
+            A = measure.root.dot(task.J).dot(T)
+            b = measure.root.dot(task.twist)
             if measure.form is not None:
-                b = attempted(measure.form, np.linalg.inv(measure.root), A, b, law.damping, None)  # type: ignore[arg-type]
-            objective = least_squares(A.dot(B), share * b - A.dot(origin), None, law.damping)  # type: ignore[arg-type]
+                inverse_root = np.asarray(np.linalg.inv(measure.root), np.float64)
+                b = attempted(measure.form, inverse_root, A, b, damping, None)
+            objective = least_squares(A.dot(B), share * b - A.dot(origin), None, damping, float(np.linalg.norm(A, 2)))
             K = objective.root()
             roots.append(weight * K)
             wanted.append(weight * K.dot(objective.centre()))
         else:
             roots.append(weight * np.eye(n))
-            wanted.append(weight * B.T.dot(np.linalg.solve(T, np.asarray(task.velocity)) - origin))
+            wanted.append(weight * B.T.dot(np.linalg.solve(T, task.velocity) - origin))
     return weighted(np.vstack(roots), np.concatenate(wanted))
 
 
 def _left(level: list[TwistTask | JointTask], B: Array) -> Array:
     """(n, k) what of z the level leaves free: it moves none of its bodies."""
     n = B.shape[1]
-    told = [t._measure.root.dot(np.asarray(t.J)).dot(B) for t in level if isinstance(t, TwistTask)]  # type: ignore[attr-defined]  # noqa: SLF001
+    told = [t.measure.root.dot(t.J).dot(B) for t in level if isinstance(t, TwistTask)]
     if len(told) < len(level):  # a joint task says it all
         return np.empty((n, 0))
     _, sigma, Vt = np.linalg.svd(np.vstack(told))

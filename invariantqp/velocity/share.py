@@ -83,17 +83,17 @@ def share_of(
 
     first = (inside - start).dot(basis)
 
-    def best(nu: float) -> Optimum:
+    def best(nu: float, near: Optimum | None = None) -> Optimum:
         rows = np.vstack((only, np.sqrt(REGULARISATION + nu) * np.eye(n)))
         wanted = np.zeros(len(rows))
         wanted[0] = length
-        return minimise_in_cone(backend, weighted(rows, wanted), room, slow, first)
+        return minimise_in_cone(backend, weighted(rows, wanted), room, slow, first, near)
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
     nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort
     if nu > REGULARISATION:
-        found = best(nu)
+        found = best(nu, found)
     value = min(max(found.z[0] / length, 0.0), 1.0)
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import same
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
 
@@ -43,6 +44,16 @@ class VelocitySolution(NamedTuple):
     backend: str
     multipliers: Array | None = None
     row_multipliers: Array | None = None
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all fields are equal, arrays number by number."""
+        return type(other) is VelocitySolution and all(map(same, self, other))
+
+    def __ne__(self, other: object) -> bool:  # a tuple has one of its own
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash((*self.velocity.tolist(), self.method, self.status, self.reason))
 
 
 def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:

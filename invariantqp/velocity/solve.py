@@ -81,7 +81,7 @@ def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolu
 
 def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution:
     """The answer as it may be commanded, with its status and reason."""
-    met = answer.multipliers is not None or answer.share < 1.0
+    met = answer.found is not None or answer.share < 1.0
     method = "qp" if met else "damped" if answer.objective.damping > 0.0 else "closed-form"
     x, active = clipped(demand, _shortened(demand, answer.y))
     residual = demand.s - demand.J.dot(x)
@@ -115,7 +115,7 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
         said.append(f"at the limits of {named(list(active), len(demand.lower))}")
     status = "degraded" if troubles or lost else "scaled" if answer.share < 1.0 else "ok"
     m, k = len(x), 0 if demand.rows is None else len(np.asarray(demand.rows.C))
-    costs = answer.multipliers
+    costs = None if answer.found is None else answer.found.multipliers
     return VelocitySolution(
         velocity=x,
         method=method,
@@ -126,7 +126,7 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
         scale=answer.share,
         damping=objective.damping,
         guard=answer.blended,
-        backend=answer.backend,
+        backend="" if answer.found is None else answer.found.backend,
         multipliers=None if costs is None else costs[:m],
         row_multipliers=None if costs is None or not k else costs[m : m + k],
     )
@@ -140,7 +140,7 @@ def _is_rounding(A: Array, b: Array, x: Array) -> bool:
     """Whether what x leaves of the twist is rounding."""
     r = b - A.dot(x)
     missed = float(r.dot(r))
-    return missed <= MET_TOLERANCE**2 * b.dot(b) or missed <= PRODUCT_ROUNDING**2 * np.vdot(A, A) * x.dot(x)
+    return bool(missed <= MET_TOLERANCE**2 * b.dot(b) or missed <= PRODUCT_ROUNDING**2 * np.vdot(A, A) * x.dot(x))
 
 
 def _shortened(demand: Demand, x: Array) -> Array:

@@ -26,7 +26,7 @@ from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Posed, limits_of
 from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.polytope import Polytope, named
-from invariantqp.velocity.qp.quadratic import Quadratic
+from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
 from invariantqp.velocity.share import share_of
 
 # A demand of exact rows that the joints cannot meet by more than this, relative, has a direction that they cannot keep.
@@ -42,8 +42,7 @@ class Answer(NamedTuple):
         y: (m,) the velocity, in the joints' own metric.
         share: of the exact rows' speed.
         objective: what was minimised last.
-        multipliers: (k,) of the polytope on y; None where no limit is met.
-        backend: the solver that answered, "" without one.
+        found: the optimum of the QP, with multipliers (k,) of the polytope on y; None where no limit is met.
         blended: share of least squares that the guard put in.
         troubles: what was not as asked, in words.
         held_by: the limits that slow the exact rows down, in words.
@@ -52,8 +51,7 @@ class Answer(NamedTuple):
     y: Array
     share: float
     objective: Objective
-    multipliers: Array | None
-    backend: str
+    found: Optimum | None
     blended: float
     troubles: tuple[str, ...]
     held_by: str
@@ -90,13 +88,13 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         limits, room = Limits(*limits_of(law, demand), (), y), Room(problem, 1.0, y, "")
-        first = Answer(y, 1.0, objective, None, "", 0.0, (), "")
+        first = Answer(y, 1.0, objective, None, 0.0, (), "")
     else:
         limits = given_way(law, demand)
         room = _room(law, problem, limits, len(demand.lower))
         first = _minimised(law, room, limits, room.problem.objective(room.share))
     mu = _calm(law, room, first)
-    answer = first if mu == 0.0 else _minimised(law, room, limits, first.objective.calmed(mu))
+    answer = first if mu == 0.0 else _minimised(law, room, limits, first.objective.calmed(mu), first)
     return _guarded(law, room, limits, answer, mu)
 
 
@@ -146,16 +144,20 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
     return Room(problem, share.value, share.velocity, " and ".join(filter(None, by)))
 
 
-def _minimised(law: VelocityLaw, room: Room, limits: Limits, objective: Objective) -> Answer:
-    """The objective's optimum inside the limits."""
+def _minimised(
+    law: VelocityLaw, room: Room, limits: Limits, objective: Objective, near: Answer | None = None
+) -> Answer:
+    """The objective's optimum inside the limits; `near` is that of an objective like it."""
     problem, share = room.problem, room.share
     polytope, cone = problem.limits(limits.polytope, share), problem.cone(limits.cone, share)
     quadratic = Quadratic(objective.root(), objective.centre())
-    found = minimise_in_cone(law.backend, quadratic, polytope, cone, problem.free(room.inside, share))
-    troubles = (*limits.troubles, f"{found.trouble}; solved by {found.backend}") if found.trouble else limits.troubles
-    multipliers = found.multipliers if found.multipliers.any() else None
-    y = problem.joint(found.z, share)
-    return Answer(y, share, objective, multipliers, found.backend, 0.0, troubles, room.held_by)
+    begin = None if near is None else near.found
+    found = minimise_in_cone(law.backend, quadratic, polytope, cone, problem.free(room.inside, share), begin)
+    troubles = limits.troubles if near is None else near.troubles
+    if found.trouble:
+        troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
+    met = found.nu > 0.0 or bool(found.multipliers.any())
+    return Answer(problem.joint(found.z, share), share, objective, found if met else None, 0.0, troubles, room.held_by)
 
 
 def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:

@@ -8,14 +8,14 @@ empty, never a jump.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 
 
 def _limit(value: ArrayLike, argument: str) -> Array:
@@ -37,34 +37,39 @@ def accelerations(value: ArrayLike, m: int) -> Array:
     return a
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Bounds(Value):
     """Joint velocity limits, lower <= x <= upper.
 
     Attributes:
         lower: (m,) [rad/s, length/s], -inf where there is none.
         upper: (m,) likewise, +inf where there is none.
-
-    Raises:
-        BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
     """
 
-    lower: ArrayLike
-    upper: ArrayLike
+    lower: Array = field(converter=own)
+    upper: Array = field(converter=own)
 
-    def __post_init__(self) -> None:
-        lower, upper = _limit(self.lower, "lower"), _limit(self.upper, "upper")
-        if lower.shape != upper.shape:
-            raise BadInput("upper", f"{len(upper)} limits", f"{len(lower)}, one for each lower limit")
-        crossed = lower > upper
+    def __init__(self, lower: ArrayLike, upper: ArrayLike) -> None:
+        """Limits.
+
+        Args:
+            lower: (m,) [rad/s, length/s], -inf where there is none.
+            upper: (m,) likewise, +inf where there is none.
+
+        Raises:
+            BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
+        """
+        low, high = _limit(lower, "lower"), _limit(upper, "upper")
+        if low.shape != high.shape:
+            raise BadInput("upper", f"{len(high)} limits", f"{len(low)}, one for each lower limit")
+        crossed = low > high
         if crossed.any():
             i = int(crossed.argmax())
-            found = f"lower {lower[i]:g} above upper {upper[i]:g} at joint {i}"
+            found = f"lower {low[i]:g} above upper {high[i]:g} at joint {i}"
             raise BadInput("lower", found, "lower <= upper for every joint", "No velocity satisfies both.")
-        if (lower == np.inf).any() or (upper == -np.inf).any():
+        if (low == np.inf).any() or (high == -np.inf).any():
             raise BadInput("lower", "a lower limit of +inf or an upper limit of -inf", "a box with points in it")
-        object.__setattr__(self, "lower", lower)
-        object.__setattr__(self, "upper", upper)
+        self.__attrs_init__(low, high)
 
 
 def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bounds:
@@ -79,13 +84,13 @@ def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bo
         bounds = Bounds(*bounds)
     if not isinstance(bounds, Bounds):
         raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper), (lower, upper), or None")
-    if len(np.asarray(bounds.lower)) != m:
-        raise BadInput("bounds", f"{len(np.asarray(bounds.lower))} limits", f"{m}, one for each column of J")
+    if len(bounds.lower) != m:
+        raise BadInput("bounds", f"{len(bounds.lower)} limits", f"{m}, one for each column of J")
     return bounds
 
 
-@dataclass(frozen=True, eq=False)
-class JointBox:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class JointBox(Value):
     """The box that keeps q + x dt inside its limits at |x| <= v_max, or on the way back there.
 
     Attributes:
@@ -93,33 +98,44 @@ class JointBox:
         position_upper: (m,).
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
         dt: [s].
-        margin: distance kept from position limits [rad, length]; a range too short for it shrinks to its middle.
     """
 
-    position_lower: Array
-    position_upper: Array
-    velocity_limit: Array
+    position_lower: Array = field(converter=own)
+    position_upper: Array = field(converter=own)
+    velocity_limit: Array = field(converter=own)
     dt: float
-    margin: float = 0.0
+    # What the limits allow in one tick from q = 0, so that a tick subtracts and clips and nothing else.
+    _rate: Array = field(converter=own, eq=False, repr=False)
+    _low: Array = field(converter=own, eq=False, repr=False)
+    _high: Array = field(converter=own, eq=False, repr=False)
+    _slowest: Array = field(converter=own, eq=False, repr=False)
 
-    def __post_init__(self) -> None:
-        if self.margin:
-            kept = np.minimum(self.margin, 0.5 * (self.position_upper - self.position_lower))
-            lower = self.position_lower + kept
-            object.__setattr__(self, "position_lower", lower)
-            object.__setattr__(self, "position_upper", np.maximum(self.position_upper - kept, lower))
-        # What the limits allow in one tick from q = 0, so that a tick subtracts and clips and nothing else.
-        object.__setattr__(self, "_rate", np.full(len(self.velocity_limit), 1.0 / self.dt))
-        object.__setattr__(self, "_low", self.position_lower / self.dt)
-        object.__setattr__(self, "_high", self.position_upper / self.dt)
-        object.__setattr__(self, "_slowest", -self.velocity_limit)
+    def __init__(
+        self, position_lower: Array, position_upper: Array, velocity_limit: Array, dt: float, margin: float = 0.0
+    ) -> None:
+        """Limits that are checked already.
+
+        Args:
+            position_lower: (m,) [rad, length], -inf where there is none.
+            position_upper: (m,).
+            velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
+            dt: [s].
+            margin: distance kept from position limits [rad, length]; a range too short for it shrinks to its middle.
+        """
+        low, high = position_lower, position_upper
+        if margin:
+            kept = np.minimum(margin, 0.5 * (high - low))
+            low = low + kept
+            high = np.maximum(high - kept, low)
+        rate = np.full(len(velocity_limit), 1.0 / dt)
+        self.__attrs_init__(low, high, velocity_limit, dt, rate, low / dt, high / dt, -velocity_limit)
 
     def at(self, q: Array) -> tuple[Array, Array]:
         """(lower, upper), each (m,), at joint positions q (m,)."""
-        place = q * self._rate  # type: ignore[attr-defined]
-        back, ahead = self._slowest, self.velocity_limit  # type: ignore[attr-defined]
-        lower = np.minimum(np.maximum(self._low - place, back), ahead)  # type: ignore[attr-defined]
-        upper = np.maximum(np.minimum(self._high - place, ahead), back)  # type: ignore[attr-defined]
+        place = q * self._rate
+        back, ahead = self._slowest, self.velocity_limit
+        lower = np.minimum(np.maximum(self._low - place, back), ahead)
+        upper = np.maximum(np.minimum(self._high - place, ahead), back)
         return lower, upper
 
     def room(self, q: Array) -> tuple[Array, Array]:

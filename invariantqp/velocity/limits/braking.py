@@ -14,12 +14,13 @@ Where they contradict each other the box is still not empty, and says at which j
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from attrs import field, frozen
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.limits.box import JointBox
 
 # Limits that contradict each other by less than this, relative to what the acceleration allows in a tick and to the
@@ -43,8 +44,8 @@ class BrakingBounds(NamedTuple):
     strained: tuple[tuple[int, str], ...]
 
 
-@dataclass(frozen=True, eq=False)
-class BrakingBox:
+@frozen(eq=False, repr=False, slots=False)
+class BrakingBox(Value):
     """The box of position, velocity and acceleration limits.
 
     Attributes:
@@ -53,7 +54,7 @@ class BrakingBox:
     """
 
     box: JointBox
-    acceleration: Array
+    acceleration: Array = field(converter=own)
 
     def at(self, q: Array, before: Array) -> BrakingBounds:
         """The box at joint positions q (m,), coming from the joint velocity `before` (m,)."""

@@ -1,9 +1,10 @@
 """The QP inside a speed limit |start + J z| <= limit, by the limit's one multiplier.
 
-    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits, nu >= 0 that makes the speed the limit
+    minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits,
+    nu >= 0 such that the speed is the limit
 
 Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J'
-three by three, and nu a root of one scalar equation; the QP with that nu says whether those limits are the active ones.
+three by three, and nu a root of one scalar equation; the QP with that nu says whether those are the active ones.
 """
 
 from __future__ import annotations
@@ -24,13 +25,15 @@ from invariantqp.velocity.qp.scaling import scaled
 CONE_TOLERANCE = 1e-9
 # Less than this of the point's velocity, relative, is rounding.
 FIXED_TOLERANCE = 1e-13
-# Sets of active limits tried before the multiplier is bisected, and bisections.
-MOST_FACES = 8
-MOST_BISECTIONS = 60
+# Multipliers tried, at most, and how often the range is bisected instead of solved for on the limits active now.
+MOST_MULTIPLIERS = 150
+BISECTED = 4
 # Newton's steps for the multiplier on one face: |v(nu)|^-1 is nearly linear in nu, a few reach rounding.
 NEWTON_STEPS = 20
-# A multiplier that shrinks the easiest direction this many times: the limit is out of reach on the face.
-BEYOND = 1e100
+# A multiplier with which the cone's term outweighs the rest by this factor can do no more: the limit is out of reach.
+MOST_SHARE = 1e8
+# A multiplier that is too small is followed by one this many times as large.
+GROWTH = 10.0
 
 
 class Cone(NamedTuple):
@@ -74,43 +77,74 @@ class Cone(NamedTuple):
 
 
 def minimise_in_cone(
-    backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array | None = None
+    backend: Backend,
+    problem: Quadratic,
+    limits: Polytope,
+    cone: Cone | None,
+    inside: Array | None = None,
+    near: Optimum | None = None,
 ) -> Optimum:
-    """The optimum inside limits and cone, both on z; `inside` (n,) is a z inside both, where one is known.
+    """The optimum inside limits and cone, both on z.
+
+    Args:
+        backend: the solver asked first.
+        problem: what is minimised.
+        limits: on z.
+        cone: likewise, or None.
+        inside: (n,) a z inside both, where one is known.
+        near: the optimum of a problem like this one inside the same limits.
 
     Raises:
         SolverFailure: as `minimise`; `.infeasible` where exact rows alone are too fast.
     """
-    first = minimise(backend, problem, limits, inside)
-    if cone is None or cone.nearly_allows(first.z):
-        return first
+    nu = 0.0 if near is None or cone is None else near.nu
+    found = _with_multiplier(backend, problem, limits, cone, nu, inside, near)
+    if cone is None or (nu == 0.0 and cone.nearly_allows(found.z)):
+        return found
     if not cone.J.any():
         raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
+    trouble = ""
     if cone.program is not None:
         try:
             return _programmed(cone.program, problem, limits, cone)
         except SolverFailure as failure:
             if failure.infeasible:
                 raise
-            return _by_multiplier(backend, problem, limits, cone, first, inside)._replace(trouble=str(failure))
-    return _by_multiplier(backend, problem, limits, cone, first, inside)
-
-
-def _by_multiplier(
-    backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, inside: Array | None
-) -> Optimum:
-    low, high = 0.0, inf
-    for attempt in range(MOST_FACES + MOST_BISECTIONS):
-        nu = _on_face(problem, limits, cone, found) if attempt < MOST_FACES else inf
-        if not low < nu < high:
-            nu = 0.5 * (low + high) if high < inf else max(2.0 * low, _unit(problem, cone))
-        root = sqrt(nu)
-        found = minimise(backend, problem.plus(root * cone.J, -root * cone.start), limits, inside)
+            trouble = str(failure)
+    low, high, unit = 0.0, inf, _unit(problem, cone)
+    for attempt in range(1, MOST_MULTIPLIERS):
         speed = cone.speed(found.z)
         if abs(speed - cone.limit) <= CONE_TOLERANCE * cone.limit:
+            return found._replace(trouble=trouble or found.trouble)
+        low, high = (found.nu, high) if speed > cone.limit else (low, found.nu)
+        nu = _on_face(problem, limits, cone, found, MOST_SHARE * unit)
+        if nu == low == 0.0 and attempt == 1:
+            found = minimise(backend, problem, limits, inside, found)
+            if cone.nearly_allows(found.z):
+                return found
+            continue
+        if attempt % BISECTED == 0 or not low < nu < high:
+            nu = 0.5 * (low + high) if high < inf else max(GROWTH * low, unit)
+        if nu > MOST_SHARE * unit:
             break
-        low, high = (nu, high) if speed > cone.limit else (low, nu)
-    return found
+        found = _with_multiplier(backend, problem, limits, cone, nu, inside, found)
+    return _slowed(cone, found, inside)._replace(trouble=trouble or found.trouble)
+
+
+def _with_multiplier(
+    backend: Backend,
+    problem: Quadratic,
+    limits: Polytope,
+    cone: Cone | None,
+    nu: float,
+    inside: Array | None,
+    near: Optimum | None,
+) -> Optimum:
+    """The optimum inside the limits where the cone is a cost."""
+    if cone is None or nu == 0.0:
+        return minimise(backend, problem, limits, inside, near)
+    root = sqrt(nu)
+    return minimise(backend, problem.plus(root * cone.J, -root * cone.start), limits, inside, near)._replace(nu=nu)
 
 
 def _unit(problem: Quadratic, cone: Cone) -> float:
@@ -118,8 +152,19 @@ def _unit(problem: Quadratic, cone: Cone) -> float:
     return float(np.vdot(problem.K, problem.K) / np.vdot(cone.J, cone.J))
 
 
-def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum) -> float:
-    """The multiplier at which the point has the limit's speed while the limits active now stay so."""
+def _slowed(cone: Cone, found: Optimum, inside: Array | None) -> Optimum:
+    """The velocity on the way to one that is inside at which the speed is the limit."""
+    if inside is None or cone.nearly_allows(found.z):
+        return found
+    start, step = cone.velocity(found.z), cone.J.dot(inside - found.z)
+    a, b, c = float(step.dot(step)), float(start.dot(step)), float(start.dot(start)) - cone.limit**2
+    root = sqrt(max(0.0, b * b - a * c)) - b  # of a t^2 + 2 b t + c = 0, the smaller t
+    share = min(max(c / root, 0.0), 1.0) if root > 0.0 else 1.0
+    return found._replace(z=found.z + share * (inside - found.z))
+
+
+def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, most: float) -> float:
+    """The multiplier at which the point has the limit's speed while the limits active now stay so; inf beyond most."""
     K, centre = problem
     free = face(limits, found.multipliers, len(centre))
     if not free.shape[1]:
@@ -146,7 +191,7 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum) -
         # Newton on 1 / |v|: from below, it never overshoots.
         ahead = square / slope * (sqrt(square / wanted) - 1.0)
         nu += ahead
-        if nu * float(gains[-1]) > BEYOND:
+        if nu > most:
             return inf
         if ahead <= np.finfo(float).eps * nu:
             break

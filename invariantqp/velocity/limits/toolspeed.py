@@ -7,21 +7,22 @@ Kept by its one multiplier inside the QP (`limits.cone`), or given as the cone i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.qp.cones import Cvxpy
 
 
-@dataclass(frozen=True, eq=False)
-class ToolSpeed:
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ToolSpeed(Value):
     """The speed limit of a point of the tool.
 
     It gives way, by the least, where joint limits or rows force the tool to move faster; the status says so.
@@ -30,25 +31,30 @@ class ToolSpeed:
         limit: [length/s].
         point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
         exact: True to give the second-order cone itself to CVXPY (slower, the same answer).
-
-    Raises:
-        BadInput: a limit that is not positive, a point that is none.
-        MissingExtra: exact without CVXPY.
     """
 
     limit: float
-    point: ArrayLike | None = None
-    exact: bool = False
-    _program: Cvxpy | None = field(init=False, repr=False, default=None)
+    point: Array | None = field(converter=optional(own))
+    exact: bool
+    _program: Cvxpy | None = field(eq=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "limit", arrays.number(self.limit, "limit", "a speed", positive=True))
-        if self.point is not None:
-            object.__setattr__(self, "point", arrays.vector(self.point, 3, "point"))
-        if not isinstance(self.exact, bool):
-            raise BadInput("exact", repr(self.exact), "True or False")
-        if self.exact:
-            object.__setattr__(self, "_program", Cvxpy())
+    def __init__(self, limit: float, point: ArrayLike | None = None, *, exact: bool = False) -> None:
+        """A speed limit.
+
+        Args:
+            limit: [length/s], positive.
+            point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
+            exact: True to give the second-order cone itself to CVXPY (slower, the same answer).
+
+        Raises:
+            BadInput: a limit that is not positive, a point that is none.
+            MissingExtra: exact without CVXPY.
+        """
+        speed = arrays.number(limit, "limit", "a speed", positive=True)
+        where = None if point is None else arrays.vector(point, 3, "point")
+        if not isinstance(exact, bool):
+            raise BadInput("exact", repr(exact), "True or False")
+        self.__attrs_init__(speed, where, exact, Cvxpy() if exact else None)
 
     def cone(self, J: Array, point: Array) -> Cone:
         """The cone for joint twists J (6, m) and the point (3,) in the frame of J."""

@@ -25,6 +25,8 @@ from invariantqp.velocity.qp.scaling import BoxQP, scaled
 CLOSE = 1e-7
 # What an answer may be outside a limit by, relative to the limits' size; it is clipped.
 FEASIBLE = 1e-9
+# Active sets tried from those of a problem nearby, before a solver is asked.
+MENDED = 3
 
 
 class Quadratic(NamedTuple):
@@ -50,17 +52,25 @@ class Optimum(NamedTuple):
     Attributes:
         z: (n,).
         multipliers: (k,) y, zero where the limit is not active (`active` tells their sign).
-        backend: the solver; "" where none was asked.
+        backend: the solver; "" where none had to be asked.
         trouble: what went wrong on the way, "" for nothing.
+        nu: multiplier of the speed limit, where there is one; 0 where it is not active.
     """
 
     z: Array
     multipliers: Array
     backend: str = ""
     trouble: str = ""
+    nu: float = 0.0
 
 
-def minimise(backend: Backend, problem: Quadratic, limits: Polytope, inside: Array | None = None) -> Optimum:
+def minimise(
+    backend: Backend,
+    problem: Quadratic,
+    limits: Polytope,
+    inside: Array | None = None,
+    near: Optimum | None = None,
+) -> Optimum:
     """The optimum inside the limits.
 
     Args:
@@ -68,6 +78,8 @@ def minimise(backend: Backend, problem: Quadratic, limits: Polytope, inside: Arr
         problem: what is minimised.
         limits: on z; infinite where there is none.
         inside: (n,) a z inside the limits, where one is known: then there always is an answer.
+        near: the optimum of a problem like this one inside the same limits: no solver is asked where the limits active
+            there pass the check here.
 
     Raises:
         SolverFailure: nobody found an answer; `.infeasible` when a solver says that there is none.
@@ -80,6 +92,11 @@ def minimise(backend: Backend, problem: Quadratic, limits: Polytope, inside: Arr
     if not len(centre):
         _check_constant(lower, upper, np.abs(limits.lower) + np.abs(limits.upper))
         return Optimum(centre, np.zeros(len(value)))
+    if near is not None and near.multipliers.any():
+        side = np.sign(near.multipliers).astype(np.intp)
+        answer = _checked(K, limits.A, lower, upper, side, MENDED)
+        if answer is not None:
+            return Optimum(centre + answer[0], answer[1], near.backend)
     qp, rows, size = scaled(K, limits.A, lower, upper)
     if len(rows) < len(value):
         still = np.ones(len(value), dtype=bool)
@@ -96,7 +113,7 @@ def minimise(backend: Backend, problem: Quadratic, limits: Polytope, inside: Arr
         d, multipliers[rows] = from_inside(K, A, lower, upper, inside - centre)
         said = "" if failure.infeasible else str(failure)
         return Optimum(centre + d, multipliers, "active set", said)
-    answer = _checked(K, A, lower, upper, _sides(qp, found.z))
+    answer = _checked(K, A, lower, upper, _sides(qp, found.z), len(rows))
     if answer is None and inside is not None:
         answer = from_inside(K, A, lower, upper, inside - centre)
     if answer is None:
@@ -127,10 +144,12 @@ def _sides(qp: BoxQP, z: Array) -> Sides:
     return np.where(value >= qp.upper - CLOSE, 1, np.where(value <= qp.lower + CLOSE, -1, 0))
 
 
-def _checked(K: Array, A: Array | None, lower: Array, upper: Array, side: Sides) -> tuple[Array, Array] | None:
+def _checked(
+    K: Array, A: Array | None, lower: Array, upper: Array, side: Sides, tries: int
+) -> tuple[Array, Array] | None:
     """The optimum d and its multipliers, the active set mended where the check asks for it; None where that fails."""
     edge = FEASIBLE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
-    for _ in range(len(side)):
+    for _ in range(tries):
         try:
             d, y = on_active(K, A, lower, upper, side)
         except np.linalg.LinAlgError:

@@ -1,0 +1,61 @@
+"""Arms of every kind as joint twists, the axes where a designer or an adversary would put them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from support.random_systems import motion
+
+import invariantqp as iq
+
+# What each kind is; `arm` makes one with m joints.
+KINDS = ("general", "planar", "scara", "parallel", "concurrent", "nearly concurrent", "gantry", "mixed", "repeated")
+Z = np.array((0.0, 0.0, 1.0))
+
+
+class Arm(NamedTuple):
+    """Joint twists J (6, m) in some frame, which joints slide (m,), and a point (3,) of the tool."""
+
+    J: np.ndarray
+    slides: np.ndarray
+    point: np.ndarray
+
+    def seen_from(self, T):
+        """The same arm in another frame."""
+        return Arm(iq.adjoint(T) @ self.J, self.slides, T[:3, :3] @ self.point + T[:3, 3])
+
+    def in_units(self, unit):
+        """The same arm with lengths in another unit, `unit` of them to one of the old; slides move in it, too."""
+        lengths = np.repeat((1.0, unit), 3)
+        return Arm(lengths[:, None] * self.J / self.joints_in(unit), self.slides, unit * self.point)
+
+    def joints_in(self, unit):
+        """(m,) what takes joint velocities to the new unit."""
+        return np.where(self.slides, unit, 1.0)
+
+
+def arm(rng, kind, m):
+    """A random arm of the kind with m joints, moved by a random rigid motion."""
+    slides = np.zeros(m, dtype=bool)
+    axes = rng.normal(size=(m, 3))
+    points = rng.uniform(-0.7, 0.7, size=(m, 3))
+    if kind in {"planar", "scara", "parallel"}:
+        axes = np.tile(Z, (m, 1)) * rng.choice((-1.0, 1.0), size=(m, 1))
+    if kind == "planar":
+        points[:, 2] = 0.0
+    if kind == "scara":
+        slides[-1] = True
+    if kind in {"concurrent", "nearly concurrent"}:
+        points[:] = points[0]
+        points += 1e-3 * rng.normal(size=(m, 3)) if kind == "nearly concurrent" else 0.0
+    if kind == "gantry":
+        slides[:] = True
+    if kind == "mixed":
+        slides[rng.integers(m)] = True
+    if kind == "repeated":
+        axes[m // 2 :], points[m // 2 :] = axes[0], points[0]
+    columns = [
+        iq.se3.prismatic(u) if slide else iq.revolute(u, p) for u, p, slide in zip(axes, points, slides, strict=True)
+    ]
+    return Arm(np.column_stack(columns), slides, rng.uniform(-1.0, 1.0, size=3)).seen_from(motion(rng, 1.0))
