@@ -111,8 +111,8 @@ class HybridController:
                 the base frame.
             force_first: whether W'Jx = W's are exact rows. They cost time only where the arm cannot achieve all of s:
                 at limits, near singularities, with fewer than six joints.
-            options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without a point,
-                what cannot be achieved is missed by least at the point of contact.
+            options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without a
+                point, what cannot be achieved is missed by least at the point of contact.
 
         Raises:
             BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.

@@ -43,7 +43,7 @@ def test_acceleration_velocity_and_position_limits_hold_on_the_way_to_a_target_o
     target = iq.transform(translation=(3.0, 0.0, 1.0))
     q, _ = drive(controller, np.zeros(6), target, 400, each)
     assert np.abs(q).max() > 0.9  # it got to a limit
-    assert all("joint" not in s.reason.split("at the limits")[0] for s in seen)  # nothing contradicted itself
+    assert not any(s.reason.startswith("joint ") for s in seen)  # nothing contradicted itself
 
 
 def test_limits_that_contradict_each_other_are_named_by_joint():

@@ -103,19 +103,24 @@ def minimise_in_cone(
         return found
     if not cone.J.any():
         raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
-    trouble = ""
-    if cone.program is not None:
-        try:
-            return _programmed(cone.program, problem, limits, cone)
-        except SolverFailure as failure:
-            if failure.infeasible:
-                raise
-            trouble = str(failure)
+    if cone.program is None:
+        return _by_multiplier(backend, problem, limits, cone, found, inside)
+    try:
+        return _programmed(cone.program, problem, limits, cone)
+    except SolverFailure as failure:
+        if failure.infeasible:
+            raise
+        return _by_multiplier(backend, problem, limits, cone, found, inside)._replace(trouble=str(failure))
+
+
+def _by_multiplier(
+    backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, inside: Array | None
+) -> Optimum:
     low, high, unit = 0.0, inf, _unit(problem, cone)
     for attempt in range(1, MOST_MULTIPLIERS):
         speed = cone.speed(found.z)
         if abs(speed - cone.limit) <= CONE_TOLERANCE * cone.limit:
-            return found._replace(trouble=trouble or found.trouble)
+            return found
         low, high = (found.nu, high) if speed > cone.limit else (low, found.nu)
         nu = _on_face(problem, limits, cone, found, MOST_SHARE * unit)
         if nu == low == 0.0 and attempt == 1:
@@ -128,7 +133,7 @@ def minimise_in_cone(
         if nu > MOST_SHARE * unit:
             break
         found = _with_multiplier(backend, problem, limits, cone, nu, inside, found)
-    return _slowed(cone, found, inside)._replace(trouble=trouble or found.trouble)
+    return _slowed(cone, found, inside)
 
 
 def _with_multiplier(
