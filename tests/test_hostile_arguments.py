@@ -22,7 +22,7 @@ NOT_CALLED = {
     "NullPlane PenroseConditions PointMotion PoseSolution Recommendation Sighting StationaryPoint Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
-    "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError UnitsMixed "
+    "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
     "UnknownName",
     "what a back end is given, and protocols": f"BoxQP {PROTOCOLS}",
     "decoded from a file by pydantic, which has errors of its own": "LawSpec Task",
@@ -31,8 +31,8 @@ NOT_CALLED = {
 }
 # Public methods that are not called here, and why.
 INNER = {
-    "called in a tick, with arguments that were checked before": "CarriedMetric.gram_data Complement.gram_data "
-    "PitchForm.gram_data Guard.scene LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
+    "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
+    "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
     "Selective.squares ToolSpeed.cone ExactPoint.rows ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight "
     "Chain.points InvariantFrameTask.compute_qp_objective",
 }
@@ -65,7 +65,6 @@ def failure(function, arguments, names=()):
     """What is wrong with the answer to a call, "" where nothing is."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.simplefilter("ignore", iq.velocity.UnitsMixed)
         try:
             function(**arguments)
         except iq.BadInput as error:

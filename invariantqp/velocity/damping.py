@@ -9,13 +9,14 @@ posture x_p, and a direction that moves nothing goes to it whole. Each gain sigm
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -144,7 +145,7 @@ class Selective(Value):
         """
         least = Adaptive() if adaptive is None else adaptive
         if not isinstance(least, Adaptive):
-            raise BadInput("adaptive", repr(adaptive), "Adaptive(threshold, ceiling)")
+            raise BadInput("adaptive", excerpt(adaptive), "Adaptive(threshold, ceiling)")
         self.__attrs_init__(arrays.number(speed, "speed", positive=True), least)
 
     @property
@@ -212,8 +213,8 @@ def damping_of(damping: Damping | PaperLambda | float | None, *, limited: bool) 
         return Adaptive() if limited else Adaptive(UNLIMITED_THRESHOLD, UNLIMITED_CEILING)
     if isinstance(damping, (Damping, PaperLambda)):
         return damping
-    if isinstance(damping, bool) or not isinstance(damping, (int, float, np.number)):
+    if isinstance(damping, bool) or not isinstance(damping, Real):
         raise BadInput(
-            "damping", repr(damping), "a number, Adaptive(), Fixed(...), Selective(...) or a policy of yours"
+            "damping", excerpt(damping), "a number, Adaptive(), Fixed(...), Selective(...) or a policy of yours"
         )
-    return Fixed(float(damping))
+    return Fixed(damping)
