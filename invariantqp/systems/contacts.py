@@ -126,7 +126,9 @@ def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, s
     Raises:
         BadInput: NaN, a zero normal, an edge parallel to it.
     """
-    return Contact(LINE if arrays.flag(slip, "slip") else ROLLING_LINE, contact_frame(point, normal, direction, "direction"))
+    return Contact(
+        LINE if arrays.flag(slip, "slip") else ROLLING_LINE, contact_frame(point, normal, direction, "direction")
+    )
 
 
 def face_contact(
