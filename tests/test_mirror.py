@@ -1,0 +1,26 @@
+"""tests/ has the folders of the package, and what tests a file lies in the file's folder or in one above it."""
+
+from pathlib import Path
+
+import invariantqp as iq
+
+PACKAGE, TESTS = Path(iq.__file__).parent, Path(__file__).parent
+# Tests of the whole, and what tests use.
+OTHERS = {"benchmarks", "properties", "support", "typing"}
+FILES = [file.relative_to(TESTS) for file in TESTS.rglob("test_*.py") if file.relative_to(TESTS).parts[0] not in OTHERS]
+
+
+def test_every_folder_is_one_of_the_package():
+    assert {str(file.parent) for file in FILES if not (PACKAGE / file.parent).is_dir()} == set()
+
+
+def test_a_test_named_as_a_file_lies_with_it():
+    home = {}
+    for file in PACKAGE.rglob("*.py"):
+        home.setdefault(f"test_{file.name}", []).append(file.relative_to(PACKAGE).parent)
+    stray = [
+        file
+        for file in FILES
+        if file.name in home and not any(place.is_relative_to(file.parent) for place in home[file.name])
+    ]
+    assert stray == []
