@@ -1,4 +1,4 @@
-"""tests/ has the folders of the package, and what tests a file lies in the file's folder or in one above it."""
+"""tests/ has the folders of the package; what tests a file or a folder lies beside it, or in a folder above."""
 
 from pathlib import Path
 
@@ -16,8 +16,8 @@ def test_every_folder_is_one_of_the_package():
 
 def test_a_test_named_as_a_file_lies_with_it():
     home = {}
-    for file in PACKAGE.rglob("*.py"):
-        home.setdefault(f"test_{file.name}", []).append(file.relative_to(PACKAGE).parent)
+    for place in (*PACKAGE.rglob("*.py"), *(file.parent for file in PACKAGE.rglob("*/__init__.py"))):
+        home.setdefault(f"test_{place.stem}.py", []).append(place.relative_to(PACKAGE).parent)
     stray = [
         file
         for file in FILES
