@@ -16,8 +16,11 @@ def test_every_folder_is_one_of_the_package():
 
 def test_a_test_named_as_a_file_lies_with_it():
     home = {}
-    for place in (*PACKAGE.rglob("*.py"), *(file.parent for file in PACKAGE.rglob("*/__init__.py"))):
-        home.setdefault(f"test_{place.stem}.py", []).append(place.relative_to(PACKAGE).parent)
+    for file in PACKAGE.rglob("*.py"):
+        folder, name = file.relative_to(PACKAGE).parent, file.name
+        home.setdefault(f"test_{name}", set()).add(folder)
+        if name == "__init__.py":
+            home.setdefault(f"test_{folder.name}.py", set()).update((folder, folder.parent))
     stray = [
         file
         for file in FILES
