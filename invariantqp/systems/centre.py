@@ -149,8 +149,8 @@ def reach(J: ArrayLike, point: ArrayLike) -> float:
 def settled(resting: Resting, Z: Array, unit: float) -> Array:
     """The point (3,) that the twists of a space move least, among the points that the arm's joints move equally little.
 
-    The sum runs over the rotations in Z, each of unit omega, and leaves out of each velocity what a translation in Z can
-    cancel. So neither a basis of Z nor a frame changes the point.
+    The sum runs over the rotations in Z, each of unit omega, and leaves out of each velocity what a translation in Z
+    can cancel. So neither a basis of Z nor a frame changes the point.
 
     Args:
         resting: the points that the joints move least.
