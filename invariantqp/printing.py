@@ -91,7 +91,7 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
     excess, speed = figures["limit_violation"], figures["peak_speed"]
     yield f"largest excess over a limit: {excess:.1e}; largest joint speed: {speed:.3g} (SI units)"
     if figures["form"]:
-        yield f"twists are measured by the {figures['form']}"
+        yield f"attempted of a twist beyond the joints: by the {figures['form']}"
     yield f"methods: {_shares(figures['methods'])}; statuses: {_shares(figures['statuses'])}"
     for warning in figures["warnings"]:
         yield f"[yellow]note:[/yellow] {escape(warning)}"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
@@ -43,7 +43,7 @@ class ToolMeasure:
             BadInput: a point or length that is none.
         """
         if isinstance(point, str) and point != "own":
-            raise BadInput("point", repr(point), '"own" or (3,) in the tool frame')
+            raise BadInput("point", excerpt(point), '"own" or (3,) in the tool frame')
         self.point: Array | None = None if isinstance(point, str) else np.zeros(3)
         if point is not None and not isinstance(point, str):
             self.point = arrays.vector(point, 3, "point")

@@ -70,7 +70,7 @@ class Fixed(Value):
         Raises:
             BadInput: not a number, or below zero.
         """
-        self.__attrs_init__(arrays.not_negative(value, "damping", "a number not below zero"))
+        self.__attrs_init__(arrays.not_negative(value, "value", "lambda"))
 
     @property
     def threshold(self) -> float:
@@ -186,7 +186,8 @@ class PaperLambda(Value):
         Lambda = arrays.array(matrix, "matrix", "a symmetric (m, m) matrix, its diagonal, or a number")
         if not np.isfinite(Lambda).all():
             raise BadInput("matrix", "NaN or infinity", "finite numbers")
-        if Lambda.ndim > 2 or (Lambda.ndim == 2 and not np.allclose(Lambda, Lambda.T, rtol=1e-9, atol=0.0)):
+        square = Lambda.ndim < 2 or Lambda.shape == Lambda.T.shape
+        if Lambda.ndim > 2 or not square or not np.allclose(Lambda, Lambda.T, rtol=1e-9, atol=0.0):
             raise BadInput("matrix", f"shape {Lambda.shape} or no symmetry", "a symmetric (m, m) matrix")
         self.__attrs_init__(Lambda)
 
@@ -217,4 +218,4 @@ def damping_of(damping: Damping | PaperLambda | float | None, *, limited: bool) 
         raise BadInput(
             "damping", excerpt(damping), "a number, Adaptive(), Fixed(...), Selective(...) or a policy of yours"
         )
-    return Fixed(damping)
+    return Fixed(arrays.not_negative(damping, "damping", "lambda"))

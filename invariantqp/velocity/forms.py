@@ -209,4 +209,4 @@ def form_of(form: Form | CarriedMetric | float | None) -> Form | CarriedMetric |
     if isinstance(form, bool) or not isinstance(form, Real):
         expected = "a pitch h, PitchForm(h), CarriedMetric(matrix, pose), Complement(Z), or None"
         raise BadInput("form", excerpt(form), expected)
-    return PitchForm(form)
+    return PitchForm(finite_pitch(form, "form"))

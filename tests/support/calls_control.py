@@ -100,7 +100,7 @@ CONTROL = {
     "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q}),
     "Controller.follow": lambda: (
         controller().follow,
-        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None},
+        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None, "at": POINT},
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
