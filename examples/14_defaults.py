@@ -1,4 +1,4 @@
-"""Why the defaults are what they are: each is varied by itself over random tasks on ten arms, and what it costs is told.
+"""Why the defaults are what they are: each is varied by itself over random tasks on ten arms, and its costs told.
 
     python examples/14_defaults.py              300 tasks, under ten minutes on two cores
     python examples/14_defaults.py --tasks 20   a first look
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,7 +106,7 @@ def pitched(robot: Any) -> dict[str, Any]:
     return {"form": reach(robot)}
 
 
-def guarded(name: str, guard: Any) -> Choice:
+def guarded(name: str, *, guard: Any) -> Choice:
     """A guard of the pitch form."""
     return Choice(name, lambda r: {"guard": guard, **pitched(r)})
 
@@ -160,9 +161,9 @@ STUDY: dict[str, tuple[tuple[Choice, ...], Callable[[int], bool]]] = {
     "guard of a pitch form: share of what least squares gains": (
         (
             Choice("0.5", pitched),
-            guarded("none", False),
-            guarded("0.9", iq.velocity.Guard(0.9)),
-            guarded("1", iq.velocity.Guard(1.0)),
+            guarded("none", guard=False),
+            guarded("0.9", guard=iq.velocity.Guard(0.9)),
+            guarded("1", guard=iq.velocity.Guard(1.0)),
         ),
         lambda _: True,
     ),
@@ -198,7 +199,7 @@ def random_task(number: int) -> Task:
             q[i][joint] = edge + rng.uniform(0.05, 0.3) * out
     speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2.0)
     # A leg q0 to q1 along (1 - cos) / 2 has its largest speed, pi / 2 of the mean, in the middle.
-    least = max(0.5 * np.pi * float((np.abs(b - a) / speed).max()) for a, b in zip(q, q[1:]))
+    least = max(0.5 * np.pi * float((np.abs(b - a) / speed).max()) for a, b in pairwise(q))
     leg = np.clip(least * (rng.uniform(0.6, 0.9) if kind == "too fast" else 1.5), 0.5, 1.2)
     u = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, round(leg / DT) + 1))[:, None]
     return Task(robot, np.vstack((q[0] + u * (q[1] - q[0]), (q[1] + u * (q[2] - q[1]))[1:])))
@@ -211,12 +212,12 @@ def singular(robot: Any, q: np.ndarray) -> np.ndarray:
         sigma = np.linalg.svd(robot.jacobian(x), compute_uv=False)
         return float((sigma[-1] / sigma[0]) ** 2)
 
-    box = list(zip(q - 0.7, q + 0.7))
+    box = list(zip(q - 0.7, q + 0.7, strict=True))
     return np.asarray(minimize(distance, q, method="L-BFGS-B", bounds=box, tol=1e-14).x)
 
 
 def judged(task: Task, choice: Choice) -> np.ndarray:
-    """(3,) largest errors [mm, deg] after the start, and total variation [rad/s]; infinite where a choice is refused."""
+    """(3,) largest errors [mm, deg] after the start, total variation [rad/s]; infinite where a choice is refused."""
     before = stages.CALM
     stages.CALM = before if choice.calm is None else choice.calm
     try:
@@ -235,7 +236,7 @@ def run(robot: Any, loop: Any, path: np.ndarray, late: int) -> np.ndarray:
     q = np.clip(path[0], low, high)
     poses = [robot.pose(x) for x in path]
     errors, velocities, queue = [], [], [np.zeros(len(q))] * late
-    for now, then in zip(poses, poses[1:]):
+    for now, then in pairwise(poses):
         ahead = iq.log(then @ np.linalg.inv(now)) / DT
         read = np.clip(q + NOISE * rng.standard_normal(len(q)), low, high) if late else q
         queue.append(loop.step(read, now, ahead).velocity)
@@ -269,7 +270,7 @@ def table_of(names: list[str], figures: np.ndarray) -> Table:
     ratios = np.exp(np.log(floored / floored.min(axis=1, keepdims=True)).mean(axis=0))
     worse = (floored[:, :, None, :2] > BETTER * floored[:, None, :, :2]).all(axis=3).any(axis=2).mean(axis=0)
     table = Table("", "mm", "deg", "variation", "dominated", box=None)
-    for name, (mm, deg, variation), share in zip(names, ratios, worse):
+    for name, (mm, deg, variation), share in zip(names, ratios, worse, strict=True):
         table.add_row(name, f"{mm:.2f}", f"{deg:.2f}", f"{variation:.2f}", f"{share:.1%}")
     return table
 

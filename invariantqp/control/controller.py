@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import braking_share, same_way
 from invariantqp.control.convergence import Convergence
-from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, rows_of
+from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.joint_rows import PinkLimit, Rows, joint_rows
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.posture import joint_gains, posture_gain
@@ -133,6 +133,7 @@ class Controller:
         if self.gain * self.dt > WHOLE_ERROR:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
+        self._row_rank = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
         J = robot.sight(mid, robot.target(robot.pose(mid))).J  # what the first look loads is loaded before the loop
         chosen = form_of(form)
@@ -303,7 +304,9 @@ class Controller:
             twist = np.zeros(6) if ahead is None else ahead
             exact = rows_of(self.exact, View(self.robot, sighting, target, gain, twist))
             exact = exact if more is None else exact.with_rows(more)
-        demand = Demand(sighting.J, s, root, lower, upper, exact, posture)
+        demand = Demand(
+            sighting.J, s, root, lower, upper, exact, posture, row_rank=None if more is not None else self._row_rank
+        )
         if self._tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
             demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))

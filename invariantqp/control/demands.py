@@ -29,6 +29,10 @@ from invariantqp.velocity.exact import ExactRows
 # Below this sine two directions count as parallel: no axis of the turn from one to the other can be computed.
 PARALLEL = 1e-12
 ORIGIN = (0.0, 0.0, 0.0)
+# States that tell how many rows an arm can keep: one is enough but for singular ones.
+STATES = 4
+# A singular value of rows below this share of the largest entry is rounding, that of a rounded robot model included.
+ROW_TOLERANCE = 1e-5
 
 
 class View(NamedTuple):
@@ -250,6 +254,26 @@ def demands_of(
             expected = '"position", an ExactPoint, ExactAxis, ExactRows, ... or several of them'
             raise BadInput("exact", excerpt(one), expected)
     return demands
+
+
+def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
+    """How many independent rows the arm can keep in its best state; None where that is all of them.
+
+    A point of a hinge moves along one direction, one of a spherical wrist on a sphere, in every state: three exact rows
+    are then one or two, and no singularity.
+    """
+    lower, upper = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
+    rng = np.random.default_rng(0)
+    best, rows = 0, ExactRows(np.zeros((1, len(lower))), np.zeros(1))
+    for _ in range(STATES):
+        q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper))
+        target = robot.target(robot.pose(q))
+        rows = rows_of(demands, View(robot, robot.sight(q, target), target, 1.0, np.zeros(6)))
+        size = float(np.abs(rows.A).max())
+        if rows.of_twist is not None:  # what A = D J cancels from
+            size = max(size, float(np.abs(rows.of_twist).max() * np.abs(robot.jacobian(q)).max()))
+        best = max(best, int(np.linalg.matrix_rank(rows.A, tol=ROW_TOLERANCE * size)))
+    return None if best == len(rows.A) else best
 
 
 def rows_of(demands: tuple[Exact, ...], view: View) -> ExactRows:

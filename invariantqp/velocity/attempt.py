@@ -57,7 +57,9 @@ def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damp
     sizes = np.abs(values)
     absolute = (vectors * (sizes + UNSEEN * sizes.max())).dot(vectors.T)
     V = U * np.sqrt(share)
-    mu, axes, _ = lapack.dsygv(V.T.dot(M).dot(V), U.T.dot(absolute).dot(U))
+    # A direction that is lost has no part in |M| either: which one it is, is anybody's choice.
+    size = V.T.dot(absolute).dot(V) + np.diag((1.0 - share) * sizes.max())
+    mu, axes, _ = lapack.dsygv(V.T.dot(M).dot(V), size)
     pull = M.dot(r).dot(V).dot(axes)
     left = np.maximum(0.0, 1.0 - (mu / FORM_THRESHOLD) ** 2)
     divisor = mu * mu + (FORM_CEILING * left) ** 2

@@ -132,7 +132,8 @@ class Reduction(NamedTuple):
         basis: (m, n) B, orthonormal: the velocities that the rows leave free.
         effort: how far the joints go for the rows' demand, beside what the best-placed demand of its size would take.
         bend: likewise for the worst-placed demand: how strongly the rows turn with the joints.
-        unmet: the part of the demand that no velocity can meet, relative.
+        unmet: the part of the demand that no velocity can meet here, relative.
+        beyond: the part that no velocity of this arm can meet anywhere, relative.
         start: (m,) the velocity at share 0, in the span of the rows; zero is standing still.
     """
 
@@ -141,6 +142,7 @@ class Reduction(NamedTuple):
     effort: float
     bend: float
     unmet: float
+    beyond: float
     start: Array
 
     def origin(self, share: float) -> Array:
@@ -154,7 +156,7 @@ class Reduction(NamedTuple):
         return p
 
 
-def reduce(exact: ExactRows, root: Array) -> Reduction:
+def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     """Solve the rows and find what is left free.
 
     Rows that are parts of the twist are told apart and weighed as such: orthonormal ones in the measure. So no frame
@@ -163,6 +165,7 @@ def reduce(exact: ExactRows, root: Array) -> Reduction:
     Args:
         exact: the rows on y.
         root: (6, 6) of the measure.
+        rank: how many independent rows the arm can keep at best; None is all.
     """
     C, e = exact.A, exact.b
     whitened, wanted = C, e
@@ -175,15 +178,24 @@ def reduce(exact: ExactRows, root: Array) -> Reduction:
         whitened, wanted = whiten.dot(C), whiten.dot(e)
     U, sigma, Vt = np.linalg.svd(whitened)
     r = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
+    r = r if rank is None else min(r, rank)
     met = wanted.dot(U[:, :r])
     y = met / sigma[:r]
     full = Vt[:r].T.dot(y)
-    size, left = float(np.linalg.norm(e)), e - C.dot(full)
+    size, left, beyond = float(np.linalg.norm(e)), e - C.dot(full), 0.0
+    if rank is not None and rank < len(wanted):
+        missed = wanted.dot(U)[r:]
+        size, left, beyond = (
+            float(np.linalg.norm(wanted)),
+            missed[: rank - r],
+            float(np.linalg.norm(missed[rank - r :])),
+        )
     return Reduction(
         full=full,
         basis=Vt[r:].T,
         effort=float(np.linalg.norm(sigma) * np.linalg.norm(y) / np.linalg.norm(met)) if met.any() else 1.0,
         bend=float(np.linalg.norm(sigma) / sigma[r - 1]) if r else 1.0,
         unmet=float(np.linalg.norm(left)) / size if size > 0.0 else 0.0,
+        beyond=beyond / size if size > 0.0 else 0.0,
         start=np.zeros(len(full)),
     )

@@ -34,6 +34,7 @@ class Demand(NamedTuple):
         posture: (m,) joint velocity wanted where the twist leaves joints free, or None for zero.
         rows: limits on combinations of joint velocities, or None.
         cone: speed limit of a point, or None.
+        row_rank: how many independent exact rows the arm can keep at best; None is all.
     """
 
     J: Array
@@ -45,6 +46,7 @@ class Demand(NamedTuple):
     posture: Array | None = None
     rows: LimitRows | None = None
     cone: Cone | None = None
+    row_rank: int | None = None
 
     def allows(self, x: Array) -> bool:
         """Whether no limit is met: clipping to the box changes no bit, rows and cone hold."""

@@ -36,7 +36,7 @@ def own_point(J: Array, s: Array | None = None) -> Array:
 
 
 def length_at(J: Array, point: Array, s: Array | None = None) -> float:
-    """L: the arm's reach to the point; where no axis is away from it, |v_p| / |omega| of the joints, or of the twist.
+    """L: the arm's reach to the point; where no axis is away from it, |v_p| / |omega| of turning joints or the twist.
 
     Where those, too, say nothing it is one unit of length, and the unit then changes no answer.
 
@@ -45,7 +45,11 @@ def length_at(J: Array, point: Array, s: Array | None = None) -> float:
         point: (3,).
         s: (6,) the twist wanted, or None.
     """
-    return reach(J, point) or ratio(J, point) or (0.0 if s is None else ratio(s, point)) or 1.0
+    far = reach(J, point)
+    if far > 0.0:
+        return far
+    turning = (J[:3] * J[:3]).sum(axis=0) * LENGTH_LIMIT**2 > (J[3:] * J[3:]).sum(axis=0)  # a slide has no length
+    return ratio(J[:, turning], point) or (0.0 if s is None else ratio(s, point)) or 1.0
 
 
 def ratio(twists: Array, point: Array) -> float:

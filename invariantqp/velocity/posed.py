@@ -99,7 +99,7 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     posture = demand.posture if law.from_joint is None or demand.posture is None else law.from_joint.dot(demand.posture)
     reduction, largest = None, None
     if demand.exact is not None:
-        reduction = reduce(demand.exact.on(T), demand.root)
+        reduction = reduce(demand.exact.on(T), demand.root, demand.row_rank)
         largest = float(np.linalg.norm(A, 2))
     pitch = law.form.h if isinstance(law.form, PitchForm) and law.form.convexified else None
     attempt = wanted

@@ -90,12 +90,17 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
     unmet = 0.0 if problem.reduction is None else problem.reduction.unmet
     if unmet > UNMET_TOLERANCE:
         troubles.append(f"the joints cannot keep the direction of the exact rows: {unmet:.1e} of it is beyond them")
+    beyond = 0.0 if problem.reduction is None else problem.reduction.beyond
+    if beyond > UNMET_TOLERANCE:
+        troubles.append(
+            f"this arm can keep {demand.row_rank} of the exact rows: {beyond:.1e} of the demand is beyond it"
+        )
     wanted, missed = demand.root.dot(demand.s), demand.root.dot(residual)
     size = float(np.linalg.norm(wanted))
     lost = objective.lost > LOSS_TOLERANCE * size
-    rows_met = demand.exact is not None and answer.share == 1.0
+    rows_move = demand.exact is not None and answer.share > PROGRESS_SHARE
     stuck = (
-        not rows_met
+        not rows_move
         and wanted.dot(wanted - missed) < PROGRESS_SHARE * size * size
         and not _is_rounding(demand.root.dot(demand.J), wanted, x)
     )

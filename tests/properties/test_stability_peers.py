@@ -10,6 +10,7 @@ from scipy import sparse
 import invariantqp as iq
 from invariantqp.compare.laws.pink_law import PinkLaw
 from invariantqp.compare.measure.stability import OURS, Case, paper_law, run_case
+from invariantqp.robots.kinematics import middle
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec
 
@@ -42,7 +43,12 @@ def test_moore_penrose_at_the_wrist_singularity():
 
 def test_the_papers_lambda_through_the_wrist_singularity():
     case = Case("stability/ur5_wrist")
-    paper, _ = run_case(case, "[DS]", paper_law)
+
+    def paper_at(robot, law):  # with the pitch that [DS] suggests for a 6R arm, of the order of its own length
+        length = iq.systems.centre(robot.jacobian(middle(robot))).length
+        return paper_law(robot, law.model_copy(update={"form": length}))
+
+    paper, _ = run_case(case, "[DS]", paper_at)
     ours, _ = run_case(case, OURS, our_controller)
     assert paper.error_mm > 100.0
     assert paper.tail > 3.0
@@ -81,7 +87,6 @@ def test_nan_in_the_target_is_nan_out_of_pink(panda):
 def test_pinks_default_damping_fails_daqp_where_a_limit_is_active(panda):
     rng = np.random.default_rng(0)
     failed = 0
-    loop = iq.Controller(panda, dt=0.01, gain=100.0)
     for _ in range(400):
         q = np.clip(rng.normal(READY, 0.4), panda.position_lower, panda.position_upper)
         target = panda.target(iq.exp(rng.normal(size=6)) @ panda.pose(q))
@@ -89,7 +94,8 @@ def test_pinks_default_damping_fails_daqp_where_a_limit_is_active(panda):
             pink_step(panda, q, target, 0.01)
         except pink.exceptions.PinkError:
             failed += 1
-        assert loop.step(q, target).status in {"ok", "guarded"}
+        loop = iq.Controller(panda, dt=0.01, gain=100.0)
+        assert loop.step(q, target).status == "ok"
     assert failed > 0
 
 

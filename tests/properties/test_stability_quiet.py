@@ -17,11 +17,11 @@ ARMS = {
 }
 
 
-def definite(robot, q, target, gain):
-    """One tick of least squares in W = diag(L^2 I, I) at the arm's own point, inside the limits, by DAQP alone."""
+def definite(robot, q, target, gain, L):
+    """One tick of least squares in W = diag(L^2 I, I) at the tool, inside the limits, by DAQP alone."""
     sighting = robot.sight(q, target)
     J, s = sighting.J, gain * sighting.error
-    p, L = iq.systems.centre(J, s)
+    p = robot.pose(q)[:3, 3]
 
     def rooted(t):
         return np.concatenate((L * t[:3], t[3:] + np.cross(t[:3].T, p).T))
@@ -43,7 +43,8 @@ def test_quiet_at_the_definite_laws_error(name, gain):
     target = robot.target(pose)
     loop = iq.Controller(robot, dt=DT, gain=gain)
     errors = []
-    for step in (lambda q: loop.step(q, target).velocity, lambda q: definite(robot, q, target, gain)):
+    L = loop.measure.length
+    for step in (lambda q: loop.step(q, target).velocity, lambda q: definite(robot, q, target, gain, L)):
         q = np.array(start)
         for _ in range(round(seconds / DT)):
             x = step(q)

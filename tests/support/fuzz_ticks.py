@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 
 import numpy as np
@@ -44,7 +43,7 @@ def random_chain(rng):
 
 
 def random_form(rng, m):
-    kind = rng.integers(5)
+    kind = rng.integers(6)
     if kind == 0:
         return float(rng.normal())
     if kind == 1:
@@ -52,6 +51,8 @@ def random_form(rng, m):
         return iq.CarriedMetric(A @ A.T + 1e-3 * np.eye(6))
     if kind == 2:
         return iq.Complement(rng.normal(size=(6, max(1, 6 - m))))
+    if kind == 3:
+        return iq.PitchForm(float(rng.normal()), convexified=True)
     return None
 
 
@@ -111,17 +112,17 @@ def fuzz(ticks, seed=0):  # noqa: C901 (one loop, every way to fail)
         robot = named[rng.integers(3)] if rng.random() < 0.3 else random_chain(rng)
         m = len(robot.names)
         dt = 10.0 ** rng.uniform(-4, -1)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", iq.velocity.UnitsMixed)
-            loop = iq.Controller(
-                robot,
-                dt=dt,
-                gain=(None, 1.0 / dt, 1.0)[rng.integers(3)],
-                form=random_form(rng, m),
-                damping=random_damping(rng),
-                guard=bool(rng.random() < 0.8),
-                exact="position" if rng.random() < 0.1 else None,
-            )
+        loop = iq.Controller(
+            robot,
+            dt=dt,
+            gain=(None, 1.0 / dt, 1.0)[rng.integers(3)],
+            form=random_form(rng, m),
+            damping=random_damping(rng),
+            guard=bool(rng.random() < 0.8),
+            exact="position" if rng.random() < 0.1 else None,
+            point=(None, None, "own", rng.normal(size=3))[rng.integers(4)],
+            length=10.0 ** rng.uniform(-3, 3) if rng.random() < 0.2 else None,
+        )
         q = random_state(rng, robot)
         target = random_target(rng, robot, q)
         for _ in range(LOOP):

@@ -9,20 +9,91 @@ import numpy as np
 
 import invariantqp as iq
 
+# What the law says of itself, repeated here on purpose.
+UNLIMITED = (1e-2, 1e-2)  # threshold and ceiling of the damping where some joint has no bound
+LIMITED = (1e-3, 1e-4)
+NULL_WEIGHT = 1e-8
+
+
+def skew(p):
+    return np.array(((0.0, -p[2], p[1]), (p[2], 0.0, -p[0]), (-p[1], p[0], 0.0)))
+
+
+def root_of(point, length):
+    """root with |root s|^2 = L^2 |omega|^2 + |v + omega x p|^2."""
+    return np.block([[length * np.eye(3), np.zeros((3, 3))], [-skew(point), np.eye(3)]])
+
+
+def reach_of(J, point):
+    """The broken line from the point to its foot on each turning axis, the last joint first."""
+    here, length = np.array(point, dtype=float), 0.0
+    for column in J.T[::-1]:
+        w, v = column[:3], column[3:]
+        if np.linalg.norm(w) > 0.0:
+            foot = np.cross(w, v) / (w @ w)
+            foot = foot + w * (w @ (here - foot)) / (w @ w)
+            length += np.linalg.norm(foot - here)
+            here = foot
+    return length
+
+
+def adaptive(sigma, largest, threshold, ceiling):
+    """lambda^2 of a direction: (ceiling largest (1 - (sigma / (threshold largest))^2))^2 below the threshold, else 0."""
+    share = min(sigma / (threshold * largest), 1)
+    return (ceiling * largest * (1 - share * share)) ** 2
+
+
+def damped_velocity(A, b, posture, policy, digits=40):
+    """x = sum of v_i (sigma_i u_i'b + lambda_i^2 v_i'x_p) / (sigma_i^2 + lambda_i^2), every digit of it.
+
+    `policy(sigma, largest)` is lambda^2; a direction that moves nothing goes to the posture whole.
+    """
+    m = A.shape[1]
+    with mpmath.workdps(digits):
+        M, wanted = mpmath.matrix(A.tolist()), mpmath.matrix(b.tolist())
+        towards = mpmath.matrix(np.zeros(m).tolist() if posture is None else posture.tolist())
+        gram, pull = M.T * M, M.T * wanted
+        squares, V = mpmath.eigsy(gram)
+        largest = mpmath.sqrt(max(squares))
+        x = mpmath.matrix(m, 1)
+        for i in range(m):
+            v = V[:, i]
+            sigma = mpmath.sqrt(max(squares[i], 0))
+            along = (v.T * towards)[0]
+            if sigma > mpmath.mpf(10) ** -12 * largest:
+                lam = policy(sigma, largest)
+                along = ((v.T * pull)[0] + lam * along) / (squares[i] + lam)
+            x += v * along
+        return np.array([float(value) for value in x])
+
+
+def least_squares_form(A, b, posture=None, damping=LIMITED):
+    """(H, c) of minimise 1/2 x'Hx - c'x: damped least squares, (1e-4)^2 of the largest where nothing is moved."""
+    U, sigma, Vt = np.linalg.svd(A)
+    m, k = A.shape[1], len(sigma)
+    sizes, pull = np.zeros(m), np.zeros(m)
+    sizes[:k], pull[:k] = sigma, sigma * (U.T @ b)[:k]
+    squares = np.full(m, damping**2) if np.ndim(damping) == 0 else None
+    if squares is None:
+        squares = np.array([adaptive(value, sigma[0], *damping) for value in sizes])
+    null = sizes <= 1e-12 * sigma[0]
+    squares[null] = np.maximum(squares[null], NULL_WEIGHT * sigma[0] ** 2)
+    sizes[null], pull[null] = 0.0, 0.0
+    wanted = np.zeros(m) if posture is None else Vt @ posture
+    return Vt.T @ np.diag(sizes**2 + squares) @ Vt, Vt.T @ (pull + squares * wanted)
+
 
 def convex_form(J, s, h, damping, metric=None):
-    """(H, c) of minimise 1/2 x'Hx - c'x:  H = V diag(a) V', a = sqrt(mu^2 + lambda^2), c = H x*.
+    """(H, c) of [DS]'s problem made convex: H = V diag(a) V', a = sqrt(mu^2 + lambda^2), c = H x*.
 
-    Damped directions get the weight of the null space on top, 1e-6 max|mu| lambda^2 / (mu^2 + lambda^2), which leaves
-    the unconstrained optimum where it is and keeps cond(H) below 1e6. With a joint metric M = LL' the spectrum is that
-    of L^-1 G L^-T, and H, c go back to x by L.
+    With a joint metric M = LL' the spectrum is that of L^-1 G L^-T, and H, c go back to x by L.
     """
     L = np.eye(J.shape[1]) if metric is None else np.linalg.cholesky(metric)
     Q = np.block([[-2.0 * h * np.eye(3), np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
     A = J @ np.linalg.inv(L).T
     mu, V = np.linalg.eigh(A.T @ Q @ A)
     optimum = mu / (mu**2 + damping**2) * (V.T @ (A.T @ Q @ s))
-    a = np.sqrt(mu**2 + damping**2) + 1e-6 * np.abs(mu).max() * damping**2 / (mu**2 + damping**2)
+    a = np.sqrt(mu**2 + damping**2)
     H, c = V @ np.diag(a) @ V.T, V @ (a * optimum)
     return L @ H @ L.T, L @ c
 
@@ -57,12 +128,37 @@ def box_minimum(H, c, lower, upper):
         return np.array([float(v) for v in best])
 
 
-def regular_problem(rng, m, ratio=1e-3):
-    """(J, s, h) whose Gram matrix is well away from singular, so that no policy damps it."""
+def quadprog_minimum(H, c, lower, upper, C=None, low=None, high=None):
+    """The same by quadprog, with rows low <= C x <= high; all limits finite."""
+    import quadprog
+
+    m = len(c)
+    normals, sides = [np.eye(m), -np.eye(m)], [np.asarray(lower), -np.asarray(upper)]
+    if C is not None:
+        normals, sides = [*normals, np.asarray(C).T, -np.asarray(C).T], [*sides, np.asarray(low), -np.asarray(high)]
+    return quadprog.solve_qp(0.5 * (H + H.T), c, np.hstack(normals), np.concatenate(sides))[0]
+
+
+def eliminated(A, b, C, e, digits=40):
+    """argmin |A x - b| with C x = e, from its own linear equations in 40 digits; C and [A; C] of full rank."""
+    m, k = A.shape[1], len(C)
+    with mpmath.workdps(digits):
+        M, rows = mpmath.matrix(A.tolist()), mpmath.matrix(C.tolist())
+        kkt, right = mpmath.zeros(m + k), mpmath.zeros(m + k, 1)
+        kkt[:m, :m], kkt[:m, m:], kkt[m:, :m] = M.T * M, rows.T, rows
+        right[:m, 0], right[m:, 0] = M.T * mpmath.matrix(b.tolist()), mpmath.matrix(list(map(float, e)))
+        return np.array([float(v) for v in mpmath.lu_solve(kkt, right)[:m]])
+
+
+def regular_problem(rng, m, ratio=2e-2):
+    """(J, s, h) well away from singular in any sense: nothing is damped, and the pitch form is not filtered."""
     while True:
         J, s, h = rng.normal(size=(6, m)), rng.normal(size=6), float(rng.uniform(-1.5, 1.5))
+        own = iq.systems.centre(J, s).point
+        A = root_of(own, reach_of(J, own)) @ J
+        sigma = np.linalg.svd(A, compute_uv=False)
         mu = np.sort(np.abs(np.linalg.eigvalsh(iq.systems.gram_matrix(J, h))))
-        if mu[-min(m, 6)] > ratio * mu[-1]:
+        if sigma[-1] > ratio * sigma[0] and mu[-min(m, 6)] > ratio * mu[-1]:
             return J, s, h
 
 

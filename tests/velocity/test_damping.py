@@ -1,26 +1,34 @@
+"""Damping: nothing away from singularities, gains in [0, 1] near them, and what the paper's own formula does."""
+
 import numpy as np
 import pytest
-from support.velocity_reference import regular_problem
+from support.velocity_reference import UNLIMITED, regular_problem, root_of
 
 import invariantqp as iq
-from invariantqp.velocity.convexify import convexify
+from invariantqp.velocity.damping import damping_of
+from invariantqp.velocity.objective import least_squares
 
 
 def test_adaptive_damping_is_nothing_until_the_threshold_and_continuous_there():
     policy = iq.velocity.Adaptive(threshold=1e-3, ceiling=1e-2)
-    assert policy(1e-3, 1.0) == 0.0
-    assert 0.0 < policy(1e-3 * (1 - 1e-9), 1.0) < 1e-10
-    assert policy(0.0, 1.0) == 1e-2
-    ratios = np.linspace(0.0, 2e-3, 500)
-    values = [policy(r, 1.0) for r in ratios]
+    sigma = np.array([1e-3, 1e-3 * (1 - 1e-9), 0.0])
+    at, just_below, zero = np.sqrt(policy.squares(sigma, np.zeros(3), 1.0))
+    assert at == 0.0
+    assert 0.0 < just_below < 1e-10
+    assert zero == pytest.approx(1e-2)
+    values = policy.squares(np.linspace(0.0, 2e-3, 500), np.zeros(500), 1.0)
     assert (np.diff(values) <= 0.0).all()
-    assert policy(2e-4 * 7.0, 7.0) == pytest.approx(7.0 * policy(2e-4, 1.0))  # relative: no unit enters
+    # Relative: no unit enters.
+    far = np.array([1e-3, 3e-4, 0.0])
+    np.testing.assert_allclose(policy.squares(7.0 * far, far, 7.0), 49.0 * policy.squares(far, far, 1.0), rtol=1e-12)
 
 
-def test_fixed_damping_has_a_floor_only_where_it_must():
-    assert iq.velocity.Fixed(0.3)(0.0, 1.0) == 0.3
-    assert iq.velocity.Fixed(0.0)(1e-3, 1.0) == 0.0
-    assert iq.velocity.Fixed(0.0)(0.0, 2.0) == pytest.approx(2e-8)
+def test_where_a_joint_has_no_limit_the_default_is_stronger():
+    assert damping_of(None, limited=True) == iq.velocity.Adaptive()
+    assert damping_of(None, limited=False) == iq.velocity.Adaptive(*UNLIMITED)
+    assert damping_of(0.3, limited=True) == iq.velocity.Fixed(0.3)
+    assert iq.velocity.Fixed(0.0).threshold == 0.0
+    assert iq.velocity.Fixed(0.3).threshold == np.inf
 
 
 BAD = {
@@ -29,7 +37,11 @@ BAD = {
     "infinite": lambda: iq.velocity.Fixed(np.inf),
     "threshold": lambda: iq.velocity.Adaptive(threshold=0.0),
     "ceiling": lambda: iq.velocity.Adaptive(ceiling=-1.0),
+    "speed": lambda: iq.velocity.Selective(speed=0.0),
+    "adaptive": lambda: iq.velocity.Selective(adaptive=0.1),
     "word": lambda: iq.solve_velocity(np.ones((6, 1)), np.ones(6), damping="much"),
+    "paper": lambda: iq.velocity.PaperLambda([[0.0, 1.0], [0.0, 0.0]]),
+    "paper nan": lambda: iq.velocity.PaperLambda(np.nan),
 }
 
 
@@ -42,43 +54,22 @@ def test_bad_damping(case):
 @pytest.mark.parametrize("m", range(1, 9))
 @pytest.mark.parametrize("damping", [1e-3, 0.05, 1.0, 30.0])
 def test_the_closed_loop_gains_are_in_zero_to_one(m, damping):
-    """The map s -> Jx is J V f(mu) V'J'Q_h; its eigenvalues are mu^2 / (mu^2 + lambda^2), and x is bounded."""
+    """The map b -> A x in the measure is symmetric with gains sigma^2 / (sigma^2 + lambda^2), and x is bounded."""
     rng = np.random.default_rng(m)
-    for _ in range(5):
-        J, _, h = regular_problem(rng, m)
-        columns = []
-        for e in np.eye(6):
-            solution = iq.solve_velocity(J, e, form=h, damping=damping, guard=False)
-            assert solution.method == "damped"
-            assert solution.damping == damping
-            columns.append(J @ solution.velocity)
-            g = J.T @ iq.pitch_form(h) @ e
-            assert np.linalg.norm(solution.velocity) <= np.linalg.norm(g) / (2.0 * damping) * (1.0 + 1e-12)
-        gains = np.linalg.eigvals(np.column_stack(columns))
-        np.testing.assert_allclose(gains.imag, 0.0, atol=1e-6)
-        assert gains.real.min() > -1e-9
-        assert gains.real.max() < 1.0 + 1e-9
-        mu = np.linalg.eigvalsh(iq.systems.gram_matrix(J, h))
-        mu = mu[np.argsort(np.abs(mu))][-min(m, 6) :]
-        expected = np.concatenate((np.zeros(6 - len(mu)), mu**2 / (mu**2 + damping**2)))
-        np.testing.assert_allclose(np.sort(gains.real), np.sort(expected), atol=1e-7)
-
-
-def test_through_a_principal_pitch_the_velocity_stays_bounded():
-    """[DS]'s Lambda = lambda I has a pole where an eigenvalue passes -lambda; the filter has none."""
-    rng = np.random.default_rng(4)
-    J, s = rng.normal(size=(6, 3)), rng.normal(size=6)
-    p = iq.principal_pitches(J)[1]
-    largest = 0.0
-    for h in p + np.concatenate((-np.geomspace(1e-1, 1e-14, 200), [0.0], np.geomspace(1e-14, 1e-1, 200))):
-        solution = iq.solve_velocity(J, s, form=float(h), guard=False)
-        mu = np.abs(np.linalg.eigvalsh(iq.systems.gram_matrix(J, float(h))))
-        bound = np.linalg.norm(J.T @ iq.pitch_form(float(h)) @ s) / (2.0 * 0.5e-4 * mu.max())
-        assert np.linalg.norm(solution.velocity) <= bound
-        largest = max(largest, np.linalg.norm(solution.velocity))
-    assert largest > 10.0  # it is a hard case
-    assert iq.solve_velocity(J, s, form=float(p), guard=False).method == "damped"
-    assert "principal pitch" in iq.solve_velocity(J, s, form=float(p) + 1e-9, guard=False).reason
+    J, p = rng.normal(size=(6, m)), rng.normal(size=3)
+    root = root_of(p, 0.7)
+    A = root @ J
+    columns = []
+    for e in np.eye(6):
+        solution = iq.solve_velocity(J, np.linalg.solve(root, e), damping=damping, point=p, length=0.7)
+        assert solution.method == "damped"
+        assert solution.damping == pytest.approx(damping)
+        columns.append(A @ solution.velocity)
+        assert np.linalg.norm(solution.velocity) <= 1.0 / (2.0 * damping) * (1.0 + 1e-12)
+    gains = np.linalg.eigvalsh(np.column_stack(columns))
+    sigma = np.linalg.svd(A, compute_uv=False)
+    expected = np.concatenate((np.zeros(6 - len(sigma)), sigma**2 / (sigma**2 + damping**2)))
+    np.testing.assert_allclose(gains, np.sort(expected), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -87,73 +78,108 @@ def test_through_a_principal_pitch_the_velocity_stays_bounded():
         iq.velocity.Fixed(0.0),
         iq.velocity.Fixed(0.2),
         iq.velocity.Adaptive(0.05, 0.05),
-        iq.velocity.Selective(0.4, 0.05, 0.05),
+        iq.velocity.Selective(0.4, iq.velocity.Adaptive(0.05, 0.05)),
     ],
 )
-def test_the_closed_loop_never_gains_or_turns_back_in_ten_thousand_states(policy):
-    """The eigenvalues of the map from a twist to the twist it gets, J x(s), computed without our spectrum."""
+def test_no_policy_gains_or_turns_back(policy):
+    """A direction gets between nothing and all of what is asked of it, in two thousand states near singularities."""
     rng = np.random.default_rng(11)
-    low, high = np.inf, -np.inf
-    for k in range(10_000):
-        m = 1 + k % 6
-        J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+    for k in range(2000):
+        m = 1 + k % 7
+        A, b = rng.normal(size=(6, m)), rng.normal(size=6)
         if k % 3 == 0:
-            J[:, -1] = 1e-4 * J[:, -1] + J[:, 0] * (m > 1)  # near a singularity
-        Q = iq.pitch_form(rng.normal())
-        G = J.T @ Q @ J
-        problem = convexify(G, J.T @ Q @ s, m, policy, None)
-        # The filter as a matrix, from one solve a column where it is linear, and as it stands for Selective.
-        squared = np.broadcast_to(problem.squared, m)
-        X = problem.V @ np.diag(problem.mu / (problem.mu**2 + squared)) @ problem.V.T
-        gains = np.linalg.eigvals(X @ G).real
-        rounding = 1e-9 + 1e-13 * np.abs(X).max() * np.abs(G).max()  # of the products here, undamped near a singularity
-        low, high = min(low, gains.min() + rounding), max(high, gains.max() - rounding)
-        missed = np.abs(X @ J.T @ Q @ s - problem.solution()).max()
-        assert missed <= 1e-6 * (1.0 + np.abs(problem.solution()).max())
-    assert low >= 0.0
-    assert high <= 1.0
+            A[:, -1] = 1e-4 * A[:, -1] + A[:, 0] * (m > 1)
+        objective = least_squares(A, b, None, policy)
+        pull = objective.V.T @ (A.T @ b)
+        sizes = ((A @ objective.V) ** 2).sum(axis=0)
+        asked = sizes > 1e-12 * sizes.max()
+        gains = sizes[asked] * objective.optimum[asked] / pull[asked]
+        assert gains.min() >= 0.0
+        assert gains.max() <= 1.0 + 1e-6
+        assert (objective.weights > 0.0).all()
 
 
 def test_selective_damping_holds_every_direction_to_its_speed():
     rng = np.random.default_rng(12)
     for _ in range(300):
-        J, s = rng.normal(size=(6, 5)), 10.0 * rng.normal(size=6)
-        J[:, 4] = J[:, 0] + 1e-5 * J[:, 4]
-        G, g = J.T @ iq.pitch_form(0.3) @ J, J.T @ iq.pitch_form(0.3) @ s
-        problem = convexify(G, g, 5, iq.velocity.Selective(0.4), None)
-        assert np.abs(problem.optimum).max() <= 0.4 * (1.0 + 1e-9)
-        slow = convexify(G, 1e-3 * g, 5, iq.velocity.Selective(0.4), None).optimum
-        free = np.abs(problem.mu) > 0.1 * np.abs(problem.mu).max()
-        np.testing.assert_allclose(slow[free], (1e-3 * g @ problem.V / problem.mu)[free], rtol=1e-9)  # untouched
+        A, b = rng.normal(size=(6, 5)), 10.0 * rng.normal(size=6)
+        A[:, 4] = A[:, 0] + 1e-5 * A[:, 4]
+        fast = least_squares(A, b, None, iq.velocity.Selective(0.4))
+        assert np.abs(fast.optimum).max() <= 0.4 * (1.0 + 1e-9)
+        slow = least_squares(A, 1e-4 * b, None, iq.velocity.Selective(0.4))
+        U, sigma, _ = np.linalg.svd(A)
+        free = sigma > 0.1 * sigma[0]
+        np.testing.assert_allclose(np.abs(slow.optimum[free]), np.abs(1e-4 * b @ U[:, :5] / sigma)[free], rtol=1e-9)
+
+
+def test_a_custom_policy_will_do():
+    class Half:
+        threshold = np.inf
+
+        def squares(self, sigma, wanted, largest):
+            return sigma**2
+
+    rng = np.random.default_rng(13)
+    J, s = rng.normal(size=(6, 6)), rng.normal(size=6)
+    np.testing.assert_allclose(iq.solve_velocity(J, s, damping=Half()).velocity, 0.5 * np.linalg.solve(J, s), rtol=1e-9)
+
+
+def test_the_papers_own_problem_made_convex_is_its_filtered_stationary_point():
+    """x = V mu / (mu^2 + lambda^2) V'g without limits; through a principal pitch it stays bounded."""
+    rng = np.random.default_rng(4)
+    for damping in (0.0, 0.02, 0.3):
+        for m in (2, 4, 6):
+            J, s, h = regular_problem(rng, m)
+            Q = iq.pitch_form(h)
+            mu, V = np.linalg.eigh(J.T @ Q @ J)
+            expected = V @ (mu / (mu**2 + damping**2) * (V.T @ (J.T @ Q @ s)))
+            form = iq.PitchForm(h, convexified=True)
+            solution = iq.solve_velocity(J, s, form=form, damping=damping)
+            np.testing.assert_allclose(solution.velocity, expected, atol=1e-9 * np.linalg.norm(expected))
+    J, s = rng.normal(size=(6, 3)), rng.normal(size=6)
+    p = iq.principal_pitches(J)[1]
+    for h in p + np.concatenate((-np.geomspace(1e-1, 1e-14, 50), [0.0], np.geomspace(1e-14, 1e-1, 50))):
+        solution = iq.solve_velocity(J, s, form=iq.PitchForm(float(h), convexified=True))
+        assert np.abs(solution.velocity).max() < 1e3
 
 
 def test_the_papers_damping_says_what_it_does():
     J = np.column_stack(
         [iq.revolute((0, 0, 1)), iq.revolute((1, 0, 0), (0, 0, 0.4)), iq.revolute((0, 1, 0), (0.3, 0, 0))]
     )
-    G = J.T @ iq.pitch_form(0.2) @ J
+    Q = iq.pitch_form(0.2)
+    G = J.T @ Q @ J
     pole = -float(np.linalg.eigvalsh(G)[0])
     assert pole > 0.0
     s = np.ones(6)
-    near = iq.solve_velocity(J, s, form=0.2, damping=iq.velocity.PaperLambda(1.001 * pole))
+
+    def printed(Lambda, **options):
+        return iq.solve_velocity(J, s, damping=iq.velocity.PaperLambda(Lambda), **{"form": 0.2, **options})
+
+    near = printed(1.001 * pole)
     assert near.status == "degraded"
     assert "outside [0, 1]" in near.reason
-    np.testing.assert_allclose(
-        near.velocity, np.linalg.solve(G + 1.001 * pole * np.eye(3), J.T @ iq.pitch_form(0.2) @ s)
-    )
+    np.testing.assert_allclose(near.velocity, np.linalg.solve(G + 1.001 * pole * np.eye(3), J.T @ Q @ s))
     assert np.abs(near.velocity).max() > 100.0  # the filter stays sane where it blows up
-    assert np.abs(iq.solve_velocity(J, s, form=0.2, damping=pole).velocity).max() < 20.0
-    exactly = iq.solve_velocity(J, s, form=0.0, damping=iq.velocity.PaperLambda(-(J.T @ iq.pitch_form(0.0) @ J)))
+    filtered = iq.solve_velocity(J, s, form=iq.PitchForm(0.2, convexified=True), damping=pole)
+    assert np.abs(filtered.velocity).max() < 20.0
+    exactly = printed(-(J.T @ iq.pitch_form(0.0) @ J), form=0.0)
     assert (exactly.status, exactly.method) == ("held", "hold")
     assert "pole" in exactly.reason
-    tame = iq.solve_velocity(
-        J, s, form=-5.0, damping=iq.velocity.PaperLambda([0.1, 0.1, 0.1])
-    )  # G > 0 far below the pitches
+    tame = printed([0.1, 0.1, 0.1], form=-5.0)  # G > 0 far below the pitches
     assert (tame.status, tame.reason) == ("ok", "")
-    bounded = iq.solve_velocity(
-        J, s, form=0.2, damping=iq.velocity.PaperLambda(1.001 * pole), bounds=iq.Bounds([-1, -1, -1], [1, 1, 1])
-    )
+    bounded = printed(1.001 * pole, bounds=([-1, -1, -1], [1, 1, 1]))
     assert np.abs(bounded.velocity).max() <= 1.0
     assert "clipped" in bounded.reason
+    for options in (
+        {"form": None},
+        {"exact": iq.ExactRows([[1.0, 0.0, 0.0]], [0.1])},
+        {"rows": iq.limits.LimitRows([[1.0, 0.0, 0.0]], [-1.0], [1.0])},
+    ):
+        assert printed(0.1, **options).status == "held"
     with pytest.raises(iq.BadInput, match=r"shape \(2, 2\)"):
-        iq.solve_velocity(J, s, form=0.2, damping=iq.velocity.PaperLambda(np.eye(2)))
+        printed(np.eye(2))
+    posture = printed(0.3, posture=np.ones(3))
+    np.testing.assert_allclose(posture.velocity, np.linalg.solve(G + 0.3 * np.eye(3), J.T @ Q @ s + 0.3 * np.ones(3)))
+    metric = printed(0.3, joint_metric=[1.0, 2.0, 3.0])
+    np.testing.assert_allclose(metric.velocity, np.linalg.solve(G + 0.3 * np.diag([1.0, 2.0, 3.0]), J.T @ Q @ s))

@@ -11,7 +11,6 @@ from fractions import Fraction
 from typing import Any
 
 import mpmath as mp
-import numpy as np
 
 from invariantqp.compare.exact.box import active_set, least_index, rational_solve
 from invariantqp.compare.laws.moore_penrose import reach_of

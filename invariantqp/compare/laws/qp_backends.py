@@ -97,8 +97,8 @@ METHODS = [
         name=TOLD_LEAST_SQUARES,
         family="QP",
         limits="inside",
-        why="a hand-written least-squares QP that is told all that our law is told: point, length, posture, exact rows; "
-        "damped by what is missed (Sugihara 2011)",
+        why="a hand-written least-squares QP told all that our law is told: point, length, posture, exact rows; damped "
+        "by what is missed (Sugihara 2011)",
         system=LeastSquaresLaw,
     ),
     _method(DAQP, "DAQP, a dual active-set method", Daqp),

@@ -67,9 +67,7 @@ def _speed(results: Results) -> list[str]:
 def _accuracy(results: Results) -> list[str]:
     sentences = []
     for sort in ("free", "singular"):
-        figures = {
-            name: across(results, "error", name, sort, "error") for name in (FACTORED, GRAM, PINV, LU, OURS)
-        }
+        figures = {name: across(results, "error", name, sort, "error") for name in (FACTORED, GRAM, PINV, LU, OURS)}
         have = [f"{name} {value:.0e}" for name, value in figures.items() if value is not None]
         if len(have) > 1:
             sentences.append(f"{PLACES[sort]} the median error against the exact answer is: {'; '.join(have)}.")
@@ -99,9 +97,7 @@ def _clipping(results: Results) -> list[str]:
     if clipped is None or inside is None:
         return []
     text = f"{PLACES['limited']} the error of clipped Moore-Penrose against least squares inside the limits is"
-    return [
-        f"{text} {clipped:.0%}; {OURS} has an error of {inside:.0e} against its own problem inside the limits."
-    ]
+    return [f"{text} {clipped:.0%}; {OURS} has an error of {inside:.0e} against its own problem inside the limits."]
 
 
 def _batch(results: Results) -> list[str]:

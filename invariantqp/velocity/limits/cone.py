@@ -174,7 +174,7 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, m
     free = face(limits, found.multipliers, len(centre))
     if not free.shape[1]:
         return inf
-    R = np.linalg.qr(K.dot(free), mode="r")
+    R: Array = np.asarray(np.linalg.qr(K.dot(free), mode="r"))
     try:
         reached = np.linalg.solve(R.T, cone.J.dot(free).T)  # G = reached'reached
     except np.linalg.LinAlgError:

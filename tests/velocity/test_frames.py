@@ -1,0 +1,134 @@
+"""The answer depends on the arm, the motion, the limits and one physical point: on no frame, on no unit of length."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.arms import KINDS, arm
+from support.random_systems import motion
+
+import invariantqp as iq
+
+AGREE = 1e-10
+# Rounding moves a direction that moves nothing by 1e-16, and it weighs (1e-4)^2 beside what limits pull at it with.
+AGREE_WITH_A_NULL_SPACE = 1e-6
+SCENES = settings(max_examples=80, deadline=None, derandomize=True)
+
+
+def options_in(here, T, unit, told):
+    """`told` for the frame moved by T and the unit of length: the same physical question."""
+    lengths = np.repeat((1.0, unit), 3)
+    joints = here.joints_in(unit)
+    point = unit * (T[:3, :3] @ told["at"] + T[:3, 3])
+    seen = here.seen_from(T).in_units(unit)
+    options = {"bounds": told["bounds"] and (told["bounds"][0] * joints, told["bounds"][1] * joints)}
+    options["posture"] = told["posture"] * joints
+    if told["named"]:
+        options["point"] = seen.point
+    if told["lengthless"]:
+        options["length"] = unit * 0.7
+    if told["form"] == "pitch":
+        options["form"] = unit * told["h"]
+    elif told["form"] == "complement":
+        options["form"] = iq.Complement(lengths[:, None] * (iq.adjoint(T) @ told["Z"]))
+    elif told["form"] == "carried":
+        pose = T @ told["pose"]
+        pose[:3, 3] *= unit
+        options["form"] = iq.CarriedMetric(told["W"] / lengths[:, None] / lengths, pose)
+    J = seen.J
+    rows = [
+        iq.ExactRows.point(J, point, unit * T[:3, :3] @ told["v"]),
+        iq.ExactRows.axis(J, T[:3, :3] @ told["axis"], T[:3, :3] @ told["omega"]),
+    ]
+    if told["exact"]:
+        options["exact"] = {"point": rows[0], "axis": rows[1], "both": rows[0].with_rows(rows[1])}[told["exact"]]
+    if told["rows"] is not None:
+        options["rows"] = iq.limits.LimitRows(told["rows"] / joints, [-0.3] * 2, [0.2] * 2)
+    return J, lengths * (iq.adjoint(T) @ told["s"]), options
+
+
+def question(rng, here, form, exact, limited, achievable, rows, named):
+    """What is asked of the arm, in numbers of one frame."""
+    m = here.J.shape[1]
+    A = rng.normal(size=(6, 6))
+    return {
+        "s": here.J @ rng.normal(size=m) if achievable else rng.normal(size=6),
+        "at": rng.normal(size=3),
+        "named": named,
+        "lengthless": here.slides.all(),
+        "form": form,
+        "h": rng.uniform(-1.0, 1.0),
+        "Z": rng.normal(size=(6, max(1, 6 - m))),
+        "W": A @ A.T + np.eye(6),
+        "pose": motion(rng, 0.5),
+        "bounds": (-rng.uniform(0.05, 1.5, m), rng.uniform(0.05, 1.5, m)) if limited else None,
+        "posture": rng.normal(size=m),
+        "exact": exact,
+        "v": 0.3 * rng.normal(size=3),
+        "axis": rng.normal(size=3),
+        "omega": 0.3 * rng.normal(size=3),
+        "rows": rng.normal(size=(2, m)) if rows else None,
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(
+    seed=st.integers(0, 10**9),
+    m=st.sampled_from([1, 2, 3, 4, 4, 5, 5, 6, 7, 9, 12]),
+    exact=st.sampled_from([None, None, None, "point", "axis", "both"]),
+    limited=st.booleans(),
+    achievable=st.booleans(),
+    rows=st.booleans(),
+    named=st.booleans(),
+)
+@SCENES
+def test_frames_and_units_change_nothing(kind, seed, m, exact, limited, achievable, rows, named):
+    rng = np.random.default_rng(seed)
+    here = arm(rng, kind, m)
+    spare = np.linalg.matrix_rank(here.J, tol=1e-9) < m
+    # An arm that has no point of its own is asked about one that somebody names; one without a length, with that.
+    named = named or kind in {"gantry", "mixed", "scara"}
+    T, unit = motion(rng, 1.0), 10.0 ** rng.uniform(-3.0, 3.0)
+    for form in (None, "pitch", "complement", "carried")[: 4 if m <= 5 else 2]:
+        told = question(rng, here, form, exact, limited, achievable, rows, named)
+        J, s, options = options_in(here, np.eye(4), 1.0, told)
+        x = iq.solve_velocity(J, s, **options)
+        J, s, options = options_in(here, T, unit, told)
+        y = iq.solve_velocity(J, s, **options)
+        assert (y.status, y.method) == (x.status, x.method)
+        agree = AGREE_WITH_A_NULL_SPACE if spare and x.method == "qp" else AGREE
+        difference = np.abs(y.velocity / here.joints_in(unit) - x.velocity).max()
+        assert difference <= agree * max(np.abs(x.velocity).max(), 1e-3), (form, x.reason)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_displacing_the_tool_frame_changes_nothing_where_the_twist_can_be_met(kind):
+    """Nor does the point: it only says where a twist that cannot be met is missed by least."""
+    rng = np.random.default_rng(1)
+    for m in (1, 2, 4, 6, 7):
+        here = arm(rng, kind, m)
+        s = here.J @ rng.normal(size=m)
+        one, other = (iq.solve_velocity(here.J, s, point=p, joint_metric=np.ones(m)) for p in rng.normal(size=(2, 3)))
+        if one.damping == other.damping == 0.0:
+            np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-9 * (1.0 + np.abs(one.velocity).max()))
+
+
+def test_the_speed_limit_of_a_point_moves_with_the_frame():
+    rng = np.random.default_rng(6)
+    worst, acted = 0.0, 0
+    for k in range(60):
+        m = 2 + k % 7
+        here = arm(rng, "general", m)
+        s, p, T = rng.normal(size=6), rng.normal(size=3), motion(rng, 1.0)
+        limit, bounds = rng.uniform(0.05, 0.5), (-rng.uniform(0.05, 1.0, m), rng.uniform(0.05, 1.0, m))
+        there = here.seen_from(T)
+        x, y = (
+            iq.solve_velocity(J, t, tool_speed=iq.limits.ToolSpeed(limit, q), bounds=bounds, point=q)
+            for J, t, q in ((here.J, s, p), (there.J, iq.adjoint(T) @ s, T[:3, :3] @ p + T[:3, 3]))
+        )
+        assert x.status == y.status
+        assert np.linalg.norm(here.J[3:] @ x.velocity + np.cross(here.J[:3] @ x.velocity, p)) <= limit * (1.0 + 1e-9)
+        worst = max(worst, np.linalg.norm(x.velocity - y.velocity) / np.linalg.norm(x.velocity))
+        acted += x.method == "qp"
+    assert acted > 30
+    assert worst < 1e-7
