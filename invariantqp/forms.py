@@ -1,4 +1,4 @@
-"""How a twist is measured: the forms of the law, their matrices, and the ones that suit an arm.
+"""What is attempted of a twist beyond the joints: the forms of the law and their matrices.
 
 Each name is loaded when first used.
 """

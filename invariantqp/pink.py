@@ -1,6 +1,7 @@
 """Pink's frame task measured at one physical point of the tool; a Pink program changes in one line.
 
-    minimise 1/2 (dq - dq*)'H(dq - dq*),   H = A'A + damping,   A = root J,   |root s|^2 = L^2 |omega|^2 + |v at the point|^2
+    minimise 1/2 (dq - dq*)'H(dq - dq*),   H = A'A + damping,   A = root J
+    |root s|^2 = L^2 |omega|^2 + |v at the point|^2
 
 dq* is the displacement of this library's own law without limits; H weighs departures from it where a limit is active or
 another task competes. Pink's limits, barriers and other tasks stay as they are.
@@ -28,19 +29,20 @@ from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.problem import guard_of
 from invariantqp.velocity.solve import solve
 
 __all__ = ["InvariantFrameTask"]
 
-# The cost of a joint direction that does not move the frame, relative to the largest: a thousandth of what a posture
+# The cost of a joint direction that does not move the frame, relative to the largest: a few thousandths of what a posture
 # task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
-NULL_WEIGHT = 1e-9
-# Enough for a UR5 to stand still at a target three metres out of reach, where without it (as with Pink's own task) the
-# arm oscillates at full speed; at an error of 5 cm it takes less than a thousandth from any motion that is
-# not damped for another reason.
-LM_DAMPING = 1e-3
+NULL_WEIGHT = 3e-10
+# Measured: UR5, Panda and SO-101 come to rest at targets 1.2 and 3 m out of reach from 0.2 on, where without it (as with
+# Pink's own task) they oscillate at full speed. Targets in reach are reached within 1 mm in the same number of steps
+# inside velocity limits, and in 3.6 instead of 14 on average without limits.
+LM_DAMPING = 0.2
 
 
 class InvariantFrameTask(FrameTask):  # type: ignore[misc]
@@ -51,14 +53,14 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             point.
         point: (3,) in the frame [length], or "own".
         cost: [cost]/[m].
-        damping: the policy near singularities; None before the first configuration if the task chooses it for the arm.
+        damping: the policy near singularities; None is `Adaptive()`, stronger where a joint has no velocity limit.
         guard: the descent guard of a form, or None.
     """
 
     form: Form | CarriedMetric | None
     point: Array | str
     cost: float
-    damping: Damping | PaperLambda
+    damping: Damping | None
     guard: Guard | None
 
     def __init__(
@@ -80,7 +82,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             frame: name of the frame.
             h: what is attempted of a twist beyond the joints, as `form` of `Controller`, in the world frame.
             cost: weight against other tasks, Pink's position_cost [cost]/[m]; a radian costs as much as L metres.
-            damping: as in `invariantqp.solve_velocity`; `Selective` has its speed for a step [rad].
+            damping: as in `invariantqp.Controller`; `Selective` has its speed for a step [rad].
             guard: as in `invariantqp.solve_velocity`; it does not see Pink's limits.
             point: (3,) in the frame, as in `Controller`; None is the frame's origin.
             length: L [length/rad], as in `Controller`.
@@ -89,7 +91,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
                 with the error; 0 is none.
 
         Raises:
-            BadInput: numbers out of range, or something that is no form.
+            BadInput: numbers out of range, something that is no form, or [DS]'s own damping, which is no quadratic cost.
         """
         if not isinstance(frame, str):
             raise BadInput("frame", excerpt(frame), "a frame's name")
@@ -100,7 +102,10 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         if point is not None and not isinstance(point, str):
             self.point = arrays.vector(point, 3, "point")
         self._length = None if length is None else arrays.number(length, "length", "a length", positive=True)
-        self.damping = damping_of(damping, limited=False)
+        policy = damping_of(damping, limited=True)
+        if isinstance(policy, PaperLambda):
+            raise BadInput("damping", "PaperLambda", "a policy that only adds to the cost, such as Adaptive()")
+        self.damping = None if damping is None else policy
         self.guard = guard_of(guard)
         share = arrays.not_negative(gain, "gain", "a share of the error")
         if share > 1.0:
@@ -110,6 +115,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         self._model: Any = None
         self._measure: ToolMeasure | None = None
         self._moving = np.empty(0, dtype=np.intp)
+        self._limited = False
 
     def set_target(self, transform_target_to_world: Any) -> None:
         """Set the wanted pose.
@@ -130,58 +136,63 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             RobotModelError: no joint moves the frame.
             pink.exceptions.TargetNotSet: no target.
         """
-        measure = self._measured(configuration)
+        measure, policy = self._measured(configuration)
         pose = configuration.get_transform_frame_to_world(self.frame)
         carry = pose.action[ANGULAR_FIRST]  # from the frame, linear part first, to the world, angular part first
         J = arrays.columns(carry.dot(configuration.get_frame_jacobian(self.frame)[:, self._moving]), "configuration")
         s = arrays.twist(carry.dot(self.gain * self.compute_error(configuration)), "target")
         root = measure.root_for(J, pose.homogeneous)
-        none = np.full(len(self._moving), np.inf)
+        none = np.full(len(self._moving), inf)
         demand = Demand(J, s, root, -none, none)
-        # A displacement is a velocity held for one unit of time; what damps it here is told by `lm_damping`.
-        law = VelocityLaw(
-            form=None if isinstance(self.form, CarriedMetric) else self.form,
-            damping=self._damping(root.dot(s)),
-            guard=self.guard,
-        )
-        K = posed(law, demand, law.damping).objective(1.0).root()
+        b = root.dot(s)
+        more = self.lm_damping * float(b.dot(b))
+        form = None if isinstance(self.form, CarriedMetric) else self.form
+        # A displacement is a velocity held for one unit of time; no calm of a loop, which is what `lm_damping` is for.
+        damping = _Softened(policy, more) if more > 0.0 else policy
+        law = VelocityLaw(form=form, damping=damping, guard=self.guard)
+        cost = _hessian(posed(law, demand, damping).objective(1.0), more)
         H = np.zeros((configuration.model.nv, configuration.model.nv))
-        H[np.ix_(self._moving, self._moving)] = self.cost**2 * K.T.dot(K)
+        H[np.ix_(self._moving, self._moving)] = self.cost**2 * cost
         wanted = np.zeros(len(H))
         wanted[self._moving] = solve(law, demand).velocity
         return H, -H.dot(wanted)
 
-    def _damping(self, b: Array) -> Damping:
-        """The policy, with more damping for a larger error, b (6,) in the measure."""
-        if self.lm_damping == 0.0 or isinstance(self.damping, PaperLambda):
-            return self.damping
-        return _Softened(self.damping, self.lm_damping * float(b.dot(b)))
-
-    def _measured(self, configuration: Configuration) -> ToolMeasure:
-        """The measure; for a new model, also which joints move the frame."""
+    def _measured(self, configuration: Configuration) -> tuple[ToolMeasure, Damping]:
+        """The measure and the policy; for a new model, also which joints move the frame."""
         if self._measure is None or configuration.model is not self._model:
             chain, self._moving = chain_to(configuration.model, self.frame)
             carried = self.form if isinstance(self.form, CarriedMetric) else None
             self._measure = ToolMeasure(chain, self.point, self._length, carried)
+            self._limited = bool(np.isfinite(chain.velocity_limit).all())
             self._model = configuration.model
-        return self._measure
+        policy = damping_of(None, limited=self._limited) if self.damping is None else self.damping
+        return self._measure, policy
 
     def __repr__(self) -> str:
         form = "least squares" if self.form is None else self.form.describe()
         return f"InvariantFrameTask({self.frame!r}, {form}, cost={self.cost:g}, gain={self.gain:g})"
 
 
+def _hessian(objective: Objective, more: float) -> Array:
+    """(n, n) what departures cost; next to nothing in the directions that move nothing, which are for other tasks."""
+    weights = objective.weights.copy()
+    if objective.rank:  # [DS]'s own problem tells none
+        weights[objective.rank :] = NULL_WEIGHT * weights.max() + more
+    H: Array = (objective.V * weights).dot(objective.V.T)
+    return H
+
+
 @dataclass(frozen=True)
 class _Softened:
-    """A policy with the same more in every direction."""
+    """A policy and the same more in every direction."""
 
     policy: Damping
-    more: float
+    more: float  # above zero
 
     @property
     def threshold(self) -> float:
-        """As the policy's, unless more is added to all."""
-        return inf if self.more > 0.0 else self.policy.threshold
+        """Every direction is damped."""
+        return inf
 
     def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
         """lambda^2 of the policy and what is added."""

@@ -91,7 +91,7 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
     excess, speed = figures["limit_violation"], figures["peak_speed"]
     yield f"largest excess over a limit: {excess:.1e}; largest joint speed: {speed:.3g} (SI units)"
     if figures["form"]:
-        yield f"twists are measured by the {figures['form']}"
+        yield f"attempted of a twist beyond the joints: by the {figures['form']}"
     yield f"methods: {_shares(figures['methods'])}; statuses: {_shares(figures['statuses'])}"
     for warning in figures["warnings"]:
         yield f"[yellow]note:[/yellow] {escape(warning)}"
@@ -99,18 +99,20 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
 
 
 def print_inspection(found: Inspection) -> None:
-    """An arm in words: the state asked for, its joint range, and the form to give it."""
+    """An arm in words: the state asked for, its joint range, and the pitch to split twists by."""
     console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else PLAIN_WIDTH
     advice = found.recommended
-    use = f"the pitch form, h = {advice.h:g}" if advice.h is not None else "the metric carried by the tool"
-    key = f"form = {advice.h}" if advice.h is not None else 'form = "tool"'
-    call = f"form={advice.h:g}" if advice.h is not None else "form=invariantqp.tool_metric(robot)"
+    use = (
+        f"no form; for splits the pitch h = {advice.h:g}"
+        if advice.h is not None
+        else "no form, and no pitch for splits"
+    )
     console.print(f"[bold]{escape(found.robot)}[/bold], {len(found.joints)} joints to {escape(found.tool)}")
     for title, words in (
         (f"{found.where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
         (f"over the joint range, {len(found.survey.q)} states", found.range_words()),
-        (f"recommended: {use}", (advice.reason, f"In a task file: {key}; in Python: Controller(robot, {call}, ...).")),
+        (f"recommended: {use}", (advice.reason,)),
     ):
         console.print(f"\n[bold]{title}[/bold]")
         for sentence in words:

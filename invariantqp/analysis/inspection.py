@@ -1,7 +1,7 @@
-"""What a control engineer wants to know of an arm before choosing a law: one state, the joint range, and what to use.
+"""What a control engineer wants to know of an arm before it moves: one state, the joint range, and what to use.
 
 The state: rank, type, principal pitches, blind directions, distance from a singularity (`systems.report`). The range:
-the same in many states (`analysis.survey`), because a form is chosen once for all of them (`analysis.recommendation`).
+the same in many states (`analysis.survey`), because a pitch is chosen once for all of them (`analysis.recommendation`).
 
 Reference: [DS] Sect. 3, 5.
 """
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.analysis.recommendation import Recommendation, recommend
+from invariantqp.analysis.recommendation import LARGEST_NORM, Recommendation, recommend, smallest_norm
 from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
@@ -46,7 +46,8 @@ class Inspection:
         survey: the range.
         own_length: the arm's own length in the middle of its range [length/rad]: inf where no joint turns, 0 where all
             axes meet.
-        recommended: what to measure twists by.
+        norm: how many times as much as least squares the best of the pitches tried misses in this state, |P_h|.
+        recommended: the pitch to split twists by, if any serves.
     """
 
     robot: str
@@ -57,6 +58,7 @@ class Inspection:
     report: SystemReport
     survey: Survey
     own_length: float
+    norm: float
     recommended: Recommendation
 
     def state_words(self) -> tuple[str, ...]:
@@ -69,6 +71,11 @@ class Inspection:
             said = (said[0], note, *said[1:])
         elif self.report.singular:
             said = (*said, "No state does better: the joints are redundant, this is no singularity.")
+        if self.norm > LARGEST_NORM and not self.report.blind_directions.shape[1]:
+            said = (
+                *said,
+                f"But none of those tried serves here: it misses {self.norm:.2g} times what least squares does.",
+            )
         return said
 
     def range_words(self) -> tuple[str, ...]:
@@ -117,6 +124,7 @@ class Inspection:
                 "h": advice.h,
                 "length": advice.length,
                 "reason": advice.reason,
+                "unseen": None if advice.q is None else {"q": advice.q.tolist(), "twists": advice.unseen.T.tolist()},
             },
             "samples": self.survey.as_json(),
         }
@@ -159,7 +167,7 @@ def inspect(
         state = seen.q[int(np.where(seen.regular, seen.distance, -1.0).argmax())]
         report = describe(robot.jacobian(state))
         where = "in a regular state, since the middle of the joint range is singular"
-    length = centre(robot.jacobian(mid)).length
+    advice = recommend(robot, seen.q)
     return Inspection(
         robot=name,
         tool=str(getattr(robot, "tool", "tool_point")),
@@ -168,8 +176,9 @@ def inspect(
         where=where,
         report=report,
         survey=seen,
-        own_length=length,
-        recommended=recommend(robot, report, seen, length),
+        own_length=centre(robot.jacobian(mid)).length,
+        norm=smallest_norm(robot, state, advice.length),
+        recommended=advice,
     )
 
 

@@ -1,141 +1,181 @@
-"""Which form an arm should be given, and why: one pitch for the whole of its joint range, or a carried metric.
+"""Which pitch an arm's twists can be split by, if any: the smallest |h| of +-1, 1.5, 2, 3, 4 L whose |P_h| stays small.
 
-    h = the smallest of +-4 L, +-6 L, +-8 L, ... with |h - h_i| >= |h| / 2 in (nearly) every state; L for rank 6
+    |s - P_h s| <= |P_h| |s - best|      beside the best that the arm can do, at the tool (`projection`)
 
-L is the arm's own length: with |h| near or below it projectors are oblique and large, with |h| far above it orientation
-comes first. Where no h works in most states, none is offered.
+A controller needs no pitch: without a form, what the arm cannot do is missed by least squares at the tool. A pitch is for
+who wants [DS]'s reciprocal splitting: dual projectors, hybrid and shared control. L is the arm's reach to the tool; with
+|h| far below it projectors are oblique and large, with |h| far above it orientation comes first.
+
+|P_h| is looked at in states spread over the joint range and in states with the tool straight up or down (`upright`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, inf, log10
-from typing import Literal
+from math import floor, log10
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from invariantqp.analysis.survey import Survey
+from invariantqp.analysis.projection import can_do, projector_norm, unseen
+from invariantqp.analysis.upright import upright
 from invariantqp.errors import written
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot
-from invariantqp.systems.report import SystemReport, describe
-from invariantqp.velocity.forms import FEW_JOINTS_PITCH
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.systems.report import along_axes
+from invariantqp.velocity.measure import length_at, root_at
 
-# |h - h_i| >= 0.5 |h|: the direction of principal pitch h_i then counts at least half of what it would alone.
-CLEARANCE = 0.5
-# Pitches tried, of the one that an arm with fewer than six joints is given.
+# The largest |P_h| that serves. Measured on SO-101, SO-100 and a three-joint arm with random twists: where |P_h| is
+# between 3 and 4, P_h s is farther from s than standing still is in half of the cases, between 1.5 and 2 in a fifth.
+LARGEST_NORM = 4.0
+# The share of states in which it has to stay below that; near a singularity every arm has some in which it does not.
+NEARLY_ALL = 0.9
+# Pitches tried, of the reach.
 MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
-# A larger pitch must be clear in this many more of the states to be worth it.
-WORTHWHILE = 0.02
-# An arm of which more than this share of the states has no pitch is one on which no pitch works.
-MOSTLY = 0.5
+# States of the range that are enough to tell, and those from which upright ones are looked for.
+MOST_STATES = 1000
+UPRIGHT_STARTS = 32
+# Twists that turn by less than this share of what they move the tool are told as translations.
+TURNING = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recommendation:
-    """What to measure twists by.
+    """Which pitch an arm's twists can be split by, if any.
 
     Attributes:
-        form: "pitch" (`PitchForm(h)`) or "tool" (`tool_metric(robot)`, the metric carried by the tool).
-        h: pitch [length/rad]; None with that metric.
-        length: what a radian counts in that metric [length/rad]; None with a pitch form.
+        form: "pitch" (`PitchForm(h)`) or "tool" (no form: least squares at the tool).
+        h: pitch [length/rad]; None where none serves.
+        length: L, what a radian counts for at the tool: the arm's reach [length/rad].
         reason: in words.
+        q: (m,) joint positions at which no pitch that was tried serves [rad, length]; None where there are none such.
+        unseen: (6, b) what of the arm's twists no pitch sees there, at the tool.
     """
 
     form: Literal["pitch", "tool"]
     h: float | None
-    length: float | None
+    length: float
     reason: str
+    q: Array | None
+    unseen: Array
 
 
-def recommend(robot: Robot, report: SystemReport, survey: Survey, own_length: float) -> Recommendation:
-    """The form for an arm.
+class _Tried(NamedTuple):
+    """|P_h| of (p,) pitches in n states."""
 
-    Args:
-        robot: the arm.
-        report: the state of most interest.
-        survey: states of its range.
-        own_length: L [length/rad] in the middle of the range: inf where no joint turns, 0 where all axes meet.
-    """
-    if survey.blind_share > MOSTLY:
-        return _carried(_blind_example(robot, report, survey), survey.blind_share, own_length)
-    unit = own_length if 0.0 < own_length < inf else 1.0
-    if survey.attainable_rank == 6:
-        h = rounded(unit)
-        reason = (
-            f"The arm has rank 6: away from singularities and limits every h gives the same joint velocities. Where "
-            f"something must give, an h of the order of the arm's own length, {written(own_length, 3)}, lets rotation "
-            "and translation count alike."
+    states: Array  # (n, m)
+    norms: Array  # (n, p)
+    six: Array  # (n,) whether the tool can be moved in all six directions
+
+    def share(self) -> Array:
+        """(p,) share of the states in which each pitch serves; 1 of no states."""
+        return np.ones(self.norms.shape[1]) if not len(self.states) else (self.norms <= LARGEST_NORM).mean(axis=0)
+
+
+def recommend(robot: Robot, q: Array) -> Recommendation:
+    """The pitch for an arm, from (n, m) states of its range."""
+    mid = middle(robot)
+    length = length_at(robot.jacobian(mid), robot.pose(mid)[:3, 3])
+    pitches = tried_pitches(length)
+    spread = _tried(robot, length, q[:MOST_STATES])
+    up = _tried(robot, length, upright(robot, q[:UPRIGHT_STARTS]))
+    shares = np.minimum(spread.share(), up.share())
+    serving = np.flatnonzero(shares >= NEARLY_ALL)
+    best = int(serving[0] if len(serving) else shares.argmax())
+    states, least = np.vstack((spread.states, up.states)), np.vstack((spread.norms, up.norms)).min(axis=1)
+    hardest, said = states[least.argmax()], []
+    where, lost = None, np.empty((6, 0))
+    if least.max() > LARGEST_NORM:
+        where, lost = hardest, unseen(*at_tool(robot, hardest, length), pitches, LARGEST_NORM)
+        said = [_unseen_words(where, lost, root_at(robot.pose(where)[:3, 3], length))]
+    if not len(serving):
+        return Recommendation(
+            "tool", None, length, " ".join([_tool_words(length, spread, up, best), *said]), where, lost
         )
-        return Recommendation("pitch", h, None, reason)
-    pitches = survey.pitches[np.where(survey.regular, survey.blind, 1) == 0]
-    if report.rank == survey.attainable_rank and not report.blind_directions.shape[1]:
-        own = np.full((1, pitches.shape[1]), np.nan)
-        own[0, : len(report.principal_pitches)] = report.principal_pitches
-        pitches = np.vstack((own, pitches))
-    h = _clear_pitch(pitches, FEW_JOINTS_PITCH * own_length if 0.0 < own_length < inf else 1.0)
-    return Recommendation("pitch", h, None, _pitch_reason(h, pitches, survey, own_length))
+    words = _pitch_words(pitches[best], length, spread, up, best)
+    return Recommendation("pitch", pitches[best], length, " ".join([words, *said]), where, lost)
+
+
+def tried_pitches(length: float) -> tuple[float, ...]:
+    """The pitches tried for an arm with this reach [length/rad], smallest first."""
+    return tuple(sign * rounded(times * length) for times in MULTIPLES for sign in (1.0, -1.0))
+
+
+def smallest_norm(robot: Robot, q: Array, length: float) -> float:
+    """The smallest |P_h| of the pitches tried, in one state."""
+    U, inverse_root = at_tool(robot, q, length)
+    return min(projector_norm(U, inverse_root, h) for h in tried_pitches(length))
+
+
+def at_tool(robot: Robot, q: Array, length: float) -> tuple[Array, Array]:
+    """What the joints can do at q (6, k), measured at the tool, and the inverse of the measure's root (6, 6)."""
+    root = root_at(robot.pose(q)[:3, 3], length)
+    return can_do(root.dot(robot.jacobian(q))), np.linalg.inv(root)
 
 
 def rounded(x: float) -> float:
-    """A number to two digits: what a person would type."""
-    return round(x, 1 - floor(log10(abs(x))))
+    """A positive number to two digits: what a person would type."""
+    return round(x, 1 - floor(log10(x)))
 
 
-def crowded(pitches: Array, h: float) -> float:
-    """Share of the states, rows of (n, 6) principal pitches, in which one is nearer to h than half of |h|."""
-    return float(np.mean((np.abs(pitches - h) < CLEARANCE * abs(h)).any(axis=1)))
+def _tried(robot: Robot, length: float, states: Array) -> _Tried:
+    pitches = tried_pitches(length)
+    norms, six = np.empty((len(states), len(pitches))), np.zeros(len(states), dtype=bool)
+    for i, q in enumerate(states):
+        U, inverse_root = at_tool(robot, q, length)
+        six[i] = U.shape[1] == 6
+        norms[i] = [projector_norm(U, inverse_root, h) for h in pitches]
+    return _Tried(states, norms, six)
 
 
-def _clear_pitch(pitches: Array, unit: float) -> float:
-    best = rounded(unit)
-    for multiple in MULTIPLES:
-        for h in (rounded(multiple * unit), -rounded(multiple * unit)):
-            if crowded(pitches, h) < crowded(pitches, best) - WORTHWHILE:
-                best = h
-    return best
+def _pitch_words(h: float, length: float, spread: _Tried, up: _Tried, i: int) -> str:
+    times = "" if abs(h) == rounded(length) else f"{abs(h) / length:.2g} times "
+    size = f"h = {written(h)}, {times}the arm's reach to the tool"
+    if np.mean(spread.six) >= NEARLY_ALL:
+        return (
+            "A controller needs no form: the arm moves its tool in all six directions, so every h gives the same joint "
+            f"velocities where no limit is active. To split twists and wrenches: {size}, lets rotation and "
+            "translation count alike."
+        )
+    return (
+        "A controller needs no form: without one, what the arm cannot do is missed by least squares at the tool. To "
+        f"split twists and wrenches: {size}. It misses at most {LARGEST_NORM:g} times as much of a twist as least "
+        f"squares in {_shares(spread, up, i)}. A much smaller |h| splits obliquely, a larger one puts orientation first."
+    )
 
 
-def _pitch_reason(h: float, pitches: Array, survey: Survey, own_length: float) -> str:
-    share = 1.0 - crowded(pitches, h)
-    finite = pitches[np.isfinite(pitches)]
-    size = "the arm's axes all meet, so that it has no length of its own and any h but 0 does the same"
-    if own_length > 0.0:
-        times = abs(h) / own_length
-        why = "a smaller pitch would project obliquely, a larger one put orientation first"
-        size = f"about {times:.2g} times the arm's own length, {written(own_length, 3)}: {why}"
-    clear = "in every state looked at" if share == 1.0 else f"in {100.0 * share:.3g} % of the states looked at"
-    said = f"{size[0].upper()}{size[1:]}; {clear} it is {written(CLEARANCE * abs(h), 2)} or more from a principal pitch"
-    if len(finite):
-        nearest = finite[np.abs(finite - h).argmin()]
-        said += f" (the nearest is {written(float(nearest), 3)})"
-    said += "."
-    if survey.blind_share > 0.0:
-        said += f" In {100.0 * survey.blind_share:.3g} % of the states no h works: damping and the guard act there."
+def _tool_words(length: float, spread: _Tried, up: _Tried, i: int) -> str:
+    counts = f"in {_shares(spread, up, i)}" if spread.share()[i] or (len(up.states) and up.share()[i]) else "nowhere"
+    return (
+        "Leave out the form: what the arm cannot do is then missed by least squares at the tool, |v|^2 + L^2 |omega|^2 "
+        f"with L = {length:.3g}, the arm's reach. No pitch serves: the best of those tried misses at most "
+        f"{LARGEST_NORM:g} times as much of a twist as least squares {counts}. To split twists and wrenches, name what "
+        "may be given up, Complement(Z), or a metric."
+    )
+
+
+def _shares(spread: _Tried, up: _Tried, i: int) -> str:
+    """In how many states of each kind a pitch serves."""
+    said = f"{100.0 * spread.share()[i]:.3g} % of the states looked at"
+    if len(up.states):
+        said += (
+            f" and {100.0 * up.share()[i]:.3g} % of those with the last axis parallel to the first (tool up or down)"
+        )
     return said
 
 
-def _blind_example(robot: Robot, report: SystemReport, survey: Survey) -> Array:
-    """(6, b) the blind directions of the state asked for, or of another where it has none or is singular."""
-    if report.rank == survey.attainable_rank and report.blind_directions.shape[1]:
-        return report.blind_directions
-    example = int(np.argmax(np.where(survey.regular, survey.blind, 0)))
-    return describe(robot.jacobian(survey.q[example])).blind_directions
+def _unseen_words(q: Array, lost: Array, root: Array) -> str:
+    at = ", ".join(f"{x:.3g}" for x in q)
+    if not lost.shape[1]:
+        return f"At q = ({at}) each pitch has a direction of its own that it does not see."
+    measured = root.dot(lost)
+    listed = [f"the twist {_tuple(twist)}" for twist in lost.T]
+    if np.linalg.norm(measured[:3]) <= TURNING * np.linalg.norm(measured[3:]):
+        slides = along_axes(np.vstack((np.zeros((3, lost.shape[1])), measured[3:])))
+        listed = [f"translation along {_tuple(v)}" for v in slides[3:].T]
+    named = " and ".join(listed)
+    return f"At q = ({at}) no pitch sees {named}: a form would neither ask for that motion nor correct it."
 
 
-def _carried(blind: Array, share: float, own_length: float) -> Recommendation:
-    listed = directions(blind)
-    where = "" if share == 1.0 else f" in {100.0 * share:.3g} % of the states"
-    length = own_length if 0.0 < own_length < inf else 1.0
-    named = "the arm's own length" if length == own_length else "one unit of length, as the arm has none of its own"
-    reason = (
-        f"No h works{where}: every pitch form is blind to translation along {listed}; it would neither ask for such a "
-        f"motion nor correct it. Measure twists at the tool instead, |v|^2 + L^2 |omega|^2 with L = {length:.3g}, "
-        f"{named}. Or name what may be given up: Complement(Z)."
-    )
-    return Recommendation("tool", None, length, reason)
-
-
-def directions(blind: Array) -> str:
-    """(6, b) translations as a list in words."""
-    return " and ".join("(" + ", ".join(written(x, 3) for x in v) + ")" for v in blind[3:].T)
+def _tuple(values: Array) -> str:
+    return "(" + ", ".join(written(round(x, 4), 3) for x in values) + ")"

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, Sighting, middle
+from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.forms import CarriedMetric
 from invariantqp.velocity.measure import length_at, own_point, root_at
 
@@ -43,11 +43,11 @@ class ToolMeasure:
             BadInput: a point or length that is none.
         """
         if isinstance(point, str) and point != "own":
-            raise BadInput("point", repr(point), '"own" or (3,) in the tool frame')
+            raise BadInput("point", excerpt(point), '"own" or (3,) in the tool frame')
         self.point: Array | None = None if isinstance(point, str) else np.zeros(3)
         if point is not None and not isinstance(point, str):
             self.point = arrays.vector(point, 3, "point")
-        mid = middle(robot)
+        mid = middle(require_robot(robot))
         J = robot.jacobian(mid)
         there = own_point(J) if self.point is None else robot.pose(mid).dot([*self.point.tolist(), 1.0])[:3]
         given = None if length is None else arrays.number(length, "length", "a length", positive=True)

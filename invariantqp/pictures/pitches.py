@@ -1,4 +1,4 @@
-"""The principal pitches of an arm over its joint range, one column for each joint, and the pitch that is recommended.
+"""The principal pitches of an arm over its joint range, one column for each joint, and the pitch that serves to split twists.
 
 Lines: this joint moves through its range and the others stay where the arm was inspected. Dots: states spread over the
 whole joint range. The lower row shows how far each state is from a singularity.
@@ -21,7 +21,7 @@ from invariantqp.robots.kinematics import Robot
 
 # Points of a line: enough for a smooth curve at the width of a panel.
 SWEEP = 121
-# Near states where no pitch works, principal pitches go to infinity: the axis ends at this multiple of the best h.
+# Near states where no pitch works, principal pitches go to infinity: the axis ends at this multiple of the best h, or of the reach.
 VIEW = 4.0
 RANGE, ALONE = "states of the range", "this joint alone"
 LINE, DOT, ADVICE, STATE = BLUE, SKY, VERMILION, RULE
@@ -82,7 +82,8 @@ def _pitches(axes: Axes, joint: int, swept: Survey, inspection: Inspection) -> N
             axes.plot(swept.q[:, joint], lines[:, k], color=LINE, linewidth=1.4, label=ALONE)
     if h is not None:
         axes.axhline(h, color=ADVICE, linestyle="--", linewidth=1.2, label=f"recommended h = {written(h, 3)}")
-        axes.set_ylim(-VIEW * abs(h), VIEW * abs(h))
+    size = inspection.recommended.length if h is None else abs(h)
+    axes.set_ylim(-VIEW * size, VIEW * size)
 
 
 def _regular(states: Survey, rank: int) -> Array:
@@ -97,7 +98,7 @@ def _distance(axes: Axes, joint: int, swept: Survey, seen: Survey) -> None:
 
 def _absent(row: Array, inspection: Inspection) -> None:
     """Say why the panels of pitches are empty, where they are."""
-    if inspection.recommended.form == "tool":
+    if inspection.survey.blind_share == 1.0:
         reason = "no pitch works"
         row[0].set_yticks([])
     elif inspection.survey.attainable_rank == 6:
@@ -110,6 +111,6 @@ def _absent(row: Array, inspection: Inspection) -> None:
 
 def _title(inspection: Inspection) -> str:
     advice = inspection.recommended
-    use = f"pitch form, h = {written(advice.h, 3)}" if advice.h is not None else "metric carried by the tool"
+    use = f"pitch h = {written(advice.h, 3)}" if advice.h is not None else "no pitch"
     seen = inspection.survey
     return f"{Path(inspection.robot).name} to {inspection.tool}: rank {seen.attainable_rank}; recommended: {use}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -55,29 +55,48 @@ def solve_poses(
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(targets)]
     path = arrays.flag(along, "along")
     starts = _starts(q0, len(wanted), len(robot.names), along=path)
-    processes = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", MOST_JOBS)
-    if processes == 0:
-        raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
-    if path and processes != 1:
-        raise BadInput("jobs", f"{jobs} for a path", "1", "Each pose of a path begins where the one before ended.")
-    if processes == 1:
-        solutions: list[PoseSolution] = []
-        for target, start in zip(wanted, starts, strict=True):
-            begin = solutions[-1].q if path and solutions else start
-            solutions.append(search.solve(target, begin))
-            if progress is not None:
-                progress(len(solutions), len(wanted))
-        return solutions
-    from joblib import Parallel, delayed
-
-    pieces = [slice(i, i + CHUNK) for i in range(0, len(wanted), CHUNK)]
-    work = (delayed(_piece)(search, wanted[piece], starts[piece]) for piece in pieces)
-    solutions = []
-    for part in Parallel(n_jobs=processes, return_as="generator")(work):
+    processes = _processes(jobs, along=path)
+    parts = (
+        _in_turn(search, wanted, starts, along=path) if processes == 1 else _parallel(search, wanted, starts, processes)
+    )
+    solutions: list[PoseSolution] = []
+    for part in parts:
         solutions.extend(part)
         if progress is not None:
             progress(len(solutions), len(wanted))
     return solutions
+
+
+def _processes(jobs: int, *, along: bool) -> int:
+    """The number of processes, -1 for one a core."""
+    processes = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", MOST_JOBS)
+    if processes == 0:
+        raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
+    if along and processes != 1:
+        raise BadInput("jobs", f"{jobs} for a path", "1", "Each pose of a path begins where the one before ended.")
+    return processes
+
+
+def _in_turn(
+    search: PoseSearch, targets: list[Array], starts: list[Array | None], *, along: bool
+) -> Iterator[list[PoseSolution]]:
+    """One solution at a time; along a path each begins where the one before ended."""
+    before: Array | None = None
+    for target, start in zip(targets, starts, strict=True):
+        solution = search.solve(target, start if before is None else before)
+        before = solution.q if along else None
+        yield [solution]
+
+
+def _parallel(
+    search: PoseSearch, targets: list[Array], starts: list[Array | None], processes: int
+) -> Iterator[list[PoseSolution]]:
+    """The solutions of one chunk of targets after the other."""
+    from joblib import Parallel, delayed
+
+    pieces = [slice(i, i + CHUNK) for i in range(0, len(targets), CHUNK)]
+    work = (delayed(_piece)(search, targets[piece], starts[piece]) for piece in pieces)
+    yield from Parallel(n_jobs=processes, return_as="generator")(work)
 
 
 def _piece(search: PoseSearch, targets: list[Array], starts: list[Array | None]) -> list[PoseSolution]:

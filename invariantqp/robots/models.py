@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from invariantqp.errors import BadInput, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.pinocchio import PinocchioRobot, joint_twists
+from invariantqp.robots.pinocchio import PinocchioRobot, joint_twists, speed_limits
 from invariantqp.robots.urdf import UNLIMITED, read_urdf
 
 
@@ -113,7 +113,8 @@ def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
         lower += [low if bounded else -np.inf] * model.nvs[i]
         upper += [high if bounded else np.inf] * model.nvs[i]
     moving = np.concatenate(tangent).astype(np.intp)
-    return Chain(J[:, moving], home, position_lower=lower, position_upper=upper), moving
+    speed = speed_limits(model)[moving]
+    return Chain(J[:, moving], home, position_lower=lower, position_upper=upper, velocity_limit=speed), moving
 
 
 def _select(model: pin.Model, tool: str, moving: list[str], joints: Sequence[str]) -> list[str]:

@@ -58,12 +58,12 @@ class PinocchioRobot(Compared):
 
     def __init__(self, model: pin.Model, tool: str) -> None:
         """The arm whose joints are all those of a model, each with one coordinate."""
-        lower, upper, speed = model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit
+        lower, upper = model.lowerPositionLimit, model.upperPositionLimit
         limits = joint_limits(
             model.nv,
             np.where(np.abs(lower) >= UNLIMITED, -np.inf, lower),
             np.where(np.abs(upper) >= UNLIMITED, np.inf, upper),
-            np.where((speed > 0.0) & (speed < UNLIMITED), speed, np.inf),
+            speed_limits(model),
         )
         self.__attrs_init__(model, tool, tuple(model.names)[1:], *limits, model.getFrameId(tool), _Workspace(model))
 
@@ -130,6 +130,13 @@ class PinocchioRobot(Compared):
 
     def _positions(self, q: ArrayLike) -> Array:
         return arrays.vector(q, len(self.names), "q")
+
+
+def speed_limits(model: pin.Model) -> Array:
+    """(nv,) velocity limits of a model, inf where it has none."""
+    speed = model.velocityLimit
+    limits: Array = np.where((speed > 0.0) & (speed < UNLIMITED), speed, np.inf)
+    return limits
 
 
 def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:

@@ -1,7 +1,7 @@
 """What a controller is told before a run, and in each tick of it.
 
-A brief may be told in other frames than the task file: a tool frame elsewhere on the tool, say. What it asks of the arm
-stays the same, so a controller that is right answers with the same joint velocities.
+A brief may be expressed in other frames than the task file: a tool frame elsewhere on the tool, say. What it asks of
+the arm stays the same, so a controller that is right answers with the same joint velocities.
 """
 
 from __future__ import annotations

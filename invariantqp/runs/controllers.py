@@ -41,8 +41,10 @@ def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
         "joint_metric": law.joint_metric,
         "backend": law.backend,
         "exact": None if law.exact is None else ExactPoint(law.point),
-        "point": law.point,
+        "point": law.point if any(law.point) else None,  # in contact that is the point of contact
+        "length": law.length,
         "acceleration_limit": law.acceleration_limit,
+        "delay": law.delay,
         "position_margin": law.position_margin,
         "tool_speed": None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),
     }

@@ -20,7 +20,7 @@ PITCH_SAMPLES = 200
 def notes(robot: Robot, form: Form | None, q: Array, solutions: Sequence[VelocitySolution]) -> list[str]:
     """Sentences about a run with joint positions q (n + 1, m), under a law with this form."""
     n = len(solutions)
-    damped = sum(s.damping > 0.0 for s in solutions)
+    damped = sum(getattr(s, "damping", 0.0) > 0.0 for s in solutions)  # laws compared with ours need not say
     said = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
     for status in ("guarded", "scaled", "degraded", "held"):
         hits = [s for s in solutions if s.status == status]

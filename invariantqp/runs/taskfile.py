@@ -36,21 +36,26 @@ else:
 MOST_TICKS = 10_000_000
 # Folders of tasks that come with the package.
 GROUPS = ("", "stability")
+# Old values of `form`, and what to write instead.
+NOW = {
+    "auto": "leave form out",
+    "carried": '"carried" is now "tool"',
+    "pitch": "a pitch is now given as it is, form = 0.3",
+}
 
 
 def _form(given: Any) -> Any:
-    """A pitch, "tool", "auto" or None, as it is.
+    """A pitch, "tool" or None, as it is.
 
     Raises:
         ValueError: anything else.
     """
-    if given is None or given in ("tool", "auto"):
+    if given is None or given == "tool":
         return given
     if isinstance(given, (int, float)) and not isinstance(given, bool) and abs(given) <= LARGEST:
         return float(given)
-    old = '; "carried" is now "tool"' if given == "carried" else ""
-    old = "; a pitch is now given as it is, form = 0.3" if given == "pitch" else old
-    raise ValueError(f'a pitch h in metres per radian, "tool" or "auto" is expected, not {given!r}{old}')
+    now = f"; {NOW[given]}" if isinstance(given, str) and given in NOW else ""
+    raise ValueError(f'a pitch h in metres per radian or "tool" is expected, not {given!r}{now}')
 
 
 class LawSpec(Section):
@@ -64,18 +69,22 @@ class LawSpec(Section):
 
     dt: Positive = Field(0.001, description="tick [s]", examples=[0.001])
     gain: Positive | None = Field(None, description="tracking gain [1/s]", examples=[20.0])
-    form: Annotated[float | Literal["tool", "auto"] | None, PlainValidator(_form)] = Field(
+    form: Annotated[float | Literal["tool"] | None, PlainValidator(_form)] = Field(
         None,
-        description='a pitch h [m/rad], or "tool" for the metric carried by the tool; left out or "auto": what '
-        "`invariantqp inspect` recommends",
+        description="what is attempted of a twist beyond the joints: a pitch h [m/rad]; left out: least squares at the "
+        'point decides; "tool" is that at the origin of the tool frame',
         examples=[0.3],
     )
     damping: NotNegative | None = Field(None, description="lambda [m]; left out: adaptive", examples=[0.0])
     exact: Literal["position"] | None = Field(None, description="what is met exactly", examples=["position"])
     point: Vector3 = Field(
         (0.0, 0.0, 0.0),
-        description='the point of the tool that exact = "position" means, in the tool frame [m]',
+        description='the point of the tool where accuracy is asked for, in the tool frame [m]; left out: its origin, in '
+        'contact the point of contact; exact = "position" meets it exactly',
         examples=[[0.0, 0.0, 0.1]],
+    )
+    length: Positive | None = Field(
+        None, description="what a radian counts for there [m/rad]; left out: the arm's reach", examples=[0.5]
     )
     guard: StrictBool = Field(True, description="whether the descent guard is on", examples=[True])
     posture: StrictBool | NotNegative = Field(
@@ -88,6 +97,7 @@ class LawSpec(Section):
     acceleration_limit: Positive | list[Positive] | None = Field(
         None, description="one for all joints, or one for each [rad/s^2, m/s^2]", examples=[10.0]
     )
+    delay: NotNegative = Field(0.0, description="dead time of the robot beyond one tick [s]", examples=[0.01])
     position_margin: NotNegative = Field(0.0, description="kept from position limits [rad, m]", examples=[0.01])
     tool_speed: Positive | None = Field(None, description="speed limit of a point of the tool [m/s]", examples=[0.25])
     tool_speed_point: Vector3 = Field(

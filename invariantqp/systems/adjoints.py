@@ -2,7 +2,7 @@
 
     <x, A* y>_M = <A x, y>_N for all x, y       A* = M^-1 A'N       J^{*h} = M^-1 J'Q_h
 
-It takes the place of the transpose wherever lengths and angles are told by other forms than the identity: twists by
+It takes the place of the transpose wherever lengths and angles are measured by other forms than the identity: twists by
 Q_h, joint velocities by a joint metric, wrenches by Q_h^-1.
 
 Reference: [DS] (2.12), (2.13), (2.14).

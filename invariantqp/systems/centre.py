@@ -147,10 +147,15 @@ def reach(J: ArrayLike, point: ArrayLike) -> float:
 
 
 def settled(resting: Resting, Z: Array, unit: float) -> Array:
-    """The point (3,), of those as good for the arm, that a space of (6, c) twists moves least.
+    """The point (3,) that the twists of a space move least, among the points that the arm's joints move equally little.
 
-    Counted are its rotations, of unit omega, but for what its translations make up for; so no basis of Z and no frame
-    enters. `unit` is the arm's length, far below which Z's own axes count as out of sight.
+    The sum runs over the rotations in Z, each of unit omega, and leaves out of each velocity what a translation in Z
+    can cancel. So neither a basis of Z nor a frame changes the point.
+
+    Args:
+        resting: the points that the joints move least.
+        Z: (6, c) spanning twists.
+        unit: the arm's length; an axis of Z that is very many of them away is ignored.
     """
     point, free = resting
     if not free.shape[1]:

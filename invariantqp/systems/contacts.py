@@ -111,7 +111,7 @@ def point_contact(
     Raises:
         BadInput: NaN, a zero normal, a tangent parallel to it.
     """
-    return Contact(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, _frame(point, normal, tangent))
+    return Contact(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, contact_frame(point, normal, tangent))
 
 
 def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, slip: bool = True) -> Contact:
@@ -126,7 +126,9 @@ def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, s
     Raises:
         BadInput: NaN, a zero normal, an edge parallel to it.
     """
-    return Contact(LINE if arrays.flag(slip, "slip") else ROLLING_LINE, _frame(point, normal, direction, "direction"))
+    return Contact(
+        LINE if arrays.flag(slip, "slip") else ROLLING_LINE, contact_frame(point, normal, direction, "direction")
+    )
 
 
 def face_contact(
@@ -146,7 +148,7 @@ def face_contact(
     """
     turns = arrays.flag(twist, "twist")
     kind = FACE if arrays.flag(slip, "slip") else PIVOTING_FACE if turns else STICKING_FACE
-    return Contact(kind, _frame(point, normal, tangent))
+    return Contact(kind, contact_frame(point, normal, tangent))
 
 
 def surface_contact(
@@ -190,7 +192,7 @@ def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
     Raises:
         BadInput: NaN, a zero axis.
     """
-    return Contact(PEG, _frame(point, -arrays.direction(axis, "axis"), None))
+    return Contact(PEG, contact_frame(point, -arrays.direction(axis, "axis"), None))
 
 
 def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
@@ -208,10 +210,10 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
     h = arrays.number(pitch, "pitch", expected, infinite=True)
     if LENGTH_LIMIT < abs(h) < inf:
         raise BadInput("pitch", f"{h:.4g}, beyond any machine", expected)
-    return Contact(screw_kind(h), _frame(point, -arrays.direction(axis, "axis"), None))
+    return Contact(screw_kind(h), contact_frame(point, -arrays.direction(axis, "axis"), None))
 
 
-def _frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
+def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
     z = -arrays.direction(normal, "normal")
     along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, argument)

@@ -1,4 +1,4 @@
-"""All joint velocities that move a point of the end-effector along a line or leave it at rest.
+"""All joint velocities that move a point of the tool along a line or leave it at rest.
 
     {x : (J x)(p) parallel to q} = J^{+h}(S_q meet im J) + ker J,   S_q = {s : v + omega x p parallel to q}
 
@@ -33,7 +33,7 @@ class PointMotion(Value):
 
     Attributes:
         velocities: (m, n) basis of them all: those of `twists` first, then those that move nothing.
-        twists: (6, k) basis of S_q meet im J, the motions of the end-effector that move the point so.
+        twists: (6, k) basis of S_q meet im J, the motions of the tool that move the point so.
         self_motions: (m, m-r) basis of ker J.
         moves: whether the point can move along the direction; if not, all these velocities leave it at rest.
     """
@@ -74,7 +74,7 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
 
     Args:
         J: (6, m) joint twists, any m and rank.
-        point: (3,) point of the end-effector, in the frame of J [length].
+        point: (3,) point of the tool, in the frame of J [length].
         direction: (3,) not zero, in the frame of J.
 
     Returns:

@@ -123,14 +123,14 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
         type=kind,
         principal_pitches=pitches,
         principal_screws=screws,
-        blind_directions=_along_axes(blind),
+        blind_directions=along_axes(blind),
         constraint_wrenches=annihilator(S),
         singularity_distance=0.0 if kind.dimension < min(6, twists.shape[1]) else _isotropy(twists),
     )
 
 
-def _along_axes(blind: Array) -> Array:
-    """An orthonormal basis of the same translations, as close to the axes of the frame as there is."""
+def along_axes(blind: Array) -> Array:
+    """An orthonormal basis of the same (6, b) translations, as close to the axes of the frame as there is."""
     left = blind[3:].dot(blind[3:].T)
     basis = np.zeros_like(blind)
     for i in range(blind.shape[1]):

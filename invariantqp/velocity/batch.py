@@ -190,7 +190,7 @@ def _box(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, n: int, m: int) ->
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
         raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper), or (lower, upper) of shape (N, m)")
     sides = []
-    for name, value in zip(("lower", "upper"), bounds, strict=True):
+    for name, value in zip(("bounds[0]", "bounds[1]"), bounds, strict=True):
         a = arrays.array(value, name, f"limits of shape {(n, m)}")
         if a.shape != (n, m):
             raise BadInput(name, f"shape {a.shape}", f"shape {(n, m)}, one row a Jacobian")

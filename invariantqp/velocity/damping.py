@@ -9,13 +9,14 @@ posture x_p, and a direction that moves nothing goes to it whole. Each gain sigm
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -69,7 +70,7 @@ class Fixed(Value):
         Raises:
             BadInput: not a number, or below zero.
         """
-        self.__attrs_init__(arrays.not_negative(value, "damping", "a number not below zero"))
+        self.__attrs_init__(arrays.not_negative(value, "value", "lambda"))
 
     @property
     def threshold(self) -> float:
@@ -144,7 +145,7 @@ class Selective(Value):
         """
         least = Adaptive() if adaptive is None else adaptive
         if not isinstance(least, Adaptive):
-            raise BadInput("adaptive", repr(adaptive), "Adaptive(threshold, ceiling)")
+            raise BadInput("adaptive", excerpt(adaptive), "Adaptive(threshold, ceiling)")
         self.__attrs_init__(arrays.number(speed, "speed", positive=True), least)
 
     @property
@@ -185,7 +186,8 @@ class PaperLambda(Value):
         Lambda = arrays.array(matrix, "matrix", "a symmetric (m, m) matrix, its diagonal, or a number")
         if not np.isfinite(Lambda).all():
             raise BadInput("matrix", "NaN or infinity", "finite numbers")
-        if Lambda.ndim > 2 or (Lambda.ndim == 2 and not np.allclose(Lambda, Lambda.T, rtol=1e-9, atol=0.0)):
+        square = Lambda.ndim < 2 or Lambda.shape == Lambda.T.shape
+        if Lambda.ndim > 2 or not square or not np.allclose(Lambda, Lambda.T, rtol=1e-9, atol=0.0):
             raise BadInput("matrix", f"shape {Lambda.shape} or no symmetry", "a symmetric (m, m) matrix")
         self.__attrs_init__(Lambda)
 
@@ -212,8 +214,8 @@ def damping_of(damping: Damping | PaperLambda | float | None, *, limited: bool) 
         return Adaptive() if limited else Adaptive(UNLIMITED_THRESHOLD, UNLIMITED_CEILING)
     if isinstance(damping, (Damping, PaperLambda)):
         return damping
-    if isinstance(damping, bool) or not isinstance(damping, (int, float, np.number)):
+    if isinstance(damping, bool) or not isinstance(damping, Real):
         raise BadInput(
-            "damping", repr(damping), "a number, Adaptive(), Fixed(...), Selective(...) or a policy of yours"
+            "damping", excerpt(damping), "a number, Adaptive(), Fixed(...), Selective(...) or a policy of yours"
         )
-    return Fixed(float(damping))
+    return Fixed(arrays.not_negative(damping, "damping", "lambda"))

@@ -16,7 +16,7 @@ from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -62,8 +62,10 @@ class ExactRows(Value):
         """These rows and others, of the same joints.
 
         Raises:
-            BadInput: rows on another number of joints.
+            BadInput: no ExactRows, or rows on another number of joints.
         """
+        if not isinstance(others, ExactRows):
+            raise BadInput("others", excerpt(others), "ExactRows(A, b)")
         if self.A.shape[1] != others.A.shape[1]:
             raise BadInput("others", f"rows on {others.A.shape[1]} joints", f"rows on {self.A.shape[1]}")
         told = None
@@ -72,9 +74,14 @@ class ExactRows(Value):
         return ExactRows(np.vstack((self.A, others.A)), np.concatenate((self.b, others.b)), told)
 
     @classmethod
-    def of(cls, J: Array, told: Array, b: ArrayLike) -> ExactRows:
-        """Parts of the twist: D J x = b for joint twists J (6, m) and D (k, 6)."""
-        return cls(told.dot(J), b, told)
+    def of(cls, J: ArrayLike, told: ArrayLike, b: ArrayLike) -> ExactRows:
+        """Parts of the twist: D J x = b for joint twists J (6, m) and D (k, 6).
+
+        Raises:
+            BadInput: shapes that do not fit, NaN.
+        """
+        D = arrays.matrix(told, (None, 6), "told")
+        return cls(D.dot(arrays.columns(J)), b, D)
 
     def on(self, to_joint: Array | None) -> ExactRows:
         """The same rows on y, x = T y."""
@@ -82,8 +89,12 @@ class ExactRows(Value):
 
     @classmethod
     def point(cls, J: ArrayLike, point: ArrayLike, velocity: ArrayLike) -> ExactRows:
-        """The velocity (3,) of the body point now at `point` (3,), v + omega x p, for joint twists J (6, m)."""
-        return cls.of(arrays.columns(J), _velocity_of(arrays.vector(point, 3, "point")), velocity)
+        """The velocity (3,) of the body point now at `point` (3,), v + omega x p, for joint twists J (6, m).
+
+        Raises:
+            BadInput: shapes that do not fit, NaN.
+        """
+        return cls.of(J, _velocity_of(arrays.vector(point, 3, "point")), arrays.vector(velocity, 3, "velocity"))
 
     @classmethod
     def axis(cls, J: ArrayLike, axis: ArrayLike, omega: ArrayLike) -> ExactRows:
@@ -94,7 +105,7 @@ class ExactRows(Value):
         """
         across = np.linalg.svd(arrays.direction(axis, "axis").reshape(1, 3))[2][1:]
         told = np.hstack((across, np.zeros((2, 3))))
-        return cls.of(arrays.columns(J), told, across.dot(arrays.vector(omega, 3, "omega")))
+        return cls.of(J, told, across.dot(arrays.vector(omega, 3, "omega")))
 
     @classmethod
     def plane(cls, J: ArrayLike, point: ArrayLike, normal: ArrayLike, speed: float) -> ExactRows:
@@ -105,7 +116,7 @@ class ExactRows(Value):
         """
         n = arrays.direction(normal, "normal")
         told = n.dot(_velocity_of(arrays.vector(point, 3, "point"))).reshape(1, 6)
-        return cls.of(arrays.columns(J), told, [arrays.number(speed, "speed")])
+        return cls.of(J, told, [arrays.number(speed, "speed")])
 
 
 def _velocity_of(point: Array) -> Array:

@@ -14,6 +14,7 @@ out, and no rounding decides between two laws.
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -21,7 +22,7 @@ from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -74,7 +75,7 @@ class PitchForm(Value):
             BadInput: an h that is no finite number, a convexified that is neither True nor False.
         """
         if not isinstance(convexified, bool):
-            raise BadInput("convexified", repr(convexified), "True or False")
+            raise BadInput("convexified", excerpt(convexified), "True or False")
         self.__attrs_init__(finite_pitch(h), convexified)
 
     def matrix(self, inverse_root: Array) -> Array:
@@ -182,6 +183,16 @@ class CarriedMetric(Value):
         root: Array = self._root.dot(se3.inverse_adjoint(pose))
         return root
 
+    @property
+    def carried(self) -> Array:
+        """(6, 6) the metric in the frame of J.
+
+        Raises:
+            BadInput: it follows the tool.
+        """
+        root = self.root()
+        return np.asarray(root.T.dot(root))
+
     def describe(self) -> str:
         """One phrase for reports."""
         return f"metric carried by the body at {'the tool' if self.follows_tool else 'the given pose'}"
@@ -195,7 +206,7 @@ def form_of(form: Form | CarriedMetric | float | None) -> Form | CarriedMetric |
     """
     if form is None or isinstance(form, (CarriedMetric, Form)):
         return form
-    if isinstance(form, bool) or not isinstance(form, (int, float, np.number)):
+    if isinstance(form, bool) or not isinstance(form, Real):
         expected = "a pitch h, PitchForm(h), CarriedMetric(matrix, pose), Complement(Z), or None"
-        raise BadInput("form", f"{form!r}", expected)
-    return PitchForm(float(form))
+        raise BadInput("form", excerpt(form), expected)
+    return PitchForm(finite_pitch(form, "form"))

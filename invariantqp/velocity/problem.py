@@ -8,7 +8,7 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
@@ -158,7 +158,7 @@ def measure_of(
         BadInput: a point or length that is none.
     """
     if isinstance(point, str) and point != "own":
-        raise BadInput("point", repr(point), '"own" or (3,) in the frame of J')
+        raise BadInput("point", excerpt(point), '"own" or (3,) in the frame of J')
     named = point is not None and not isinstance(point, str)
     p = arrays.vector(point, 3, "point") if named else own_point(J, s)  # type: ignore[arg-type]
     L = length_at(J, p, s) if length is None else arrays.number(length, "length", "a length", positive=True)

@@ -19,7 +19,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -150,7 +150,7 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     """
     if not isinstance(tasks, Sequence) or not tasks:
         raise BadInput(
-            "tasks", "none" if isinstance(tasks, Sequence) else repr(tasks), "a list of TwistTask, JointTask"
+            "tasks", "none" if isinstance(tasks, Sequence) else excerpt(tasks), "a list of TwistTask, JointTask"
         )
     for name, remedy in REFUSED.items():
         if options.get(name) is not None:
@@ -177,7 +177,7 @@ def _joints(task: TwistTask | JointTask, i: int) -> int:
         return int(task.J.shape[1])
     if isinstance(task, JointTask):
         return len(task.velocity)
-    raise BadInput(f"tasks[{i}]", repr(task), "a TwistTask or a JointTask")
+    raise BadInput(f"tasks[{i}]", excerpt(task), "a TwistTask or a JointTask")
 
 
 def _solved(

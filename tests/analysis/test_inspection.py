@@ -1,27 +1,28 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from attrs import evolve
 from support.random_systems import motion
 
 import invariantqp as iq
 from invariantqp.analysis import survey as surveys
-from invariantqp.analysis.recommendation import CLEARANCE, crowded, recommend
+from invariantqp.analysis.projection import can_do, projector_norm
+from invariantqp.analysis.recommendation import LARGEST_NORM, NEARLY_ALL, recommend
 from invariantqp.analysis.survey import joint_ranges, spread, survey
+from invariantqp.analysis.upright import PARALLEL, upright
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.arm import arm
-from invariantqp.velocity.forms import FEW_JOINTS_PITCH
+from invariantqp.velocity.measure import root_at
 
+X, Y, Z = np.eye(3)
 # name, joints, rank in the middle, rank of the arm, type in the middle, recommended form
 ARMS = [
-    ("so101", 5, 5, 5, "h", "pitch"),
+    ("so101", 5, 5, 5, "h", "tool"),
     ("ur5", 6, 6, 6, "SE3", "pitch"),
     ("panda", 7, 6, 6, "SE3", "pitch"),
     ("scara", 4, 4, 4, "IIC", "tool"),
     ("planar_3r", 3, 3, 3, "IIC", "tool"),
-    ("arm_3r", 3, 3, 3, "IB0", "pitch"),
+    ("arm_3r", 3, 3, 3, "IB0", "tool"),
 ]
 
 
@@ -51,17 +52,17 @@ def test_what_is_said_of_known_arms(name, joints, rank, attainable, kind, form):
     assert (found.report.rank, found.survey.attainable_rank, str(found.report.type)) == (rank, attainable, kind)
     assert found.recommended.form == form
     assert found.own_length == pytest.approx(iq.systems.centre(robot.jacobian(middle(robot))).length)
+    assert found.recommended.length == pytest.approx(iq.Controller(robot, dt=0.01).measure.length)
     if form == "pitch":
-        h = found.recommended.h
-        few = 1.0 if attainable == 6 else FEW_JOINTS_PITCH
-        assert 0.9 * few < abs(h) / found.own_length < 4.1 * few
+        assert found.recommended.h == pytest.approx(found.recommended.length, rel=0.05)
         regular = [q for q, r in zip(found.survey.q, found.survey.rank, strict=True) if r == attainable]
-        assert all(iq.has_pseudoinverse(robot.jacobian(q), h) for q in regular)
+        assert all(iq.has_pseudoinverse(robot.jacobian(q), found.recommended.h) for q in regular)
     else:
-        assert found.recommended.length == pytest.approx(found.own_length)
         assert found.recommended.h is None
-        assert "No h works: every pitch form is blind to translation along (1, 0, 0) and (0, 1, 0)" in words(found)
         assert "Complement(Z)" in found.recommended.reason
+    if kind == "IIC":
+        assert "No pitch h works: every pitch form is blind to translation along (1, 0, 0)" in words(found)
+        assert "no pitch sees translation along (1, 0, 0) and translation along (0, 1, 0)" in words(found)
     assert "nan" not in words(found)
     assert "e-1" not in words(found)
 
@@ -73,7 +74,7 @@ def test_a_singular_middle_is_not_taken_for_the_arm():
     singular = iq.analysis.inspect(arm("ur5"), q=np.zeros(6))
     assert "That is this state, not the arm: its rank is 6 in 100 % of the range." in singular.state_words()
     regular = iq.analysis.inspect(arm("ur5"), q=[0.1, -1.2, 1.6, -0.6, -0.4, 0.3])
-    assert (regular.report.rank, regular.recommended) == (6, found.recommended)
+    assert (regular.report.rank, regular.recommended.reason) == (6, found.recommended.reason)
     assert "not the arm" not in words(regular)
 
 
@@ -91,51 +92,159 @@ def test_arms_without_a_length_of_their_own():
     assert (found.recommended.form, found.recommended.length) == ("tool", 1.0)
     assert found.as_json()["own_length"] is None
     np.testing.assert_array_equal(iq.tool_metric(gantry).matrix, np.eye(6))
-    wrist = iq.robots.Chain(np.array([iq.revolute(a, (1.0, 2.0, 3.0)) for a in np.eye(3)]).T, np.eye(4))
+    home = iq.transform(translation=(1.0, 2.0, 3.0))
+    wrist = iq.robots.Chain(np.array([iq.revolute(a, (1.0, 2.0, 3.0)) for a in np.eye(3)]).T, home)
     found = iq.analysis.inspect(wrist)
     assert (found.recommended.form, found.recommended.h, found.own_length) == ("pitch", 1.0, 0.0)
-    assert "any h but 0 does the same" in found.recommended.reason
+    assert found.norm < 1.5
 
 
-def test_the_recommended_pitch_is_as_clear_of_principal_pitches_as_it_says():
+def projected(robot, q, length, h):
+    """P_h and the best that the joints can do, both measured at the tool."""
+    J = robot.jacobian(q)
+    root = root_at(robot.pose(q)[:3, 3], length)
+    S = iq.systems.screw_system(J)
+    P = root @ iq.dual_projectors(S, h=h).motion @ np.linalg.inv(root)
+    Q = np.linalg.qr(root @ S)[0]
+    return P, Q @ Q.T
+
+
+@pytest.mark.parametrize("multiple", [1.0, -1.0, 2.5])
+def test_the_norm_is_how_many_times_more_a_pitch_misses(multiple):
+    rng = np.random.default_rng(0)
+    robot, L = five(), 0.57
+    for q in spread(robot, 40):
+        P, best = projected(robot, q, L, multiple * L)
+        root = root_at(robot.pose(q)[:3, 3], L)
+        norm = projector_norm(can_do(root @ robot.jacobian(q)), np.linalg.inv(root), multiple * L)
+        assert norm == pytest.approx(np.linalg.norm(P, 2), rel=1e-6)
+        s = rng.normal(size=(6, 50))
+        missed = np.linalg.norm(s - P @ s, axis=0) / np.linalg.norm(s - best @ s, axis=0)
+        assert missed.max() <= norm * (1.0 + 1e-9)
+        # The bound is attained by the twist that P turns most.
+        worst = np.linalg.svd(np.eye(6) - P)[2][0]
+        assert np.linalg.norm(worst - P @ worst) / np.linalg.norm(worst - best @ worst) == pytest.approx(norm, rel=1e-6)
+
+
+def test_the_recommended_pitch_serves_in_as_many_states_as_it_says():
     robot = five()
     found = iq.analysis.inspect(robot, samples=300)
-    h = found.recommended.h
-    near = 0
-    for q in np.vstack((found.q, found.survey.q)):
-        near += np.abs(iq.principal_pitches(robot.jacobian(q)) - h).min() < 0.5 * abs(h)
-    assert f"in {100.0 * (1.0 - near / 301):.3g} % of the states" in found.recommended.reason
-    assert near / 301 < 0.05
+    h, L = found.recommended.h, found.recommended.length
+    served = np.mean([np.linalg.norm(projected(robot, q, L, h)[0], 2) <= LARGEST_NORM for q in found.survey.q])
+    assert f"in {100.0 * served:.3g} % of the states looked at" in found.recommended.reason
+    assert NEARLY_ALL <= served < 1.0
+    assert abs(h) == pytest.approx(L, rel=0.05)
 
 
-@pytest.mark.parametrize("where", [1.0, -1.0, 1.4, -2.5])
-def test_it_gives_way_to_a_principal_pitch_of_its_own_size(where):
-    found = iq.analysis.inspect(five())
-    n, L = len(found.survey.q), FEW_JOINTS_PITCH * found.own_length
-    pitches = np.full((n, 6), np.nan)
-    pitches[:, 0] = where * L
-    report = evolve(found.report, principal_pitches=np.array([where * L]))
-    h = recommend(five(), report, replace(found.survey, pitches=pitches), found.own_length).h
-    assert abs(h - where * L) >= CLEARANCE * abs(h)
-    assert 0.9 * L < abs(h) < 4.1 * L
-    assert crowded(pitches, h) == 0.0
-    expected = {1.0: -1.0, -1.0: 1.0, 1.4: -1.0, -2.5: 1.0}[where]
-    assert h / L == pytest.approx(expected, rel=0.1)
+def test_it_gives_way_to_a_principal_pitch_of_its_own_size():
+    # Two revolute joints and a helical one, all through the tool: principal pitches 0 and that of the screw.
+    def arm_of(pitch):
+        screws = [iq.revolute(Z, (0, 0, 0)), iq.se3.helical(X, (0.0, 0.0, 0.0), pitch), iq.revolute(Z, (0.5, 0, 0))]
+        return iq.robots.Chain(np.array(screws).T, iq.transform(translation=(1.0, 0, 0)), position_lower=-1.0)
+
+    for pitch in (1.0, -1.0):
+        found = recommend(arm_of(pitch), spread(arm_of(pitch), 64))
+        assert found.h is None or abs(found.h - pitch) > 0.1
 
 
-def test_states_in_which_no_pitch_works_do_not_speak_for_the_arm():
-    found = iq.analysis.inspect(five())
-    blind = np.zeros(len(found.survey.q), dtype=int)
-    blind[:10] = 1
-    few = recommend(five(), found.report, replace(found.survey, blind=blind), found.own_length)
-    assert few.form == "pitch"
-    assert "In 15.6 % of the states no h works" in few.reason
+URDF = """<robot name="r"><link name="l0"/>{}</robot>"""
+JOINT = """<link name="l{0}"/><joint name="j{0}" type="{1}"><parent link="l{2}"/><child link="l{0}"/>
+<origin xyz="{3}" rpy="{4}"/><axis xyz="0 0 1"/><limit lower="{5}" upper="{6}" velocity="2" effort="1"/></joint>"""
+
+
+def from_urdf(*joints):
+    """An arm of (kind, xyz, rpy, lower, upper) joints; a last link of 0.1 along the last joint's x axis is the tool."""
+    listed = [JOINT.format(i + 1, kind, i, xyz, rpy, low, high) for i, (kind, xyz, rpy, low, high) in enumerate(joints)]
+    tool = (
+        f'<link name="tool"/><joint name="t" type="fixed"><parent link="l{len(joints)}"/><child link="tool"/>'
+        '<origin xyz="0.1 0 0"/></joint>'
+    )
+    return iq.load_robot(URDF.format("".join(listed) + tool), "tool")
+
+
+TURN = ("revolute", "0.3 0 0")
+ROUNDED = {
+    "scara": from_urdf(
+        ("revolute", "0 0 0.4", "0 0 0", -2.5, 2.5),
+        (*TURN, "3.1416 0 0", -2.5, 2.5),
+        ("prismatic", "0.3 0 0", "0 0 0", 0.0, 0.2),
+        ("revolute", "0 0 0", "3.1416 0 0", -3.0, 3.0),
+    ),
+    "planar": from_urdf(
+        ("revolute", "0 0 0", "0 0 0", -2.5, 2.5), (*TURN, "3.1416 0 0", -2.5, 2.5), (*TURN, "3.1416 0 0", -2.5, 2.5)
+    ),
+    "snake of six": from_urdf(
+        ("revolute", "0 0 0", "0 0 0", -2.5, 2.5), *((*TURN, "3.1416 0 0", -2.5, 2.5) for _ in range(5))
+    ),
+    "yaw and three pitches": from_urdf(
+        ("revolute", "0 0 0.3", "0 0 0", -2.5, 2.5),
+        ("revolute", "0 0 0", "1.5708 0 0", -1.5, 1.5),
+        (*TURN, "3.1416 0 0", -2.5, 2.5),
+        (*TURN, "3.1416 0 0", -2.5, 2.5),
+    ),
+}
+
+
+STATE = {"scara": [0.3, 0.7, 0.1, -0.5], "planar": [0.3, -0.2, -0.8], "yaw and three pitches": [0.3, -0.1, -0.4, -0.8]}
+
+
+@pytest.mark.parametrize("name", ROUNDED)
+def test_what_rounding_in_a_urdf_hides_is_told(name):
+    robot = ROUNDED[name]
+    found = iq.analysis.inspect(robot, q=STATE.get(name, np.linspace(0.3, -0.8, 6)))
+    assert (found.recommended.form, found.recommended.h) == ("tool", None)
+    assert found.norm > 1e4
+    if name in STATE:  # by its type it is a regular arm with pitches
+        assert not found.report.blind_directions.shape[1]
+        assert "But none of those tried serves here" in words(found)
+    # What is said is so: the arm can make that motion, and no pitch form asks for it.
+    q, unseen = found.recommended.q, found.recommended.unseen
+    assert f"At q = ({q[0]:.3g}" in found.recommended.reason
+    J, point = robot.jacobian(q), robot.pose(q)[:3, 3]
+    root = root_at(point, found.recommended.length)
+    Q = can_do(root @ J)
+    for s in (root @ unseen).T:
+        np.testing.assert_allclose(Q @ (Q.T @ s), s, atol=1e-9)
+        for h in (found.recommended.length, -2.0 * found.recommended.length):
+            M = iq.PitchForm(h).matrix(np.linalg.inv(root))
+            assert np.linalg.norm(Q.T @ M @ s) < np.linalg.norm(M, 2) * np.linalg.norm(s) / LARGEST_NORM
+
+
+def test_a_tool_straight_down_leaves_five_joints_no_pitch():
+    robot = iq.load_robot("so101")
+    found = iq.analysis.inspect(robot, name="so101")
+    assert (found.report.rank, found.report.blind_directions.shape[1]) == (5, 0)
+    assert "0 % of those with the last axis parallel to the first" in found.recommended.reason
+    q = found.recommended.q
+    across = np.cross(*(robot.jacobian(q)[:3, i] for i in (0, -1)))
+    assert np.linalg.norm(across) < PARALLEL
+    for multiple in (1.0, 4.0):
+        with pytest.raises(iq.errors.NoProjectors):
+            projected(robot, q, found.recommended.length, multiple * found.recommended.length)
+    assert found.recommended.unseen.shape == (6, 1)
+
+
+def test_upright_states_are_inside_the_range_and_upright():
+    robot = iq.load_robot("so101")
+    q = upright(robot, spread(robot, 30))
+    assert len(q) > 20
+    assert (q >= robot.position_lower).all()
+    assert (q <= robot.position_upper).all()
+    for state in q:
+        w = robot.jacobian(state)[:3]
+        assert np.linalg.norm(np.cross(w[:, 0], w[:, -1])) < PARALLEL
+    assert not len(upright(arm("scara"), spread(arm("scara"), 5)))  # always upright: no other states than the rest
+    slides = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4))
+    assert not len(upright(slides, np.zeros((2, 3))))
 
 
 def test_no_frame_matters():
     T = motion(np.random.default_rng(3))
     plain, moved = iq.analysis.inspect(five()), iq.analysis.inspect(five(T))
-    assert plain.recommended == moved.recommended
+    assert plain.recommended.h == moved.recommended.h
+    assert plain.recommended.length == pytest.approx(moved.recommended.length, rel=1e-9)
+    assert plain.norm == pytest.approx(moved.norm, rel=1e-6)
+    np.testing.assert_allclose(iq.adjoint(T) @ plain.recommended.unseen, moved.recommended.unseen, atol=1e-6)
     np.testing.assert_allclose(plain.survey.pitches, moved.survey.pitches, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(plain.survey.distance, moved.survey.distance, rtol=1e-9)
 
@@ -174,7 +283,7 @@ def test_json_has_the_fixed_keys_and_nothing_json_has_not(name):
     found = json.loads(json.dumps(iq.analysis.inspect(arm(name), name=name).as_json(), allow_nan=False))
     fixed = {"robot", "tool", "joints", "rank", "gibson_hunt", "admits_pseudoinverse", "principal_pitches"}
     assert fixed | {"blind_directions", "recommended"} <= set(found)
-    assert {"form", "h", "reason"} <= set(found["recommended"])
+    assert {"form", "h", "reason", "unseen"} <= set(found["recommended"])
     assert (found["robot"], found["samples"]["count"]) == (name, 64)
     assert all(len(direction) == 6 for direction in found["blind_directions"])
     assert found["admits_pseudoinverse"] == (not found["blind_directions"])

@@ -1,4 +1,4 @@
-"""Arms on which no pitch form works, run with the metric carried by the tool."""
+"""Arms on which no pitch form works: without a form, and with one."""
 
 import numpy as np
 import pytest
@@ -28,18 +28,22 @@ def test_a_displaced_tool_frame_changes_nothing(name):
     assert np.abs(plain.q - displaced.q).max() < 1e-12
 
 
-def test_a_pitch_form_is_blind_there_and_says_so():
-    trace = iq.run_task(iq.load_task("planar_3r"), form=0.3, dt=0.01)
+@pytest.mark.parametrize("name", ARMS)
+def test_a_pitch_form_is_blind_there_says_so_and_does_no_harm(name):
+    plain, trace = (iq.run_task(iq.load_task(name), form=form) for form in (None, 0.3))
     assert any("no pitch form sees all of this arm" in w for w in trace.warnings)
-    assert not trace.passed
+    assert trace.passed
+    np.testing.assert_allclose(trace.q, plain.q, atol=1e-9)
 
 
-def test_the_metric_is_that_of_the_arms_own_length_at_the_tool():
+def test_the_tool_metric_is_what_is_measured_by_without_a_form():
     robot = iq.load_task("planar_3r").load_robot()
     metric = iq.tool_metric(robot)
-    length = iq.systems.centre(robot.jacobian([0.0, 1.4, 0.0])).length
-    np.testing.assert_allclose(metric.matrix, np.diag(np.repeat((length**2, 1.0), 3)))
+    reach = 0.4 + 0.35 + 0.15
+    np.testing.assert_allclose(metric.matrix, np.diag(np.repeat((reach**2, 1.0), 3)))
     assert metric.follows_tool
+    plain, carried = (iq.run_task(iq.load_task("planar_3r"), form=form, dt=0.01) for form in (None, "tool"))
+    np.testing.assert_allclose(carried.q, plain.q, atol=1e-12)
 
 
 def content(**law):
@@ -48,10 +52,9 @@ def content(**law):
     return {"name": "x", "robot": robot, "path": {"kind": "line", "duration": 0.1}, "law": {"dt": 0.01, **law}}
 
 
-def test_a_joint_metric_settles_mixed_units():
-    assert iq.run_task(task_from(content(form="tool", joint_metric=[1.0, 9.0]), "x")).passed
-    with pytest.warns(iq.velocity.UnitsMixed):
-        iq.run_task(task_from(content(form="tool"), "x"))
+def test_mixed_units_need_no_joint_metric_and_take_one():
+    for law in ({}, {"joint_metric": [1.0, 9.0]}):
+        assert iq.run_task(task_from(content(**law), "x")).passed
     with pytest.raises(iq.BadInput, match="joint_metric"):
         iq.run_task(task_from(content(joint_metric=[1.0]), "x"))
 
@@ -61,8 +64,11 @@ def test_a_joint_metric_settles_mixed_units():
     [
         (
             {"form": "carried"},
-            r'\$\.law\.form: a pitch h in metres per radian, "tool" or "auto" is expected.*is now "tool"',
+            r'\$\.law\.form: a pitch h in metres per radian or "tool" is expected.*is now "tool"',
         ),
+        ({"form": "auto"}, r"\$\.law\.form: .* not .auto.; leave form out"),
+        ({"length": 0.0}, r"\$\.law\.length"),
+        ({"delay": -1.0}, r"\$\.law\.delay"),
         ({"form": "pitch"}, r"\$\.law\.form: .* not .pitch.; a pitch is now given as it is, form = 0.3"),
         ({"form": True}, r"\$\.law\.form: .* not True"),
         ({"form": float("nan")}, r"\$\.law\.form: .* not nan"),

@@ -44,7 +44,10 @@ def loop_options():
         "joint_metric": None,
         "backend": "daqp",
         "exact": None,
+        "point": None,
+        "length": None,
         "acceleration_limit": None,
+        "delay": 0.0,
         "position_margin": 0.0,
         "tool_speed": None,
         "rows": None,
@@ -97,7 +100,7 @@ CONTROL = {
     "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q}),
     "Controller.follow": lambda: (
         controller().follow,
-        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None},
+        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None, "at": POINT},
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
@@ -108,8 +111,7 @@ CONTROL = {
     "ExactAxis.moved": lambda: (iq.control.ExactAxis(AXIS).moved, {"offset": T}),
     "ExactPlane.moved": lambda: (iq.control.ExactPlane(AXIS).moved, {"offset": T}),
     "ExactJoints.moved": lambda: (iq.control.ExactJoints(J).moved, {"offset": T}),
-    "own_form": lambda: (iq.forms.own_form, {"robot": chain()}),
-    "tool_metric": lambda: (iq.tool_metric, {"robot": chain()}),
+    "tool_metric": lambda: (iq.tool_metric, {"robot": chain(), "length": None}),
     "SharedTask": lambda: (iq.control.SharedTask, {"S1": S, "S2": None, "h": H, "metric": None}),
     "SharedTask.moved": lambda: (shared().moved, {"pose": T}),
     "SharedTask.twist": lambda: (shared().twist, {"robot": TWIST, "operator": TWIST}),
@@ -195,7 +197,17 @@ CONTROL = {
     # Pink
     "InvariantFrameTask": lambda: (
         InvariantFrameTask,
-        {"frame": "tool0", "h": H, "cost": 1.0, "damping": None, "guard": True, "gain": 1.0, "lm_damping": 1e-3},
+        {
+            "frame": "tool0",
+            "h": H,
+            "cost": 1.0,
+            "damping": None,
+            "guard": True,
+            "point": None,
+            "length": None,
+            "gain": 1.0,
+            "lm_damping": 0.2,
+        },
     ),
     "InvariantFrameTask.set_target": lambda: (
         InvariantFrameTask("tool0").set_target,

@@ -79,7 +79,9 @@ def test_rounding_of_no_rotation_moves_no_point(noise):
 
 def test_a_metric_carried_out_of_sight_is_still_one():
     form = iq.CarriedMetric(np.eye(6), iq.transform(translation=(0, 0, 1e17)))
-    assert np.isfinite(form.norms).all()
+    assert np.isfinite(form.carried).all()
+    planar = np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.5, 0.3, 0))])
+    assert np.isfinite(iq.solve_velocity(planar, [0, 0, 0.5, 0.3, 1.0, 0], form=form).velocity).all()
 
 
 def test_slides_that_turn_by_rounding_have_no_length():

@@ -189,7 +189,7 @@ def test_a_principal_pitch_is_named_and_the_others_work():
         ((FACE,), {"complement": np.eye(6)[:, :2]}, "complement", "rank 2"),
         ((FACE,), {"complement": np.eye(6)}, "complement", "rank 6"),
         ((FACE,), {"metric": -np.ones(6)}, "metric", "eigenvalue -1"),
-        ((FACE,), {"metric": iq.CarriedMetric(np.ones(6))}, "form", "Use .at"),
+        ((FACE,), {"metric": iq.CarriedMetric(np.ones(6))}, "form", "with a .4, 4. pose"),
         ((FACE * np.nan,), {"h": 1.0}, "S", "NaN"),
         ((np.eye(5),), {"h": 1.0}, "S", "shape"),
     ],

@@ -1,4 +1,4 @@
-"""A run told in displaced frames: the same arm, the same contact and the same motion, with other labels on them.
+"""A run expressed in displaced frames: the same arm, the same contact and the same motion, with other labels on them.
 
     T_tool' = T_tool X,  T_target' = T_target X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
 
@@ -30,7 +30,7 @@ def displaced(
         setup: from `prepare`; its plant is the new one's too.
         tool: (4, 4) displacement of the tool frame in itself; None is none.
         sensor: (4, 4) displacement of the frame in which wrenches are read, in itself.
-        contact: (4, 4) displacement of the frame in which the contact is told, in itself.
+        contact: (4, 4) displacement of the frame in which the contact is expressed, in itself.
 
     Raises:
         BadInput: not finite (4, 4) rigid motions.
@@ -48,7 +48,7 @@ def displaced(
 
 
 def _with_tool(brief: Brief, X: Array) -> Brief:
-    """The brief for a tool frame displaced by X in itself: points, poses, sensor and contact are told in it."""
+    """The brief for a tool frame displaced by X in itself: points, poses, sensor and contact are expressed in it."""
     back = se3.inverse(X)
     law = brief.law
     points = {key: back.dot([*getattr(law, key), 1.0])[:3] for key in ("point", "tool_speed_point")}
@@ -63,7 +63,7 @@ def _with_tool(brief: Brief, X: Array) -> Brief:
 
 
 class DisplacedSensor:
-    """A plant whose force sensor's readings are told in a frame displaced by Y (4, 4) in the sensor's own."""
+    """A plant whose force sensor's readings are expressed in a frame displaced by Y (4, 4) in the sensor's own."""
 
     def __init__(self, plant: Plant, Y: Array) -> None:
         self._plant = plant

@@ -2,7 +2,7 @@
 
     time ~ size^slope,   fitted to the larger half of the sizes
 
-Places instead of tasks: "joints" (no limit active), "joints, limits met" (some active), "tasks", "rows", "batch".
+Places instead of tasks: "joints" (no limit active), "joints, limits active" (some active), "tasks", "rows", "batch".
 Result: {"size": [...], "median_us": [...], "slope": x}; of a batch the time for each row of it.
 """
 
@@ -174,7 +174,7 @@ def _batch(cell: Cell) -> Axis:
 
 _AXES: dict[str, Callable[[Cell], Axis]] = {
     "joints": lambda cell: _joints(cell, WIDE),
-    "joints, limits met": lambda cell: _joints(cell, NARROW),
+    "joints, limits active": lambda cell: _joints(cell, NARROW),
     "tasks": _tasks,
     "rows": _rows,
     "batch": _batch,

@@ -81,7 +81,10 @@ def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bo
     if bounds is None:
         return Bounds(np.full(m, -np.inf), np.full(m, np.inf))
     if isinstance(bounds, (tuple, list)) and len(bounds) == 2:
-        bounds = Bounds(*bounds)
+        try:
+            bounds = Bounds(*bounds)
+        except BadInput as error:
+            raise BadInput(f"bounds[{int(error.argument == 'upper')}]", error.found, error.expected) from error
     if not isinstance(bounds, Bounds):
         raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper), (lower, upper), or None")
     if len(bounds.lower) != m:

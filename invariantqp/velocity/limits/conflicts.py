@@ -18,11 +18,13 @@ from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.quadratic import Quadratic, minimise
 
 # What a joint velocity costs beside a violation of the same size, squared: only to make the problem strictly convex.
-# The rows give way by at most about this share more than they have to.
+# Rows that need a motion v then give way by this share of v more than they have to; where a second pass starts from the
+# first one's velocity, by the square of it.
 REGULARISATION = 1e-8
-# Rows that would have to give way by less than this, relative to their size, need not: a hundred times what the
-# regularisation makes of rows that fit.
-VIOLATION_TOLERANCE = 1e-6
+# Rows that would have to give way by less than this, relative to their size, need not.
+VIOLATION_TOLERANCE = 1e-9
+# Likewise by less than this share of what they do over the box: an arm nearly at rest has rows of no size but rounding.
+ROUNDING = 1e-12
 # Limits that gave way are let go by this share of the violation more, for a solver to find an inside.
 WIDENING = 1e-7
 # Likewise of the tool's least speed.
@@ -60,11 +62,15 @@ def relaxed(rows: LimitRows, lower: Array, upper: Array) -> Relaxed:
     limits = apart.with_box(np.concatenate((lower, -free)), np.concatenate((upper, free)))
     start = np.minimum(np.maximum(np.zeros(m), lower), upper)
     apart_by = np.minimum(np.maximum(C.dot(start), rows.lower), rows.upper) - C.dot(start)
-    found = minimise(Daqp(), Quadratic(K, np.zeros(m + k)), limits, np.concatenate((start, -apart_by)))
-    x = np.minimum(np.maximum(found.z[:m], lower), upper)
+    z, centre = np.concatenate((start, -apart_by)), np.zeros(m + k)
+    for _ in range(2):
+        found = minimise(Daqp(), Quadratic(K, centre), limits, z)
+        z, centre = found.z, np.concatenate((found.z[:m], np.zeros(k)))
+    x = np.minimum(np.maximum(z[:m], lower), upper)
     violation = rows.excess(x)
     reach = np.abs(C).dot(np.abs(x)) + np.abs(violation)
-    violation[np.abs(violation) <= VIOLATION_TOLERANCE * reach] = 0.0
+    whole = np.abs(C).dot(np.where(np.isfinite(upper - lower), upper - lower, 0.0))
+    violation[np.abs(violation) <= VIOLATION_TOLERANCE * reach + ROUNDING * whole] = 0.0
     more = WIDENING * float(np.abs(violation).max())
     low = np.asarray(rows.lower) + np.where(violation < 0.0, violation - more, 0.0)
     high = np.asarray(rows.upper) + np.where(violation > 0.0, violation + more, 0.0)

@@ -12,7 +12,7 @@ from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -53,7 +53,7 @@ class ToolSpeed(Value):
         speed = arrays.number(limit, "limit", "a speed", positive=True)
         where = None if point is None else arrays.vector(point, 3, "point")
         if not isinstance(exact, bool):
-            raise BadInput("exact", repr(exact), "True or False")
+            raise BadInput("exact", excerpt(exact), "True or False")
         self.__attrs_init__(speed, where, exact, Cvxpy() if exact else None)
 
     def cone(self, J: Array, point: Array) -> Cone:

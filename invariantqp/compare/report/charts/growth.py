@@ -24,7 +24,7 @@ from invariantqp.compare.results import Results, results_of
 
 TITLES = {
     "joints": ("joints, no limit active", "joints"),
-    "joints, limits met": ("joints, limits active", "joints"),
+    "joints, limits active": ("joints, limits active", "joints"),
     "tasks": ("tasks of 6 rows, 30 joints", "tasks"),
     "rows": ("limit rows, 7 joints", "rows"),
     "batch": ("batch of twists, 7 joints", "twists"),

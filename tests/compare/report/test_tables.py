@@ -9,7 +9,7 @@ import pytest
 
 from invariantqp.compare.report.tables import BEGIN, END, readme_table, with_table
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FILE = ROOT / "examples" / "comparison" / "results.json"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 RESULTS = json.loads(FILE.read_text(encoding="utf-8"))

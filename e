@@ -1,1 +1,0 @@
-error: output could not be written: No space left on device

@@ -1,0 +1,72 @@
+"""How well a pitch splits twists in one state: |P_h|, how many times more P_h s misses than the best that the arm can do.
+
+    A = root J,  U its directions that the law does not damp,  M the form on measured twists
+    P_h = U (U'MU)^-1 U'M,    |s - P_h s| <= |P_h| |s - U U's|,    |P_h| = 1 / sin(angle between U and what P_h removes)
+
+Proof: (I - P_h) U = 0, so (I - P_h) s = (I - P_h)(s - U U's), and |I - P_h| = |P_h| for every projector but 0 and I.
+
+|P_h| is infinite at a principal pitch and where the arm is blind, and it is large near both. So it needs no tolerance on
+the type of a screw system, and the last digits of a URDF decide nothing.
+
+Reference: [DS] Sect. 6.1 for P_h; Szyld 2006 for |I - P| = |P|.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.damping import DEFAULT_THRESHOLD
+from invariantqp.velocity.forms import PitchForm
+
+# An eigenvalue of U'MU below this share of |M| is what rounding leaves of zero.
+ROUNDING = 1e-12
+
+
+def can_do(A: Array) -> Array:
+    """(6, k) orthonormal: the measured twists that the joints can do, without those that the law damps.
+
+    Args:
+        A: (6, m) measured joint twists.
+    """
+    U, sigma, _ = np.linalg.svd(A, full_matrices=False)
+    return np.asarray(U[:, sigma >= max(DEFAULT_THRESHOLD * sigma[0], np.finfo(float).tiny)])
+
+
+def projector_norm(U: Array, inverse_root: Array, h: float) -> float:
+    """|P_h| in the measure: 1 where the joints can do every twist, inf where h has no projector.
+
+    Args:
+        U: (6, k) what the joints can do, orthonormal.
+        inverse_root: (6, 6) of the measure's root.
+        h: pitch [length/rad].
+    """
+    if U.shape[1] in (0, 6):
+        return 1.0
+    on_arm = _on_arm(U, inverse_root, h)
+    G = on_arm.dot(U)
+    if np.linalg.norm(G, -2) < ROUNDING:
+        return inf
+    return float(np.linalg.norm(np.linalg.solve(G, on_arm), 2))
+
+
+def unseen(U: Array, inverse_root: Array, pitches: tuple[float, ...], bound: float) -> Array:
+    """(6, b) twists of the arm that none of the pitches sees: |U'M s| below |M| |s| / bound with every one.
+
+    Args:
+        U: (6, k) what the joints can do, orthonormal in the measure.
+        inverse_root: (6, 6) of the measure's root.
+        pitches: those tried.
+        bound: the largest |P_h| that serves.
+    """
+    seen = np.vstack([_on_arm(U, inverse_root, h).dot(U) for h in pitches])
+    _, size, directions = np.linalg.svd(seen)
+    return np.asarray(inverse_root.dot(U).dot(directions[size < 1.0 / bound].T))
+
+
+def _on_arm(U: Array, inverse_root: Array, h: float) -> Array:
+    """(k, 6) U'M with |M| = 1."""
+    M = PitchForm(h).matrix(inverse_root)
+    return np.asarray(U.T.dot(M) / np.linalg.norm(M, 2))

@@ -1,0 +1,68 @@
+"""Every page of the guide runs, and prints what its comments say; every link leads somewhere."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+GUIDE = ROOT / "examples" / "guide"
+PAGES = sorted(GUIDE.glob("*.md"))
+CODE = re.compile(r"^```python\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
+PRINTED = re.compile(r"\s*print\(.*\)  # (.*)")
+# Runs a script and notes what each of its lines prints, by the line's number.
+RUN = """
+import json, sys
+said = []
+def note(*values):
+    said.append((sys._getframe(1).f_lineno, " ".join(map(str, values))))
+exec(compile(sys.stdin.read(), sys.argv[1], "exec"), {"__name__": "__main__", "print": note})
+print(json.dumps(said))
+"""
+
+
+def script(page):
+    """The code of a page, each line where it is on the page."""
+    text = page.read_text(encoding="utf-8")
+    lines = [""] * len(text.splitlines())
+    for block in CODE.finditer(text):
+        code, first = block[1].splitlines(), text[: block.start(1)].count("\n")
+        lines[first : first + len(code)] = code
+    return lines
+
+
+def what_it_prints(page, folder):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", RUN, page.name],
+        input="\n".join(script(page)),
+        cwd=folder,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if any(script(p))], ids=lambda page: page.stem)
+def test_a_page_runs_and_prints_what_it_says(page, tmp_path):
+    told = {i: found[1] for i, line in enumerate(script(page), 1) if (found := PRINTED.fullmatch(line))}
+    said = [(line, text) for line, text in what_it_prints(page, tmp_path) if line in told]
+    assert said == [(line, told[line]) for line, _ in said]
+    assert {line for line, _ in said} >= {line for line in told if "error" not in script(page)[line - 1]}
+
+
+def test_every_page_is_linked_from_the_readme():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [page.name for page in PAGES if f"(examples/guide/{page.name})" not in readme] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_link_leads_somewhere(page):
+    links = re.findall(r"\]\((?!http)([^)#]+)", page.read_text(encoding="utf-8"))
+    assert [link for link in links if not (GUIDE / link).exists()] == []
