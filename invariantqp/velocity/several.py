@@ -33,9 +33,8 @@ from invariantqp.velocity.objective import least_squares
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.quadratic import Quadratic, weighted
-from invariantqp.velocity.share import share_of
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
-from invariantqp.velocity.stages import given_way
+from invariantqp.velocity.stages import given_way, slowed_rows, unkept
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -189,8 +188,9 @@ def _solved(
     origin, B, share, inside, troubles = np.zeros(m), np.eye(m), 1.0, limits.inside, list(limits.troubles)
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(law.to_joint), demand.root)
-        part = share_of(reduction, limits.polytope, limits.cone, inside, 0.0, law.backend)
+        reduction, part = slowed_rows(reduction, limits, 0.0, law.backend)
         share, inside = part.value, part.velocity
+        troubles += filter(None, [unkept(reduction)])
         origin, B = reduction.origin(share), reduction.basis
     bounded, backend = False, ""
     for level in levels:

@@ -168,7 +168,7 @@ def test_lists_one_twist_for_all_and_no_rows_at_all():
         ({"bounds": 3.0}, "bounds: found float"),
         ({"bounds": (np.ones((COUNT, 7)), -np.ones((COUNT, 7)))}, "row 0, joint 0"),
         ({"bounds": (np.full((COUNT, 7), np.nan), np.ones((COUNT, 7)))}, "bounds: found lower nan"),
-        ({"bounds": (-np.ones(7), np.ones(7))}, r"lower: found shape \(7,\)"),
+        ({"bounds": (-np.ones(7), np.ones(7))}, r"bounds\[0\]: found shape \(7,\)"),
         ({"posture": np.ones(3)}, r"posture: found shape \(3,\)"),
         ({"joint_metric": -np.eye(7)}, "joint_metric"),
         ({"form": "own"}, "form: found 'own'"),

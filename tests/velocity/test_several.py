@@ -150,3 +150,18 @@ def test_many_levels_with_rows_and_exact_rows_at_the_limits_always_answer(rng):
         assert 0.0 <= whole.scale <= 1.0
         np.testing.assert_allclose(J @ whole.velocity, J @ part.velocity, atol=1e-8)
         np.testing.assert_allclose(options["exact"].A @ whole.velocity, whole.scale * options["exact"].b, atol=1e-9)
+
+
+def test_exact_rows_that_cannot_be_kept_are_told(rng):
+    J = arm(rng, 5)
+    task = iq.velocity.TwistTask(J, rng.normal(size=6))
+    rows = iq.ExactRows(np.vstack((J[3], J[3])), [1.0, 2.0])
+    solution = iq.velocity.solve_tasks([task], exact=rows)
+    assert (solution.status, solution.scale) == ("degraded", 0.0)
+    assert "cannot keep the direction of the exact rows" in solution.reason
+    outside = iq.ExactRows(np.eye(5)[:1], [-1.0])  # the first joint is outside its limits, on the way back
+    lower, upper = np.array([0.2, -1, -1, -1, -1]), np.array([0.5, 1, 1, 1, 1])
+    back = iq.velocity.solve_tasks([task], exact=outside, bounds=(lower, upper))
+    assert back.status in {"scaled", "degraded"}
+    assert ((back.velocity >= lower) & (back.velocity <= upper)).all()
+    assert back.velocity[0] == pytest.approx(0.2, abs=1e-6)
