@@ -1,5 +1,6 @@
 import ast
 import json
+import pickle
 import subprocess
 import sys
 from importlib import import_module
@@ -92,6 +93,12 @@ def test_namespaces_are_attributes_of_the_package():
     for name in NAMED:
         assert getattr(iq, name.removeprefix("invariantqp.")) is import_module(name)
     assert set(NAMED) - set(NAMESPACES) == {"invariantqp.errors", "invariantqp.pink"}
+
+
+@pytest.mark.parametrize("module", [iq, iq.velocity], ids=lambda m: m.__name__)
+def test_a_namespace_crosses_processes_by_its_name(module):
+    """As joblib and Dask send functions of a script that uses it."""
+    assert pickle.loads(pickle.dumps(module)) is module
 
 
 @pytest.mark.parametrize("file", sorted(PACKAGE.rglob("*.py")), ids=lambda f: str(f.relative_to(PACKAGE)))

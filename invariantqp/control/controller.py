@@ -202,7 +202,7 @@ class Controller:
         watch = self._memory.convergence.seen(root.dot(error))
         solution = self._tick(state, s, share * self.gain, ahead)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
-        watch = watch.commanded(root.dot(error), root.dot(change), share * self.gain * self._slowness)
+        watch = watch.commanded(root.dot(error), root.dot(change), self._slowness / self.dt)
         self._memory = self._memory._replace(turn=error[:3].copy(), convergence=watch)
         return _troubled(solution, watch.trouble) if watch.trouble else solution
 

@@ -17,9 +17,9 @@ from invariantqp.geometry.arrays import Array
 # Ticks over which is averaged.
 MEMORY = 50
 # Less of the promise kept than this is no convergence.
-KEPT_SHARE = 0.05
-# Feedback that asks for less than this share of what the arm can do, on average, is no loop that rattles: it is noise,
-# or the lag of a path.
+KEPT_SHARE = 0.2
+# An arm that moves at less than this share of what it can do, on average, does not rattle: that is noise, or the lag of a
+# path.
 FAST_SHARE = 0.02
 
 
@@ -29,7 +29,7 @@ class Convergence(NamedTuple):
     Attributes:
         promised: what a tick should take off the error, a tick.
         achieved: what it did.
-        speed: what feedback asks for, as a share of what the arm can do at full speed.
+        speed: of the error under the commands, as a share of what the arm can do at full speed.
         expected: (6,) measured error that the last tick should have left, or None before the first.
         size: its error.
         ticks: how many were seen.
@@ -55,17 +55,17 @@ class Convergence(NamedTuple):
             ticks=self.ticks + 1,
         )
 
-    def commanded(self, error: Array, change: Array, gain: float) -> Convergence:
+    def commanded(self, error: Array, change: Array, slowness: float) -> Convergence:
         """After a velocity was commanded.
 
         Args:
             error: (6,) measured error.
             change: (6,) what the velocity does to it until the next tick.
-            gain: what feedback asks for a unit of it, as a share of what the arm can do.
+            slowness: 1 / |change| of a tick at full speed.
         """
-        share, size = 1.0 / MEMORY, _norm(error)
-        speed = (1.0 - share) * self.speed + share * gain * size
-        return self._replace(expected=error + change, size=size, speed=speed)
+        share = 1.0 / MEMORY
+        speed = (1.0 - share) * self.speed + share * slowness * _norm(change)
+        return self._replace(expected=error + change, size=_norm(error), speed=speed)
 
     @property
     def trouble(self) -> str:

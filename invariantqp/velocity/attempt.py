@@ -3,7 +3,7 @@
     A = U diag(sigma) V',  r = b - U U'b:     U'M (U y - r) = 0,     attempt U (U'b + y)
 
 M is the form on measured twists, the wanted twist's own part U U'b is attempted whatever the form. In exact arithmetic
-A x = P b with P the form's projector; a spectrum of U'MU near zero beside U'|M|U (a principal pitch, a planar arm, |P|
+A x = P b with P the form's projector; a spectrum of U'MU near zero beside |MU| (a principal pitch, a planar arm, |P|
 large) is filtered, and a direction that the arm is losing counts for as much of it as it can still do. So a form that
 cannot tell, or an arm at a singularity, fades to least squares without a jump.
 
@@ -22,12 +22,12 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import Form
 
-# Eigenvalues of U'MU below this share of U'|M|U are filtered: a projector with |P| of three or more costs accuracy on
-# the way past a principal pitch, where one below saves some.
+# Eigenvalues of U'MU below this share of |MU|, which are one over those of |P|, are filtered: a projector with |P| of
+# three or more costs accuracy on the way past a principal pitch, where one below saves some.
 FORM_THRESHOLD = 0.3
 FORM_CEILING = 0.3
-# What a direction that M does not see counts in |M|, so that |M| is definite.
-UNSEEN = 1e-14
+# What a direction that M does not see counts in |MU|, beside |M|: what rounding leaves of the root of a zero.
+UNSEEN = 1e-7
 
 
 def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damping, fraction: float | None) -> Array:
@@ -53,13 +53,13 @@ def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damp
     done = U.dot(share * wanted)
     r = b - done
     M = form.matrix(inverse_root)
-    values, vectors, _ = lapack.dsyev(M)
-    sizes = np.abs(values)
-    absolute = (vectors * (sizes + UNSEEN * sizes.max())).dot(vectors.T)
     V = U * np.sqrt(share)
-    # A direction that is lost has no part in |M| either: which one it is, is anybody's choice.
-    size = V.T.dot(absolute).dot(V) + np.diag((1.0 - share) * sizes.max())
-    mu, axes, _ = lapack.dsygv(V.T.dot(M).dot(V), size)
+    MV = M.dot(V)
+    squared, vectors, _ = lapack.dsyev(MV.T.dot(MV))
+    norm = float(np.linalg.norm(M)) or 1.0
+    size = (vectors * (np.sqrt(np.maximum(squared, 0.0)) + UNSEEN * norm)).dot(vectors.T)
+    # A direction that is lost counts as none of those that are left: which one it is, is anybody's choice.
+    mu, axes, _ = lapack.dsygv(V.T.dot(MV), size + np.diag((1.0 - share) * norm))
     pull = M.dot(r).dot(V).dot(axes)
     left = np.maximum(0.0, 1.0 - (mu / FORM_THRESHOLD) ** 2)
     divisor = mu * mu + (FORM_CEILING * left) ** 2

@@ -33,9 +33,8 @@ from invariantqp.velocity.objective import least_squares
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.quadratic import Quadratic, weighted
-from invariantqp.velocity.share import share_of
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
-from invariantqp.velocity.stages import given_way
+from invariantqp.velocity.stages import given_way, slowed_rows, unkept
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -186,20 +185,22 @@ def _solved(
     m = len(demand.lower)
     T = np.eye(m) if law.to_joint is None else law.to_joint
     limits = given_way(law, demand)
-    origin, B, share, troubles = np.zeros(m), np.eye(m), 1.0, list(limits.troubles)
+    origin, B, share, inside, troubles = np.zeros(m), np.eye(m), 1.0, limits.inside, list(limits.troubles)
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(law.to_joint), demand.root)
-        share = share_of(reduction, limits.polytope, limits.cone, limits.inside, 0.0, law.backend).value
+        reduction, part = slowed_rows(reduction, limits, 0.0, law.backend)
+        share, inside = part.value, part.velocity
+        troubles += filter(None, [unkept(reduction)])
         origin, B = reduction.origin(share), reduction.basis
     bounded, backend = False, ""
     for level in levels:
         if not B.shape[1]:
             break
         cone = None if limits.cone is None else limits.cone.on(origin, B)
-        found = minimise_in_cone(
-            law.backend, _sum(level, origin, B, T, damping, share), limits.polytope.on(origin, B), cone
-        )
-        origin = origin + B.dot(found.z)
+        best = _sum(level, origin, B, T, damping, share)
+        known = (inside - origin).dot(B)
+        found = minimise_in_cone(law.backend, best, limits.polytope.on(origin, B), cone, known)
+        inside = origin = origin + B.dot(found.z)
         B = B.dot(_left(level, T.dot(B)))
         bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend
         if found.trouble:

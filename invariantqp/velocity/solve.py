@@ -22,7 +22,7 @@ from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, named
 from invariantqp.velocity.regular import regular_velocity
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
-from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, answered
+from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, answered, unkept
 from invariantqp.velocity.stationary import printed
 
 # A twist missed by less than this fraction of itself is achieved ...
@@ -87,9 +87,8 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
     residual = demand.s - demand.J.dot(x)
     troubles = list(answer.troubles)
     objective = answer.objective
-    unmet = 0.0 if problem.reduction is None else problem.reduction.unmet
-    if unmet > UNMET_TOLERANCE:
-        troubles.append(f"the joints cannot keep the direction of the exact rows: {unmet:.1e} of it is beyond them")
+    if direction := unkept(problem.reduction):
+        troubles.append(direction)
     beyond = 0.0 if problem.reduction is None else problem.reduction.beyond
     if beyond > UNMET_TOLERANCE:
         troubles.append(

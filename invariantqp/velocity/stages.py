@@ -18,16 +18,17 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.calm import CALM, CALM_WITH_ROWS, calm
+from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.guard import blend
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.limits.conflicts import relaxed, slowed
 from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Posed, limits_of
-from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.qp.backends import Backend, SolverFailure
 from invariantqp.velocity.qp.polytope import Polytope, named
 from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
-from invariantqp.velocity.share import share_of
+from invariantqp.velocity.share import Share, share_of
 
 # A demand of exact rows that the joints cannot meet by more than this, relative, has a direction that they cannot keep.
 UNMET_TOLERANCE = 1e-9
@@ -124,24 +125,40 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
 
 def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
     """How much of the exact rows' speed there is room for."""
-    reduction = problem.reduction
-    if reduction is None:
+    if problem.reduction is None:
         return Room(problem, 1.0, limits.inside, "")
-    inside = limits.inside
-    if inside.any():  # no rest: the rows count from what moves them least
-        rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
-        still = Quadratic(np.sqrt(REGULARISATION) * np.eye(m), np.zeros(m)).plus(rows, np.zeros(m))
-        inside = minimise_in_cone(law.backend, still, limits.polytope, limits.cone, inside).z
-        reduction = reduction._replace(start=reduction.fixed(inside))
-        problem = problem._replace(reduction=reduction)
-    if reduction.unmet > UNMET_TOLERANCE:  # what the share tends to as the joints lose a direction of the rows
-        return Room(problem, 0.0, inside, "")
-    share = share_of(reduction, limits.polytope, limits.cone, inside, law.dt, law.backend)
+    reduction, share = slowed_rows(problem.reduction, limits, law.dt, law.backend)
     by = [
         named([i for i in share.held_by if i < len(limits.polytope.lower)], m),
         "the tool's speed" if share.fast else "",
     ]
+    problem = problem._replace(reduction=reduction)
     return Room(problem, share.value, share.velocity, " and ".join(filter(None, by)))
+
+
+def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backend) -> tuple[Reduction, Share]:
+    """The rows counted from what moves them least, and the share of their speed that the limits allow.
+
+    Raises:
+        SolverFailure: no velocity was found.
+    """
+    inside = limits.inside
+    if inside.any():  # no rest
+        m = len(inside)
+        rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
+        still = Quadratic(np.sqrt(REGULARISATION) * np.eye(m), np.zeros(m)).plus(rows, np.zeros(m))
+        inside = minimise_in_cone(backend, still, limits.polytope, limits.cone, inside).z
+        reduction = reduction._replace(start=reduction.fixed(inside))
+    if reduction.unmet > UNMET_TOLERANCE:  # what the share tends to as the joints lose a direction of the rows
+        return reduction, Share(0.0, inside, [])
+    return reduction, share_of(reduction, limits.polytope, limits.cone, inside, dt, backend)
+
+
+def unkept(reduction: Reduction | None) -> str:
+    """What is said of rows whose direction the joints cannot keep, "" where they can."""
+    if reduction is None or reduction.unmet <= UNMET_TOLERANCE:
+        return ""
+    return f"the joints cannot keep the direction of the exact rows: {reduction.unmet:.1e} of it is beyond them"
 
 
 def _minimised(

@@ -1,54 +1,101 @@
+"""What a form says of a twist beyond the joints: projections where they exist, least squares where they do not."""
+
 import numpy as np
 import pytest
-from scipy.linalg import null_space
+from scipy.linalg import null_space, sqrtm
 from scipy.optimize import lsq_linear
 from support.random_systems import motion
-from support.velocity_reference import tight_box
+from support.velocity_reference import regular_problem, root_of
 
 import invariantqp as iq
+from invariantqp.velocity.attempt import FORM_THRESHOLD
 
 PLANAR = np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.5, 0.3, 0))])
 SCARA = np.column_stack((PLANAR, iq.se3.prismatic((0, 0, 1))))
 TILTS = np.eye(6)[:, [0, 1]]
-SCARA_METRIC = np.array([1.0, 1.0, 1.0, 4.0])
+AT = {"point": (0.3, 0.1, 0.2), "length": 0.5, "guard": False, "damping": 0.0}
 
 
-def projected(J, Z, s):
-    """x with Jx = P s, P = J(K'J)^-1 K', K from scipy."""
-    K = null_space(Z.T)
-    return np.linalg.solve(K.T @ J, K.T @ s)
+def measured(J):
+    return root_of(np.array(AT["point"]), AT["length"]) @ J
+
+
+def certainty(J, Q):
+    """One over the projector's norm: the least eigenvalue of U'MU beside |MU|, U a basis of what the joints can do."""
+    inverse = np.linalg.inv(measured(np.eye(6)))
+    MU = inverse.T @ Q @ inverse @ np.linalg.svd(measured(J), full_matrices=False)[0]
+    U = np.linalg.svd(measured(J), full_matrices=False)[0]
+    return np.abs(np.linalg.eigvals(np.linalg.solve(sqrtm(MU.T @ MU), U.T @ MU))).min()
+
+
+@pytest.mark.parametrize("m", range(1, 9))
+def test_where_a_pitch_form_can_tell_it_is_the_pseudoinverse(m):
+    """A x = P_h s; six joints and more can do it all, and every form agrees."""
+    rng = np.random.default_rng(m)
+    told = 0
+    for _ in range(60):
+        J, s, h = regular_problem(rng, m)
+        solution = iq.solve_velocity(J, s, form=h, **AT)
+        assert solution.method == "closed-form"
+        if certainty(J, iq.pitch_form(h)) <= FORM_THRESHOLD and m < 6:
+            continue
+        told += 1
+        expected = iq.pseudoinverse(J, h) @ s
+        np.testing.assert_allclose(solution.velocity, expected, rtol=0.0, atol=1e-9 * (1.0 + np.linalg.norm(expected)))
+    assert told >= 3
+
+
+def test_on_the_way_to_a_principal_pitch_its_say_fades_without_a_jump():
+    """|P_h| grows without bound there; what is attempted does not, and ends at least squares or near it."""
+    rng = np.random.default_rng(3)
+    J, s = rng.normal(size=(6, 4)), rng.normal(size=6)
+    principal = iq.principal_pitches(J)[1]
+    offsets = np.concatenate((-np.geomspace(0.5, 1e-15, 60), [0.0], np.geomspace(1e-15, 0.5, 60)))
+    path = np.array([iq.solve_velocity(J, s, form=float(principal + d), **AT).velocity for d in offsets])
+    least = np.linalg.lstsq(measured(J), measured(s), rcond=None)[0]
+    assert np.abs(path).max() < 20.0 * np.abs(least).max()
+    close = np.abs(offsets) < 1e-6
+    assert np.abs(np.diff(path[close], axis=0)).max() < 1e-4 * np.abs(least).max()
+
+
+def test_a_twist_that_the_joints_can_do_is_no_forms_business():
+    rng = np.random.default_rng(8)
+    for J in (PLANAR, rng.normal(size=(6, 4))):
+        s = J @ rng.normal(size=J.shape[1])
+        for form in (0.3, -2.0, iq.Complement(rng.normal(size=(6, 6 - J.shape[1])))):
+            x = iq.solve_velocity(J, s, form=form, **AT).velocity
+            np.testing.assert_allclose(J @ x, s, atol=1e-11)
 
 
 @pytest.mark.parametrize("m", range(1, 6))
 def test_a_complement_projects_along_itself(m):
+    """x with Jx = P s, P = J(K'J)^-1 K', K from scipy, wherever it can tell."""
     rng = np.random.default_rng(m)
-    for _ in range(20):
+    told = 0
+    for _ in range(120):
         J, Z, s = rng.normal(size=(6, m)), rng.normal(size=(6, 6 - m)), rng.normal(size=6)
-        solution = iq.solve_velocity(J, s, form=iq.Complement(Z), damping=0.0, guard=False)
+        K = null_space(measured(Z).T)
+        U = np.linalg.svd(measured(J), full_matrices=False)[0]
+        if np.linalg.svd(K.T @ U, compute_uv=False).min() < FORM_THRESHOLD:
+            continue
+        told += 1
+        solution = iq.solve_velocity(J, s, form=iq.Complement(Z), **AT)
         assert solution.method == "closed-form"
-        expected = projected(J, Z, s)
-        np.testing.assert_allclose(solution.velocity, expected, atol=1e-10 * (1.0 + np.linalg.norm(expected)))
-        given_up = np.linalg.lstsq(Z, solution.residual, rcond=None)[0]  # s - Jx lies in Z
-        np.testing.assert_allclose(Z @ given_up, solution.residual, atol=1e-9 * (1.0 + np.linalg.norm(expected)))
-
-
-def test_the_h_complement_gives_the_h_pseudoinverse():
-    rng = np.random.default_rng(9)
-    J, s = rng.normal(size=(6, 4)), rng.normal(size=6)
-    Z = iq.reciprocal(J, 0.4)
-    solution = iq.solve_velocity(J, s, form=iq.Complement(Z), guard=False)
-    np.testing.assert_allclose(solution.velocity, iq.pseudoinverse(J, 0.4) @ s, rtol=1e-9)
+        expected = np.linalg.solve(K.T @ measured(J), K.T @ measured(s))
+        np.testing.assert_allclose(solution.velocity, expected, atol=1e-9 * (1.0 + np.linalg.norm(expected)))
+    assert told >= 2
 
 
 def test_planar_arm_and_scara_work_with_what_they_give_up():
     """No h works for either; tilts and, for the planar arm, the height are what they cannot do."""
     rng = np.random.default_rng(1)
+    height = np.eye(6)[:, [5]]
+    options = {"point": (0, 0, 0), "length": 0.5, "guard": False}
     for _ in range(20):
         s = rng.normal(size=6)
-        height = np.eye(6)[:, [5]]
-        planar = iq.solve_velocity(PLANAR, s, form=iq.Complement(np.hstack((TILTS, height))), guard=False)
+        planar = iq.solve_velocity(PLANAR, s, form=iq.Complement(np.hstack((TILTS, height))), **options)
         np.testing.assert_allclose(PLANAR @ planar.velocity, [0, 0, s[2], s[3], s[4], 0], atol=1e-12)
-        scara = iq.solve_velocity(SCARA, s, form=iq.Complement(TILTS), joint_metric=SCARA_METRIC, guard=False)
+        scara = iq.solve_velocity(SCARA, s, form=iq.Complement(TILTS), **options)
         np.testing.assert_allclose(SCARA @ scara.velocity, [0, 0, *s[2:]], atol=1e-12)
         assert scara.method == "closed-form"
     for J in (PLANAR, SCARA):
@@ -56,78 +103,37 @@ def test_planar_arm_and_scara_work_with_what_they_give_up():
             iq.principal_pitches(J)
 
 
-def test_a_complement_under_limits_misses_least_at_the_arms_own_point():
-    """For a planar arm that is the middle of its axes, with their RMS distance from it for a radian."""
+def test_under_limits_a_form_misses_what_it_attempts_by_least_squares():
     rng = np.random.default_rng(2)
-    Z = np.hstack((TILTS, np.eye(6)[:, [5]]))
-    axes = np.array([(0, 0), (0.4, 0), (0.5, 0.3)])
-    middle = axes.mean(axis=0)
-    length = np.sqrt(((axes - middle) ** 2).sum() / 3)
-
-    def planar(twists):
-        """(L omega_z; v in the plane, of the point in the middle)."""
-        return np.array((length * twists[2], twists[3] - middle[1] * twists[2], twists[4] + middle[0] * twists[2]))
-
-    for _ in range(10):
-        s = rng.normal(size=6)
-        bounds = tight_box(rng, 3, projected(PLANAR, Z, s))
-        solution = iq.solve_velocity(PLANAR, s, form=iq.Complement(Z), bounds=bounds, guard=False)
-        expected = lsq_linear(planar(PLANAR), planar(s), (bounds.lower, bounds.upper), method="bvls", tol=1e-14).x
+    for _ in range(20):
+        J, s, h = regular_problem(rng, 4)
+        wanted = J @ iq.solve_velocity(J, s, form=h, **AT).velocity
+        reach = rng.uniform(0.1, 1.0, 4) * np.abs(iq.solve_velocity(J, s, form=h, **AT).velocity)
+        solution = iq.solve_velocity(J, s, form=h, bounds=(-reach, reach), **AT)
+        expected = lsq_linear(measured(J), measured(wanted), (-reach, reach), method="bvls", tol=1e-14).x
         np.testing.assert_allclose(solution.velocity, expected, atol=1e-9)
 
 
-def test_a_complement_with_joints_to_spare_is_met_undamped_by_the_shortest_velocity():
-    rng = np.random.default_rng(4)
-    for m in (5, 6, 7):
-        J, Z, s = rng.normal(size=(6, m)), rng.normal(size=(6, 2)), rng.normal(size=6)
-        K = null_space(Z.T)
-        solution = iq.solve_velocity(J, s, form=iq.Complement(Z), damping=0.0, guard=False)
-        assert solution.damping == 0.0
-        np.testing.assert_allclose(solution.velocity, np.linalg.pinv(K.T @ J) @ K.T @ s, rtol=1e-8, atol=1e-8)
-
-
-def test_a_complement_that_nearly_holds_a_motion_of_the_arm_is_damped_as_the_other_forms_are():
-    """Undamped, the answer is as long as one over the angle between the two; damped it stays of the demand's size."""
+def test_a_complement_that_nearly_holds_a_motion_of_the_arm_fades_to_least_squares():
+    """Projecting along it would be as fast as one over the angle between the two."""
     rng = np.random.default_rng(5)
-    s = rng.normal(size=6)
-    for J, other in (
-        (PLANAR, np.hstack((TILTS, np.eye(6)[:, [5]]))),
-        (rng.normal(size=(6, 3)), rng.normal(size=(6, 3))),
-    ):
-        lost, longest = J @ rng.normal(size=3), []
-        for angle in (1e-3, 1e-5, 1e-8, 0.0):
-            Z = other.copy()
-            Z[:, 2] = lost + angle * other[:, 2]
-            solution = iq.solve_velocity(J, s, form=iq.Complement(Z), guard=False)
-            assert (solution.method, solution.status) == ("damped", "ok")
-            assert "damped with lambda" in solution.reason
-            longest.append(np.linalg.norm(solution.velocity))
-            if angle == 1e-8:
-                assert np.linalg.norm(projected(J, Z, s)) > 1e4 * longest[-1]
-            A = iq.adjoint(motion(rng))
-            there = iq.solve_velocity(A @ J, A @ s, form=iq.Complement(A @ Z), guard=False)
-            np.testing.assert_allclose(there.velocity, solution.velocity, atol=1e-7 * (1.0 + longest[-1]))
-            in_mm = np.repeat((1.0, 1e3), 3)
-            scaled = iq.solve_velocity((in_mm * J.T).T, in_mm * s, form=iq.Complement((in_mm * Z.T).T), guard=False)
-            np.testing.assert_allclose(scaled.velocity, solution.velocity, atol=1e-7 * (1.0 + longest[-1]))
-        assert max(longest) < 1e4
+    J, other, s = rng.normal(size=(6, 3)), rng.normal(size=(6, 3)), rng.normal(size=6)
+    lost = J @ rng.normal(size=3)
+    least = np.linalg.lstsq(measured(J), measured(s), rcond=None)[0]
+    for angle in (1e-3, 1e-8, 0.0):
+        Z = other.copy()
+        Z[:, 2] = lost + angle * other[:, 2]
+        solution = iq.solve_velocity(J, s, form=iq.Complement(Z), **AT)
+        assert np.linalg.norm(solution.velocity) < 10.0 * np.linalg.norm(least)
 
 
-def test_a_complement_moves_with_the_frame_and_does_not_read_its_own_basis():
+def test_a_complement_does_not_read_its_own_basis():
     rng = np.random.default_rng(3)
     for m in (2, 3, 5):
         J, Z, s = rng.normal(size=(6, m)), rng.normal(size=(6, 6 - m)), rng.normal(size=6)
         x = iq.solve_velocity(J, s, form=iq.Complement(Z)).velocity
-        A = iq.adjoint(motion(rng))
-        there = iq.solve_velocity(A @ J, A @ s, form=iq.Complement(A @ Z @ rng.normal(size=(6 - m, 6 - m))))
-        np.testing.assert_allclose(there.velocity, x, atol=1e-9 * (1.0 + np.linalg.norm(x)))
-
-
-def test_a_complement_too_small_to_decide_is_refused():
-    """With c + m < 6 what is left over would be judged by somebody's frame."""
-    rng = np.random.default_rng(4)
-    with pytest.raises(iq.BadInput, match=r"Z: found 2 columns; expected at least 3 for 3 joints"):
-        iq.solve_velocity(rng.normal(size=(6, 3)), np.ones(6), form=iq.Complement(rng.normal(size=(6, 2))))
+        mixed = iq.solve_velocity(J, s, form=iq.Complement(Z @ rng.normal(size=(6 - m, 6 - m)))).velocity
+        np.testing.assert_allclose(mixed, x, atol=1e-9 * (1.0 + np.linalg.norm(x)))
 
 
 @pytest.mark.parametrize("m", range(1, 9))
@@ -137,28 +143,43 @@ def test_a_carried_metric_is_weighted_least_squares_at_its_body(m):
         J, s, T = rng.normal(size=(6, m)), rng.normal(size=6), motion(rng)
         L = np.tril(rng.normal(size=(6, 6))) + 2.0 * np.eye(6)
         to_body = iq.adjoint(iq.inverse(T))
-        expected = np.linalg.lstsq(L.T @ to_body @ J, L.T @ to_body @ s, rcond=None)[0]
-        form = iq.CarriedMetric(L @ L.T, T)
-        solution = iq.solve_velocity(J, s, form=form, guard=False, damping=0.0)
-        condition = np.linalg.cond(L.T @ to_body @ J) ** 2
+        A = L.T @ to_body @ J
+        expected = np.linalg.lstsq(A, L.T @ to_body @ s, rcond=None)[0]
+        solution = iq.solve_velocity(J, s, form=iq.CarriedMetric(L @ L.T, T), damping=0.0)
         size = np.linalg.norm(expected) + np.linalg.norm(s)
-        np.testing.assert_allclose(solution.velocity, expected, atol=1e-14 * condition * size)
+        np.testing.assert_allclose(solution.velocity, expected, atol=1e-14 * np.linalg.cond(A) ** 2 * size)
 
 
-def test_a_carried_metric_moves_with_its_body():
-    rng = np.random.default_rng(5)
-    W = np.diag([0.1, 0.2, 0.3, 1.0, 1.0, 2.0])
+def test_a_carried_metric_on_the_tool_says_what_the_point_and_the_length_would():
+    rng = np.random.default_rng(6)
+    p, length = rng.normal(size=3), 0.4
+    metric = iq.CarriedMetric(np.repeat((length**2, 1.0), 3), iq.transform(translation=p))
     for m in (3, 5, 7):
-        J, s, T, X = rng.normal(size=(6, m)), rng.normal(size=6), motion(rng), motion(rng)
-        x = iq.solve_velocity(J, s, form=iq.CarriedMetric(W, T)).velocity
-        there = iq.solve_velocity(iq.adjoint(X) @ J, iq.adjoint(X) @ s, form=iq.CarriedMetric(W, X @ T)).velocity
-        np.testing.assert_allclose(there, x, atol=1e-9 * (1.0 + np.linalg.norm(x)))
-    follower = iq.CarriedMetric(W)
+        J, s, bounds = rng.normal(size=(6, m)), rng.normal(size=6), (np.full(m, -0.2), np.full(m, 0.2))
+        carried = iq.solve_velocity(J, s, form=metric, bounds=bounds)
+        named = iq.solve_velocity(J, s, point=p, length=length, bounds=bounds)
+        np.testing.assert_allclose(carried.velocity, named.velocity, atol=1e-10)
+    follower = iq.CarriedMetric(np.ones(6))
     assert follower.follows_tool
-    np.testing.assert_array_equal(
-        iq.solve_velocity(J, s, form=follower.at(T)).velocity,
-        iq.solve_velocity(J, s, form=iq.CarriedMetric(W, T)).velocity,
-    )
+    np.testing.assert_allclose(follower.root(np.eye(4)), np.eye(6))
+
+
+def test_a_form_of_yours_will_do():
+    class Height:
+        """Only what moves along z is kept."""
+
+        def matrix(self, inverse_root):
+            z = inverse_root[5]
+            return np.outer(z, z)
+
+        def describe(self):
+            return "height alone"
+
+    J = iq.revolute((0, 1, 0), (-1.0, 0.0, 0.3)).reshape(6, 1)
+    options = {"point": (0.0, 0.0, 0.3), "length": 0.2, "guard": False}
+    solution = iq.solve_velocity(J, [0, 0, 0, 0.5, 0, -0.2], form=Height(), **options)
+    moved = J[:, 0] * solution.velocity[0]
+    assert moved[5] == pytest.approx(-0.2)  # v_z of the frame's own origin, which is what it reads
 
 
 def test_forms_say_what_they_are():

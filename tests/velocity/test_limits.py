@@ -191,4 +191,4 @@ def test_a_range_too_short_for_its_margin_keeps_its_middle():
     solution = loop.step(q, robot.pose(q))
     assert solution.status != "held"
     solution.velocity[:] = 99.0  # the loop has a memory of its own
-    assert (np.abs(loop._before) <= robot.velocity_limit).all()
+    assert (np.abs(loop._memory.velocity) <= robot.velocity_limit).all()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from support.velocity_reference import reach_of, root_of
 
 import invariantqp as iq
 
@@ -41,15 +42,13 @@ def test_a_joint_task_alone_is_met():
 def test_the_weighted_sum_is_the_optimum_of_the_sum(rng):
     J, s, rest = arm(rng, 4), rng.normal(size=6), rng.normal(size=4)
     x = iq.velocity.solve_tasks(
-        [iq.velocity.TwistTask(J, s, form=0.5, weight=2.0), iq.velocity.JointTask(rest, weight=0.3)]
+        [iq.velocity.TwistTask(J, s, weight=2.0), iq.velocity.JointTask(rest, weight=0.3)]
     ).velocity
-    mu, V = np.linalg.eigh(J.T @ iq.pitch_form(0.5) @ J)
-    g = J.T @ iq.pitch_form(0.5) @ s
-    H = V @ np.diag(np.abs(mu)) @ V.T
-    best = V @ ((V.T @ g) / mu)
+    own = iq.systems.centre(J, s).point
+    A, b = root_of(own, reach_of(J, own)) @ J, root_of(own, reach_of(J, own)) @ s
 
     def cost(y):
-        return (y - best) @ H @ (y - best) + 0.15 * (y - rest) @ (y - rest)
+        return (A @ y - b) @ (A @ y - b) + 0.15 * (y - rest) @ (y - rest)
 
     found = minimize(cost, np.zeros(4), method="BFGS", options={"gtol": 1e-12}).x
     assert np.allclose(x, found, atol=1e-6)
@@ -128,3 +127,41 @@ def test_bad_tasks_are_refused(rng):
         iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s)], damping=iq.velocity.PaperLambda(0.1))
     with pytest.raises(iq.BadInput, match="zero vector"):
         iq.ExactRows.axis(J, np.zeros(3), np.zeros(3))
+
+
+def test_many_levels_with_rows_and_exact_rows_at_the_limits_always_answer(rng):
+    """Each level starts from what the one before it left, which is inside; none is disturbed by those below it."""
+    for _ in range(40):
+        m = int(rng.integers(3, 9))
+        J, K = arm(rng, m), arm(rng, m)
+        K[:, m // 2 :] = 0.0
+        tasks = [
+            iq.velocity.TwistTask(J, 2.0 * rng.normal(size=6)),
+            iq.velocity.TwistTask(K, rng.normal(size=6), priority=1),
+            iq.velocity.JointTask(rng.normal(size=m), priority=2),
+        ]
+        options = {
+            "bounds": (-rng.uniform(0.0, 0.5, m), rng.uniform(0.0, 0.5, m)),
+            "exact": iq.ExactRows(rng.normal(size=(1, m)), rng.normal(size=1)),
+            "rows": iq.limits.LimitRows(rng.normal(size=(2, m)), [-0.1, -0.2], [0.2, 0.1]),
+        }
+        whole, part = iq.velocity.solve_tasks(tasks, **options), iq.velocity.solve_tasks(tasks[:1], **options)
+        assert whole.status in {"ok", "scaled"}
+        assert 0.0 <= whole.scale <= 1.0
+        np.testing.assert_allclose(J @ whole.velocity, J @ part.velocity, atol=1e-8)
+        np.testing.assert_allclose(options["exact"].A @ whole.velocity, whole.scale * options["exact"].b, atol=1e-9)
+
+
+def test_exact_rows_that_cannot_be_kept_are_told(rng):
+    J = arm(rng, 5)
+    task = iq.velocity.TwistTask(J, rng.normal(size=6))
+    rows = iq.ExactRows(np.vstack((J[3], J[3])), [1.0, 2.0])
+    solution = iq.velocity.solve_tasks([task], exact=rows)
+    assert (solution.status, solution.scale) == ("degraded", 0.0)
+    assert "cannot keep the direction of the exact rows" in solution.reason
+    outside = iq.ExactRows(np.eye(5)[:1], [-1.0])  # the first joint is outside its limits, on the way back
+    lower, upper = np.array([0.2, -1, -1, -1, -1]), np.array([0.5, 1, 1, 1, 1])
+    back = iq.velocity.solve_tasks([task], exact=outside, bounds=(lower, upper))
+    assert back.status in {"scaled", "degraded"}
+    assert ((back.velocity >= lower) & (back.velocity <= upper)).all()
+    assert back.velocity[0] == pytest.approx(0.2, abs=1e-6)

@@ -316,7 +316,7 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input(case):
-    with pytest.raises(iq.BadInput, match=r"^\w+: found .*; expected .*\.") as caught:
+    with pytest.raises(iq.BadInput, match=r"^\w+(\[\d\])?: found .*; expected .*\.") as caught:
         BAD[case]()
     assert caught.value.found
     assert caught.value.expected

@@ -1,16 +1,14 @@
-"""The speed limit of a tool point: tangent planes against the cone itself, and both against what they must give."""
+"""The speed limit of a tool point: by its multiplier, as the cone itself, and both against what they must give."""
 
 import builtins
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from support.random_systems import motion
 from support.task_files import run_displaced
-from support.velocity_reference import convex_form, regular_problem, tight_box
+from support.velocity_reference import least_squares_form, reach_of, regular_problem, root_of, tight_box
 
 import invariantqp as iq
-from invariantqp.velocity.qp import tangents
 
 
 def point_jacobian(J, p):
@@ -19,61 +17,48 @@ def point_jacobian(J, p):
 
 def problem(rng, m, low=0.3, high=0.9):
     """A box-limited problem, a point, and a speed limit below what the box alone would give."""
-    J, s, h = regular_problem(rng, m)
+    J, s, _ = regular_problem(rng, m)
     p = rng.normal(size=3)
-    free = iq.solve_velocity(J, s, form=h, guard=False).velocity
+    free = iq.solve_velocity(J, s, point=p).velocity
     bounds = tight_box(rng, m, free, share=0.3)
-    x = iq.solve_velocity(J, s, form=h, guard=False, bounds=bounds).velocity
-    return J, s, h, bounds, p, rng.uniform(low, high) * np.linalg.norm(point_jacobian(J, p) @ x)
+    x = iq.solve_velocity(J, s, point=p, bounds=bounds).velocity
+    return J, s, bounds, p, rng.uniform(low, high) * np.linalg.norm(point_jacobian(J, p) @ x)
 
 
-def test_planes_and_the_cone_by_cvxpy_agree():
+def test_the_multiplier_and_the_cone_by_cvxpy_agree():
     pytest.importorskip("cvxpy")
     rng = np.random.default_rng(0)
     worst = 0.0
     for k in range(40):
-        J, s, h, bounds, p, limit = problem(rng, 3 + k % 4)
-        options = {"form": h, "bounds": bounds, "guard": bool(k % 2)}
-        planes = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
+        J, s, bounds, p, limit = problem(rng, 3 + k % 4)
+        options = {"bounds": bounds, "point": p}
+        priced = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
         cone = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p, exact=True), **options)
-        assert planes.method == cone.method == "qp"
-        assert planes.status == cone.status
+        assert priced.method == cone.method == "qp"
+        assert priced.status == cone.status
         assert cone.backend == "cvxpy"
-        worst = max(worst, np.linalg.norm(planes.velocity - cone.velocity) / np.linalg.norm(planes.velocity))
-        for x in (planes.velocity, cone.velocity):
+        worst = max(worst, np.linalg.norm(priced.velocity - cone.velocity) / np.linalg.norm(priced.velocity))
+        for x in (priced.velocity, cone.velocity):
             assert np.linalg.norm(point_jacobian(J, p) @ x) <= limit * (1.0 + 1e-9)
             assert ((x >= bounds.lower) & (x <= bounds.upper)).all()
-    assert worst < 1e-6
+    assert worst < 1e-5  # what an interior point can be asked for
 
 
 def test_the_optimum_meets_its_own_equations():
     """H x - c + y + t J_p'v = 0 with t >= 0 for the cone and y the reported multipliers."""
     rng = np.random.default_rng(1)
     for k in range(30):
-        J, s, h, bounds, p, limit = problem(rng, 3 + k % 4)
-        solution = iq.solve_velocity(J, s, form=h, bounds=bounds, tool_speed=iq.limits.ToolSpeed(limit, p), guard=False)
-        H, c = convex_form(J, s, h, 0.0)
+        J, s, bounds, p, limit = problem(rng, 3 + k % 4)
+        solution = iq.solve_velocity(J, s, bounds=bounds, tool_speed=iq.limits.ToolSpeed(limit, p), point=p)
+        root = root_of(p, reach_of(J, p))
+        H, c = least_squares_form(root @ J, root @ s)
         x = solution.velocity
         Jp = point_jacobian(J, p)
         left, normal = c - H @ x - solution.multipliers, Jp.T @ (Jp @ x)
         t = left @ normal / (normal @ normal)
         assert t > 0.0
-        assert np.abs(left - t * normal).max() < 1e-7 * np.abs(c).max()
-        assert np.linalg.norm(Jp @ x) == pytest.approx(limit, rel=1e-12)
-
-
-def test_planes_alone_come_to_the_same(monkeypatch):
-    rng = np.random.default_rng(2)
-    for k in range(10):
-        J, s, h, bounds, p, limit = problem(rng, 3 + k % 4)
-        options = {"form": h, "bounds": bounds, "guard": False, "tool_speed": iq.limits.ToolSpeed(limit, p)}
-        newton = iq.solve_velocity(J, s, **options).velocity
-        with monkeypatch.context() as patch:
-            patch.setattr(tangents, "MOST_STEPS", 0)
-            heaped = iq.solve_velocity(J, s, **options).velocity
-        assert np.linalg.norm(point_jacobian(J, p) @ heaped) <= limit * (1.0 + 1e-9)
-        # 1e-9 outside in length is the root of it in direction.
-        np.testing.assert_allclose(heaped, newton, atol=1e-4 * np.linalg.norm(newton))
+        assert np.abs(left - t * normal).max() < 1e-8 * np.abs(c).max()
+        assert np.linalg.norm(Jp @ x) == pytest.approx(limit, rel=1e-8)
 
 
 def test_a_slow_tool_is_left_alone():
@@ -87,7 +72,7 @@ def test_a_slow_tool_is_left_alone():
     assert "the tool past their limits" in choice.reason
 
 
-@pytest.mark.parametrize("exact", [False, True], ids=["planes", "cone"])
+@pytest.mark.parametrize("exact", [False, True], ids=["multiplier", "cone"])
 def test_exact_rows_are_slowed_to_the_limit_and_told_by_whom(exact):
     if exact:
         pytest.importorskip("cvxpy")
@@ -106,7 +91,7 @@ def test_exact_rows_are_slowed_to_the_limit_and_told_by_whom(exact):
     assert np.linalg.norm(Jp @ solution.velocity) <= 0.25 + 1e-9
 
 
-@pytest.mark.parametrize("exact", [False, True], ids=["planes", "cone"])
+@pytest.mark.parametrize("exact", [False, True], ids=["multiplier", "cone"])
 def test_bounds_that_force_the_tool_to_move_come_first(exact):
     """On the way back from outside a position limit: the least speed there is, and it is told."""
     if exact:
@@ -130,40 +115,60 @@ def test_bounds_that_force_the_tool_to_move_come_first(exact):
     )
     assert solution.status == "degraded"
     assert "the tool's speed is" in solution.reason
-    assert np.linalg.norm(Jp @ solution.velocity) == pytest.approx(slowest, rel=1e-5)
+    # A ten-thousandth more, for the problem after it to have an inside.
+    assert slowest * (1.0 - 1e-9) <= np.linalg.norm(Jp @ solution.velocity) <= slowest * (1.0 + 2e-4)
     assert ((solution.velocity >= bounds.lower) & (solution.velocity <= bounds.upper)).all()
 
 
-def test_rows_cone_box_and_guard_together_move_with_the_frame():
-    """Random frames: the same velocity, inside every limit, whatever status."""
+def test_rows_cone_box_and_guard_together_stay_inside():
     rng = np.random.default_rng(6)
-    worst, seen = 0.0, set()
-    for k in range(150):
+    for k in range(100):
         m = 2 + k % 7
-        J, s, T, p = rng.normal(size=(6, m)), rng.normal(size=6), motion(rng, 1.0), rng.normal(size=3)
-        A, q = iq.adjoint(T), (T @ np.append(p, 1.0))[:3]
+        J, s, p = rng.normal(size=(6, m)), rng.normal(size=6), rng.normal(size=3)
         lower, upper = -rng.uniform(0.05, 1.0, m), rng.uniform(0.05, 1.0, m)
         C = rng.normal(size=(2, m))
-        options = {
-            "bounds": iq.Bounds(lower, upper),
-            "rows": iq.limits.LimitRows(C, -rng.uniform(0.05, 0.5, 2), rng.uniform(0.05, 0.5, 2)),
-            "posture": rng.normal(size=m),
-            "form": (None, 0.7)[k % 2],
-        }
+        rows = iq.limits.LimitRows(C, -rng.uniform(0.05, 0.5, 2), rng.uniform(0.05, 0.5, 2))
         limit = rng.uniform(0.05, 0.5)
-        here = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
-        there = iq.solve_velocity(A @ J, A @ s, tool_speed=iq.limits.ToolSpeed(limit, q), **options)
-        assert here.status == there.status
-        x = here.velocity
-        worst = max(worst, np.linalg.norm(x - there.velocity) / (np.linalg.norm(x) + np.linalg.norm(s) / 10.0))
-        y = C @ x
+        solution = iq.solve_velocity(
+            J,
+            s,
+            bounds=(lower, upper),
+            rows=rows,
+            posture=rng.normal(size=m),
+            form=(None, 0.7)[k % 2],
+            tool_speed=iq.limits.ToolSpeed(limit, p),
+        )
+        x, y = solution.velocity, C @ solution.velocity
+        assert solution.status != "held"
         assert ((x >= lower) & (x <= upper)).all()
-        assert (y >= options["rows"].lower - 1e-9).all()
-        assert (y <= options["rows"].upper + 1e-9).all()
+        assert ((y >= rows.lower - 1e-9) & (y <= rows.upper + 1e-9)).all()
         assert np.linalg.norm(point_jacobian(J, p) @ x) <= limit + 1e-9
-        seen.add(here.status)
-    assert {"ok", "guarded"} <= seen
-    assert worst < 1e-7  # the direction settles to 1e-8, no further
+
+
+def test_where_limits_leave_the_point_hardly_any_slower_than_its_limit():
+    """Identical joints and a demand on an axis slowed down to where the tool's speed is just the limit's."""
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        twin = iq.revolute(rng.normal(size=3), rng.normal(size=3))
+        J = np.column_stack(
+            [twin, *(iq.revolute(rng.normal(size=3), rng.normal(size=3)) for _ in range(2)), twin, twin]
+        )
+        p, lower, upper = rng.normal(size=3), -rng.uniform(0.1, 0.8, 5), rng.uniform(0.1, 0.8, 5)
+        rows = iq.ExactRows.axis(J, rng.normal(size=3), 0.5 * rng.normal(size=3))
+        limit = rng.uniform(0.05, 0.3)
+        solution = iq.solve_velocity(
+            J,
+            J @ rng.normal(size=5),
+            exact=rows,
+            bounds=(lower, upper),
+            tool_speed=iq.limits.ToolSpeed(limit, p),
+            point=p,
+        )
+        x = solution.velocity
+        assert solution.status != "held"
+        assert ((x >= lower) & (x <= upper)).all()
+        assert np.linalg.norm(point_jacobian(J, p) @ x) <= limit * (1.0 + 1e-6)
+        np.testing.assert_allclose(rows.A @ x, solution.scale * rows.b, atol=1e-7)
 
 
 def test_exact_rows_that_leave_nothing_free_are_slowed_too():
@@ -175,7 +180,7 @@ def test_exact_rows_that_leave_nothing_free_are_slowed_too():
         J, s, form=h, exact=iq.ExactRows(np.eye(3), x), tool_speed=iq.limits.ToolSpeed(0.4 * speed, p)
     )
     assert solution.status == "scaled"
-    np.testing.assert_allclose(solution.velocity, 0.4 * x, atol=1e-7)
+    np.testing.assert_allclose(solution.velocity, 0.4 * x, rtol=1e-6)
     assert np.linalg.norm(point_jacobian(J, p) @ solution.velocity) <= 0.4 * speed + 1e-9
 
 
@@ -214,14 +219,14 @@ def test_without_cvxpy_the_extra_is_named(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", absent)
     with pytest.raises(iq.errors.MissingExtra, match=r"pip install 'invariantqp\[cvxpy\]'"):
         iq.limits.ToolSpeed(0.25, exact=True)
-    assert iq.limits.ToolSpeed(0.25).limit == 0.25  # planes need nothing
+    assert iq.limits.ToolSpeed(0.25).limit == 0.25  # the multiplier needs nothing
 
 
 def test_a_cone_solver_that_fails_is_replaced_and_the_status_says_so(monkeypatch):
     cvxpy = pytest.importorskip("cvxpy")
-    J, s, h, bounds, p, limit = problem(np.random.default_rng(7), 5)
-    options = {"form": h, "bounds": bounds, "guard": False}
-    planes = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
+    J, s, bounds, p, limit = problem(np.random.default_rng(7), 5)
+    options = {"point": p, "bounds": bounds}
+    priced = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p), **options)
 
     def broken(self, *arguments, **options):
         raise cvxpy.error.SolverError("no licence")
@@ -230,7 +235,7 @@ def test_a_cone_solver_that_fails_is_replaced_and_the_status_says_so(monkeypatch
     solution = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p, exact=True), **options)
     assert (solution.status, solution.backend) == ("degraded", "daqp")
     assert "cvxpy: SolverError: no licence" in solution.reason
-    np.testing.assert_array_equal(solution.velocity, planes.velocity)
+    np.testing.assert_array_equal(solution.velocity, priced.velocity)
 
 
 def test_a_task_files_tool_speed_is_kept_at_its_point_wherever_the_tool_frame_is():

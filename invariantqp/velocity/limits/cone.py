@@ -211,6 +211,11 @@ def _programmed(program: Cvxpy, problem: Quadratic, limits: Polytope, cone: Cone
     start = cone.velocity(centre)
     qp, _, size = scaled(K, A, limits.lower - value, limits.upper - value)
     d = size * program.solve_in_cone(qp, cone.J * (size / cone.limit), start / cone.limit)
-    pull = -K.dot(d).dot(K)
-    multipliers = np.where(limits.at(centre + d), pull, 0.0) if A is None else np.zeros(len(value))
-    return Optimum(centre + d, multipliers, program.name)
+    z = centre + d
+    # K'K d + nu J'v + y = 0: the cone's multiplier where no other limit pulls, then those of the others.
+    pull, normal = -K.dot(d).dot(K), cone.velocity(z).dot(cone.J)
+    at = limits.at(z) if A is None else np.zeros(len(z), dtype=bool)
+    square = float(normal[~at].dot(normal[~at]))
+    nu = max(float(pull[~at].dot(normal[~at])) / square if square > 0.0 else 0.0, np.finfo(float).tiny)
+    multipliers = np.where(at, pull - nu * normal, 0.0) if A is None else np.zeros(len(value))
+    return Optimum(z, multipliers, program.name, nu=nu)

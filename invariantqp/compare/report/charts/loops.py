@@ -20,7 +20,8 @@ NANOMETRE = 1e-6
 STILL = 1e-3
 SHIPPED = (
     f"A tick computes pose, Jacobian, law and limits. {OURS} runs as it is shipped, with the exact rows of the task "
-    "file, if any, and a posture for redundant joints; other methods have neither, except where their name says so."
+    "file, if any, and a posture for redundant joints, as does the least-squares QP that is told all; other methods "
+    "have neither, except where their name says so."
 )
 
 

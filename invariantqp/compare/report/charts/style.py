@@ -34,7 +34,7 @@ class FamilyStyle(NamedTuple):
 
 
 STYLES = {
-    "invariant": FamilyStyle(BLUE, "o", "invariant (pitch form)"),
+    "invariant": FamilyStyle(BLUE, "o", "invariant"),
     "Moore-Penrose": FamilyStyle(VERMILION, "s", "Moore-Penrose"),
     "damped": FamilyStyle(ORANGE, "^", "damped"),
     "QP": FamilyStyle(GREEN, "D", "QP solvers"),

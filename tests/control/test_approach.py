@@ -1,0 +1,114 @@
+"""How a loop comes to its target: with room to brake, with a delay it was told, the same way round, on every arm."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+
+X, Y, Z = np.eye(3)
+PANDA = iq.load_robot("panda")
+READY = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.6, 0.8])
+
+
+def driven(robot, loop, q, target, ticks, late=0):
+    """Joint positions, velocities and solutions of every tick; a command acts `late` ticks after it was given."""
+    waiting = [np.zeros(len(q))] * late
+    positions, solutions = [], []
+    for _ in range(ticks):
+        solutions.append(loop.step(q, target))
+        waiting.append(solutions[-1].velocity)
+        q = q + loop.dt * waiting.pop(0)
+        positions.append(q)
+    return np.array(positions), np.array([s.velocity for s in solutions]), solutions
+
+
+@pytest.mark.parametrize(
+    ("dt", "limit", "way"),
+    [(0.002, 8.0, (0.2, 0.2, -0.1)), (0.002, 8.0, (-0.1, 0.25, 0.13)), (0.001, 2.0, (0.1, -0.2, -0.2))],
+)
+def test_a_step_under_acceleration_limits_does_not_overshoot(dt, limit, way):
+    way = 0.3 * np.array(way) / np.linalg.norm(way)
+    target = PANDA.pose(READY)
+    target[:3, 3] += way
+    loop = iq.Controller(PANDA, dt=dt, acceleration_limit=limit)
+    q, x, solutions = driven(PANDA, loop, READY, target, round((1.0 if limit > 4.0 else 2.0) / dt))
+    assert np.abs(np.diff(x, axis=0)).max() <= dt * limit * (1.0 + 1e-9)
+    left = np.array([(target[:3, 3] - PANDA.pose(p)[:3, 3]) @ way for p in q[:: round(0.01 / dt)]]) / 0.3
+    assert left.min() > -1e-3
+    assert abs(left[-1]) < 1e-3
+    assert {s.status for s in solutions} == {"ok"}
+
+
+def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
+    target = iq.exp([0.2, -0.1, 0.3, 0.1, -0.05, 0.1]) @ PANDA.pose(READY)
+    dt, late = 0.002, 15
+    ends = {}
+    for told in (0.0, late * dt):
+        loop = iq.Controller(PANDA, dt=dt, delay=told, posture=False)
+        q, x, solutions = driven(PANDA, loop, READY, target, 1500, late)
+        ends[told] = np.abs(x[-200:]).max(), solutions[-1].status, solutions[-1].reason
+    speed, status, reason = ends[0.0]
+    assert speed > 0.5
+    assert (status, "not converging" in reason) == ("degraded", True)
+    speed, status, reason = ends[late * dt]
+    assert speed < 1e-4
+    assert status == "ok"
+
+
+@pytest.mark.parametrize("yaw", np.linspace(-np.pi, np.pi, 9))
+def test_half_a_turn_out_of_reach_is_turned_one_way(yaw):
+    screws = np.column_stack([iq.revolute(Z, (x, 0.0, 0.0)) for x in (0.0, 0.4, 0.7)])
+    bounds = {"position_lower": np.full(3, -2.5), "position_upper": np.full(3, 2.5), "velocity_limit": np.full(3, 3.0)}
+    robot = iq.robots.Chain(screws, iq.transform(translation=(0.9, 0.0, 0.0)), **bounds)
+    target = iq.exp([0.0, 0.0, yaw, 0.0, 0.0, 0.0])
+    target[:3, 3] = (-2.3, -2.3, 0.0)
+    _, x, solutions = driven(robot, iq.Controller(robot, dt=0.01), np.array([-1.5, -1.2, 1.2]), target, 500)
+    assert np.abs(np.diff(x[-100:], axis=0)).sum() < 0.1
+    assert solutions[-1].status == "degraded"  # it rests short of its target, and says so
+
+
+def arms(rng):
+    """Arms whose axes meet, nearly meet, are parallel or slide."""
+    c = 0.5 * rng.normal(size=3)
+    away = iq.transform(translation=c + 0.2 * rng.normal(size=3))
+    return {
+        "hinge": ([iq.revolute(rng.normal(size=3), c)], away),
+        "pan-tilt": ([iq.revolute(Z, c), iq.revolute(Y, c)], away),
+        "pan-tilt, tool at its centre": ([iq.revolute(Z, c), iq.revolute(Y, c)], iq.transform(translation=c)),
+        "spherical wrist": ([iq.revolute(Z, c), iq.revolute(Y, c), iq.revolute(X, c)], away),
+        "1 mm from spherical": ([iq.revolute(Z, c), iq.revolute(Y, c + 1e-3 * X), iq.revolute(X, c + 1e-3 * Y)], away),
+        "gantry": ([iq.se3.prismatic(X), iq.se3.prismatic(Y), iq.se3.prismatic(Z)], away),
+        "planar": ([iq.revolute(Z, (0.4 * i, 0.0, 0.0)) for i in range(3)], iq.transform(translation=(1.2, 0, 0))),
+    }
+
+
+@pytest.mark.parametrize("limit", [3.0, np.inf])
+@pytest.mark.parametrize("name", arms(np.random.default_rng(0)))
+def test_every_arm_arrives_where_it_can(name, limit):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        screws, tool = arms(rng)[name]
+        m = len(screws)
+        bounds = {"position_lower": np.full(m, -2.5), "position_upper": np.full(m, 2.5)}
+        robot = iq.robots.Chain(np.column_stack(screws), tool, **bounds, velocity_limit=np.full(m, limit))
+        q = rng.uniform(-1.2, 1.2, m)
+        target = robot.pose(q + rng.uniform(-0.6, 0.6, m))
+        ends, _, _ = driven(robot, iq.Controller(robot, dt=0.01), q, target, 300)
+        assert np.linalg.norm(iq.log(target @ iq.inverse(robot.pose(ends[-1])))) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["hinge", "pan-tilt", "spherical wrist", "gantry", "planar"])
+def test_an_exact_position_is_kept_as_far_as_an_arm_ever_can(name):
+    """A point of a wrist moves on a sphere: three rows, of which two can be kept; that is no singularity."""
+    rng = np.random.default_rng(3)
+    screws, tool = arms(rng)[name]
+    m = len(screws)
+    robot = iq.robots.Chain(np.column_stack(screws), tool, velocity_limit=np.full(m, 3.0))
+    q = rng.uniform(-1.0, 1.0, m)
+    target = robot.pose(q + rng.uniform(-0.5, 0.5, m))
+    ends, _, solutions = driven(robot, iq.Controller(robot, dt=0.01, exact="position"), q, target, 300)
+    assert np.linalg.norm(iq.log(target @ iq.inverse(robot.pose(ends[-1])))) < 1e-6
+    if name in ("hinge", "pan-tilt", "spherical wrist"):
+        kept = {"hinge": 1, "pan-tilt": 2, "spherical wrist": 2}[name]
+        assert f"this arm can keep {kept} of the exact rows" in solutions[0].reason
+        assert solutions[0].status == "degraded"
