@@ -14,8 +14,8 @@ DT = 0.002  # [s]
 robot = iq.load_robot("so101")
 q0 = np.array([0.0, -0.4, 0.5, 0.6, 0.0])  # [rad]
 
-# Another frame on the same link: 10 cm beyond the first and turned. The same motion of the same body is asked of it, and
-# the same physical point of it is named as the one where accuracy counts: the first frame's origin.
+# Another frame on the same link: 10 cm beyond the first and turned. The same motion of the same body is asked of it,
+# and the same physical point of it is named as the one where accuracy counts: the first frame's origin.
 offset = iq.exp([0.7, -0.4, 1.2, 0.05, 0.05, 0.07])
 point = iq.inverse(offset)[:3, 3]
 

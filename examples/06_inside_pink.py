@@ -1,7 +1,7 @@
 """One line of a Pink program changed: a frame task whose joint velocities do not depend on where the frame was put.
 
-The same 200 targets are asked of two frames on one link, 25 cm apart and turned, with Pink's default limits on. The second
-frame's task is told the same physical point, the first one's origin.
+The same 200 targets are asked of two frames on one link, 25 cm apart and turned, with Pink's default limits on. The
+second frame's task is told the same physical point, the first one's origin.
 
 Run: python examples/06_inside_pink.py      needs the extras `robots` and `pink`
 """

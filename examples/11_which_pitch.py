@@ -1,8 +1,8 @@
 """Which h? What a five-joint arm misses with each pitch, beside least squares at the tool, on four arms.
 
 Six- and seven-joint arms have joints blocked until five are left, as limits do. Twists ask for 100 mm/s and 30 deg/s in
-random directions; what is missed is measured at the tool. |P| is the norm of the projector there, a radian counted as the
-arm's reach: no twist is missed by more than |P| times what least squares misses.
+random directions; what is missed is measured at the tool. |P| is the norm of the projector there, a radian counted as
+the arm's reach: no twist is missed by more than |P| times what least squares misses. With five joints every twist is.
 
 Run: python examples/11_which_pitch.py      needs the extra `robots`
 """

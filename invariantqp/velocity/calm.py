@@ -23,6 +23,8 @@ from invariantqp.geometry.arrays import Array
 CALM = 0.25
 # With exact rows what is left to the twist bends with them: twice as much.
 CALM_WITH_ROWS = 0.25
+# Of dt |A| |x|^2: the worst case of what a tick bends.
+SPOILT = 0.5
 # Below this share of |A|^2 it changes no digit that matters; what is above counts, so that it sets in without a jump.
 QUIET_SHARE = 1e-9
 
@@ -40,5 +42,11 @@ def calm(A: Array, wanted: Array, achieved: Array, speed: float, dt: float, fact
     """
     size = sqrt(float(np.vdot(A, A)))
     r = wanted - achieved
-    spoilt = max(0.0, 0.5 * dt * size * speed * speed - sqrt(float(wanted.dot(wanted))))
-    return max(0.0, 0.5 * factor * dt * (sqrt(float(r.dot(r))) + spoilt) * size - QUIET_SHARE * size * size)
+    missed = sqrt(float(r.dot(r))) + spoilt(A, wanted, speed, dt)
+    return max(0.0, 0.5 * factor * dt * missed * size - QUIET_SHARE * size * size)
+
+
+def spoilt(A: Array, wanted: Array, speed: float, dt: float) -> float:
+    """What a tick at `speed` bends of the motion beyond what was asked for, measured; 0 where it bends less."""
+    size = sqrt(float(np.vdot(A, A)))
+    return max(0.0, SPOILT * dt * size * speed * speed - sqrt(float(wanted.dot(wanted))))

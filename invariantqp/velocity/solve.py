@@ -10,9 +10,12 @@ first two are its optimum without limits, which is the third's wherever it is in
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.calm import spoilt
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
@@ -43,7 +46,7 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
     if law.metric is None and not _is_convexified(law):
         x = regular_velocity(A, b, demand.posture, damping.threshold)
-        if x is not None and demand.allows(x) and demand.achieves(x):
+        if x is not None and spoilt(A, b, sqrt(float(x.dot(x))), law.dt) == 0.0 and demand.allows(x) and demand.achieves(x):
             residual = demand.s - demand.J.dot(x)
             if _is_rounding(A, b, x):
                 return VelocitySolution(x, "closed-form", "ok", law.note, (), residual, 1.0, 0.0, 0.0, "")
