@@ -55,7 +55,7 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
 
 
 def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution | None:
-    """The closed form by one Cholesky factor, where that is the answer: nothing damped, no limit met, nothing spoilt."""
+    """The closed form by one Cholesky factor where nothing is damped, no limit met, nothing spoilt; None elsewhere."""
     A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
     x = regular_velocity(A, b, demand.posture, damping.threshold)
     if x is None or not (demand.allows(x) and demand.achieves(x) and _is_rounding(A, b, x)):
