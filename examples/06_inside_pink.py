@@ -1,6 +1,7 @@
 """One line of a Pink program changed: a frame task whose joint velocities do not depend on where the frame was put.
 
-The same 200 targets are asked of two frames on one link, 25 cm apart and turned, with Pink's default limits on.
+The same 200 targets are asked of two frames on one link, 25 cm apart and turned, with Pink's default limits on. The
+second frame's task is told the same physical point, the first one's origin.
 
 Run: python examples/06_inside_pink.py      needs the extras `robots` and `pink`
 """
@@ -42,10 +43,12 @@ for name in ("panda", "ur5", "so101"):
     rng = np.random.default_rng(0)
     robot = iq.load_robot(name)
     model, offset = with_second_frame(robot, rng)
-    frames = (robot.tool, "moved")
+    frames, origin = (robot.tool, "moved"), offset.inverse().translation
     laws = {
         "pink.FrameTask": [pink.FrameTask(frame, position_cost=1.0, orientation_cost=1.0) for frame in frames],
-        "InvariantFrameTask": [InvariantFrameTask(frame) for frame in frames],  # the one line
+        "InvariantFrameTask": [  # the one line
+            InvariantFrameTask(frame, point=point) for frame, point in zip(frames, (None, origin), strict=True)
+        ],
     }
     changes = {law: [] for law in laws}
     low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)

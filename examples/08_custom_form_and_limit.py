@@ -32,7 +32,7 @@ def missed(x, q):
 
 
 print("The part of a wanted motion that five joints cannot do, as the energy of a bar in the gripper:")
-for name, form in {"arm's own pitch": None, "inertia of the bar": bar}.items():
+for name, form in {"least squares": None, "inertia of the bar": bar}.items():
     solution = iq.Controller(robot, dt=DT, gain=2.0, form=form, guard=False).step(q, target)
     print(f"  {name:19s} {missed(solution.velocity, q):.3f} mJ")
 

@@ -25,7 +25,14 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.models import chain_to
 from invariantqp.robots.pink import Configuration, FrameTask
 from invariantqp.robots.pinocchio import ANGULAR_FIRST, placement
-from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
+from invariantqp.velocity.damping import (
+    UNLIMITED_CEILING,
+    UNLIMITED_THRESHOLD,
+    Adaptive,
+    Damping,
+    PaperLambda,
+    damping_of,
+)
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
@@ -36,12 +43,12 @@ from invariantqp.velocity.solve import solve
 
 __all__ = ["InvariantFrameTask"]
 
-# The cost of a joint direction that does not move the frame, relative to the largest: a few thousandths of what a posture
-# task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
+# The cost of a joint direction that does not move the frame, relative to the largest: a few thousandths of what a
+# posture task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
 NULL_WEIGHT = 3e-10
-# Measured: UR5, Panda and SO-101 come to rest at targets 1.2 and 3 m out of reach from 0.2 on, where without it (as with
-# Pink's own task) they oscillate at full speed. Targets in reach are reached within 1 mm in the same number of steps
-# inside velocity limits, and in 3.6 instead of 14 on average without limits.
+# Measured: UR5, Panda and SO-101 come to rest at targets 1.2 and 3 m out of reach from 0.2 on, where without it (as
+# with Pink's own task) they oscillate at full speed. Targets in reach are reached within 1 mm in the same number of
+# steps inside velocity limits, and in 3.6 instead of 14 on average without limits.
 LM_DAMPING = 0.2
 
 
@@ -91,7 +98,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
                 with the error; 0 is none.
 
         Raises:
-            BadInput: numbers out of range, something that is no form, or [DS]'s own damping, which is no quadratic cost.
+            BadInput: numbers out of range, something that is no form, or `PaperLambda`, which is no quadratic cost.
         """
         if not isinstance(frame, str):
             raise BadInput("frame", excerpt(frame), "a frame's name")
@@ -165,8 +172,9 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
             self._measure = ToolMeasure(chain, self.point, self._length, carried)
             self._limited = bool(np.isfinite(chain.velocity_limit).all())
             self._model = configuration.model
-        policy = damping_of(None, limited=self._limited) if self.damping is None else self.damping
-        return self._measure, policy
+        if self.damping is not None:
+            return self._measure, self.damping
+        return self._measure, Adaptive() if self._limited else Adaptive(UNLIMITED_THRESHOLD, UNLIMITED_CEILING)
 
     def __repr__(self) -> str:
         form = "least squares" if self.form is None else self.form.describe()

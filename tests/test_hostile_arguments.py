@@ -33,8 +33,8 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
-    "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight "
-    "Chain.points InvariantFrameTask.compute_qp_objective",
+    "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
+    "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {

@@ -1,12 +1,12 @@
-"""How well a pitch splits twists in one state: |P_h|, how many times more P_h s misses than the best that the arm can do.
+"""How well a pitch splits twists in one state: |P_h|, how many times more P_h s misses than the best the arm can do.
 
     A = root J,  U its directions that the law does not damp,  M the form on measured twists
     P_h = U (U'MU)^-1 U'M,    |s - P_h s| <= |P_h| |s - U U's|,    |P_h| = 1 / sin(angle between U and what P_h removes)
 
 Proof: (I - P_h) U = 0, so (I - P_h) s = (I - P_h)(s - U U's), and |I - P_h| = |P_h| for every projector but 0 and I.
 
-|P_h| is infinite at a principal pitch and where the arm is blind, and it is large near both. So it needs no tolerance on
-the type of a screw system, and the last digits of a URDF decide nothing.
+|P_h| is infinite at a principal pitch and where the arm is blind, and it is large near both. So it needs no tolerance
+on the type of a screw system, and the last digits of a URDF decide nothing.
 
 Reference: [DS] Sect. 6.1 for P_h; Szyld 2006 for |I - P| = |P|.
 """

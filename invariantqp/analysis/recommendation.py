@@ -2,9 +2,9 @@
 
     |s - P_h s| <= |P_h| |s - best|      beside the best that the arm can do, at the tool (`projection`)
 
-A controller needs no pitch: without a form, what the arm cannot do is missed by least squares at the tool. A pitch is for
-who wants [DS]'s reciprocal splitting: dual projectors, hybrid and shared control. L is the arm's reach to the tool; with
-|h| far below it projectors are oblique and large, with |h| far above it orientation comes first.
+A controller needs no pitch: without a form, what the arm cannot do is missed by least squares at the tool. A pitch is
+for [DS]'s reciprocal splitting: dual projectors, hybrid and shared control. L is the arm's reach to the tool; with |h|
+far below it projectors are oblique and large, with |h| far above it orientation comes first.
 
 |P_h| is looked at in states spread over the joint range and in states with the tool straight up or down (`upright`).
 """
@@ -110,7 +110,7 @@ def smallest_norm(robot: Robot, q: Array, length: float) -> float:
 def at_tool(robot: Robot, q: Array, length: float) -> tuple[Array, Array]:
     """What the joints can do at q (6, k), measured at the tool, and the inverse of the measure's root (6, 6)."""
     root = root_at(robot.pose(q)[:3, 3], length)
-    return can_do(root.dot(robot.jacobian(q))), np.linalg.inv(root)
+    return can_do(root.dot(robot.jacobian(q))), np.asarray(np.linalg.inv(root), dtype=np.float64)
 
 
 def rounded(x: float) -> float:
@@ -140,7 +140,8 @@ def _pitch_words(h: float, length: float, spread: _Tried, up: _Tried, i: int) ->
     return (
         "A controller needs no form: without one, what the arm cannot do is missed by least squares at the tool. To "
         f"split twists and wrenches: {size}. It misses at most {LARGEST_NORM:g} times as much of a twist as least "
-        f"squares in {_shares(spread, up, i)}. A much smaller |h| splits obliquely, a larger one puts orientation first."
+        f"squares in {_shares(spread, up, i)}. A much smaller |h| splits obliquely, a larger one puts orientation "
+        "first."
     )
 
 

@@ -1,9 +1,10 @@
 """States with the tool straight up or down, in which most work is done: the last axis parallel to the first.
 
-    Gauss-Newton on  (w_1 - w_m) = sum over i of (w_i x w_m) dq_i,    w_i unit axes of the turning joints, sign of w_1 free
+    Gauss-Newton on  w_1 - w_m = sum over i of (w_i x w_m) dq_i,    w_i unit axes of the turning joints, w_1 up or down
 
-A random state is never such a state, so samples of the range say nothing of them; and five-joint arms have no pitch there
-at all. They are told by axes, not by the tool frame's z axis or by gravity, so no choice of frame decides what they are.
+A random state is never such a state, so samples of the range say nothing of them; and an SO-101, among others, has no
+pitch there at all. They are told by axes, not by the tool frame's z axis or by gravity, so no choice of frame decides
+what they are.
 """
 
 from __future__ import annotations

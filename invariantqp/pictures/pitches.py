@@ -1,4 +1,4 @@
-"""The principal pitches of an arm over its joint range, one column for each joint, and the pitch that serves to split twists.
+"""The principal pitches of an arm over its joint range, a column for each joint, and the pitch that serves for splits.
 
 Lines: this joint moves through its range and the others stay where the arm was inspected. Dots: states spread over the
 whole joint range. The lower row shows how far each state is from a singularity.
@@ -21,7 +21,8 @@ from invariantqp.robots.kinematics import Robot
 
 # Points of a line: enough for a smooth curve at the width of a panel.
 SWEEP = 121
-# Near states where no pitch works, principal pitches go to infinity: the axis ends at this multiple of the best h, or of the reach.
+# Near states where no pitch works, principal pitches go to infinity: the axis ends at this multiple of the best h, or
+# of the reach.
 VIEW = 4.0
 RANGE, ALONE = "states of the range", "this joint alone"
 LINE, DOT, ADVICE, STATE = BLUE, SKY, VERMILION, RULE

@@ -79,8 +79,8 @@ class LawSpec(Section):
     exact: Literal["position"] | None = Field(None, description="what is met exactly", examples=["position"])
     point: Vector3 = Field(
         (0.0, 0.0, 0.0),
-        description='the point of the tool where accuracy is asked for, in the tool frame [m]; left out: its origin, in '
-        'contact the point of contact; exact = "position" meets it exactly',
+        description="the point of the tool where accuracy is asked for, in the tool frame [m]; left out: its origin, "
+        'in contact the point of contact; exact = "position" meets it exactly',
         examples=[[0.0, 0.0, 0.1]],
     )
     length: Positive | None = Field(

@@ -22,7 +22,12 @@ def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
     numbers, picture = tmp_path / "a.json", tmp_path / "a.png"
     status, out, err = call(monkeypatch, capsys, "inspect", "so101", "--json", str(numbers), "--plot", str(picture))
     assert (status, err) == (0, "")
-    for said in ("so101, 5 joints to gripper_frame_link", FAR, "64 states", "recommended: no form, and no pitch for splits"):
+    for said in (
+        "so101, 5 joints to gripper_frame_link",
+        FAR,
+        "64 states",
+        "recommended: no form, and no pitch for splits",
+    ):
         assert said in out
     assert "0 % of those with the last axis parallel to the first" in " ".join(out.split())
     found = json.loads(numbers.read_text(encoding="utf-8"))

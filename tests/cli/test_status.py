@@ -171,6 +171,8 @@ def test_help_says_what_the_statuses_mean(command):
 
 
 def test_a_warning_is_a_note():
-    code = "import warnings; from invariantqp import cli; cli._called = lambda: warnings.warn('beware') or 0; cli.main()"
+    code = (
+        "import warnings; from invariantqp import cli; cli._called = lambda: warnings.warn('beware') or 0; cli.main()"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (DONE, "note: beware\n")

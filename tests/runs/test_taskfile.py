@@ -22,7 +22,7 @@ PROBLEMS = {
         {"law__zzz": 1},
         "$.law.zzz",
         "not permitted",
-        "(known keys: acceleration_limit, backend, damping, dt,",
+        "(known keys: acceleration_limit, backend, damping, delay, dt,",
     ),
     "typo in a path": ({"path__mvoe": [0, 0, 0]}, "$.path.mvoe", "not permitted", "(did you mean 'move'?)"),
     "missing": ({"path__duration": None}, "$.path.duration", "required", "(for example: duration = 4.0)"),

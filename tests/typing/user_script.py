@@ -46,9 +46,14 @@ def wall(q: Vector) -> iq.limits.LimitRows:
 class Halfway:
     """A damping policy of the user's."""
 
-    def __call__(self, smallest: float, largest: float) -> float:
-        """Half of what the smallest is short of the largest."""
-        return 0.5 * (largest - smallest)
+    @property
+    def threshold(self) -> float:
+        """It damps everything but the strongest direction."""
+        return np.inf
+
+    def squares(self, sigma: Vector, wanted: Vector, largest: float) -> Vector:
+        """Half of what each direction is short of the strongest."""
+        return 0.25 * (largest - sigma) ** 2
 
 
 class Descent:
@@ -81,7 +86,9 @@ def loop() -> None:
     solution = controller.step(q, robot.pose(q), feedforward=[0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
     assert_type(solution.active, tuple[int, ...])
     q = q + controller.dt * solution.velocity
-    iq.Controller(iq.robots.Chain(np.eye(6), np.eye(4), names=["a", "b", "c", "d", "e", "f"]), dt=0.01, form="auto")
+    iq.Controller(
+        iq.robots.Chain(np.eye(6), np.eye(4), names=["a", "b", "c", "d", "e", "f"]), dt=0.01, point="own", length=0.5
+    )
 
 
 def tasks() -> None:
@@ -97,6 +104,5 @@ def tasks() -> None:
 
 def inside_pink() -> None:
     """The adapter's own names."""
-    task = InvariantFrameTask("tool0", 0.3, cost=2.0, gain=0.5)
-    assert_type(task.form_reason, str)
-    assert_type(task.form, iq.PitchForm | iq.CarriedMetric | iq.Complement | None)
+    task = InvariantFrameTask("tool0", 0.3, cost=2.0, gain=0.5, point=(0.0, 0.0, 0.1))
+    assert_type(task.form, iq.forms.Form | iq.CarriedMetric | None)

@@ -194,7 +194,7 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, m
         if slope <= 0.0 or square <= wanted:
             break
         # Newton on 1 / |v|: from below, it never overshoots.
-        ahead = square / slope * (sqrt(square / wanted) - 1.0)
+        ahead = square / slope * (sqrt(square) / cone.limit - 1.0)  # the square of a tiny limit is zero
         nu += ahead
         if nu > most:
             return inf
