@@ -102,7 +102,7 @@ BAD = {
     "posture nan": (lambda: controller(posture=np.nan), "posture"),
     "metric": (lambda: controller(joint_metric=np.ones(6)), "joint_metric"),
     "damping": (lambda: controller(damping=-1.0), "damping"),
-    "form": (lambda: controller(form=np.nan), "h"),
+    "form": (lambda: controller(form=np.nan), "form"),
     "guard": (lambda: controller(guard="yes"), "guard"),
     "backend": (lambda: controller(backend=7), "backend"),
 }

@@ -51,7 +51,7 @@ def test_an_achievable_twist_is_achieved_or_its_loss_is_told(kind, seed, m, form
         assert (solution.status, solution.method) == ("ok", "closed-form")
     else:
         assert solution.status == ("degraded" if "is given up" in solution.reason else "ok")
-        assert missed <= 1e-6 if solution.status == "ok" else missed > 1e-7
+        assert missed <= 1e-6 or solution.status == "degraded"
     assert np.isfinite(solution.velocity).all()
 
 

@@ -90,13 +90,17 @@ def test_frames_and_units_change_nothing(kind, seed, m, exact, limited, achievab
     named = named or kind in {"gantry", "mixed", "scara"}
     T, unit = motion(rng, 1.0), 10.0 ** rng.uniform(-3.0, 3.0)
     for form in (None, "pitch", "complement", "carried")[: 4 if m <= 5 else 2]:
-        told = question(rng, here, form, exact, limited, achievable, rows, named)
+        # A complement is read at the point, which parallel axes leave open along them.
+        at_point = named or form == "complement"
+        told = question(rng, here, form, exact, limited, achievable, rows, at_point)
         J, s, options = options_in(here, np.eye(4), 1.0, told)
         x = iq.solve_velocity(J, s, **options)
         J, s, options = options_in(here, T, unit, told)
         y = iq.solve_velocity(J, s, **options)
         assert (y.status, y.method) == (x.status, x.method)
         agree = AGREE_WITH_A_NULL_SPACE if spare and x.method == "qp" else AGREE
+        if kind == "nearly concurrent":  # a millimetre in a metre of coordinates: three digits cancel
+            agree *= 1e3
         difference = np.abs(y.velocity / here.joints_in(unit) - x.velocity).max()
         assert difference <= agree * max(np.abs(x.velocity).max(), 1e-3), (form, x.reason)
 
