@@ -102,7 +102,7 @@ def least_squares(
     sigma *= moving
     null = moving == 0.0
     squares = damping.squares(sigma, wanted, largest)
-    squares[null] = np.maximum(squares[null], NULL_WEIGHT * largest * largest)
+    squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
     weights = sigma * sigma + squares
     left = np.where(null, 0.0, squares)
     missed = left * wanted / weights

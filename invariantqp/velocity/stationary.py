@@ -59,7 +59,7 @@ def convexified(J: Array, s: Array, h: float, posture: Array | None, damping: Da
     pull = s.dot(QJ).dot(V)
     null = size <= max(NULL_RATIO * largest, noise)
     squares = damping.squares(size, np.abs(pull), largest)
-    squares[null] = np.maximum(squares[null], NULL_WEIGHT * largest * largest)
+    squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
     total = size * size + squares
     left = np.where(null, 0.0, squares)
     rank = min(n, 6)

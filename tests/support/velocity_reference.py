@@ -77,7 +77,7 @@ def least_squares_form(A, b, posture=None, damping=LIMITED):
     if squares is None:
         squares = np.array([adaptive(value, sigma[0], *damping) for value in sizes])
     null = sizes <= 1e-12 * sigma[0]
-    squares[null] = np.maximum(squares[null], NULL_WEIGHT * sigma[0] ** 2)
+    squares[null & (squares == 0.0)] = NULL_WEIGHT * sigma[0] ** 2  # where the policy damps nothing
     sizes[null], pull[null] = 0.0, 0.0
     wanted = np.zeros(m) if posture is None else Vt @ posture
     return Vt.T @ np.diag(sizes**2 + squares) @ Vt, Vt.T @ (pull + squares * wanted)

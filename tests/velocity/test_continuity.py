@@ -1,6 +1,6 @@
 """No jump: along any segment of twists, bounds and joint twists the velocity moves in proportion to the step.
 
-Each segment is sampled, and its steepest step bisected down to 1e-9 of it: a jump keeps its height, a steep slope does
+Each segment is sampled, and its steepest step bisected down to 1e-12 of it: a jump keeps its height, a steep slope does
 not. Set INVARIANTQP_SWEEPS=1000 for as many as the law is released with.
 """
 
@@ -19,16 +19,16 @@ from invariantqp.velocity.solve import solve
 
 SWEEPS = int(os.environ.get("INVARIANTQP_SWEEPS", "27"))
 SAMPLES = 24
-BISECTIONS = 30
-# A step of 1e-9 of a segment that moves the velocity by more than this, relative to its size on the segment. Damping
-# near a singularity has slopes of 1 / ceiling^2, 1e8 at most.
+BISECTIONS = 36
+# A step of 1e-12 of a segment that moves the velocity by more than this, relative to its size on the segment. Damping
+# near a singularity has slopes of 1 / ceiling^2, 1e9 at most.
 JUMP = 1e-3
 # Of segments slower than this [rad/s]: an arm that is all but at rest.
 SLOW = 0.1
 
 
 def height(velocity):
-    """The largest change of velocity(t) over 2^-30 of a step of [0, 1], relative to the largest velocity."""
+    """The largest change of velocity(t) over 2^-36 of a step of [0, 1], relative to the largest velocity."""
     times = np.linspace(0.0, 1.0, SAMPLES + 1)
     path = [velocity(t) for t in times]
     size = max(SLOW, *(np.abs(x).max() for x in path))
