@@ -294,8 +294,9 @@ class Controller:
         `stand` is a reason to stand still instead, None for none.
         """
         positions, sighting, target, root, before = state
+        strained: tuple[tuple[int, str], ...] = ()
         if self._braking is None:
-            (lower, upper), strained = self._box.at(positions), ()
+            lower, upper = self._box.at(positions)
         else:
             lower, upper, strained = self._braking.at(positions, before)
         posture = (self._middle - positions) * self._pull if self.posture_gain else None

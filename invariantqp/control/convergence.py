@@ -18,8 +18,8 @@ from invariantqp.geometry.arrays import Array
 MEMORY = 50
 # Less of the promise kept than this is no convergence.
 KEPT_SHARE = 0.2
-# An arm that moves at less than this share of what it can do, on average, does not rattle: that is noise, or the lag of a
-# path.
+# An arm that moves at less than this share of what it can do, on average, does not rattle: that is noise, or the lag of
+# a path.
 FAST_SHARE = 0.02
 
 

@@ -13,6 +13,7 @@ Euclidean group.
 
 from __future__ import annotations
 
+from functools import cache
 from math import sin, sqrt, tan
 from typing import Any
 
@@ -180,9 +181,7 @@ def log(pose: ArrayLike, *, check: bool = True) -> Array:
         BadInput: not a finite rigid motion.
     """
     T: Any = pose if check is False else arrays.pose(pose)
-    from scipy.spatial.transform import Rotation  # 80 ms to import: only when a logarithm is taken
-
-    w = np.asarray(Rotation.from_matrix(T[:3, :3]).as_rotvec(), dtype=np.float64)
+    w = np.asarray(_rotations().from_matrix(T[:3, :3]).as_rotvec(), dtype=np.float64)
     p = T[:3, 3]
     theta = sqrt(w.dot(w))
     if theta < SMALL_ANGLE:
@@ -193,6 +192,14 @@ def log(pose: ArrayLike, *, check: bool = True) -> Array:
     W = _cross(w)
     Wp = W.dot(p)
     return np.concatenate((w, p - 0.5 * Wp + c * W.dot(Wp)))
+
+
+@cache
+def _rotations() -> Any:
+    """SciPy's rotations, 80 ms to import: with the first logarithm, which controllers take before their first tick."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation
 
 
 def velocity_at(twists: Array, point: Array) -> Array:

@@ -22,10 +22,10 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 
 # Damping sets in where a direction needs a thousand times the joint speed of the easiest one, and allows none to take
-# more than five thousand times. Limits keep velocities small long before; `examples/14_defaults.py` measures what other
-# values cost.
+# more than seventeen thousand times. Limits keep velocities small long before; `examples/14_defaults.py` measures what
+# other values cost.
 DEFAULT_THRESHOLD = 1e-3
-DEFAULT_CEILING = 1e-4
+DEFAULT_CEILING = 3e-5
 # The same where some joint has no velocity limit: nothing else then keeps it from 50 times the speed.
 UNLIMITED_THRESHOLD = 1e-2
 UNLIMITED_CEILING = 1e-2

@@ -20,12 +20,12 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import DEFAULT_CEILING, Damping
+from invariantqp.velocity.damping import Damping
 
 # A singular value below this share of the largest is rounding: that direction moves nothing.
 NULL_RATIO = 1e-12
 # Weight of directions that move nothing where the policy damps nothing, relative to the largest squared singular value.
-NULL_WEIGHT = DEFAULT_CEILING**2
+NULL_WEIGHT = 1e-8
 
 
 class Objective(NamedTuple):

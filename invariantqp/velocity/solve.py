@@ -10,9 +10,12 @@ first two are its optimum without limits, which is the third's wherever it is in
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.calm import spoilt
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
@@ -40,19 +43,27 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     damping = law.damping
     if isinstance(damping, PaperLambda):
         return _as_printed(law, damping, demand)
-    A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
-    if law.metric is None and not _is_convexified(law):
-        x = regular_velocity(A, b, demand.posture, damping.threshold)
-        if x is not None and demand.allows(x) and demand.achieves(x):
-            residual = demand.s - demand.J.dot(x)
-            if _is_rounding(A, b, x):
-                return VelocitySolution(x, "closed-form", "ok", law.note, (), residual, 1.0, 0.0, 0.0, "")
+    quick = _quick(law, demand, damping) if law.metric is None and not _is_convexified(law) else None
+    if quick is not None:
+        return quick
     try:
         return _general(law, demand, damping)
     except SolverFailure as failure:
         return held(demand, f"no velocity found: {failure}")
     except np.linalg.LinAlgError as failure:
         return held(demand, f"the numbers are beyond any scale: {failure}")
+
+
+def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution | None:
+    """The closed form by one Cholesky factor where nothing is damped, no limit met, nothing spoilt; None elsewhere."""
+    A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
+    x = regular_velocity(A, b, demand.posture, damping.threshold)
+    if x is None or not (demand.allows(x) and demand.achieves(x) and _is_rounding(A, b, x)):
+        return None
+    if spoilt(A, b, sqrt(float(x.dot(x))), law.dt) > 0.0:
+        return None
+    residual = demand.s - demand.J.dot(x)
+    return VelocitySolution(x, "closed-form", "ok", law.note, (), residual, 1.0, 0.0, 0.0, "")
 
 
 def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:

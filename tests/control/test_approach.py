@@ -45,7 +45,7 @@ def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
     ends = {}
     for told in (0.0, late * dt):
         loop = iq.Controller(PANDA, dt=dt, delay=told, posture=False)
-        q, x, solutions = driven(PANDA, loop, READY, target, 1500, late)
+        _, x, solutions = driven(PANDA, loop, READY, target, 1500, late)
         ends[told] = np.abs(x[-200:]).max(), solutions[-1].status, solutions[-1].reason
     speed, status, reason = ends[0.0]
     assert speed > 0.5

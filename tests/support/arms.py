@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from support.random_systems import motion
 
 import invariantqp as iq
+from support.random_systems import motion
 
 # What each kind is; `arm` makes one with m joints.
 KINDS = ("general", "planar", "scara", "parallel", "concurrent", "nearly concurrent", "gantry", "mixed", "repeated")

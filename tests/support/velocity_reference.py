@@ -38,7 +38,7 @@ def reach_of(J, point):
 
 
 def adaptive(sigma, largest, threshold, ceiling):
-    """lambda^2 of a direction: (ceiling largest (1 - (sigma / (threshold largest))^2))^2 below the threshold, else 0."""
+    """lambda^2: (ceiling largest (1 - (sigma / (threshold largest))^2))^2 below the threshold, 0 above."""
     share = min(sigma / (threshold * largest), 1)
     return (ceiling * largest * (1 - share * share)) ** 2
 

@@ -23,13 +23,15 @@ BISECTIONS = 30
 # A step of 1e-9 of a segment that moves the velocity by more than this, relative to its size on the segment. Damping
 # near a singularity has slopes of 1 / ceiling^2, 1e8 at most.
 JUMP = 1e-3
+# Of segments slower than this [rad/s]: an arm that is all but at rest.
+SLOW = 0.1
 
 
 def height(velocity):
     """The largest change of velocity(t) over 2^-30 of a step of [0, 1], relative to the largest velocity."""
     times = np.linspace(0.0, 1.0, SAMPLES + 1)
     path = [velocity(t) for t in times]
-    size = max(np.abs(x).max() for x in path) or 1.0
+    size = max(SLOW, *(np.abs(x).max() for x in path))
     steps = [np.abs(b - a).max() for a, b in pairwise(path)]
     k = int(np.argmax(steps))
     low, high, x_low, x_high = times[k], times[k + 1], path[k], path[k + 1]

@@ -225,6 +225,19 @@ def test_limits_that_forbid_the_rows_direction():
     assert solution.velocity[0] == pytest.approx(0.2, abs=1e-6)
 
 
+def test_where_rest_is_forbidden_the_share_counts_from_what_moves_the_rows_least():
+    """The first joint has to come back at 0.2 and the second can make up for it: the rows' speed begins at nothing."""
+    J = np.random.default_rng(14).normal(size=(6, 4))
+    bounds = ([0.2, -1.0, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
+    still, fast = (
+        iq.solve_velocity(J, np.zeros(6), exact=iq.ExactRows([[1.0, 1.0, 0.0, 0.0]], [b]), bounds=bounds)
+        for b in (0.0, -5.0)
+    )
+    assert still.velocity[:2].sum() == pytest.approx(0.0, abs=1e-9)
+    assert fast.velocity[:2].sum() == pytest.approx(-0.8, rel=1e-6)
+    assert fast.scale == pytest.approx(0.8 / 5.0, rel=1e-5)
+
+
 def test_with_open_sides_too():
     rng = np.random.default_rng(15)
     J, s, _ = regular_problem(rng, 7)

@@ -121,6 +121,22 @@ def test_without_it_a_form_can_go_uphill():
     assert uphill > 5
 
 
+@pytest.mark.parametrize("eta", [0.0, 0.5, 0.9])
+def test_where_no_limit_is_met_what_is_attempted_descends_and_nothing_is_blended(eta):
+    rng = np.random.default_rng(5)
+    shortened = 0
+    for _ in range(40):
+        J, s, p = rng.normal(size=(6, 2)), rng.normal(size=6), rng.normal(size=3)
+        A, b = root_of(p, LENGTH) @ J, root_of(p, LENGTH) @ s
+        options = {"form": iq.Complement(rng.normal(size=(6, 4))), "point": p, "length": LENGTH, "damping": 0.0}
+        guarded, plain = (iq.solve_velocity(J, s, guard=g, **options) for g in (iq.Guard(eta), False))
+        best = decrease(A, b, np.linalg.lstsq(A, b, rcond=None)[0])
+        assert guarded.guard == 0.0
+        assert decrease(A, b, guarded.velocity) >= eta * best - 1e-12 * (b @ b)
+        shortened += bool(decrease(A, b, plain.velocity) < eta * best)
+    assert shortened > 2
+
+
 def test_it_keeps_exact_rows():
     rng = np.random.default_rng(7)
     acted = 0

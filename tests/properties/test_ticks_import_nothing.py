@@ -1,0 +1,58 @@
+"""No import statement is reached inside a tick, in any task: what a tick needs is there before the loop begins."""
+
+import builtins
+import sys
+from pathlib import Path
+
+import pytest
+
+import invariantqp as iq
+from invariantqp.control.controller import Controller
+from invariantqp.force.hybrid import HybridController
+
+ROOT = Path(__file__).parents[2]
+OURS = str(Path(iq.__file__).parent)
+STABILITY = sorted(f"stability/{file.stem}" for file in (ROOT / "tasks" / "stability").glob("*.toml"))
+TASKS = [*iq.tasks.shipped_tasks(), *STABILITY]
+
+
+@pytest.fixture
+def imports(monkeypatch):
+    """(module, file) of every import in a tick: statements of this package, and whatever was not loaded before."""
+    seen, depth, really = set(), [0], builtins.__import__
+
+    def watched(name, *arguments, **options):
+        file = sys._getframe(1).f_code.co_filename
+        if depth[0] and (file.startswith(OURS) or name not in sys.modules):
+            seen.add((name, file))
+        return really(name, *arguments, **options)
+
+    def counted(method):
+        def run(*arguments, **options):
+            depth[0] += 1
+            try:
+                return method(*arguments, **options)
+            finally:
+                depth[0] -= 1
+
+        return run
+
+    monkeypatch.setattr(builtins, "__import__", watched)
+    for kind, name in ((Controller, "step"), (Controller, "follow"), (Controller, "rest"), (HybridController, "step")):
+        monkeypatch.setattr(kind, name, counted(getattr(kind, name)))
+    return seen
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_no_tick_imports_anything(imports, name):
+    iq.run_task(iq.load_task(name), dt=0.02, gain=None)
+    assert imports == set()
+
+
+def test_the_watch_sees_an_import(imports, monkeypatch):
+    monkeypatch.delitem(sys.modules, "this", raising=False)
+    monkeypatch.setattr(Controller, "_last", lambda loop, velocity: __import__("this") and loop._memory.velocity)
+    robot = iq.load_robot("ur5")
+    q = [0.1, -1.0, 1.2, 0.3, 0.5, 0.0]
+    iq.Controller(robot, dt=0.01).step(q, robot.pose(q))
+    assert {name for name, _ in imports} == {"this"}
