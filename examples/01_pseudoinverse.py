@@ -26,7 +26,7 @@ try:
 except iq.NoPseudoinverse as refusal:
     print("  h = 0:", refusal)
 
-print("\nThe velocity law is defined there too: it damps the lost direction and says so:")
+print("\nThe velocity law is defined there too: where the pitch cannot tell, least squares at a point does:")
 bounds = iq.Bounds([-1, -1, -1], [1, 1, 1])  # [rad/s]
 solution = iq.solve_velocity(J, twist, form=0.0, bounds=bounds)
 print(f"  {solution.velocity.round(4)} rad/s, method {solution.method}, status {solution.status}")
@@ -39,10 +39,12 @@ for name, system in (("planar arm", planar), ("face contact", sliding)):
     kind = iq.gibson_hunt(system)
     print(f"  {name}: type {kind}, an h that works: {'yes' if kind.admits_pseudoinverse else 'none'}")
 
-print("\nThere somebody has to say what a planar arm may give up, or measure at a body:")
+print("\nThe law does what a planar arm can. What it cannot is missed by least squares, or given up as you say:")
+x = iq.solve_velocity(planar, twist, point=[0.7, 0.5, 0.2]).velocity
+print(f"  least squares at a point:  tool gets {(planar @ x).round(4)} (omega; v)")
 given_up = np.eye(6)[:, [0, 1, 5]]  # the tilts about x and y, and the height
 x = iq.solve_velocity(planar, twist, form=iq.Complement(given_up)).velocity
-print(f"  given up tilts and height: tool gets {(planar @ x).round(4)} (omega; v)")
+print(f"  given up tilts and height: tool gets {(planar @ x).round(4)}")
 body = iq.CarriedMetric([0.1, 0.1, 0.1, 1.0, 1.0, 1.0], iq.transform(translation=[0.7, 0.5, 0.2]))
 x = iq.solve_velocity(planar, twist, form=body).velocity
 print(f"  least squares of a body:   tool gets {(planar @ x).round(4)}")
