@@ -15,6 +15,7 @@ import numpy as np
 from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
+from scipy.linalg import lapack
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
@@ -170,13 +171,18 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     C, e = exact.A, exact.b
     whitened, wanted = C, e
     if exact.of_twist is not None:
-        told = np.linalg.solve(root.T, exact.of_twist.T).T
+        told = lapack.dgesv(root.T, exact.of_twist.T)[2].T
         joints = ~told.any(axis=1)
-        sizes, mix = np.linalg.eigh(told.dot(told.T) + np.diag(np.where(joints, (C * C).sum(axis=1), 0.0)))
+        gram = told.dot(told.T)
+        if joints.any():
+            gram += np.diag(np.where(joints, (C * C).sum(axis=1), 0.0))
+        sizes, mix, _ = lapack.dsyev(gram)
         apart = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), np.finfo(float).tiny)
         whiten = (mix[:, apart] / np.sqrt(sizes[apart])).T
         whitened, wanted = whiten.dot(C), whiten.dot(e)
-    U, sigma, Vt = np.linalg.svd(whitened)
+    U, sigma, Vt = (
+        lapack.dgesdd(whitened)[:3] if len(whitened) else np.linalg.svd(whitened)
+    )  # LAPACK takes no empty one
     r = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
     r = r if rank is None else min(r, rank)
     met = wanted.dot(U[:, :r])

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.attempt import attempted
@@ -100,7 +101,7 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     reduction, largest = None, None
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(T), demand.root, demand.row_rank)
-        largest = float(np.linalg.norm(A, 2))
+        largest = float(lapack.dgesdd(A, compute_uv=0)[1][0])
     pitch = law.form.h if isinstance(law.form, PitchForm) and law.form.convexified else None
     attempt = wanted
     if law.form is not None and pitch is None:

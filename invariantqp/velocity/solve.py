@@ -34,6 +34,8 @@ MET_TOLERANCE = 1e-9
 PRODUCT_ROUNDING = 1e-14
 # Damping that takes more than this share of a twist that the joints could do is said.
 LOSS_TOLERANCE = 1e-6
+# Exact rows at this share of their speed are not called slowed down: what makes the share unique takes up to 1e-7 of it.
+WHOLE_SPEED = 1.0 - 1e-6
 # Less than this share of what is asked is no progress: the loop is at rest short of its target.
 PROGRESS_SHARE = 1e-4
 
@@ -92,7 +94,8 @@ def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolu
 
 def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution:
     """The answer as it may be commanded, with its status and reason."""
-    met = answer.found is not None or answer.share < 1.0
+    slow = answer.share < WHOLE_SPEED
+    met = answer.found is not None or slow
     method = "qp" if met else "damped" if answer.objective.damping > 0.0 else "closed-form"
     x, active = clipped(demand, _shortened(demand, answer.y))
     residual = demand.s - demand.J.dot(x)
@@ -117,7 +120,7 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
     if stuck:
         troubles.append("no way to reduce the error: it is at its least for these joints and limits")
     said = [law.note, *troubles] if law.note else troubles[:]
-    if answer.share < 1.0:
+    if slow:
         by = f" (held by {answer.held_by})" if answer.held_by else ""
         said.append(f"limits allow {answer.share:.3g} of the exact rows' speed{by}")
     if answer.blended > 0.0:
@@ -128,7 +131,7 @@ def _told(law: VelocityLaw, demand: Demand, problem: Posed, answer: Answer) -> V
         )
     if active:
         said.append(f"at the limits of {named(list(active), len(demand.lower))}")
-    status = "degraded" if troubles or lost else "scaled" if answer.share < 1.0 else "ok"
+    status = "degraded" if troubles or lost else "scaled" if slow else "ok"
     m, k = len(x), 0 if demand.rows is None else len(np.asarray(demand.rows.C))
     costs = None if answer.found is None else answer.found.multipliers
     return VelocitySolution(

@@ -164,7 +164,6 @@ def test_the_share_by_another_solver_from_its_formula(dt):
     assert calmed >= (5 if dt else 0)
 
 
-@pytest.mark.xfail(strict=True, reason="what regularises the share takes up to 1e-7 of it, and status says scaled")
 def test_rows_that_fit_inside_the_limits_are_not_called_scaled():
     rng = np.random.default_rng(5)
     for k in range(60):

@@ -13,6 +13,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.qp.backends import Backend, SolverFailure
@@ -174,7 +175,7 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, m
     free = face(limits, found.multipliers, len(centre))
     if not free.shape[1]:
         return inf
-    R: Array = np.asarray(np.linalg.qr(K.dot(free), mode="r"))
+    R: Array = np.triu(lapack.dgeqrf(K.dot(free))[0][: free.shape[1]])
     try:
         reached = np.linalg.solve(R.T, cone.J.dot(free).T)  # G = reached'reached
     except np.linalg.LinAlgError:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import PULLED, Sides, least, on_active
+from invariantqp.velocity.qp.active import PULLED, Sides, factored, least, on_active
 from invariantqp.velocity.qp.backends import Backend, SolverFailure, solved
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.primal import from_inside
@@ -129,7 +129,8 @@ def face(limits: Polytope, multipliers: Array, n: int) -> Array:
         return np.delete(np.eye(n), at, axis=1)
     if not len(at):
         return np.eye(n)
-    return np.linalg.qr(limits.A[at].T, mode="complete")[0][:, len(at) :]
+    directions: Array = factored(limits.A[at].T)[0][:, len(at) :]
+    return directions
 
 
 def _check_constant(lower: Array, upper: Array, size: Array | float) -> None:
