@@ -104,7 +104,7 @@ def test_without_limits_it_is_our_own_law(arms, name, form):
         fastest = np.abs(wanted.velocity).max()
         J = robot.jacobian(q)
         np.testing.assert_allclose(J @ x, J @ wanted.velocity, rtol=0.0, atol=1e-8 * fastest)
-        # The condition of H is 1 / ceiling^2, 1e9, or 1e12 where a joint moves nothing: rounding decides the digits beyond.
+        # The condition of H is 1 / ceiling^2, more where a joint moves nothing: rounding decides the digits beyond.
         np.testing.assert_allclose(x, wanted.velocity, rtol=0.0, atol=(1e-5 if len(x) > 6 else 1e-6) * fastest)
         missed += bool(np.linalg.norm(wanted.residual) > 1e-6 * np.linalg.norm(error) / DT)
         statuses.append(wanted.status)

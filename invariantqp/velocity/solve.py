@@ -34,7 +34,7 @@ MET_TOLERANCE = 1e-9
 PRODUCT_ROUNDING = 1e-14
 # Damping that takes more than this share of a twist that the joints could do is said.
 LOSS_TOLERANCE = 1e-6
-# Exact rows at this share of their speed are not called slowed down: what makes the share unique takes up to 1e-7 of it.
+# Exact rows at this share of their speed are not called slowed down: what makes the share unique takes 1e-7 of it.
 WHOLE_SPEED = 1.0 - 1e-6
 # Less than this share of what is asked is no progress: the loop is at rest short of its target.
 PROGRESS_SHARE = 1e-4
