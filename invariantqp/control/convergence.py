@@ -75,8 +75,8 @@ class Convergence(NamedTuple):
         if self.achieved >= KEPT_SHARE * self.promised:
             return ""
         return (
-            "not converging: the joints move, the error does not fall as their motion promises; a delay "
-            "(tell it: delay=), a gain too high for the robot, or a robot that does not follow"
+            "not converging: the joints move, but the error does not fall as their motion predicts; the cause may be a "
+            "delay (give it as delay=), a gain too high for the robot, or a robot that does not follow its commands"
         )
 
 

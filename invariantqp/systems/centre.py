@@ -146,38 +146,6 @@ def reach(J: ArrayLike, point: ArrayLike) -> float:
     return length if length > ROUNDING * size else 0.0
 
 
-def settled(resting: Resting, Z: Array, unit: float) -> Array:
-    """The point (3,) that the twists of a space move least, among the points that the arm's joints move equally little.
-
-    The sum runs over the rotations in Z, each of unit omega, and leaves out of each velocity what a translation in Z
-    can cancel. So neither a basis of Z nor a frame changes the point.
-
-    Args:
-        resting: the points that the joints move least.
-        Z: (6, c) spanning twists.
-        unit: the arm's length; an axis of Z that is very many of them away is ignored.
-    """
-    point, free = resting
-    if not free.shape[1]:
-        return point
-    _, sigma, Vt = np.linalg.svd(Z[:3])
-    turning = int(np.count_nonzero(sigma * unit * FAR > np.linalg.norm(Z[3:])))
-    turns = Z.dot(Vt[:turning].T) / sigma[:turning]
-    U, size, _ = np.linalg.svd(Z[3:].dot(Vt[turning:].T), full_matrices=False)
-    U = U[:, size > PARALLEL_TOLERANCE * size.max(initial=0.0)]
-    across = np.eye(3) - U.dot(U.T)
-    moved = across.dot(velocity_at(turns, point))  # (3, t)
-    shifts = np.stack([across.dot(np.cross(turns[:3], f, axis=0)) for f in free.T], axis=-1)  # (3, t, f)
-    A = shifts.reshape(-1, free.shape[1])
-    along: Array = free.dot(np.linalg.pinv(A, rcond=PARALLEL_TOLERANCE).dot(moved.ravel()))
-    return point - along
-
-
-def measured(twists: Array, point: Array, length: float) -> Array:
-    """W^(1/2) s = (L omega; v + omega x p), W = diag(L^2 I, I) carried to p, of a (6,) twist or (6, m) twists."""
-    return np.concatenate((length * twists[:3], velocity_at(twists, point)))
-
-
 def _length(twists: Array, moving: Array) -> float:
     """|J_v(p)| / |J_omega|; 0 where all axes meet but for rounding, which is relative to how far off they do."""
     turning, moved = float(np.vdot(twists[:3], twists[:3])), float(np.vdot(moving, moving))

@@ -44,8 +44,7 @@ class VelocitySolutions:
         scale: (N,) share of the exact rows' speed, 0 where held.
         damping: (N,) lambda used.
         guard: (N,) share of least squares blended in.
-        slow: {row: solution} of the rows that were solved by themselves.
-        note: what every other row's reason says, "" for nothing.
+        slow: {row: solution} of the rows that were solved one by one.
     """
 
     velocity: Array
@@ -56,7 +55,6 @@ class VelocitySolutions:
     damping: Array
     guard: Array
     slow: dict[int, VelocitySolution]
-    note: str = ""
 
     def __len__(self) -> int:
         return len(self.velocity)
@@ -74,12 +72,12 @@ class VelocitySolutions:
         if i in self.slow:
             return self.slow[i]
         x, r = self.velocity[i], self.residual[i]
-        return VelocitySolution(x, str(self.method[i]), str(self.status[i]), self.note, (), r, 1.0, 0.0, 0.0, "")
+        return VelocitySolution(x, str(self.method[i]), str(self.status[i]), "", (), r, 1.0, 0.0, 0.0, "")
 
     @property
     def reason(self) -> list[str]:
         """Why, in words, row by row."""
-        return [self.slow[i].reason if i in self.slow else self.note for i in range(len(self))]
+        return [self.slow[i].reason if i in self.slow else "" for i in range(len(self))]
 
     @property
     def active(self) -> list[tuple[int, ...]]:
@@ -151,7 +149,7 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
             solution.status,
         )
         scale[i], lambdas[i], blends[i] = solution.scale, solution.damping, solution.guard
-    return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, slow, law.note)
+    return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, slow)
 
 
 def _stack(J: ArrayLike) -> Array:

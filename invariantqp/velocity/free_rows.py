@@ -20,7 +20,7 @@ from invariantqp.velocity.measure import length_at, own_point
 from invariantqp.velocity.objective import NULL_RATIO
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
 from invariantqp.velocity.regular import ACCURATE_SHARE
-from invariantqp.velocity.solve import MET_TOLERANCE, PROGRESS_SHARE
+from invariantqp.velocity.report import MET_TOLERANCE, PROGRESS_SHARE
 
 Mask = NDArray[np.bool_]
 

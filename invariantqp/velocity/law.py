@@ -78,7 +78,6 @@ class VelocityLaw:
         metric: (m, m) joint metric, or None for the identity.
         backend: who solves the QPs.
         dt: how long the velocity is held [s], for the calm of a loop whose target is out of reach; 0 is none.
-        note: what every solution's reason says, "" for nothing.
     """
 
     form: Form | None = None
@@ -87,7 +86,6 @@ class VelocityLaw:
     metric: Array | None = None
     backend: Backend = field(default_factory=Daqp)
     dt: float = 0.0
-    note: str = ""
 
     @cached_property
     def to_joint(self) -> Array | None:

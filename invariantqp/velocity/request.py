@@ -14,8 +14,9 @@ from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.problem import VelocityProblem
 from invariantqp.velocity.qp.polytope import named
+from invariantqp.velocity.report import damping_reason
 from invariantqp.velocity.solution import VelocitySolution
-from invariantqp.velocity.solve import damping_reason, solve
+from invariantqp.velocity.solve import solve
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -90,7 +91,7 @@ def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions
         who = [named(outside, m)] if outside else []
         if demand.cone is not None and not demand.cone.allows(x):
             who.append("the tool")
-        reason = f"the closed form would take {' and '.join(who)} past their limits; {law.backend.name}"
+        reason = f"the closed form exceeds the limits of {' and '.join(who)}; solved by {law.backend.name}"
         return MethodChoice("qp", reason, objective.damping, objective.ratio)
     if objective.damping > 0.0:
         return MethodChoice("damped", damping_reason(objective), objective.damping, objective.ratio)

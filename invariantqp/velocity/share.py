@@ -28,8 +28,6 @@ REGULARISATION = 1e-9
 # How much of the rows' second-order error in a tick the calm is to outweigh. Measured: of 160 random targets on four
 # arms none chatters from 0.5 on, some do at 0.15; at 2 some of those that arrive no longer do in eight seconds.
 EXACT_CALM = 1.0
-# Joints that move this many times as far as the rows alone would ask for get nowhere.
-BOUNDLESS = 1e12
 # A share above this is all of it.
 WHOLE = 1.0 - 1e-8
 # Given away of the largest share where limits bind, for the problem after it to have an inside: less the nearer to 1.

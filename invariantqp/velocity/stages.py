@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.calm import CALM, CALM_WITH_ROWS, calm
+from invariantqp.velocity.calm import CALM, calm
 from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.guard import blend
 from invariantqp.velocity.law import Demand, VelocityLaw
@@ -118,7 +118,7 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     if cone is not None and not cone.allows(y):
         slower, y = slowed(cone, polytope, y)
         if slower.limit > cone.limit:
-            troubles.append(f"the tool's speed is {slower.limit:.3g}, not {cone.limit:.3g}: other limits ask for it")
+            troubles.append(f"the tool's speed is {slower.limit:.3g}, not {cone.limit:.3g}: other limits require it")
             cone = slower
     return Limits(polytope, cone, tuple(troubles), y)
 
@@ -181,7 +181,7 @@ def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
     problem = room.problem
     if law.dt == 0.0 or problem.pitch is not None:
         return 0.0
-    factor = CALM if problem.reduction is None else CALM_WITH_ROWS * problem.reduction.bend
+    factor = CALM if problem.reduction is None else CALM * problem.reduction.bend
     speed = answer.objective.speed(problem.free(answer.y, room.share))
     return calm(problem.A, problem.wanted, problem.A.dot(answer.y), speed, law.dt, factor)
 

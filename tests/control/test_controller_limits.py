@@ -56,7 +56,7 @@ def test_limits_that_contradict_each_other_are_named_by_joint():
     solution = controller.step(q, robot.pose(q), velocity=x)
     assert solution.status == "degraded"
     assert solution.reason.startswith(f"joint 2 ({robot.names[2]}): ")
-    assert "instead of 4 acceleration" in solution.reason
+    assert "above its limit 4" in solution.reason
     q[2] = 2.1
     solution = controller.step(q, robot.pose(q), velocity=np.zeros(6))
     assert "0.1 outside its position range" in solution.reason

@@ -91,7 +91,7 @@ def test_a_hinge_asked_for_what_it_cannot_do_rests_and_says_so():
     solution = iq.solve_velocity(J, [0, 0, 0, 0.1, 0.2, 0.3])
     assert abs(solution.velocity[0]) < 1e-12
     assert solution.status == "degraded"
-    assert "no way to reduce the error" in solution.reason
+    assert "no velocity reduces the error" in solution.reason
 
 
 @pytest.mark.parametrize("offset", [1e-3, 1e-6, 1e-9, 0.0])

@@ -301,3 +301,14 @@ def test_what_is_written_twice_or_in_other_units_weighs_the_same():
         one, other = (iq.solve_velocity(J, s, exact=r, bounds=box) for r in (rows, mixed))
         assert one.status == other.status
         np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-9)
+
+
+def test_rows_without_a_twist_near_a_singularity():
+    """Damping gives up part of what the rows' motion leaves to correct; there is no twist to compare it with."""
+    rng = np.random.default_rng(0)
+    J = rng.normal(size=(6, 7))
+    J[:, 5:] = J[:, 4:5] + 1e-5 * J[:, 5:]
+    solution = iq.solve_velocity(J, np.zeros(6), exact=iq.ExactRows(np.eye(7)[:1], [0.1]), point=np.zeros(3))
+    assert solution.status == "degraded"
+    assert "is given up" in solution.reason
+    assert solution.velocity[0] == pytest.approx(0.1)

@@ -90,15 +90,16 @@ class BrakingBox(Value):
         step = self.acceleration * self.box.dt
         jerked = np.maximum(lower - before, before - upper) - step
         allowance = STRAIN_TOLERANCE * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
-        said = [
+        needed = (jerked + step) / self.box.dt
+        contradictions = [
             (int(i), f"{outside[i]:.3g} outside its position range")
             for i in np.flatnonzero(outside > allowance * self.box.dt)
         ]
-        said += [
-            (int(i), f"{(jerked[i] + step[i]) / self.box.dt:.3g} instead of {self.acceleration[i]:.3g} acceleration")
+        contradictions += [
+            (int(i), f"acceleration {needed[i]:.3g}, above its limit {self.acceleration[i]:.3g}")
             for i in np.flatnonzero(jerked > allowance)
         ]
-        return tuple(said)
+        return tuple(contradictions)
 
 
 def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:
