@@ -1,14 +1,14 @@
-"""The measured twist that is attempted: the wanted one, but for what a form makes of the part that no joint can do.
+"""The measured twist to attempt with a form: the part that the joints can do, and what the form makes of the rest.
 
     A = U diag(sigma) V',  r = b - U U'b:     U'M (U y - r) = 0,     attempt U (U'b + y)
 
-M is the form on measured twists, the wanted twist's own part U U'b is attempted whatever the form. In exact arithmetic
-A x = P b with P the form's projector; a spectrum of U'MU near zero beside |MU| (a principal pitch, a planar arm, |P|
-large) is filtered, and a direction that the arm is losing counts for as much of it as it can still do. So a form that
-cannot tell, or an arm at a singularity, fades to least squares without a jump.
+M is the form on measured twists. The part U U'b is attempted whatever the form. In exact arithmetic A x = P b, P the
+form's projector. Eigenvalues of U'MU that are small beside |MU| (a principal pitch, a planar arm, |P| large) are
+filtered, and each direction counts only as far as damping leaves it. So where the form is ill-conditioned, or the arm
+singular, the attempt goes over to least squares (y = 0) without a jump.
 
-Descent: |b - A x|^2 = |r|^2 + |y|^2 where the attempt is met, so the least-squares decrease is kept to the share eta if
-|y|^2 <= (1 - eta) |U U'b|^2; y is shortened to that.
+Descent: |b - A x|^2 = |r|^2 + |y|^2 where the attempt is met. At least the share eta of the least-squares decrease is
+kept if |y|^2 <= (1 - eta) |U U'b|^2; a longer y is shortened to that.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import Form
 
-# Eigenvalues of U'MU below this share of |MU|, which are one over those of |P|, are filtered: a projector with |P| of
-# three or more costs accuracy on the way past a principal pitch, where one below saves some.
+# Eigenvalues of U'MU below this share of |MU|, are filtered. Their inverses are the
+# gains of P: those above three cost accuracy when the arm passes a principal pitch, smaller ones do not.
 FORM_THRESHOLD = 0.3
 FORM_CEILING = 0.3
-# What a direction that M does not see counts in |MU|, beside |M|: what rounding leaves of the root of a zero.
+# Least size of a direction in |MU|, relative to |M|: the square root of the rounding of an eigenvalue that is zero.
 UNSEEN = 1e-7
 
 
@@ -34,12 +34,12 @@ def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damp
     """(6,) the measured twist to attempt.
 
     Args:
-        form: what decides on the part that no joint can do.
+        form: decides on the part that the joints cannot do.
         inverse_root: (6, 6) of the measure's root.
         A: (6, n) measured joint twists.
         b: (6,) measured twist wanted.
-        damping: the policy that says which directions the arm is losing.
-        fraction: eta, the share of the least-squares decrease that is kept; None keeps none.
+        damping: the policy near singularities.
+        fraction: eta, the share of the least-squares decrease that is kept; None is no such bound.
     """
     U, sigma, _, info = lapack.dgesdd(A, full_matrices=0)
     if info != 0:
@@ -58,7 +58,7 @@ def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damp
     squared, vectors, _ = lapack.dsyev(MV.T.dot(MV))
     norm = float(np.linalg.norm(M)) or 1.0
     size = (vectors * (np.sqrt(np.maximum(squared, 0.0)) + UNSEEN * norm)).dot(vectors.T)
-    # A direction that is lost counts as none of those that are left: which one it is, is anybody's choice.
+    # A damped direction gets a large size, hence an eigenvalue near zero, and is filtered.
     mu, axes, _ = lapack.dsygv(V.T.dot(MV), size + np.diag((1.0 - share) * norm))
     pull = M.dot(r).dot(V).dot(axes)
     left = np.maximum(0.0, 1.0 - (mu / FORM_THRESHOLD) ** 2)

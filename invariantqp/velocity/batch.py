@@ -1,7 +1,7 @@
-"""Many twists at once: what is free of limits is solved for all rows together, the rest row by row as a tick is.
+"""Many twists at once: rows without active limits are solved together, the others one by one.
 
-A row that meets a limit, needs damping, or whose form has a say goes through `solve` by itself, so every row is what
-`solve_velocity` says of it, to rounding: for maps over joint ranges, and rollouts.
+A row with an active limit, with damping, or whose form matters goes through `solve` by itself. So each row is the
+answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollouts.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class VelocitySolutions:
         return [self.slow[i].active if i in self.slow else () for i in range(len(self))]
 
 
-# What is for one row at a time, and why.
+# Options that are for one twist at a time.
 REFUSED = ("exact", "rows", "tool_speed")
 
 
@@ -95,7 +95,7 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     Args:
         J: (N, 6, m) joint twists (omega; v) as columns, each in any frame.
         twist: (N, 6) wanted twists in the frames of J; (6,) is the same for all.
-        options: as `VelocityOptions` tells. `bounds` may be (lower, upper) of shape (N, m), `posture` (N, m), `point`
+        options: see `VelocityOptions`. `bounds` may be (lower, upper) of shape (N, m), `posture` (N, m), `point`
             (N, 3). exact, rows and tool_speed are for `solve_velocity`, one row at a time.
 
     Returns:

@@ -1,10 +1,10 @@
-"""How much of each direction is given up near a singularity: lambda, from the singular values sigma of A = root J.
+"""Damping near a singularity: lambda_i for each direction, from the singular values sigma of A = root J.
 
     x = sum over i of  v_i (sigma_i u_i'b + lambda_i^2 v_i'x_p) / (sigma_i^2 + lambda_i^2)
 
-which minimises |A x - b|^2 + sum of lambda_i^2 (v_i'(x - x_p))^2: the weaker a direction, the more of it goes to the
-posture x_p, and a direction that moves nothing goes to it whole. Each gain sigma^2 / (sigma^2 + lambda^2) lies in
-[0, 1). lambda is relative to the largest sigma, so no unit enters.
+which minimises |A x - b|^2 + sum of lambda_i^2 (v_i'(x - x_p))^2. The smaller sigma_i is beside lambda_i, the more that
+direction follows the posture x_p; one with sigma_i = 0 follows it entirely. Each gain sigma^2 / (sigma^2 + lambda^2)
+lies in [0, 1], 1 without damping. The default lambda is relative to the largest sigma, so no unit enters.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 
-# Damping sets in where a direction needs a thousand times the joint speed of the easiest one, and allows none to take
-# more than seventeen thousand times. Limits keep velocities small long before; `examples/14_defaults.py` measures what
-# other values cost.
+# Damping starts where a direction needs a thousand times the joint speed of the strongest one, and lets none need more
+# than 1 / (2 ceiling), seventeen thousand times. Velocity limits act long before that; `examples/14_defaults.py`
+# measures what other values cost.
 DEFAULT_THRESHOLD = 1e-3
 DEFAULT_CEILING = 3e-5
-# The same where some joint has no velocity limit: nothing else then keeps it from 50 times the speed.
+# Where some joint has no velocity limit, damping alone bounds its speed: 50 times that of the strongest direction.
 UNLIMITED_THRESHOLD = 1e-2
 UNLIMITED_CEILING = 1e-2
 
@@ -119,7 +119,7 @@ class Adaptive(Value):
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Selective(Value):
-    """Each direction damped so that it contributes at most a given speed, and as `Adaptive` near zero.
+    """Each direction damped so that it contributes at most a given speed, and at least as much as `Adaptive` damps it.
 
     lambda_i^2 = max(adaptive_i^2, sigma_i (|u_i'b| / speed - sigma_i)), hence |v_i'x| <= speed along every v_i.
 
@@ -150,7 +150,7 @@ class Selective(Value):
 
     @property
     def threshold(self) -> float:
-        """It looks at each direction."""
+        """inf: any direction may be damped."""
         return np.inf
 
     def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
@@ -205,7 +205,7 @@ class PaperLambda(Value):
 
 
 def damping_of(damping: Damping | PaperLambda | float | None, *, limited: bool) -> Damping | PaperLambda:
-    """The policy meant: a number is `Fixed`; None is `Adaptive()`, stronger unless every joint's speed is `limited`.
+    """The policy for an argument: a number is `Fixed`; None is `Adaptive()`, stronger unless all joints are `limited`.
 
     Raises:
         BadInput: neither a number nor a policy.

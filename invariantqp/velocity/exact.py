@@ -1,10 +1,9 @@
-"""Exact demands on the joint velocity, C x = e, removed before anything is minimised: x = a x0 + B z.
+"""Exact demands on the joint velocity, C x = e, eliminated before anything is minimised: x = a x0 + B z.
 
     x0 = M^-1 C'(C M^-1 C')^-1 e,    C B = 0,    B'MB = I,    0 <= a <= 1 the share of the demanded speed
 
-What is left is a problem in z alone, in which the rows hold by construction, along their direction at the share of
-their speed that limits allow (`share`). A joint metric M enters here and nowhere else: z is a coordinate in which M is
-the identity.
+What is left is a problem in z alone. The rows hold in it by construction, at the share a of their speed that limits
+allow (`share`). `posed` changes to coordinates in which the joint metric M is the identity.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.measure import root_at
 
-# Rows dependent to this share of the largest are one row; a demand that needs joints this much faster cannot be met.
+# A singular value of the rows below this share of the largest is zero: its row depends on the others.
 ROW_TOLERANCE = 1e-10
 
 
@@ -35,7 +34,7 @@ class ExactRows(Value):
         A: (k, m) rows on the joint velocity, for instance the velocity of a point, v + omega x p.
         b: (k,) demands.
         of_twist: (k, 6) D where the rows are parts of the twist, A = D J, zero for a row that is not; None for none.
-            Rows in several units are then weighed by what they say of the twist, not by how they are written.
+            Dependence of rows in several units is then decided by the measure, not by how the rows are scaled.
     """
 
     A: Array = field(converter=own)
@@ -56,8 +55,8 @@ class ExactRows(Value):
         rows = arrays.array(A, "A", "a (k, m) matrix")
         if rows.ndim != 2 or 0 in rows.shape:
             raise BadInput("A", f"shape {rows.shape}", "(k, m), one row a demand")
-        told = None if of_twist is None else arrays.matrix(of_twist, (len(rows), 6), "of_twist")
-        self.__attrs_init__(arrays.matrix(rows, (None, rows.shape[1]), "A"), arrays.vector(b, len(rows), "b"), told)
+        D = None if of_twist is None else arrays.matrix(of_twist, (len(rows), 6), "of_twist")
+        self.__attrs_init__(arrays.matrix(rows, (None, rows.shape[1]), "A"), arrays.vector(b, len(rows), "b"), D)
 
     def with_rows(self, others: ExactRows) -> ExactRows:
         """These rows and others, of the same joints.
@@ -69,20 +68,20 @@ class ExactRows(Value):
             raise BadInput("others", excerpt(others), "ExactRows(A, b)")
         if self.A.shape[1] != others.A.shape[1]:
             raise BadInput("others", f"rows on {others.A.shape[1]} joints", f"rows on {self.A.shape[1]}")
-        told = None
+        D = None
         if self.of_twist is not None or others.of_twist is not None:
-            told = np.vstack([np.zeros((len(r.A), 6)) if r.of_twist is None else r.of_twist for r in (self, others)])
-        return ExactRows(np.vstack((self.A, others.A)), np.concatenate((self.b, others.b)), told)
+            D = np.vstack([np.zeros((len(r.A), 6)) if r.of_twist is None else r.of_twist for r in (self, others)])
+        return ExactRows(np.vstack((self.A, others.A)), np.concatenate((self.b, others.b)), D)
 
     @classmethod
-    def of(cls, J: ArrayLike, told: ArrayLike, b: ArrayLike) -> ExactRows:
+    def of(cls, J: ArrayLike, D: ArrayLike, b: ArrayLike) -> ExactRows:
         """Parts of the twist: D J x = b for joint twists J (6, m) and D (k, 6).
 
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
-        D = arrays.matrix(told, (None, 6), "told")
-        return cls(D.dot(arrays.columns(J)), b, D)
+        parts = arrays.matrix(D, (None, 6), "D")
+        return cls(parts.dot(arrays.columns(J)), b, parts)
 
     def on(self, to_joint: Array | None) -> ExactRows:
         """The same rows on y, x = T y."""
@@ -99,25 +98,25 @@ class ExactRows(Value):
 
     @classmethod
     def axis(cls, J: ArrayLike, axis: ArrayLike, omega: ArrayLike) -> ExactRows:
-        """How a direction (3,) fixed in the body turns: omega (3,) but for its part about the axis itself.
+        """The turning of a direction (3,) fixed in the body: omega (3,) without its part about that direction.
 
         Raises:
             BadInput: a zero axis.
         """
         across = np.linalg.svd(arrays.direction(axis, "axis").reshape(1, 3))[2][1:]
-        told = np.hstack((across, np.zeros((2, 3))))
-        return cls.of(J, told, across.dot(arrays.vector(omega, 3, "omega")))
+        D = np.hstack((across, np.zeros((2, 3))))
+        return cls.of(J, D, across.dot(arrays.vector(omega, 3, "omega")))
 
     @classmethod
     def plane(cls, J: ArrayLike, point: ArrayLike, normal: ArrayLike, speed: float) -> ExactRows:
-        """The speed of the body point now at `point` (3,) along `normal` (3,), of any length: its way from a plane.
+        """The speed of the body point now at `point` (3,) along `normal` (3,) of any length, towards or off a plane.
 
         Raises:
             BadInput: a zero normal.
         """
         n = arrays.direction(normal, "normal")
-        told = n.dot(_velocity_of(arrays.vector(point, 3, "point"))).reshape(1, 6)
-        return cls.of(J, told, [arrays.number(speed, "speed")])
+        D = n.dot(_velocity_of(arrays.vector(point, 3, "point"))).reshape(1, 6)
+        return cls.of(J, D, [arrays.number(speed, "speed")])
 
 
 def _velocity_of(point: Array) -> Array:
@@ -131,8 +130,8 @@ class Reduction(NamedTuple):
     Attributes:
         full: (m,) y0, the shortest velocity that meets the rows.
         basis: (m, n) B, orthonormal: the velocities that the rows leave free.
-        effort: how far the joints go for the rows' demand, beside what the best-placed demand of its size would take.
-        bend: likewise for the worst-placed demand: how strongly the rows turn with the joints.
+        effort: joint speed that the demand needs, relative to the least that a demand of its size could need.
+        bend: the same for the demand that needs the most joint speed.
         unmet: the part of the demand that no velocity can meet here, relative.
         beyond: the part that no velocity of this arm can meet anywhere, relative.
         start: (m,) the velocity at share 0, in the span of the rows; zero is standing still.
@@ -152,33 +151,33 @@ class Reduction(NamedTuple):
         return y
 
     def fixed(self, y: Array) -> Array:
-        """(m,) the shortest velocity with the same rows as y."""
+        """(m,) the shortest velocity with the same C y."""
         p: Array = y - self.basis.dot(y.dot(self.basis))
         return p
 
 
 def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
-    """Solve the rows and find what is left free.
+    """Solve the rows and find the velocities that they leave free.
 
-    Rows that are parts of the twist are told apart and weighed as such: orthonormal ones in the measure. So no frame
-    and no choice of rows decides what counts as dependent.
+    Rows that are parts of the twist are first replaced by orthonormal ones in the measure. So neither the frame nor the
+    choice of rows decides which of them count as dependent.
 
     Args:
         exact: the rows on y.
         root: (6, 6) of the measure.
-        rank: how many independent rows the arm can keep at best; None is all.
+        rank: how many independent rows this arm can keep in its best state; None is all.
     """
     C, e = exact.A, exact.b
     whitened, wanted = C, e
     if exact.of_twist is not None:
-        told = lapack.dgesv(root.T, exact.of_twist.T)[2].T
-        joints = ~told.any(axis=1)
-        gram = told.dot(told.T)
+        D = lapack.dgesv(root.T, exact.of_twist.T)[2].T
+        joints = ~D.any(axis=1)
+        gram = D.dot(D.T)
         if joints.any():
             gram += np.diag(np.where(joints, (C * C).sum(axis=1), 0.0))
         sizes, mix, _ = lapack.dsyev(gram)
-        apart = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), np.finfo(float).tiny)
-        whiten = (mix[:, apart] / np.sqrt(sizes[apart])).T
+        kept = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), np.finfo(float).tiny)
+        whiten = (mix[:, kept] / np.sqrt(sizes[kept])).T
         whitened, wanted = whiten.dot(C), whiten.dot(e)
     U, sigma, Vt = (
         lapack.dgesdd(whitened)[:3] if len(whitened) else np.linalg.svd(whitened)
@@ -190,12 +189,9 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     full = Vt[:r].T.dot(y)
     size, left, beyond = float(np.linalg.norm(e)), e - C.dot(full), 0.0
     if rank is not None and rank < len(wanted):
-        missed = wanted.dot(U)[r:]
-        size, left, beyond = (
-            float(np.linalg.norm(wanted)),
-            missed[: rank - r],
-            float(np.linalg.norm(missed[rank - r :])),
-        )
+        unmet = wanted.dot(U)[r:]
+        size, left = float(np.linalg.norm(wanted)), unmet[: rank - r]
+        beyond = float(np.linalg.norm(unmet[rank - r :]))
     return Reduction(
         full=full,
         basis=Vt[r:].T,

@@ -1,15 +1,15 @@
-"""What is attempted of a twist that the joints cannot do: the part that a form leaves of it.
+"""Forms: what is attempted of a twist that the joints cannot do.
 
-    U a basis of the twists that the joints can do, r what is left of the twist:
+    U a basis of the twists that the joints can do, r the rest of the twist s after least squares:
     U'Q (U y - r) = 0,   attempt s + U y - r
 
     PitchForm(h)             Q = Q_h, indefinite, the same in every frame: P_h s ([DS] Sect. 6.2)
     Complement(Z)            Q = KK', K'Z = 0: s projected along Z, what may be given up
     CarriedMetric(W, pose)   definite: measures twists itself, in place of diag(L^2 I, I) at a point
 
-Where the joints can do the whole twist, no form changes anything. Where a form cannot tell (a principal pitch, a planar
-arm) or tells badly (|P_h| large), its say fades out and least squares in the measure decides: no type of arm is left
-out, and no rounding decides between two laws.
+Where the joints can do the whole twist, no form changes anything. Where a form has no projector (a principal pitch, a
+planar arm) or |P_h| is large, its influence fades out and least squares in the measure decides. So the law works for
+every type of arm, and rounding never decides between two laws.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Form(Protocol):
 class PitchForm(Value):
     """The invariant form Q_h of pitch h [length/rad]: s'Q_h s = 2 (omega.v - h omega.omega).
 
-    What is attempted is P_h s: what is left of s is h-reciprocal to all that the joints can do. Large |h| puts
+    What is attempted is P_h s: the rest of s is h-reciprocal to all twists that the joints can do. Large |h| puts
     orientation first; no h puts position first (use exact rows for that).
 
     Attributes:
@@ -90,9 +90,9 @@ class PitchForm(Value):
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Complement(Value):
-    """Twists projected along a space Z of twists that may be given up: what is left of s + Z is what the arm can do.
+    """Twists projected along a space Z of twists that may be given up: the arm does s plus some twist of Z.
 
-    Where the arm can do all that is left, Jx = P s, P = J(K'J)^-1 K', K'Z = 0.
+    Where the arm can do one of those, Jx = P s, P = J(K'J)^-1 K', K'Z = 0.
 
     Attributes:
         Z: (6, c) twists in the frame of J, independent; c + rank(J) = 6 makes the projector unique.
@@ -136,7 +136,7 @@ class Complement(Value):
 class CarriedMetric(Value):
     """A positive-definite metric on twists carried by a body: s'Ws, with W given in the body's own frame.
 
-    It takes the place of diag(L^2 I, I) at a point: what cannot be done is given up by least squares in it.
+    It replaces diag(L^2 I, I) at a point: what the joints cannot do is missed by least squares in this metric.
 
     Attributes:
         matrix: (6, 6) symmetric positive definite, in the body's frame.
@@ -172,10 +172,10 @@ class CarriedMetric(Value):
         return self.pose is None
 
     def root(self, tool: Array | None = None) -> Array:
-        """(6, 6) with |root s|^2 = s'Ws for twists in the frame of J; `tool` (4, 4) is where it is if it follows it.
+        """(6, 6) with |root s|^2 = s'Ws for twists in the frame of J; `tool` (4, 4) is its pose if it follows the tool.
 
         Raises:
-            BadInput: it follows the tool and nobody says where that is.
+            BadInput: it follows the tool, and no pose of the tool is given.
         """
         pose = tool if self.follows_tool else self.pose
         if pose is None:
@@ -199,7 +199,7 @@ class CarriedMetric(Value):
 
 
 def form_of(form: Form | CarriedMetric | float | None) -> Form | CarriedMetric | None:
-    """The form meant: a number is a PitchForm; None is none, and least squares in the measure decides.
+    """The form for an argument: a number is a PitchForm; None is no form, and least squares in the measure decides.
 
     Raises:
         BadInput: neither a number nor a form.

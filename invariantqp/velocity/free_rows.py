@@ -1,9 +1,9 @@
-"""The rows of a batch that are settled without a limit: the same decisions as one tick makes, on (N, ...) arrays.
+"""The rows of a batch that need no QP: the same decisions as in one tick, on (N, ...) arrays.
 
     m >= 6, far from singular    x = x_p + A'(AA')^-1 (b - A x_p)          (`regular`)
-    otherwise                    the spectrum, filtered                    (`objective`)
+    otherwise                    singular values                           (`objective`)
 
-A row that meets a limit, that damping takes something from, or whose form has a say is not settled here.
+Rows with an active limit, with damping, or whose form matters are not solved here.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from invariantqp.velocity.report import MET_TOLERANCE, PROGRESS_SHARE
 
 Mask = NDArray[np.bool_]
 
-# det of |w|^2 I - ww' over its trace cubed (at most 1/27): above this the own point of a row is its solve, to rounding.
+# det of |w|^2 I - ww' over its trace cubed (at most 1/27): above this a row's own point is found by one linear solve.
 WELL_POSED = 1e-4
 
 
 def free_rows(
     law: VelocityLaw, A: Array, b: Array, box: tuple[Array, Array], posture: Array | None
 ) -> tuple[Mask, Array]:
-    """Which rows are settled (N,), and the velocities (N, m) of those; zero elsewhere.
+    """Which rows are solved (N,), and their velocities (N, m); zero elsewhere.
 
     Args:
         law: what all rows share.
@@ -66,7 +66,7 @@ def inside(x: Array, box: tuple[Array, Array]) -> Mask:
 
 
 def _at(x: Array, box: tuple[Array, Array]) -> Mask:
-    """Which joints of which rows are at a bound, as `clipped` tells it."""
+    """Which joints of which rows are at a bound, as in `clipped`."""
     margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
     return np.asarray((x <= box[0] + margin) | (x >= box[1] - margin))
 
@@ -151,7 +151,7 @@ def _regular(A: Array, b: Array, posture: Array | None, threshold: float) -> tup
 
 
 def _spectral(damping: Adaptive | Fixed, A: Array, b: Array, posture: Array | None) -> tuple[Mask, Array]:
-    """`least_squares` for all rows, and where damping takes nothing and something is achieved."""
+    """`least_squares` for all rows, and which of them are not damped and make progress."""
     n, _, m = A.shape
     good: Mask = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(b).all(axis=1))
     U, singular, Vt = np.linalg.svd(np.where(good[:, None, None], A, 0.0))

@@ -1,11 +1,11 @@
-"""The descent guard of a form: where limits bind, what it attempts need not reduce the error, so least squares watches.
+"""The descent guard of a form: where limits are active, a form need not reduce the error; least squares is blended in.
 
     f(x) = 1/2 |b|^2 - 1/2 |b - A x|^2 - 1/2 mu |x|^2
     keep x_f where f(x_f) >= eta f(x_W);   else x = (1 - t) x_f + t x_W, the smallest t that reaches eta f(x_W)
 
 x_W is the least-squares velocity inside the same limits. The blend stays inside them (they are convex), is continuous
-in the data, moves with every change of frame as x_f does, and is x_f wherever that meets the twist. Without a form
-x_f is x_W and nothing is watched.
+in the data, is as independent of the frame as x_f, and is x_f wherever that meets the twist. Without a form
+x_f is x_W and there is no guard.
 
 Proof of descent, where x_W gains at all: along the segment f is a concave quadratic, f(x_f) < eta f(x_W) <= f(x_W) at
 its ends, so it takes the value eta f(x_W) at a t in (0, 1]; hence f(x) >= eta f(x_W) > 0 for the velocity returned.
@@ -23,15 +23,15 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value
 
-# Half of what least squares would gain: a form keeps its own way wherever it is at least half as good.
+# Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
-# Less decrease than asked for by no more than this share of |b|^2 is rounding.
+# A missing decrease of less than this share of |b|^2 is rounding.
 ROUNDING = 1e-13
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Guard(Value):
-    """What a form must at least achieve, measured at the point.
+    """The decrease of the error that a form must at least achieve, measured at the point.
 
     Attributes:
         fraction: eta in [0, 1], the share of the least-squares decrease that is asked for.
@@ -60,13 +60,13 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     Args:
         A: (6, m) measured joint twists.
         b: (6,) measured twist wanted.
-        mu: what a joint velocity costs.
+        mu: weight of |x|^2, from `calm`.
         x_f: (m,) the form's velocity.
-        x_W: (m,) least squares'.
+        x_W: (m,) the least-squares velocity.
         fraction: eta.
     """
     best, have = _decrease(A, b, mu, x_W), _decrease(A, b, mu, x_f)
-    # Where even the best loses (exact rows can ask for that), the allowance is measured from it downwards.
+    # With exact rows even x_W may increase the error; it may then be exceeded by (1 - eta) of that increase.
     missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - have
     if missing <= ROUNDING * float(b.dot(b)):
         return 0.0

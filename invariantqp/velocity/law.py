@@ -1,4 +1,4 @@
-"""The law's fixed part and one tick's question.
+"""The two inputs of a tick: the law, which is fixed, and the demand of this tick.
 
 minimise |A x - b|^2 + ...   inside the limits,    A = root J,   b = root s (or what a form attempts of it)
 """
@@ -22,12 +22,12 @@ from invariantqp.velocity.qp.backends import Backend, Daqp
 
 
 class Demand(NamedTuple):
-    """One tick's question, checked before it gets here.
+    """The input of one tick; already checked.
 
     Attributes:
         J: (6, m) joint twists.
         s: (6,) wanted twist, in the frame of J.
-        root: (6, 6) of the metric that twists are measured by: |root s|.
+        root: (6, 6) root of the measure: the size of a twist is |root s|.
         lower: (m,) velocity bounds, -inf where there is none.
         upper: (m,).
         exact: rows to be met exactly, or None.
@@ -49,21 +49,21 @@ class Demand(NamedTuple):
     row_rank: int | None = None
 
     def allows(self, x: Array) -> bool:
-        """Whether no limit is met: clipping to the box changes no bit, rows and cone hold."""
+        """Whether x is inside all limits: clipping to the box changes no bit, rows and cone hold."""
         boxed = bool(np.minimum(np.maximum(x, self.lower), self.upper).tobytes() == x.tobytes())
         if self.rows is None and self.cone is None:
             return boxed
         return boxed and (self.rows is None or self.rows.allow(x)) and (self.cone is None or self.cone.allows(x))
 
     def achieves(self, x: Array) -> bool:
-        """Whether the exact rows hold but for rounding."""
+        """Whether the exact rows hold, to rounding."""
         if self.exact is None:
             return True
         C, e = np.asarray(self.exact.A), np.asarray(self.exact.b)
         return bool((np.abs(C.dot(x) - e) <= ROW_ROUNDING * (np.abs(C).dot(np.abs(x)) + np.abs(e))).all())
 
 
-# What rounding leaves of a row in C x - e, relative to the sizes of its terms.
+# Rounding of C x - e, relative to the size of its terms.
 ROW_ROUNDING = 1e-14
 
 
@@ -72,12 +72,12 @@ class VelocityLaw:
     """Everything about the law that does not change from tick to tick.
 
     Attributes:
-        form: what is attempted of a twist beyond the joints; None leaves that to least squares.
+        form: what is attempted of a twist that the joints cannot do; None is least squares.
         damping: the policy near singularities; `PaperLambda` is [DS]'s own problem as printed.
         guard: the descent guard of a form, or None to switch it off.
         metric: (m, m) joint metric, or None for the identity.
-        backend: who solves the QPs.
-        dt: how long the velocity is held [s], for the calm of a loop whose target is out of reach; 0 is none.
+        backend: the QP solver.
+        dt: how long the velocity is held [s], for the damping in `calm`; 0 is none.
     """
 
     form: Form | None = None

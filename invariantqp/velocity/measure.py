@@ -1,11 +1,12 @@
-"""How large a twist counts: a definite metric W carried to a physical point, where limits and singularities are paid.
+"""The measure: the size of a twist, by a definite metric W at a physical point.
 
     s'Ws = L^2 |omega|^2 + |v_p|^2,   v_p = v + omega x p,   root = [[L I, 0], [-[p]x, I]],   W = root'root
 
-p is a point of the tool that somebody names and L a length, the arm's reach. Moving the frame in which J, s and p are
-told, or telling them in another unit of length, changes no value of s'Ws but its unit.
+p is a physical point, usually of the tool, and L a length, by default the arm's reach. s'Ws is the same in every frame
+that J, s and p are expressed in, and another unit of length only converts it. It decides what is given up where the
+joints cannot do the whole twist, near singularities and at limits.
 
-A body may carry another metric (`CarriedMetric`): its root takes the place of this one.
+A body may carry another metric (`CarriedMetric`): its root replaces this one.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ def root_at(point: Array, length: float) -> Array:
 
 
 def own_point(J: Array, s: Array | None = None) -> Array:
-    """(3,) the arm's own point: the one that its joints move least, for those who name none."""
+    """(3,) the arm's own point, which its joints move least: the default where no point is named."""
     return centre(J, s).point
 
 
 def length_at(J: Array, point: Array, s: Array | None = None) -> float:
     """L: the arm's reach to the point; where no axis is away from it, |v_p| / |omega| of turning joints or the twist.
 
-    Where those, too, say nothing it is one unit of length, and the unit then changes no answer.
+    Where those vanish too, it is one unit of length; the unit then changes no answer.
 
     Args:
         J: (6, m) joint twists, the joint at the base first.
@@ -48,12 +49,12 @@ def length_at(J: Array, point: Array, s: Array | None = None) -> float:
     far = reach(J, point)
     if far > 0.0:
         return far
-    turning = (J[:3] * J[:3]).sum(axis=0) * LENGTH_LIMIT**2 > (J[3:] * J[3:]).sum(axis=0)  # a slide has no length
+    turning = (J[:3] * J[:3]).sum(axis=0) * LENGTH_LIMIT**2 > (J[3:] * J[3:]).sum(axis=0)  # slides define no length
     return ratio(J[:, turning], point) or (0.0 if s is None else ratio(s, point)) or 1.0
 
 
 def ratio(twists: Array, point: Array) -> float:
-    """|v_p| / |omega| of one twist or several; 0.0 where one of them is zero, but for rounding."""
+    """|v_p| / |omega| of one twist or several; 0.0 where either is zero, to rounding."""
     rate, speed = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(velocity_at(twists, point)))
     moment = max(float(np.linalg.norm(twists[3:])), rate * float(np.linalg.norm(point)))
     if speed <= ROUNDING * moment or rate * LENGTH_LIMIT <= speed:

@@ -4,9 +4,9 @@
     A = U diag(sigma) V',   K = diag(sqrt(sigma^2 + lambda^2)) V'
     z* = V (sigma U'b + lambda^2 V'z_p) / (sigma^2 + lambda^2)
 
-What `damping` leaves of a direction goes to the posture z_p, and a direction that moves nothing goes to it whole. z*
-is the answer where no limit is met; K says what limits cost, so the law is continuous as they come and go. K has the
-square root of the condition of its Hessian, and is what answers are computed from.
+A damped direction follows the posture z_p in part, and a direction that moves nothing follows it entirely. z* is the
+answer where no limit is active; where one is, the answer minimises |K (z - z*)|, so the law is continuous as limits
+become active. Answers are computed from K, whose condition number is the square root of that of the Hessian K'K.
 
 [DS]'s own problem, convexified, is another objective of the same shape (`stationary`).
 """
@@ -22,7 +22,7 @@ from scipy.linalg import lapack
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Damping
 
-# A singular value below this share of the largest is rounding: that direction moves nothing.
+# A singular value below this share of the largest is rounding: its direction moves nothing.
 NULL_RATIO = 1e-12
 # Weight of directions that move nothing where the policy damps nothing, relative to the largest squared singular value.
 NULL_WEIGHT = 1e-8
@@ -36,7 +36,7 @@ class Objective(NamedTuple):
         weights: (n,) sigma^2 + lambda^2, all positive: how much each direction counts.
         optimum: (n,) V'z*.
         damping: the largest lambda on a direction that moves something; 0 where nothing is damped.
-        lost: how much of what the joints can do is given up by damping, |A z - b| less what is out of their reach.
+        lost: how much damping adds to the residual: the norm of what the joints could do of b and A z* does not.
         rank: how many directions, the first of V, move something.
         ratio: smallest singular value over the largest, among the min(n, 6) that may move something.
     """
@@ -55,7 +55,7 @@ class Objective(NamedTuple):
         return z
 
     def speed(self, z: Array) -> float:
-        """|z|, but for what of it moves nothing."""
+        """|z| without its part that moves nothing."""
         moving = z.dot(self.V[:, : self.rank])
         return sqrt(float(moving.dot(moving)))
 
@@ -80,8 +80,8 @@ def least_squares(
         b: (6,) measured twist wanted of them.
         posture: (n,) z_p; None is zero.
         damping: the policy.
-        largest: singular value that all others are compared with, that of all joints where rows leave some directions
-            free only; None is the largest of A.
+        largest: singular value that all others are compared with: with exact rows, that of all joints; None is the
+            largest of A.
     """
     n = A.shape[1]
     if n == 0:
@@ -98,7 +98,9 @@ def least_squares(
     towards = np.zeros(n) if posture is None else Vt.dot(posture)
     if largest == 0.0:
         return Objective(Vt.T, np.ones(n), towards, ratio=0.0)
-    moving = np.minimum(np.maximum(sigma / (NULL_RATIO * largest) - 1.0, 0.0), 1.0)  # fades in, for no jump
+    moving = np.minimum(
+        np.maximum(sigma / (NULL_RATIO * largest) - 1.0, 0.0), 1.0
+    )  # fades in, so that the law has no jump
     sigma *= moving
     null = moving == 0.0
     squares = damping.squares(sigma, wanted, largest)

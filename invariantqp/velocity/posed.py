@@ -1,9 +1,9 @@
-"""One tick's question as a convex problem in the joints' own metric: x = T y, y = origin(a) + B z.
+"""One tick as a convex problem in coordinates in which the joint metric is the identity: x = T y, y = origin(a) + B z.
 
     minimise over z   1/2 |A B z - (a b - A origin(a))|^2 + 1/2 |z - z_p|_Lambda^2      inside the limits on z
 
-T makes the joint metric the identity, B and the origin are what exact rows leave (`exact`), a is the share of the
-demanded speed: rows, twist and posture slow down together.
+T makes the joint metric the identity; B and the origin describe the velocities that meet the exact rows (`exact`); a is
+the share of the demanded speed: rows, twist and posture slow down together.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from invariantqp.velocity.stationary import convexified
 
 
 class Posed(NamedTuple):
-    """The problem of one tick, but for its share of speed.
+    """The problem of one tick, for any share of the speed.
 
     Attributes:
         A: (6, m) measured joint twists on y.
         wanted: (6,) measured twist.
-        attempt: (6,) what of it is attempted.
+        attempt: (6,) measured twist that is attempted, which differs from `wanted` with a form.
         posture: (m,) y wanted where the twist leaves joints free, or None.
-        reduction: what exact rows leave, or None.
+        reduction: the velocities that meet the exact rows, or None without rows.
         damping: the policy.
-        pitch: of [DS]'s problem made convex, or None.
-        largest: singular value of A, where rows leave only some directions free; None where all are.
+        pitch: h of [DS]'s problem made convex, or None.
+        largest: largest singular value of A where there are exact rows, or None.
         J: (6, m) joint twists on y, for [DS]'s problem.
         s: (6,) the twist, likewise.
     """
@@ -53,7 +53,7 @@ class Posed(NamedTuple):
     s: Array
 
     def objective(self, share: float) -> Objective:
-        """What is minimised over z at a share of the speed."""
+        """The objective in z at a share of the speed."""
         posture = None if self.posture is None else share * self.posture
         if self.reduction is None:
             if self.pitch is not None:
@@ -75,7 +75,7 @@ class Posed(NamedTuple):
         return y
 
     def free(self, y: Array, share: float) -> Array:
-        """The z of a y that has the share."""
+        """The z of a y with that share."""
         if self.reduction is None:
             return y
         z: Array = (y - self.reduction.origin(share)).dot(self.reduction.basis)

@@ -1,4 +1,4 @@
-"""A velocity problem told in plain arrays: everything is checked here, once, for all functions that solve one."""
+"""A velocity problem in plain arrays: all arguments are checked here, for every function that solves one."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.measure import length_at, own_point, root_at
 from invariantqp.velocity.qp.backends import Backend, backend_of
 
-# |omega| L of a joint below this share of its |v| is rounding: it slides.
+# Where |omega| L of a joint is below this share of its |v|, it is rounding: the joint is prismatic.
 SLIDING = 1e-9
 
 
 class VelocityOptions(TypedDict, total=False):
-    """What `solve_velocity` and its kin take by name.
+    """The keyword arguments of `solve_velocity`, `solve_velocities`, `solve_tasks` and `method_for`.
 
-    form: what is attempted of a twist beyond the joints: None (the default) leaves it to least squares at the point;
-        a pitch h [length/rad], PitchForm, Complement, a form of yours; or CarriedMetric, which measures twists itself.
+    form: what is attempted of a twist that the joints cannot do: None (the default) is least squares at the point; a
+        pitch h [length/rad], PitchForm, Complement or a form of yours; CarriedMetric replaces the measure instead.
     damping: lambda >= 0 [length], or a policy; None is `Adaptive()`, which acts near singularities only, more strongly
         where some joint has no bound. PaperLambda is [DS]'s own problem.
-    bounds: joint velocity limits, `Bounds` or (lower, upper); None is none.
-    exact: rows A x = b met before anything is minimised, slowed down where the bounds forbid them.
-    joint_metric: (m, m) or (m,) positive definite, what counts as a short joint velocity; None is the identity, with
-        1/L^2 for joints that slide beside joints that turn.
+    bounds: joint velocity limits, `Bounds` or (lower, upper); None is no limits.
+    exact: rows A x = b, met before anything is minimised; they slow down where limits forbid their full speed.
+    joint_metric: (m, m) or (m,) positive definite M, the size of a joint velocity is x'Mx; None is the identity, with
+        1/L^2 for prismatic joints beside revolute ones.
     backend: "daqp", "osqp", any solver qpsolvers has, or a `Backend` of yours (a kept `Osqp()`, for instance).
     guard: the descent guard of a form; False switches it off.
     posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
     rows: limits on combinations of joint velocities; they give way where they contradict the bounds.
     tool_speed: speed limit of a point; it gives way where it contradicts bounds or rows.
-    point: (3,) in the frame of J, the physical point at which a twist that cannot be achieved is missed by least; None
-        or "own" is the arm's own point, the one that its joints move least.
-    length: L [length/rad], how many units of length at the point a radian counts for; None is the arm's reach to it.
+    point: (3,) in the frame of J, the physical point at which the error is least where the twist cannot be met; None or
+        "own" is the arm's own point, which its joints move least. Name one where the joint axes nearly meet in a point.
+    length: L [length/rad]: a radian counts as much as L units of length at the point; None is the arm's reach to it.
     """
 
     form: Form | CarriedMetric | float | None
@@ -64,7 +64,7 @@ class VelocityOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class VelocityProblem:
-    """A checked problem: what does not change from tick to tick, and one tick's question.
+    """A checked problem: the law, which does not change from tick to tick, and the demand of one tick.
 
     Attributes:
         law: form, damping, guard, joint metric, solver.
@@ -93,12 +93,12 @@ class VelocityProblem:
         point: ArrayLike | str | None = None,
         length: float | None = None,
     ) -> VelocityProblem:
-        """Check everything.
+        """Check all arguments.
 
         Args:
             J: (6, m) joint twists (omega; v) as columns, in any one frame.
             twist: (6,) wanted twist in the same frame [rad/s; length/s].
-            form: as `VelocityOptions` tells, like all the others.
+            form: see `VelocityOptions`, as for all the others.
             damping: likewise.
             bounds: (m,) lower and upper.
             exact: on m joints.
@@ -141,7 +141,7 @@ class VelocityProblem:
 
 
 class Measure(NamedTuple):
-    """How twists are measured: root (6, 6), point (3,) and length behind it, and the form for the rest."""
+    """How twists are measured: root (6, 6), its point (3,) and length; and the form, unless it is a CarriedMetric."""
 
     root: Array
     point: Array
@@ -155,7 +155,7 @@ def measure_of(
     """The measure for checked J (6, m) and s (6,).
 
     Raises:
-        BadInput: a point or length that is none.
+        BadInput: not a point, or not a positive length.
     """
     if isinstance(point, str) and point != "own":
         raise BadInput("point", excerpt(point), '"own" or (3,) in the frame of J')
@@ -170,7 +170,7 @@ def measure_of(
 def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array | None:
     """(m, m) the joint metric, None for the identity.
 
-    Where some joints slide beside others that turn and nobody says what a slide counts, L of it counts as a radian.
+    Without a `joint_metric`, L of a prismatic joint counts as one radian of a revolute one, where there are both.
 
     Raises:
         BadInput: not symmetric positive definite.
@@ -185,7 +185,7 @@ def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array 
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:
-    """The guard meant: True is the default one, False none.
+    """The guard for an argument: True is the default one, False none.
 
     Raises:
         BadInput: neither.

@@ -2,7 +2,7 @@
 
     x = x_p + A'(AA')^-1 (b - A x_p)          the twist is met, and every form and metric agree on it
 
-It only has to be certain that nothing would be damped, since then the general way ends at the same x:
+The general computation gives the same x where nothing is damped, so two bounds decide that without singular values:
 
     sigma_min^2 >= 1 / |(AA')^-1|,      sigma_max^2 <= |AA'|
 """
@@ -16,12 +16,12 @@ from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 
-# The certain share of the largest singular value above which the normal equations keep twelve digits.
+# Smallest over largest singular value above which the normal equations keep twelve digits.
 ACCURATE_SHARE = 1e-2
 
 
 def regular_velocity(A: Array, b: Array, posture: Array | None, threshold: float) -> Array | None:
-    """The velocity (n,) that meets the twist and is nearest to the posture; None where that is not certain to be it.
+    """The velocity (n,) that meets the twist nearest to the posture; None where damping might act.
 
     Args:
         A: (6, n) measured joint twists.
@@ -39,7 +39,7 @@ def regular_velocity(A: Array, b: Array, posture: Array | None, threshold: float
     # and six rows then wait milliseconds for a busy core.
     inverse, _ = lapack.dtrtri(factor)
     smallest, largest = 1.0 / float(np.vdot(inverse, inverse)), sqrt(float(np.vdot(S, S)))
-    if smallest < max(threshold, ACCURATE_SHARE) ** 2 * largest:  # NaN and infinity, too, go the general way
+    if smallest < max(threshold, ACCURATE_SHARE) ** 2 * largest:  # also for NaN and infinity
         return None
     y, _ = lapack.dpotrs(factor, b if posture is None else b - A.dot(posture))
     x: Array = y.dot(A)

@@ -1,6 +1,6 @@
-"""The velocity law as a function of plain arrays.
+"""The velocity law as a function of plain arrays; `invariantqp.velocity.solve` is the computation.
 
-Reference: [DS] Sect. 6.2; `invariantqp.velocity.solve` for what is done.
+Reference: [DS] Sect. 6.2.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 
 class MethodChoice(NamedTuple):
-    """Which way `solve_velocity` would take, and why.
+    """Which method `solve_velocity` would use, and why.
 
     Attributes:
         method: "closed-form", "damped" or "qp".
         reason: in words.
-        damping: lambda that would be used [length].
+        damping: lambda that would be used [length; unit of root J].
         conditioning: smallest singular value of the measured joint twists over the largest, in [0, 1]: how far from a
             singularity.
     """
@@ -44,15 +44,15 @@ class MethodChoice(NamedTuple):
 def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> VelocitySolution:
     """Joint velocities for a twist, the same in every frame and unit, inside the bounds.
 
-    Where the joints can do the whole twist they do, in closed form. What they cannot do, or the limits do not let them,
-    is missed by least squares at one physical point, |s|^2 = L^2 |omega|^2 + |v at the point|^2; a form may say instead
-    what is attempted of the part beyond the joints.
+    Where joints and limits can do the whole twist, they do, in closed form. Otherwise the error is least in the measure
+    |s|^2 = L^2 |omega|^2 + |v at the point|^2, taken at one physical point. A form changes what is attempted of the
+    part that the joints cannot do.
 
     Args:
         J: (6, m) joint twists (omega; v) as columns, in any one frame, the joint at the base first.
         twist: (6,) wanted twist in the same frame [rad/s; length/s].
         options: form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length,
-            as `VelocityOptions` tells.
+            see `VelocityOptions`.
 
     Returns:
         VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
@@ -61,15 +61,14 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
         BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
         UnknownName: no such back end.
 
-    Reference: [DS] Sect. 6.2 for forms. A stationary point of an indefinite form is not a minimum; the guard sees to
-    descent.
+    Reference: [DS] Sect. 6.2 for forms. A stationary point of an indefinite form is not a minimum, hence the guard.
     """
     problem = VelocityProblem.of(J, twist, **options)
     return solve(problem.law, problem.demand)
 
 
 def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> MethodChoice:
-    """Which way `solve_velocity` would take for the same arguments, and why; no QP is solved.
+    """Which method `solve_velocity` would use for the same arguments, and why; no QP is solved.
 
     Raises:
         BadInput: as `solve_velocity`.
@@ -88,11 +87,11 @@ def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions
         m = len(x)
         if demand.rows is not None:
             outside += [m + i for i in np.flatnonzero(demand.rows.excess(x)).tolist()]
-        who = [named(outside, m)] if outside else []
+        exceeded = [named(outside, m)] if outside else []
         if demand.cone is not None and not demand.cone.allows(x):
-            who.append("the tool")
-        reason = f"the closed form exceeds the limits of {' and '.join(who)}; solved by {law.backend.name}"
+            exceeded.append("the tool")
+        reason = f"the closed form exceeds the limits of {' and '.join(exceeded)}; solved by {law.backend.name}"
         return MethodChoice("qp", reason, objective.damping, objective.ratio)
     if objective.damping > 0.0:
         return MethodChoice("damped", damping_reason(objective), objective.damping, objective.ratio)
-    return MethodChoice("closed-form", "no limit is met and no direction is near a singularity", 0.0, objective.ratio)
+    return MethodChoice("closed-form", "no limit is active and no singularity is near", 0.0, objective.ratio)

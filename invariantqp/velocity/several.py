@@ -3,9 +3,9 @@
     level 1:  x_1 = argmin sum_i w_i 1/2 |K_i (x - x_i*)|^2      inside the bounds, with the exact rows
     level 2:  likewise among the x with J_1 x = J_1 x_1, and so on
 
-Each twist task brings the objective that it would have alone, measured at its point, so the sum is as invariant as its
-terms. A joint task asks for a joint velocity: the way to a posture, or zero for little motion. What a level has
-achieved is removed before the next is solved, x = x_1 + B z with J_1 B = 0, so no lower level disturbs it.
+Each twist task has the objective that it would have alone, measured at its point, so the sum does not depend on frames
+either. A joint task asks for a joint velocity: towards a posture, or zero for little motion. Each level moves only what
+the levels above leave free, x = x_1 + B z with J_1 B = 0, so no lower level disturbs a higher one.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from invariantqp.velocity.limits.cone import minimise_in_cone
 from invariantqp.velocity.objective import least_squares
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.qp.polytope import named
 from invariantqp.velocity.qp.quadratic import Quadratic, weighted
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
 from invariantqp.velocity.stages import given_way, slowed_rows, unkept
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 
     from invariantqp.velocity.problem import VelocityOptions
 
-# What belongs to a task, or watches one error where several have none in common.
+# Options that belong to each task.
 REFUSED = {
     "form": "Give each TwistTask its own form.",
     "posture": "Add a JointTask of the last priority.",
@@ -57,10 +58,10 @@ class TwistTask(Value):
     Attributes:
         J: (6, m) joint twists of that body; zero columns for joints that do not move it.
         twist: (6,) wanted, in the frame of J.
-        form: what is attempted beyond the joints, or None.
+        form: what is attempted of a twist that the joints cannot do, or None.
         weight: share in its level's sum [1], positive.
         priority: level, 0 first.
-        point: (3,) at which a twist that cannot be achieved is missed by least.
+        point: (3,) at which the error is least where the twist cannot be met.
         measure: how twists are measured there.
     """
 
@@ -134,11 +135,11 @@ def _weight(weight: float) -> float:
 def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[VelocityOptions]) -> VelocitySolution:
     """Joint velocities for several tasks; lower levels never disturb what a higher one achieves inside the limits.
 
-    There is no descent guard here: it watches one twist, and several have no common error.
+    There is no descent guard here: it needs the error of one twist.
 
     Args:
         tasks: of one arm, any order; those of one priority are weighed against each other.
-        options: damping, bounds, exact, joint_metric, backend, rows, tool_speed, as `VelocityOptions` tells. form,
+        options: damping, bounds, exact, joint_metric, backend, rows, tool_speed; see `VelocityOptions`. form,
             point, length and posture belong to a task.
 
     Returns:
@@ -206,15 +207,15 @@ def _solved(
         if found.trouble:
             troubles.append(found.trouble)
     x, active = clipped(demand, T.dot(origin))
-    said = [*troubles]
+    words = [*troubles]
     if share < 1.0:
-        said.append(f"limits allow {share:.3g} of the exact rows' speed")
+        words.append(f"limits allow {share:.3g} of the exact rows' speed")
     if active:
-        said.append(f"at the limits of joints {', '.join(map(str, active))}")
+        words.append(f"at the limits of {named(list(active), m)}")
     status = "degraded" if troubles else "scaled" if share < 1.0 else "ok"
     method = "qp" if bounded or share < 1.0 else "closed-form"
     residual = demand.s - demand.J.dot(x)
-    return VelocitySolution(x, method, status, "; ".join(said), active, residual, share, 0.0, 0.0, backend)
+    return VelocitySolution(x, method, status, "; ".join(words), active, residual, share, 0.0, 0.0, backend)
 
 
 def _sum(
@@ -243,12 +244,12 @@ def _sum(
 
 
 def _left(level: list[TwistTask | JointTask], B: Array) -> Array:
-    """(n, k) what of z the level leaves free: it moves none of its bodies."""
+    """(n, k) directions of z that move none of the level's bodies."""
     n = B.shape[1]
-    told = [t.measure.root.dot(t.J).dot(B) for t in level if isinstance(t, TwistTask)]
-    if len(told) < len(level):  # a joint task says it all
+    twists = [t.measure.root.dot(t.J).dot(B) for t in level if isinstance(t, TwistTask)]
+    if len(twists) < len(level):  # a joint task leaves nothing free
         return np.empty((n, 0))
-    _, sigma, Vt = np.linalg.svd(np.vstack(told))
+    _, sigma, Vt = np.linalg.svd(np.vstack(twists))
     rank = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
     free: Array = Vt[rank:].T
     return free

@@ -1,12 +1,13 @@
 """How much of the exact rows' speed the limits allow: the rows keep their direction and slow down.
 
     minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits
+    nu = EXACT_CALM / 2 dt (1 - a_max) |y0| effort
 
-With nu = 0 this is the largest share (to rounding). Where it is below one, nu grows with what is missed and with how
-far the joints go for it, as `calm` does: no joint is spent at full speed for a thousandth of the line's speed, and what
-a tick's motion bends of the rows stays below what it gains. Both problems always have an answer where standing still
-is inside the limits; where it is not, the share counts from the velocity that moves the rows least. The share is
-continuous in limits and demand, since both are strictly convex problems with answers.
+a_max is the largest share, the solution with nu nearly 0. Where it is below one, the problem is solved again with
+nu > 0, which grows with the unmet part of the rows and with the joint motion that the rows need (`Reduction.effort`).
+This damps the loop as `calm` does: joints do not move at full speed for a thousandth of the rows' speed. Both
+problems have a solution where standing still is inside the limits. Where it is not, y0 and y count from the velocity
+that moves the rows least. Both are strictly convex, so the share is continuous in limits and demand.
 """
 
 from __future__ import annotations
@@ -23,25 +24,25 @@ from invariantqp.velocity.qp.backends import Backend
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, Polytope
 from invariantqp.velocity.qp.quadratic import Optimum, weighted
 
-# What motion costs beside the share, squared: makes the problem strictly convex, and the share that much too small.
+# The least nu: it makes the problem strictly convex, and the share smaller by this much, relative.
 REGULARISATION = 1e-9
-# How much of the rows' second-order error in a tick the calm is to outweigh. Measured: of 160 random targets on four
-# arms none chatters from 0.5 on, some do at 0.15; at 2 some of those that arrive no longer do in eight seconds.
+# Measured with 160 random targets on four arms: none oscillates from 0.5 on, some do at 0.15; at 2 some loops that
+# arrive with 1 no longer do within eight seconds.
 EXACT_CALM = 1.0
-# A share above this is all of it.
+# A share above this counts as 1.
 WHOLE = 1.0 - 1e-8
-# Given away of the largest share where limits bind, for the problem after it to have an inside: less the nearer to 1.
+# Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior.
 INTERIOR = 1e-6
 
 
 class Share(NamedTuple):
-    """What is possible of the exact rows' speed.
+    """The part of the exact rows' speed that the limits allow.
 
     Attributes:
         value: a in [0, 1].
-        velocity: (m,) y that has it.
-        held_by: limits (indices of the polytope) that hold it there.
-        fast: whether a speed limit does.
+        velocity: (m,) a y with that share.
+        held_by: limits (indices of the polytope) that keep it from being larger.
+        fast: whether a tool speed limit does.
     """
 
     value: float

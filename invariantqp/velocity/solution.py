@@ -1,4 +1,4 @@
-"""What a tick answers: a joint velocity, how it came about, and why."""
+"""The result of a tick: a joint velocity, how it was found, and why."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
 
 
 class VelocitySolution(NamedTuple):
-    """A joint velocity and how it came about. A tuple, because one is made in every tick.
+    """A joint velocity and how it was found. A tuple, because one is made in every tick.
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the bounds.
-        method: "closed-form" (no limit is met), "damped" (likewise, and damping acted), "qp" (a limit is met), "hold".
-        status: "ok" (the error falls as asked), "scaled" (exact rows slowed down), "guarded" (the descent guard blended
-            in least squares), "degraded" (something was not as asked: see the reason), "held" (standing still).
-        reason: in words, "" where there is nothing to say.
+        method: "closed-form" (no limit is active), "damped" (likewise, with damping), "qp" (a limit is active), "hold".
+        status: "ok" (the error falls as demanded), "scaled" (exact rows slowed down), "guarded" (the descent guard
+            blended in least squares), "degraded" (a demand is not met: see the reason), "held" (standing still).
+        reason: why, in words, "" where there is nothing to report.
         active: joints at a bound.
-        residual: (6,) s - J x in the frame of J: what is not achieved of the twist.
+        residual: (6,) s - J x in the frame of J.
         scale: share of the exact rows' speed that was possible, in [0, 1], 1 unless scaled.
         damping: lambda used [length; unit of root J].
         guard: t, share of least squares blended in by the guard; 0 when it did not act.
         backend: the solver that answered, "" without one.
         multipliers: (m,) what each joint's bound costs in the objective: positive at the upper bound, negative at the
-            lower, 0 away from them. None where no limit is met.
+            lower, 0 away from them. None where no limit is active.
         row_multipliers: (k,) the same for the rows of `LimitRows`.
     """
 
@@ -49,7 +49,7 @@ class VelocitySolution(NamedTuple):
         """Whether all fields are equal, arrays number by number."""
         return type(other) is VelocitySolution and all(map(same, self, other))
 
-    def __ne__(self, other: object) -> bool:  # a tuple has one of its own
+    def __ne__(self, other: object) -> bool:  # else a tuple's own would be used
         return not self == other
 
     def __hash__(self) -> int:
@@ -65,7 +65,7 @@ def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
 
 
 def held(demand: Demand, reason: str) -> VelocitySolution:
-    """Standing still, or on the way back inside the bounds where they leave no rest."""
+    """Standing still or, where the bounds do not allow that, moving back inside them."""
     x, active = clipped(demand, np.zeros(len(demand.lower)))
     residual = demand.s - demand.J.dot(x)
     return VelocitySolution(x, "hold", "held", reason, active, residual, 0.0, 0.0, 0.0, "")

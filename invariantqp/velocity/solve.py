@@ -1,11 +1,11 @@
 """One tick of the law: closed form where no limit is met, otherwise the optimum of the same problem inside them.
 
-    six joints or more, far from singular, no limit met    one Cholesky factor (`regular`)
-    no limit met                                           the spectrum, filtered (`objective`)
-    otherwise                                              stage by stage (`stages`)
+    six joints or more, far from singular, no limit active    one Cholesky factor (`regular`)
+    no limit active                                           singular values, damped (`objective`)
+    otherwise                                                 a QP, stage by stage (`stages`)
 
-Continuity. Each answer is the optimum of one strictly convex problem whose data are continuous in (J, s, limits): the
-first two are its optimum without limits, which is the third's wherever it is inside them.
+Continuity. Each answer is the optimum of one strictly convex problem whose data are continuous in (J, s, limits). The
+first two cases compute its optimum without limits, which is the optimum of the third wherever it is inside them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from math import sqrt
 
 import numpy as np
 
-from invariantqp.velocity.calm import spoilt
+from invariantqp.velocity.calm import excess_deviation
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
@@ -40,28 +40,28 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     except SolverFailure as failure:
         return held(demand, f"no velocity found: {failure}")
     except np.linalg.LinAlgError as failure:
-        return held(demand, f"the numbers are beyond any scale: {failure}")
+        return held(demand, f"the numbers are too large or too small to compute with: {failure}")
 
 
 def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution | None:
-    """The closed form by one Cholesky factor where nothing is damped, no limit met, nothing spoilt; None elsewhere."""
+    """The closed form by one Cholesky factor where nothing is damped and no limit is active; None elsewhere."""
     A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
     x = regular_velocity(A, b, demand.posture, damping.threshold)
     if x is None or not (demand.allows(x) and demand.achieves(x) and is_met(A, b, x)):
         return None
-    if spoilt(A, b, sqrt(float(x.dot(x))), law.dt) > 0.0:
+    if excess_deviation(A, b, sqrt(float(x.dot(x))), law.dt) > 0.0:
         return None
     residual = demand.s - demand.J.dot(x)
     return VelocitySolution(x, "closed-form", "ok", "", (), residual, 1.0, 0.0, 0.0, "")
 
 
 def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
-    """At rest; in a box that leaves none on the way back, its joints alone, or all where other limits ask for it."""
+    """Standing still or, where limits do not allow that, the least motion back inside them."""
     still = held(demand, reason)
     if demand.allows(still.velocity):
         return still
     back = solve(law, demand._replace(s=np.zeros(6), exact=None, posture=None))
-    return back._replace(status="held", reason=f"{reason}; on the way back inside the limits".removeprefix("; "))
+    return back._replace(status="held", reason=f"{reason}; moving back inside the limits".removeprefix("; "))
 
 
 def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution:
@@ -77,13 +77,13 @@ def _is_convexified(law: VelocityLaw) -> bool:
 
 
 def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
-    """[DS]'s own formula, clipped to the bounds; exact rows are beyond it."""
+    """[DS]'s own formula, clipped to the bounds; it supports no other limits and no exact rows."""
     if demand.exact is not None:
-        return held(demand, "PaperLambda knows no exact rows; use another damping")
+        return held(demand, "PaperLambda does not support exact rows; use another damping")
     if demand.rows is not None or demand.cone is not None:
-        return held(demand, "PaperLambda knows no limits but the bounds; use another damping")
+        return held(demand, "PaperLambda supports no limits but the bounds; use another damping")
     if not isinstance(law.form, PitchForm):
-        return held(demand, "PaperLambda goes with a pitch form; give form = h")
+        return held(demand, "PaperLambda needs a pitch form: give form=h")
     Lambda = damping.of_size(demand.J.shape[1])
     if law.metric is not None:
         Lambda = law.metric.dot(Lambda)

@@ -1,13 +1,13 @@
-"""One tick, stage by stage; each stage takes the problem and hands on an answer, nothing else.
+"""One tick, stage by stage; each stage is a function of what the stage before it returned.
 
     free          the optimum without limits, where that is inside them; otherwise:
-    give way      rows that contradict the box, a tool speed that contradicts both, move by the least
-    share         exact rows slow down along their direction as far as limits ask for it
+    give way      rows that contradict the box, and a tool speed that contradicts both, are relaxed by the least
+    share         exact rows slow down along their direction where limits require it
     minimise      the optimum inside the limits
-    calm          once more, with damping that follows what is missed
-    guard         with a form: least squares inside the same limits, blended in where the form's way does not descend
+    calm          the optimum once more, with damping that grows with the residual (`calm`)
+    guard         with a form: least squares inside the same limits is blended in where the form does not descend
 
-Trouble is said in words, never raised: `SolverFailure` alone leaves, where no velocity was found at all.
+Contradictions are reported in words (`troubles`). Only `SolverFailure` is raised, where no velocity was found at all.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from invariantqp.velocity.qp.polytope import Polytope, named
 from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
 from invariantqp.velocity.share import Share, share_of
 
-# A demand of exact rows that the joints cannot meet by more than this, relative, has a direction that they cannot keep.
+# Exact rows of which more than this, relative, cannot be met: the joints cannot keep the direction of the demand.
 UNMET_TOLERANCE = 1e-9
-# What joint motion costs where the rows' least motion is looked for, relative to the rows, squared.
+# Weight of |y|^2 beside the squared motion of the rows where the least motion of the rows is computed.
 REGULARISATION = 1e-9
 
 
@@ -44,7 +44,7 @@ class Answer(NamedTuple):
         share: of the exact rows' speed.
         objective: what was minimised last.
         found: the optimum of the QP, with multipliers (k,) of the polytope on y; None where no limit is met.
-        blended: share of least squares that the guard put in.
+        blended: share of least squares that the guard blended in.
         troubles: what was not as asked, in words.
         held_by: the limits that slow the exact rows down, in words.
     """
@@ -59,7 +59,7 @@ class Answer(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What no velocity may leave, on y, what had to give way for it, and a y (m,) inside."""
+    """The limits on y, after contradictions gave way (`troubles` says which), and a y (m,) inside them."""
 
     polytope: Polytope
     cone: Cone | None
@@ -68,16 +68,16 @@ class Limits(NamedTuple):
 
 
 class Room(NamedTuple):
-    """The problem at the share of its speed that the limits allow."""
+    """The problem, and the share of the exact rows' speed that the limits allow."""
 
     problem: Posed
     share: float
-    inside: Array  # a velocity that has the share
+    inside: Array  # a y inside the limits with that share
     held_by: str
 
 
 def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
-    """The answer, limits or none met.
+    """The answer, with or without active limits.
 
     Raises:
         SolverFailure: no velocity was found.
@@ -85,7 +85,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     objective = problem.objective(1.0)
     y = problem.joint(objective.centre(), 1.0)
     if not np.isfinite(y).all():
-        raise SolverFailure("the closed form", "it overflowed: the input is out of any scale")
+        raise SolverFailure("the closed form", "it overflowed: the input is too large")
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         limits, room = Limits(*limits_of(law, demand), (), y), Room(problem, 1.0, y, "")
@@ -100,19 +100,19 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
 
 
 def given_way(law: VelocityLaw, demand: Demand) -> Limits:
-    """The limits, those that contradict others moved by the least it takes."""
+    """The limits; those that contradict others are relaxed by the least that is necessary."""
     troubles: list[str] = []
     m = len(demand.lower)
     x = np.minimum(np.maximum(np.zeros(m), demand.lower), demand.upper)
     if demand.rows is not None and not demand.rows.allow(x):
-        way = relaxed(demand.rows, demand.lower, demand.upper)
-        x = way.inside
-        if way.violation.any():
-            by = ", ".join(f"row {i} by {abs(way.violation[i]):.3g}" for i in np.flatnonzero(way.violation))
-            joints = named([i for i in way.held_by if i < m], m)
-            whom = f"the bounds of {joints}" if joints else "each other"
-            troubles.append(f"rows contradict {whom}: exceeded at {by}")
-            demand = demand._replace(rows=way.rows)
+        moved = relaxed(demand.rows, demand.lower, demand.upper)
+        x = moved.inside
+        if moved.violation.any():
+            by = ", ".join(f"row {i} by {abs(moved.violation[i]):.3g}" for i in np.flatnonzero(moved.violation))
+            joints = named([i for i in moved.held_by if i < m], m)
+            what = f"the bounds of {joints}" if joints else "each other"
+            troubles.append(f"rows contradict {what}: exceeded at {by}")
+            demand = demand._replace(rows=moved.rows)
     polytope, cone = limits_of(law, demand)
     y = x if law.from_joint is None else law.from_joint.dot(x)
     if cone is not None and not cone.allows(y):
@@ -124,7 +124,7 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
 
 
 def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
-    """How much of the exact rows' speed there is room for."""
+    """The share of the exact rows' speed inside the limits."""
     if problem.reduction is None:
         return Room(problem, 1.0, limits.inside, "")
     reduction, share = slowed_rows(problem.reduction, limits, law.dt, law.backend)
@@ -137,34 +137,34 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
 
 
 def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backend) -> tuple[Reduction, Share]:
-    """The rows counted from what moves them least, and the share of their speed that the limits allow.
+    """The rows, counted from the velocity that moves them least, and the share of their speed that the limits allow.
 
     Raises:
         SolverFailure: no velocity was found.
     """
     inside = limits.inside
-    if inside.any():  # no rest
+    if inside.any():  # standing still is not allowed
         m = len(inside)
         rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
         still = Quadratic(np.sqrt(REGULARISATION) * np.eye(m), np.zeros(m)).plus(rows, np.zeros(m))
         inside = minimise_in_cone(backend, still, limits.polytope, limits.cone, inside).z
         reduction = reduction._replace(start=reduction.fixed(inside))
-    if reduction.unmet > UNMET_TOLERANCE:  # what the share tends to as the joints lose a direction of the rows
+    if reduction.unmet > UNMET_TOLERANCE:  # the share tends to zero as the joints lose a direction of the rows
         return reduction, Share(0.0, inside, [])
     return reduction, share_of(reduction, limits.polytope, limits.cone, inside, dt, backend)
 
 
 def unkept(reduction: Reduction | None) -> str:
-    """What is said of rows whose direction the joints cannot keep, "" where they can."""
+    """The reason where the joints cannot keep the direction of the exact rows, "" where they can."""
     if reduction is None or reduction.unmet <= UNMET_TOLERANCE:
         return ""
-    return f"the joints cannot keep the direction of the exact rows: {reduction.unmet:.1e} of it is beyond them"
+    return f"the joints cannot keep the direction of the exact rows: {reduction.unmet:.1e} of the demand is unmet"
 
 
 def _minimised(
     law: VelocityLaw, room: Room, limits: Limits, objective: Objective, near: Answer | None = None
 ) -> Answer:
-    """The objective's optimum inside the limits; `near` is that of an objective like it."""
+    """The optimum inside the limits; `near` is the answer for a similar objective, to start from."""
     problem, share = room.problem, room.share
     polytope, cone = problem.limits(limits.polytope, share), problem.cone(limits.cone, share)
     quadratic = Quadratic(objective.root(), objective.centre())
@@ -187,7 +187,7 @@ def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
 
 
 def _guarded(law: VelocityLaw, room: Room, limits: Limits, answer: Answer, mu: float) -> Answer:
-    """With a form: as much of least squares as descent asks for."""
+    """With a form: the answer, with as much least squares blended in as descent requires."""
     problem = room.problem
     if law.guard is None or problem.attempt is problem.wanted:
         return answer

@@ -4,9 +4,9 @@
     convexified   1/2 (z - z*)'H (z - z*),  H = V diag(sqrt(mu^2 + lambda^2)) V',  z* = V mu / (mu^2 + lambda^2) V'g
     printed       x = (G + Lambda)^-1 g,   closed-loop gains: the eigenvalues of (G + Lambda)^-1 G
 
-G has both signs for every arm of rank 4 or more, so no convex solver may see it; H is positive definite with about the
+G is indefinite for every arm of rank 4 or more, so it is no Hessian of a QP; H is positive definite with about the
 condition of G and has z* as its optimum without limits. z* is [DS]'s damped formula with Lambda = lambda^2 G^-1, whose
-gains mu^2 / (mu^2 + lambda^2) lie in [0, 1). H measures joint velocities by nothing physical, so where limits bind or a
+gains mu^2 / (mu^2 + lambda^2) lie in [0, 1). H has no physical meaning for joint velocities, so where limits bind or a
 singularity is near, least squares at a point is far more accurate: this is for comparison, and for the paper.
 
 Proof of the gains. The map from a twist to the twist it gets is P = J V f(mu) V'J'Q, f(mu) = mu / (mu^2 + lambda^2).

@@ -29,7 +29,7 @@ from invariantqp.compare.laws.invariant import FIXED_DAMPING
 from invariantqp.compare.method import Question, Setting
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.velocity.calm import CALM, QUIET_SHARE, SPOILT
+from invariantqp.velocity.calm import CALM, DEVIATION_SHARE, QUIET_SHARE
 from invariantqp.velocity.damping import DEFAULT_CEILING, DEFAULT_THRESHOLD
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.objective import NULL_RATIO
@@ -154,8 +154,8 @@ def _calm(A: Any, b: Any, x: Any, speed: Any, dt: float) -> Any:
     """mu for an answer x."""
     size = mp.mnorm(A, "f")
     step = mp.mpf(dt)
-    spoilt = max(mp.mpf(0), mp.mpf(SPOILT) * step * size * speed * speed - mp.norm(b))
-    mu = mp.mpf(CALM) * step * (mp.norm(b - A * x) + spoilt) * size / 2
+    excess = max(mp.mpf(0), mp.mpf(DEVIATION_SHARE) * step * size * speed * speed - mp.norm(b))
+    mu = mp.mpf(CALM) * step * (mp.norm(b - A * x) + excess) * size / 2
     return max(mp.mpf(0), mu - mp.mpf(QUIET_SHARE) * size * size)
 
 

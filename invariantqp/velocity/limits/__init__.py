@@ -1,1 +1,1 @@
-"""What no velocity may leave: boxes, rows, braking distances, the tool's speed."""
+"""Limits on joint velocities: boxes, rows, braking distances, the tool's speed."""

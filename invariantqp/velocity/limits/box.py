@@ -1,9 +1,9 @@
-"""Joint limits as one box on the joint velocity: lower <= x <= upper. Boxes on joints know nothing of frames.
+"""Joint limits as one box on the joint velocity: lower <= x <= upper. It depends on no frame.
 
     lower = clip((q_min - q) / dt, -v_max, v_max),    upper = clip((q_max - q) / dt, -v_max, v_max)
 
-Inside the position limits zero is always allowed. Outside, the box shrinks to the way back at the velocity limit: never
-empty, never a jump.
+Inside the position limits zero is always allowed. Outside, the box is the velocity limit towards the range: it is never
+empty and has no jump.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Bounds(Value):
 
 
 def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bounds:
-    """The bounds of m joints meant: `Bounds`, (lower, upper), or None for none.
+    """The bounds of m joints for an argument: `Bounds`, (lower, upper), or None for none.
 
     Raises:
         BadInput: neither of these, or of another number of joints.
@@ -94,7 +94,7 @@ def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bo
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class JointBox(Value):
-    """The box that keeps q + x dt inside its limits at |x| <= v_max, or on the way back there.
+    """The box that keeps q + x dt inside its limits at |x| <= v_max, or moves it back there.
 
     Attributes:
         position_lower: (m,) [rad, length], -inf where there is none.
@@ -107,7 +107,7 @@ class JointBox(Value):
     position_upper: Array = field(converter=own)
     velocity_limit: Array = field(converter=own)
     dt: float
-    # What the limits allow in one tick from q = 0, so that a tick subtracts and clips and nothing else.
+    # Precomputed, so that a tick only subtracts and clips.
     _rate: Array = field(converter=own, eq=False, repr=False)
     _low: Array = field(converter=own, eq=False, repr=False)
     _high: Array = field(converter=own, eq=False, repr=False)
@@ -116,7 +116,7 @@ class JointBox(Value):
     def __init__(
         self, position_lower: Array, position_upper: Array, velocity_limit: Array, dt: float, margin: float = 0.0
     ) -> None:
-        """Limits that are checked already.
+        """From limits that are already checked.
 
         Args:
             position_lower: (m,) [rad, length], -inf where there is none.

@@ -6,7 +6,7 @@ D is what a joint travels that moves at x for this tick and brakes at a from the
 u = x / (a dt) and n = ceil(u) ticks, D = a dt^2 (n u - n (n - 1) / 2). If D(x) fits into the room now, D(x - a dt) fits
 into what is left after the tick, so a joint that obeys both limits once can obey them for ever.
 
-Where they contradict each other the box is still not empty, and says at which joint:
+Where they contradict each other the box is still not empty, and reports the joint:
     too fast for the room        the smallest deceleration, kept up, that stops inside; more than a
     outside a position limit     not further out, and back as fast as acceleration and the opposite limit allow
     faster than v_max            v_max: velocity never gives way
@@ -31,7 +31,7 @@ BOUNDLESS = 1e30
 
 
 class BrakingBounds(NamedTuple):
-    """A box that is never empty, and where the limits did not agree on one.
+    """A box that is never empty, and the joints at which the limits contradict each other.
 
     Attributes:
         lower: (m,).
@@ -61,7 +61,7 @@ class BrakingBox(Value):
         fastest = self.box.velocity_limit
         ahead, behind = self.box.room(q)
         least, most = self._one_way(ahead, behind, before)
-        # The other way round is the same problem in a mirror.
+        # The other direction is the same problem with all signs changed.
         least_back, most_back = self._one_way(behind, ahead, -before)
         lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)
         lower = np.minimum(np.maximum(lower, -fastest), fastest)
@@ -90,15 +90,13 @@ class BrakingBox(Value):
         step = self.acceleration * self.box.dt
         jerked = np.maximum(lower - before, before - upper) - step
         allowance = STRAIN_TOLERANCE * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
-        needed = (jerked + step) / self.box.dt
         contradictions = [
             (int(i), f"{outside[i]:.3g} outside its position range")
             for i in np.flatnonzero(outside > allowance * self.box.dt)
         ]
-        contradictions += [
-            (int(i), f"acceleration {needed[i]:.3g}, above its limit {self.acceleration[i]:.3g}")
-            for i in np.flatnonzero(jerked > allowance)
-        ]
+        for i in np.flatnonzero(jerked > allowance).tolist():
+            needed = (jerked[i] + step[i]) / self.box.dt
+            contradictions.append((i, f"acceleration {needed:.3g}, above its limit {self.acceleration[i]:.3g}"))
         return tuple(contradictions)
 
 

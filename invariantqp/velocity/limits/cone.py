@@ -4,7 +4,7 @@
     nu >= 0 such that the speed is the limit
 
 Given which of the other limits are active, the velocity on their face is v(nu) = (I + nu G)^-1 v(0), G = J H^-1 J'
-three by three, and nu a root of one scalar equation; the QP with that nu says whether those are the active ones.
+three by three, and nu the root of one scalar equation; the QP with that nu confirms which limits are active.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MOST_MULTIPLIERS = 150
 BISECTED = 4
 # Newton's steps for the multiplier on one face: |v(nu)|^-1 is nearly linear in nu, a few reach rounding.
 NEWTON_STEPS = 20
-# A multiplier with which the cone's term outweighs the rest by this factor can do no more: the limit is out of reach.
+# A multiplier with which the cone's term outweighs the rest by this factor is the largest tried.
 MOST_SHARE = 1e8
 # A multiplier that is too small is followed by one this many times as large.
 GROWTH = 10.0
@@ -44,7 +44,7 @@ class Cone(NamedTuple):
         J: (3, m).
         limit: [length/s].
         start: (3,).
-        program: the solver that takes the cone as it is; None for the multiplier.
+        program: a solver for second-order cones; None to use the multiplier.
     """
 
     J: Array
@@ -72,7 +72,7 @@ class Cone(NamedTuple):
     def on(self, origin: Array, basis: Array) -> Cone:
         """The same cone on z, x = origin + basis z."""
         J = self.J.dot(basis)
-        # Where the rows fix the point's velocity, rounding must not pass for a way to change it.
+        # Where exact rows fix the point's velocity, J is zero; rounding must not make it look otherwise.
         J[np.abs(J) <= FIXED_TOLERANCE * np.abs(self.J).max() * np.abs(basis).max(initial=0.0)] = 0.0
         return self._replace(start=self.velocity(origin), J=J)
 
@@ -159,7 +159,7 @@ def _unit(problem: Quadratic, cone: Cone) -> float:
 
 
 def _slowed(cone: Cone, found: Optimum, inside: Array | None) -> Optimum:
-    """The velocity on the way to one that is inside at which the speed is the limit."""
+    """The velocity, moved towards one that is inside until the speed is the limit."""
     if inside is None or cone.nearly_allows(found.z):
         return found
     start, step = cone.velocity(found.z), cone.J.dot(inside - found.z)
@@ -180,7 +180,7 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, m
         reached = np.linalg.solve(R.T, cone.J.dot(free).T)  # G = reached'reached
     except np.linalg.LinAlgError:
         return inf
-    # Where the face's optimum without the cone is, from any point of it: the gradient there says.
+    # The step from this point to the optimum on the face without the cone, from the gradient.
     gradient = K.dot(found.z - centre).dot(K).dot(free)
     step = reached.T.dot(np.linalg.solve(R.T, gradient))
     gains, axes = np.linalg.eigh(reached.T.dot(reached))
@@ -205,7 +205,7 @@ def _on_face(problem: Quadratic, limits: Polytope, cone: Cone, found: Optimum, m
 
 
 def _programmed(program: Cvxpy, problem: Quadratic, limits: Polytope, cone: Cone) -> Optimum:
-    """The cone as it is, by CVXPY."""
+    """The problem with the second-order cone, by CVXPY."""
     K, centre = problem
     value = limits.value(centre)
     A = limits.A
@@ -213,7 +213,7 @@ def _programmed(program: Cvxpy, problem: Quadratic, limits: Polytope, cone: Cone
     qp, _, size = scaled(K, A, limits.lower - value, limits.upper - value)
     d = size * program.solve_in_cone(qp, cone.J * (size / cone.limit), start / cone.limit)
     z = centre + d
-    # K'K d + nu J'v + y = 0: the cone's multiplier where no other limit pulls, then those of the others.
+    # K'K d + nu J'v + y = 0: nu from the joints at no other limit, then the multipliers y of the others.
     pull, normal = -K.dot(d).dot(K), cone.velocity(z).dot(cone.J)
     at = limits.at(z) if A is None else np.zeros(len(z), dtype=bool)
     square = float(normal[~at].dot(normal[~at]))

@@ -1,6 +1,6 @@
-"""Limits that contradict each other: what has to give way, by the least.
+"""Limits that contradict each other: which of them give way, by the least amount.
 
-rows against the box        least sum of squares of t with lower <= C x - t <= upper, x in the box
+rows against the box        minimise |t|^2 with lower <= C x - t <= upper, x in the box
 tool speed against both     the least speed of the point that they leave
 """
 
@@ -17,27 +17,26 @@ from invariantqp.velocity.qp.backends import Daqp
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.quadratic import Quadratic, minimise
 
-# What a joint velocity costs beside a violation of the same size, squared: only to make the problem strictly convex.
-# Rows that need a motion v then give way by this share of v more than they have to; where a second pass starts from the
-# first one's velocity, by the square of it.
+# Weight of |x|^2 beside |t|^2, only to make the problem strictly convex. Rows that need a motion v then give way by
+# this share of v more than necessary; the second pass, centred at the first one's velocity, by the square of that.
 REGULARISATION = 1e-8
-# Rows that would have to give way by less than this, relative to their size, need not.
+# A violation below this, relative to the size of the row, is rounding.
 VIOLATION_TOLERANCE = 1e-9
-# Likewise by less than this share of what they do over the box: an arm nearly at rest has rows of no size but rounding.
+# Likewise relative to the range of the row over the box: near standing still C x itself is only rounding.
 ROUNDING = 1e-12
-# Limits that gave way are let go by this share of the violation more, for a solver to find an inside.
+# Limits that gave way are widened by this share of the violation more, so that the next problem has an interior.
 WIDENING = 1e-7
-# Likewise of the tool's least speed.
+# Likewise for the tool's least speed.
 FASTER = 1e-4
 
 
 class Relaxed(NamedTuple):
-    """Rows moved out of the box's way.
+    """Rows after giving way to the box.
 
     Attributes:
-        rows: with the limits where they have to be.
+        rows: with the limits moved.
         violation: (k,) by how much, positive above and negative below.
-        held_by: joints whose bounds ask for it, and the rows that gave way (indices of the polytope on x).
+        held_by: joints whose bounds require it, and the rows that gave way (indices of the polytope on x).
         inside: (m,) a velocity inside the box and the moved rows.
     """
 
@@ -48,10 +47,10 @@ class Relaxed(NamedTuple):
 
 
 def relaxed(rows: LimitRows, lower: Array, upper: Array) -> Relaxed:
-    """The rows, given way by the least sum of squares that leaves a velocity in the box.
+    """The rows, moved by the least sum of squares for which the box contains a velocity.
 
     Raises:
-        SolverFailure: nobody found one.
+        SolverFailure: none was found.
     """
     C = np.asarray(rows.C)
     k, m = C.shape
@@ -80,17 +79,17 @@ def relaxed(rows: LimitRows, lower: Array, upper: Array) -> Relaxed:
 
 
 class Slowed(NamedTuple):
-    """The cone, its speed raised where it has to be, and a velocity (m,) inside it and the other limits."""
+    """The cone, its limit raised where necessary, and a velocity (m,) inside it and the other limits."""
 
     cone: Cone
     inside: Array
 
 
 def slowed(cone: Cone, limits: Polytope, inside: Array) -> Slowed:
-    """The cone, its speed raised to the least that the other limits leave, where that is above its own.
+    """The cone, its limit raised to the least speed inside the other limits, where that is above its own.
 
     Raises:
-        SolverFailure: nobody found it.
+        SolverFailure: that was not found.
     """
     m = cone.J.shape[1]
     size = float(np.abs(cone.J).max()) or 1.0

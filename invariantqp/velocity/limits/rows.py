@@ -41,19 +41,19 @@ class LimitRows(Value):
         Raises:
             BadInput: shapes that do not fit, NaN, lower above upper (the row is named).
         """
-        told = arrays.array(C, "C", "a (k, m) matrix")
-        if told.ndim != 2 or 0 in told.shape:
-            raise BadInput("C", f"shape {told.shape}", "(k, m), one row a limit")
-        told = arrays.matrix(told, (None, told.shape[1]), "C")
+        matrix = arrays.array(C, "C", "a (k, m) matrix")
+        if matrix.ndim != 2 or 0 in matrix.shape:
+            raise BadInput("C", f"shape {matrix.shape}", "(k, m), one row a limit")
+        matrix = arrays.matrix(matrix, (None, matrix.shape[1]), "C")
         try:
             sides = Bounds(lower, upper)
         except BadInput as error:
             raise BadInput(
                 error.argument, error.found.replace("joint", "row"), "lower <= upper for each row"
             ) from error
-        if len(sides.lower) != len(told):
-            raise BadInput("lower", f"{len(sides.lower)} limits", f"{len(told)}, one for each row of C")
-        self.__attrs_init__(told, sides.lower, sides.upper)
+        if len(sides.lower) != len(matrix):
+            raise BadInput("lower", f"{len(sides.lower)} limits", f"{len(matrix)}, one for each row of C")
+        self.__attrs_init__(matrix, sides.lower, sides.upper)
 
     def with_box(self, lower: Array, upper: Array) -> Polytope:
         """The polytope of a box (m,) on the joints and these rows."""
@@ -72,7 +72,7 @@ class LimitRows(Value):
         return np.asarray(np.maximum(over, 0.0) + np.minimum(under, 0.0), dtype=np.float64)
 
     def share(self, x: Array) -> float:
-        """The largest share of x in [0, 1] that the rows allow; rows that standing still does not meet have no say."""
+        """The largest share of x in [0, 1] that the rows allow; rows that zero violates are ignored."""
         y, lower, upper = self.C.dot(x), self.lower, self.upper
         over = np.maximum(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
         return 1.0 / max(1.0, float(over.max()))

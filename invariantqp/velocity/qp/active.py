@@ -1,4 +1,4 @@
-"""The least |K d| on a set of active limits, by orthogonal factors of the root K, and what holds it there.
+"""The least |K d| on a set of active limits, by orthogonal factors of the root K, and its multipliers.
 
 K'K d + A'y = 0,   y > 0 at an upper limit, y < 0 at a lower one: loosening limit i by e improves the objective by
 |y_i| e
@@ -16,7 +16,7 @@ from invariantqp.velocity.qp.scaling import ROW_TOLERANCE
 Sides = NDArray[np.intp]
 
 # A multiplier of the wrong sign by less than this share of the largest is rounding.
-PULLED = 1e-9
+WRONG_SIGN = 1e-9
 
 
 def least(K: Array, wanted: Array) -> Array:

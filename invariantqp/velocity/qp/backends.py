@@ -1,4 +1,4 @@
-"""Quadratic programs, given to the solvers people trust: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
+"""Quadratic programs, solved by established solvers: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
 
 DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem comes scaled to
 O(1) (`scaling`), because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets
@@ -162,7 +162,7 @@ class QpSolvers:
             sides = np.concatenate((qp.upper[above], -qp.lower[below]))
             problem = qpsolvers.Problem(H, -qp.c, stack([C[above], -C[below]]), sides)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what a foreign solver thinks of a problem is in its status
+            warnings.simplefilter("ignore")  # the solver's status is checked below
             solution = qpsolvers.solve_problem(problem, solver=self.name, **TIGHT.get(self.name, {}))
         if not solution.found or solution.x is None:
             raise SolverFailure(self.name, "no solution found")
@@ -170,7 +170,7 @@ class QpSolvers:
 
 
 def backend_of(backend: Backend | str) -> Backend:
-    """The back end meant by a name, or the given one.
+    """The back end of a name, or the given one.
 
     Raises:
         UnknownName: no solver of that name is installed; the near ones are listed.
@@ -210,7 +210,7 @@ def _answer(backend: Backend, qp: BoxQP) -> Array:
 
 
 class Found(NamedTuple):
-    """The minimiser z (n,) of the scaled problem, who found it, and what went wrong before ("" if nothing)."""
+    """The minimiser z (n,) of the scaled problem, the solver, and what went wrong before ("" if nothing)."""
 
     z: Array
     backend: str

@@ -1,4 +1,4 @@
-"""All limits of a tick as one polytope, lower <= A z <= upper, and how its limits are named."""
+"""All limits of a tick as one polytope, lower <= A z <= upper, and the names of its limits in reasons."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class Polytope(NamedTuple):
 
 def named(indices: list[int], m: int) -> str:
     """Limits of a polytope on m joints in words: joints by number, then rows."""
-    said = []
+    words = []
     for what, found in (("joint", [i for i in indices if i < m]), ("row", [i - m for i in indices if i >= m])):
         if found:
-            said.append(f"{what}{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}")
-    return " and ".join(said)
+            words.append(f"{what}{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}")
+    return " and ".join(words)

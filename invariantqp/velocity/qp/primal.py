@@ -1,8 +1,8 @@
-"""The quadratic inside limits from a point that is inside: a primal active-set method, for where a solver gives up.
+"""The quadratic inside limits by a primal active-set method from a point inside, for problems on which a solver fails.
 
-Every step stays inside and lowers the objective or changes the set of active limits; a limit is joined where the way to
-the optimum on the active ones meets it, and left where it is not pulled at from inside. Where the limits leave hardly
-any room (a joint at its limit, rows that only rest meets) dual methods may call that infeasible; this one cannot.
+Every step stays inside and lowers the objective or changes the active set. A limit becomes active where the step to the
+optimum on the active ones meets it, and inactive where its multiplier has the wrong sign. Where the limits leave hardly
+any room (a joint at its limit, rows that only zero satisfies) dual methods may report infeasible; this one cannot.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import PULLED, on_active
+from invariantqp.velocity.qp.active import WRONG_SIGN, on_active
 
 # Steps for each limit, at most; then the point reached is the answer.
 STEPS = 10
-# A row that the way changes by less than this, relative to its length and the way's, is not met on it.
+# A row whose value the step changes by less than this, relative to its length and the step's, counts as parallel to it.
 PARALLEL = 1e-9
 
 
@@ -32,27 +32,27 @@ def from_inside(K: Array, A: Array | None, lower: Array, upper: Array, d: Array)
     side: NDArray[np.intp] = np.zeros(len(lower), dtype=np.intp)
     length = np.ones(len(lower)) if A is None else np.sqrt((A * A).sum(axis=1))
     y = np.zeros(len(lower))
-    for step in range(STEPS * len(lower)):
+    for count in range(STEPS * len(lower)):
         try:
             best, y = on_active(K, A, lower, upper, side)
-        except np.linalg.LinAlgError:  # rows that all but depend on each other meet where d is
+        except np.linalg.LinAlgError:  # nearly dependent rows meet at d
             break
-        way = best - d
-        change, value = (way, d) if A is None else (A.dot(way), A.dot(d))
-        moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(way)))
+        step = best - d
+        change, value = (step, d) if A is None else (A.dot(step), A.dot(d))
+        moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(step)))
         room = np.where(change > 0.0, upper - value, lower - value)
         share = np.full(len(lower), np.inf)
         np.divide(room, change, out=share, where=moving)
         first = int(share.argmin())
         if share[first] < 1.0:
-            d = d + max(0.0, float(share[first])) * way
+            d = d + max(0.0, float(share[first])) * step
             side[first] = 1 if change[first] > 0.0 else -1
             continue
         d = best
         pull = y * side
-        wrong = np.flatnonzero(pull < -PULLED * np.abs(y).max(initial=0.0))
+        wrong = np.flatnonzero(pull < -WRONG_SIGN * np.abs(y).max(initial=0.0))
         if not len(wrong):
             break
-        # The most wrong one; the first one where steps stand still, so that no set comes back.
-        side[wrong[0] if step > 2 * len(lower) else wrong[pull[wrong].argmin()]] = 0
+        # The most wrong one; after many steps the first one (Bland's rule), so that no active set repeats.
+        side[wrong[0] if count > 2 * len(lower) else wrong[pull[wrong].argmin()]] = 0
     return d, np.where(y * side > 0.0, y, 0.0)

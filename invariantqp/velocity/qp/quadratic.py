@@ -3,9 +3,9 @@
     minimise 1/2 |K (z - z*)|^2   over   lower <= A z <= upper
 
 Solvers work on the Hessian K'K and stop at tolerances of their own; K has the square root of its condition. So the
-solver only says which limits are active, and the optimum on those is computed by orthogonal factors of K and checked:
-inside the other limits, and every active one pulled at from inside. A limit that fails the check joins or leaves the
-set. The answer then does not depend on the solver, nor on the frame, but by rounding times the condition of K.
+solver is only used for the active set. The optimum on that is computed by orthogonal factors of K and checked: it must
+be inside the other limits, with multipliers of the right sign. A limit that fails the check joins or leaves the set. So
+the answer depends on solver and frame only by rounding times the condition number of K.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import PULLED, Sides, factored, least, on_active
+from invariantqp.velocity.qp.active import WRONG_SIGN, Sides, factored, least, on_active
 from invariantqp.velocity.qp.backends import Backend, SolverFailure, solved
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.primal import from_inside
@@ -23,10 +23,10 @@ from invariantqp.velocity.qp.scaling import BoxQP, scaled
 
 # A limit this close to the solver's answer, on the scaled problem, is taken to be active until the check.
 CLOSE = 1e-7
-# What an answer may be outside a limit by, relative to the limits' size; it is clipped.
+# How far an answer may be outside a limit, relative to the limit; it is clipped.
 FEASIBLE = 1e-9
-# Active sets tried from those of a problem nearby, before a solver is asked.
-MENDED = 3
+# Corrections of the active set of a similar problem that are tried before a solver is called.
+CORRECTIONS = 3
 
 
 class Quadratic(NamedTuple):
@@ -47,12 +47,12 @@ def weighted(root: Array, wanted: Array) -> Quadratic:
 
 
 class Optimum(NamedTuple):
-    """The minimiser, what holds it, who found it.
+    """The minimiser, its multipliers, and how it was found.
 
     Attributes:
         z: (n,).
         multipliers: (k,) y, zero where the limit is not active (`active` tells their sign).
-        backend: the solver; "" where none had to be asked.
+        backend: the solver; "" where none was needed.
         trouble: what went wrong on the way, "" for nothing.
         nu: multiplier of the speed limit, where there is one; 0 where it is not active.
     """
@@ -78,11 +78,11 @@ def minimise(
         problem: what is minimised.
         limits: on z; infinite where there is none.
         inside: (n,) a z inside the limits, where one is known: then there always is an answer.
-        near: the optimum of a problem like this one inside the same limits: no solver is asked where the limits active
-            there pass the check here.
+        near: the optimum of a similar problem with the same limits: no solver is called where its active set passes
+            the check here.
 
     Raises:
-        SolverFailure: nobody found an answer; `.infeasible` when a solver says that there is none.
+        SolverFailure: no answer was found; `.infeasible` when a solver says that there is none.
     """
     K, centre = problem
     value = limits.value(centre)
@@ -94,7 +94,7 @@ def minimise(
         return Optimum(centre, np.zeros(len(value)))
     if near is not None and near.multipliers.any():
         side = np.sign(near.multipliers).astype(np.intp)
-        answer = _checked(K, limits.A, lower, upper, side, MENDED)
+        answer = _checked(K, limits.A, lower, upper, side, CORRECTIONS)
         if answer is not None:
             return Optimum(centre + answer[0], answer[1], near.backend)
     qp, rows, size = scaled(K, limits.A, lower, upper)
@@ -111,8 +111,8 @@ def minimise(
         if inside is None:
             raise
         d, multipliers[rows] = from_inside(K, A, lower, upper, inside - centre)
-        said = "" if failure.infeasible else str(failure)
-        return Optimum(centre + d, multipliers, "active set", said)
+        trouble = "" if failure.infeasible else str(failure)
+        return Optimum(centre + d, multipliers, "active set", trouble)
     answer = _checked(K, A, lower, upper, _sides(qp, found.z), len(rows))
     if answer is None and inside is not None:
         answer = from_inside(K, A, lower, upper, inside - centre)
@@ -123,7 +123,7 @@ def minimise(
 
 
 def face(limits: Polytope, multipliers: Array, n: int) -> Array:
-    """(n, f) orthonormal directions along which no active limit, one with a multiplier, is left."""
+    """(n, f) orthonormal directions along which all limits with a multiplier stay active."""
     at = np.flatnonzero(multipliers)
     if limits.A is None:
         return np.delete(np.eye(n), at, axis=1)
@@ -134,7 +134,7 @@ def face(limits: Polytope, multipliers: Array, n: int) -> Array:
 
 
 def _check_constant(lower: Array, upper: Array, size: Array | float) -> None:
-    """Rows that no z moves: inside, or nowhere."""
+    """Check rows that do not depend on z."""
     if (np.maximum(lower, -upper) > FEASIBLE * (1.0 + size)).any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
 
@@ -148,7 +148,7 @@ def _sides(qp: BoxQP, z: Array) -> Sides:
 def _checked(
     K: Array, A: Array | None, lower: Array, upper: Array, side: Sides, tries: int
 ) -> tuple[Array, Array] | None:
-    """The optimum d and its multipliers, the active set mended where the check asks for it; None where that fails."""
+    """The optimum d and its multipliers, after correcting the active set where necessary; None where that fails."""
     edge = FEASIBLE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
     for _ in range(tries):
         try:
@@ -163,7 +163,7 @@ def _checked(
             continue
         pull = y * side
         weakest = int(pull.argmin())
-        if pull[weakest] >= -PULLED * np.abs(y).max():
+        if pull[weakest] >= -WRONG_SIGN * np.abs(y).max():
             return d, y
         side[weakest] = 0
     return None

@@ -1,6 +1,6 @@
 """A quadratic program in units of its own limits: solvers' tolerances are absolute, and mean something at O(1).
 
-minimise 1/2 d'Hd   over   lower <= C d <= upper,   d the way from the optimum without limits
+minimise 1/2 d'Hd   over   lower <= C d <= upper,   d the step from the optimum without limits
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Scaled(NamedTuple):
     Attributes:
         qp: the problem.
         rows: which rows of the caller's are in it; the others are moved by no d.
-        size: what takes its answer back: d = size z.
+        size: d = size z for its answer z.
     """
 
     qp: BoxQP
