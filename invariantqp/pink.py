@@ -1,4 +1,4 @@
-"""Pink's frame task measured at one physical point of the tool; a Pink program changes in one line.
+"""Pink's frame task, measured at one physical point of the tool; a Pink program changes in one line.
 
     minimise 1/2 (dq - dq*)'H(dq - dq*),   H = A'A + damping,   A = root J
     |root s|^2 = L^2 |omega|^2 + |v at the point|^2
@@ -53,10 +53,10 @@ LM_DAMPING = 0.2
 
 
 class InvariantFrameTask(FrameTask):  # type: ignore[misc]
-    """Regulate the pose of a frame of the robot, measured at a point of it; where the frame is beside does not matter.
+    """Regulate the pose of a frame of the robot, measured at a physical point: the choice of the frame does not matter.
 
     Attributes:
-        form: what is attempted of a twist beyond the joints, or how twists are measured; None is least squares at the
+        form: what is attempted of a twist that the joints cannot do, or a CarriedMetric; None is least squares at the
             point.
         point: (3,) in the frame [length], or "own".
         cost: [cost]/[m].
@@ -87,7 +87,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
 
         Args:
             frame: name of the frame.
-            h: what is attempted of a twist beyond the joints, as `form` of `Controller`, in the world frame.
+            h: the `form` of `Controller`, in the world frame.
             cost: weight against other tasks, Pink's position_cost [cost]/[m]; a radian costs as much as L metres.
             damping: as in `invariantqp.Controller`; `Selective` has its speed for a step [rad].
             guard: as in `invariantqp.solve_velocity`; it does not see Pink's limits.
@@ -98,7 +98,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
                 with the error; 0 is none.
 
         Raises:
-            BadInput: numbers out of range, something that is no form, or `PaperLambda`, which is no quadratic cost.
+            BadInput: numbers out of range, something that is not a form, or `PaperLambda`, which is no quadratic cost.
         """
         if not isinstance(frame, str):
             raise BadInput("frame", excerpt(frame), "a frame's name")
@@ -154,7 +154,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         b = root.dot(s)
         more = self.lm_damping * float(b.dot(b))
         form = None if isinstance(self.form, CarriedMetric) else self.form
-        # A displacement is a velocity held for one unit of time; no calm of a loop, which is what `lm_damping` is for.
+        # A displacement is a velocity held for one unit of time; dt = 0, since `lm_damping` replaces `velocity.calm`.
         damping = _Softened(policy, more) if more > 0.0 else policy
         law = VelocityLaw(form=form, damping=damping, guard=self.guard)
         cost = _hessian(posed(law, demand, damping).objective(1.0), more)
@@ -182,9 +182,9 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
 
 
 def _hessian(objective: Objective, more: float) -> Array:
-    """(n, n) what departures cost; next to nothing in the directions that move nothing, which are for other tasks."""
+    """(n, n) what departures cost; almost nothing in directions that move nothing, which are left to other tasks."""
     weights = objective.weights.copy()
-    if objective.rank:  # [DS]'s own problem tells none
+    if objective.rank:  # 0 for [DS]'s own problem
         weights[objective.rank :] = NULL_WEIGHT * weights.max() + more
     H: Array = (objective.V * weights).dot(objective.V.T)
     return H
@@ -192,7 +192,7 @@ def _hessian(objective: Objective, more: float) -> Array:
 
 @dataclass(frozen=True)
 class _Softened:
-    """A policy and the same more in every direction."""
+    """A policy with the same damping added in every direction."""
 
     policy: Damping
     more: float  # above zero
@@ -203,6 +203,6 @@ class _Softened:
         return inf
 
     def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
-        """lambda^2 of the policy and what is added."""
+        """lambda^2 of the policy plus `more`."""
         squares: Array = self.policy.squares(sigma, wanted, largest) + self.more
         return squares

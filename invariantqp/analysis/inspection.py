@@ -1,4 +1,4 @@
-"""What a control engineer wants to know of an arm before it moves: one state, the joint range, and what to use.
+"""What can be said of an arm before it moves: in one state, over the joint range, and which pitch to use.
 
 The state: rank, type, principal pitches, blind directions, distance from a singularity (`systems.report`). The range:
 the same in many states (`analysis.survey`), because a pitch is chosen once for all of them (`analysis.recommendation`).
@@ -26,9 +26,9 @@ from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.centre import centre
 from invariantqp.systems.report import SystemReport, describe
 
-# States looked at where nobody says how many: some 50 ms, and enough to tell an arm's nature from one state's.
+# Default number of states: some 50 ms, and enough to distinguish properties of the arm from those of one state.
 DEFAULT_SAMPLES = 64
-# A quarter of an hour.
+# Takes a quarter of an hour.
 MOST_SAMPLES = 1_000_000
 
 
@@ -37,16 +37,16 @@ class Inspection:
     """An arm in one state and over its range, in words (`state_words`, `range_words`) and in numbers (`as_json`).
 
     Attributes:
-        robot: what it was asked for by.
+        robot: its name, as given.
         tool: name of the tool frame.
         joints: names, base first.
         q: (m,) the state [rad, length].
-        where: which state that is, in words.
+        where: a description of that state.
         report: the state.
         survey: the range.
         own_length: the arm's own length in the middle of its range [length/rad]: inf where no joint turns, 0 where all
             axes meet.
-        norm: how many times as much as least squares the best of the pitches tried misses in this state, |P_h|.
+        norm: the smallest |P_h| of the pitches tried in this state: how many times the least-squares error it leaves.
         recommended: the pitch to split twists by, if any serves.
     """
 
@@ -74,7 +74,7 @@ class Inspection:
         if self.norm > LARGEST_NORM and not self.report.blind_directions.shape[1]:
             said = (
                 *said,
-                f"But none of those tried serves here: it misses {self.norm:.2g} times what least squares does.",
+                f"But no pitch tried is useful here: its error is up to {self.norm:.2g} times the least-squares one.",
             )
         return said
 

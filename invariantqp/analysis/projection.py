@@ -1,12 +1,12 @@
-"""How well a pitch splits twists in one state: |P_h|, how many times more P_h s misses than the best the arm can do.
+"""How well a pitch splits twists in one state: |P_h|, the factor between the errors of P_h s and of least squares.
 
     A = root J,  U its directions that the law does not damp,  M the form on measured twists
     P_h = U (U'MU)^-1 U'M,    |s - P_h s| <= |P_h| |s - U U's|,    |P_h| = 1 / sin(angle between U and what P_h removes)
 
 Proof: (I - P_h) U = 0, so (I - P_h) s = (I - P_h)(s - U U's), and |I - P_h| = |P_h| for every projector but 0 and I.
 
-|P_h| is infinite at a principal pitch and where the arm is blind, and it is large near both. So it needs no tolerance
-on the type of a screw system, and the last digits of a URDF decide nothing.
+|P_h| is infinite at a principal pitch and where the arm is blind, and it is large near both. So no
+tolerance on the type of a screw system is needed, and rounding in a URDF decides nothing.
 
 Reference: [DS] Sect. 6.1 for P_h; Szyld 2006 for |I - P| = |P|.
 """
@@ -21,7 +21,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import DEFAULT_THRESHOLD
 from invariantqp.velocity.forms import PitchForm
 
-# An eigenvalue of U'MU below this share of |M| is what rounding leaves of zero.
+# An eigenvalue of U'MU below this share of |M| is rounding of zero.
 ROUNDING = 1e-12
 
 
@@ -53,7 +53,7 @@ def projector_norm(U: Array, inverse_root: Array, h: float) -> float:
 
 
 def unseen(U: Array, inverse_root: Array, pitches: tuple[float, ...], bound: float) -> Array:
-    """(6, b) twists of the arm that none of the pitches sees: |U'M s| below |M| |s| / bound with every one.
+    """(6, b) twists of the arm that no pitch sees: |U'M s| is below |M| |s| / bound for each of them.
 
     Args:
         U: (6, k) what the joints can do, orthonormal in the measure.

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.approach import braking_share, same_way
+from invariantqp.control.approach import braking_share, same_turn
 from invariantqp.control.convergence import Convergence
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.joint_rows import PinkLimit, Rows, joint_rows
@@ -43,10 +43,10 @@ from invariantqp.velocity.solve import solve, standing
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
-# The most of the error removed within a told delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
+# The largest gain times delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
 DELAY_SHARE = 0.25
-# What a joint has to go to the target: near a singularity the whole way would be long, and nobody goes it to its end.
-WAY_DAMPING = Adaptive(0.1, 0.1)
+# For the joint distances to the target: undamped ones near a singularity would be long, and no joint travels them.
+DISTANCE_DAMPING = Adaptive(0.1, 0.1)
 # The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
 WHOLE_ERROR = 1.0 + 1e-9
 
@@ -59,7 +59,7 @@ class Controller:
     Attributes:
         robot: the arm.
         law: form, damping, guard, joint metric and solver, fixed for the loop.
-        measure: where twists are measured that cannot be achieved.
+        measure: the point and length by which twists are measured.
         dt: tick [s].
         gain: [1/s].
         posture_gain: [1/s], 0 where the null space has no posture.
@@ -94,8 +94,8 @@ class Controller:
             robot: from `load_robot`, or anything that meets `Robot`.
             dt: tick [s].
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick, or less where a
-                delay is told.
-            form: as in `solve_velocity`; None leaves what cannot be achieved to least squares at the point.
+                delay is given.
+            form: as in `solve_velocity`; None is least squares at the point.
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
             posture: gain [1/s] of the null-space motion to the middle of the joint ranges, for arms with more than six
@@ -105,7 +105,7 @@ class Controller:
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
             point: (3,) in the tool frame, the physical point where accuracy is asked for; None is the point met exactly
-                or, without one, the tool frame's origin; "own" is the arm's own point, for those who name none.
+                or, without one, the tool frame's origin; "own" is the arm's own point, which its joints move least.
             length: as in `solve_velocity`, by default the arm's reach to the point.
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
                 also keeps room to brake before its position limits, and the tool before its target. None is no limit.
@@ -119,8 +119,8 @@ class Controller:
                 they contradict these. Reasons number them after `rows`, in their order. Pink cannot pickle them.
 
         Raises:
-            BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is no limit, or an argument
-                that `solve_velocity` would refuse.
+            BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, or an
+                argument that `solve_velocity` would refuse.
             UnknownName: no such back end.
             MissingExtra: `limits` without Pink.
         """
@@ -135,7 +135,7 @@ class Controller:
         self.exact: tuple[Exact, ...] = demands_of(exact)
         self._row_rank = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
-        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # what the first look loads is loaded before the loop
+        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # also loads what the first tick needs
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
         anchor = next((d.point for d in self.exact if isinstance(d, ExactPoint)), None) if point is None else point
@@ -167,7 +167,7 @@ class Controller:
         self._memory = _Memory(np.zeros(m), None, Convergence())
 
     def __copy__(self) -> Controller:
-        return deepcopy(self)  # solvers and limits write to what they keep between ticks
+        return deepcopy(self)  # solvers and limits keep state between ticks
 
     def step(
         self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
@@ -190,7 +190,7 @@ class Controller:
         positions = arrays.vector(q, len(self._middle), "q")
         before = self._last(velocity)
         sighting = self.robot.sight(positions, target)
-        error = same_way(sighting.error, self._memory.turn)
+        error = same_turn(sighting.error, self._memory.turn)
         s = tracking_twist(error, self.gain, feedforward)
         ahead = None if feedforward is None else s - self.gain * error
         root = self.measure.root(self.robot, sighting, target)
@@ -272,13 +272,13 @@ class Controller:
         return self._memory.velocity if velocity is None else arrays.vector(velocity, len(self._middle), "velocity")
 
     def _braking_share(self, J: Array, error: Array, root: Array) -> float:
-        """How much of the gain the joints can brake from before the target."""
+        """The share of the gain from which the joints can still brake before the target."""
         if self._braking is None or isinstance(self.law.damping, PaperLambda):
             return 1.0
         T = self.law.to_joint
         A = root.dot(J) if T is None else root.dot(J).dot(T)
-        way = least_squares(A, root.dot(error), None, WAY_DAMPING).centre()
-        return braking_share(way if T is None else T.dot(way), self._braking.acceleration, self.gain)
+        distance = least_squares(A, root.dot(error), None, DISTANCE_DAMPING).centre()
+        return braking_share(distance if T is None else T.dot(distance), self._braking.acceleration, self.gain)
 
     def _tick(
         self,
@@ -322,7 +322,7 @@ class Controller:
 
 
 def _slowness(A: Array, limits: Array) -> float:
-    """1 / |v|, v what all joints (m,) move at full speed, measured; 0 where one has no limit or none moves anything."""
+    """1 / |v|, v the measured twist of all joints at full speed; 0 where one has no limit or none moves the tool."""
     each = np.sqrt((A * A).sum(axis=0))
     moving = each > 0.0
     speed = float(np.linalg.norm(each[moving] * limits[moving]))
@@ -330,7 +330,7 @@ def _slowness(A: Array, limits: Array) -> float:
 
 
 class _Observed(NamedTuple):
-    """One tick: checked joint positions, what the robot saw at them, its target, the measure, the velocity before."""
+    """One tick: checked joint positions, the robot's state there, the target, the measure, the velocity before."""
 
     positions: Array
     sighting: Sighting
@@ -340,7 +340,7 @@ class _Observed(NamedTuple):
 
 
 class _Memory(NamedTuple):
-    """What a loop keeps between ticks: the velocity commanded last, which way the error turned, how it converges."""
+    """The state between ticks: the velocity commanded last, the rotation of the error, and how the loop converges."""
 
     velocity: Array
     turn: Array | None
@@ -348,6 +348,6 @@ class _Memory(NamedTuple):
 
 
 def _troubled(solution: VelocitySolution, trouble: str) -> VelocitySolution:
-    """The solution with something said that is not as asked."""
+    """The solution with trouble added: status "degraded", unless it is "held"."""
     reason = "; ".join(filter(None, (trouble, solution.reason)))
     return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)

@@ -1,4 +1,4 @@
-"""What a loop needs of a controller: a step. Ours has it, and so has every law it is compared with."""
+"""The protocol of a controller in a loop: `step`. `Controller` meets it, and so does every law it is compared with."""
 
 from __future__ import annotations
 

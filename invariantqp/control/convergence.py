@@ -1,10 +1,10 @@
-"""Whether a loop does what its commands promise: the error that should have been left, beside the one that is.
+"""Whether a loop converges: how much the error falls, compared with what the commanded velocities predict.
 
-    promised = |e| - |e - dt (J x - feedforward)|      what a tick should have taken off the error
-    achieved = |e| - |e next|                          what it did
+    promised = |e| - |e - dt (J x - feedforward)|      the predicted decrease of the error in a tick
+    achieved = |e| - |e next|                          the measured decrease
 
-Both are averaged over the last ticks. Where little of the promise is kept while joints move fast, the loop oscillates,
-or its robot does not do what it is told: a delay, a gain too high for it, a limit nobody mentioned.
+Both are averaged over the last ticks. Where much less is achieved than promised while joints move fast, the loop
+oscillates, or the robot does not follow its commands: a delay, a gain too high for it, a limit that is not modelled.
 """
 
 from __future__ import annotations
@@ -14,12 +14,11 @@ from typing import NamedTuple
 
 from invariantqp.geometry.arrays import Array
 
-# Ticks over which is averaged.
+# Ticks over which averages are taken.
 MEMORY = 50
-# Less of the promise kept than this is no convergence.
+# Below this ratio of achieved to promised decrease the loop does not converge.
 KEPT_SHARE = 0.2
-# An arm that moves at less than this share of what it can do, on average, does not rattle: that is noise, or the lag of
-# a path.
+# Below this share of full speed, on average, an arm does not oscillate: a small ratio is then noise, or lag on a path.
 FAST_SHARE = 0.02
 
 
@@ -27,12 +26,12 @@ class Convergence(NamedTuple):
     """Running averages of a loop.
 
     Attributes:
-        promised: what a tick should take off the error, a tick.
-        achieved: what it did.
-        speed: of the error under the commands, as a share of what the arm can do at full speed.
-        expected: (6,) measured error that the last tick should have left, or None before the first.
-        size: its error.
-        ticks: how many were seen.
+        promised: predicted decrease of the error in a tick.
+        achieved: measured decrease.
+        speed: of the error under the commands, as a share of the arm's full speed.
+        expected: (6,) predicted error after the last tick, in the measure; None before the first.
+        size: of the error in the last tick.
+        ticks: number of ticks.
     """
 
     promised: float = 0.0
@@ -43,7 +42,7 @@ class Convergence(NamedTuple):
     ticks: int = 0
 
     def seen(self, error: Array) -> Convergence:
-        """After another tick's measured error (6,) was read."""
+        """With the error (6,) of another tick."""
         if self.expected is None:
             return self
         share = 1.0 / MEMORY
@@ -56,11 +55,11 @@ class Convergence(NamedTuple):
         )
 
     def commanded(self, error: Array, change: Array, slowness: float) -> Convergence:
-        """After a velocity was commanded.
+        """With the velocity commanded in this tick.
 
         Args:
-            error: (6,) measured error.
-            change: (6,) what the velocity does to it until the next tick.
+            error: (6,) in the measure.
+            change: (6,) its predicted change until the next tick.
             slowness: 1 / |change| of a tick at full speed.
         """
         share = 1.0 / MEMORY
@@ -69,7 +68,7 @@ class Convergence(NamedTuple):
 
     @property
     def trouble(self) -> str:
-        """What is wrong, "" for nothing."""
+        """Why the loop does not converge, in words; "" where it does."""
         if self.ticks < MEMORY or self.speed < FAST_SHARE or self.promised <= 0.0:
             return ""
         if self.achieved >= KEPT_SHARE * self.promised:

@@ -1,8 +1,8 @@
-"""What a controller meets exactly, as values; the form measures the rest of the twist.
+"""What a controller meets exactly, as values; the rest of the twist is least squares.
 
-    ExactPoint    v + omega x p = gain (p_d - p) + v_d(p)                a point of the tool follows its target
-    ExactAxis     omega, but for its part about the axis a               a direction of the tool follows its target
-    ExactPlane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p)        a point keeps its target's height over a plane
+    ExactPoint    v + omega x p = gain (p_d - p) + v_d(p_d)              a point of the tool follows its target
+    ExactAxis     omega without its part about the axis a                a direction of the tool follows its target
+    ExactPlane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      a point keeps its target's height over a plane
     ExactJoints   A x = b                                                a fixed combination of joint velocities
 
 Each becomes rows on the joint velocity in every tick; limits that forbid them slow the motion down along the same
@@ -29,7 +29,7 @@ from invariantqp.velocity.exact import ExactRows
 # Below this sine two directions count as parallel: no axis of the turn from one to the other can be computed.
 PARALLEL = 1e-12
 ORIGIN = (0.0, 0.0, 0.0)
-# States that tell how many rows an arm can keep: one is enough but for singular ones.
+# Random states in which rows are counted: one that is not singular is enough.
 STATES = 4
 # A singular value of rows below this share of the largest entry is rounding, that of a rounded robot model included.
 ROW_TOLERANCE = 1e-5
@@ -40,7 +40,7 @@ class View(NamedTuple):
 
     Attributes:
         robot: the arm.
-        sighting: what it saw of its state.
+        sighting: its state, as `robot.sight` returned it.
         target: where its tool should be, as `robot.target` gave it.
         gain: [1/s].
         feedforward: (6,) twist of the target, base frame.
@@ -270,7 +270,7 @@ def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
         target = robot.target(robot.pose(q))
         rows = rows_of(demands, View(robot, robot.sight(q, target), target, 1.0, np.zeros(6)))
         size = float(np.abs(rows.A).max())
-        if rows.of_twist is not None:  # what A = D J cancels from
+        if rows.of_twist is not None:  # the size of the terms that A = D J sums
             size = max(size, float(np.abs(rows.of_twist).max() * np.abs(robot.jacobian(q)).max()))
         best = max(best, int(np.linalg.matrix_rank(rows.A, tol=ROW_TOLERANCE * size)))
     return None if best == len(rows.A) else best

@@ -34,7 +34,7 @@ _Part = tuple[Array, Array, Array]
 
 
 class _Unusable(Exception):
-    """Why the rows of this tick cannot be used."""
+    """The rows of this tick cannot be used; the message is the reason."""
 
 
 class TickRows(NamedTuple):

@@ -1,4 +1,4 @@
-"""Where a controller measures: a point of the tool that moves with it, the arm's own point, or a metric on a body."""
+"""The measure of a controller: at a point of the tool, at the arm's own point, or by a metric carried by a body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from invariantqp.velocity.measure import length_at, own_point, root_at
 
 
 class ToolMeasure:
-    """|s|^2 = L^2 |omega|^2 + |v_p|^2 at a physical point p of the tool, or a carried metric in its place.
+    """|s|^2 = L^2 |omega|^2 + |v_p|^2 at a physical point p of the tool, or a carried metric instead.
 
     Attributes:
         point: (3,) p in the tool frame [length]; None is the arm's own point.
@@ -40,7 +40,7 @@ class ToolMeasure:
             carried: a metric carried by a body, or by the tool.
 
         Raises:
-            BadInput: a point or length that is none.
+            BadInput: not a point, or not a positive length.
         """
         if isinstance(point, str) and point != "own":
             raise BadInput("point", excerpt(point), '"own" or (3,) in the tool frame')
@@ -62,7 +62,7 @@ class ToolMeasure:
         return root_at(at, self.length)
 
     def root(self, robot: Robot, sighting: Sighting, target: Any, at: Array | None = None) -> Array:
-        """(6, 6) root of the metric in this tick; `at` (3,) is the point in the base frame, if it is another one."""
+        """(6, 6) root of the metric in this tick; `at` (3,), base frame, replaces the controller's own point."""
         if self.carried is not None:
             return self.carried.root(_homogeneous(sighting.pose) if self.carried.follows_tool else None)
         if at is None:
@@ -71,7 +71,7 @@ class ToolMeasure:
 
 
 def tool_metric(robot: Robot, length: float | None = None) -> CarriedMetric:
-    """diag(L^2 I, I) carried by the tool, L the arm's reach: what a controller measures twists by when nobody says.
+    """diag(L^2 I, I) carried by the tool, L the arm's reach: the default measure of a controller.
 
     Args:
         robot: the arm.

@@ -1,4 +1,4 @@
-"""Where an arm with joints to spare drifts in its null space: the middle of its joint ranges."""
+"""The null-space motion of a redundant arm: towards the middle of its joint ranges."""
 
 from __future__ import annotations
 

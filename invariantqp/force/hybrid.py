@@ -38,12 +38,12 @@ from invariantqp.velocity.solution import VelocitySolution
 
 @frozen(eq=False, repr=False, slots=False)
 class HybridSolution(Compared):
-    """A joint velocity for a force/motion task, and how it came about; all twists and wrenches in the base frame.
+    """A joint velocity for a force/motion task, and how it was found; all twists and wrenches in the base frame.
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "lost" or "overload", or the velocity law's own: "ok", "scaled", "guarded", "degraded", "held".
-        reason: in words, "" where there is nothing to say.
+        reason: why, in words, "" where there is nothing to report.
         motion: (6,) the wanted twist along S, P s_motion.
         force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
         wrench: (6,) the measured wrench: without weight and bias, smoothed, in the base frame.
@@ -109,10 +109,10 @@ class HybridController:
             dt: tick [s].
             sensor: how readings become wrenches; None takes what `step` is given as the wrench that the tool exerts, in
                 the base frame.
-            force_first: whether W'Jx = W's are exact rows. They cost time only where the arm cannot achieve all of s:
-                at limits, near singularities, with fewer than six joints.
-            options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without a
-                point, what cannot be achieved is missed by least at the point of contact.
+            force_first: whether W'J x = W's are exact rows, W the constraints of the contact. They matter only where
+                the arm cannot do all of s: at limits, near singularities, with fewer than six joints.
+            options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without
+                `point`, twists are measured at the point of contact.
 
         Raises:
             BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.
@@ -140,7 +140,7 @@ class HybridController:
         return self.loop.robot
 
     def __copy__(self) -> HybridController:
-        return deepcopy(self)  # its loop is not shared either
+        return deepcopy(self)  # with a loop of its own
 
     def reset(self) -> None:
         """Forget an overload or a loss, and the readings: the state before the first touch."""
@@ -192,7 +192,7 @@ class HybridController:
             exert = split.wanted(arrays.vector(wanted, None, "wanted"), "wanted")
         raw, measured, smoothing = self._measure(reading, tool)
 
-        # From the contact's frame to the base's.
+        # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
         felt = A.T.dot(measured)
         parts = split.intensities.dot(felt)
@@ -251,7 +251,7 @@ class HybridController:
         return sensor.in_base(load, tool), sensor.in_base(sensor.deadband(smooth), tool), after
 
     def _rows(self, contact: Contact, J: Array, force: Array) -> ExactRows | None:
-        """W'Jx = W's, where that leaves the arm two degrees of freedom to move with."""
+        """W'J x = W's where that leaves the arm at least two degrees of freedom, else None."""
         n = contact.constraints.shape[1]
         m = J.shape[1]
         if not self.force_first or n == 0 or (m < 6 and n > m - 2):
@@ -260,7 +260,7 @@ class HybridController:
         return ExactRows(W.T.dot(J), W.T.dot(force))
 
     def _share(self, contact: Contact, force: Array) -> float:
-        """How much of the force law's twist keeps the place of contact below the approach speed, at most 1."""
+        """The share, at most 1, of the force twist that keeps the contact point below the approach speed."""
         task = self.task
         v, w = velocity_at(force, contact.point), task.size * force[:3]
         speed = sqrt(max(v.dot(v), w.dot(w)))

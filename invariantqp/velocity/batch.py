@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from invariantqp.velocity.forms import CarriedMetric, form_of
 from invariantqp.velocity.free_rows import free_rows, measures
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.box import Bounds
-from invariantqp.velocity.problem import guard_of, measure_of, metric_of
+from invariantqp.velocity.problem import guard_of, measure_of, metric_of, prismatic
 from invariantqp.velocity.qp.backends import backend_of
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve
@@ -105,6 +105,50 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         BadInput: NaN, shapes that do not fit (the row is named), crossed bounds, an option that is refused.
         UnknownName: no such back end.
     """
+    batch = _checked(J, twist, options)
+    twists, s = batch.twists, batch.s
+    n = len(twists)
+    A, b = np.matmul(batch.roots, twists), np.matmul(batch.roots, s[:, :, None])[:, :, 0]
+    done, x = free_rows(batch.law, A, b, (batch.lower, batch.upper), batch.posture)
+    if batch.law.metric is None:  # prismatic joints beside revolute ones have a metric of their own in each row
+        slides = prismatic(twists, 1.0)
+        done &= ~slides.any(axis=1) | slides.all(axis=1)
+    residual = s - np.einsum("nij,nj->ni", twists, x)
+    method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
+    scale, lambdas, blends = np.ones(n), np.zeros(n), np.zeros(n)
+    slow = {i: batch.solution(i) for i in np.flatnonzero(~done).tolist()}
+    for i, solution in slow.items():
+        x[i], residual[i] = solution.velocity, solution.residual
+        method[i], status[i] = solution.method, solution.status
+        scale[i], lambdas[i], blends[i] = solution.scale, solution.damping, solution.guard
+    return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, slow)
+
+
+class _Batch(NamedTuple):
+    """The checked arguments of N rows; `points` and `posture` are None where none are given."""
+
+    law: VelocityLaw
+    twists: Array  # (N, 6, m)
+    s: Array  # (N, 6)
+    roots: Array  # (N, 6, 6)
+    lower: Array  # (N, m)
+    upper: Array  # (N, m)
+    posture: Array | None  # (N, m)
+    points: Array | None  # (N, 3)
+    length: float | None
+
+    def solution(self, i: int) -> VelocitySolution:
+        """Row i by itself."""
+        J, s = self.twists[i], self.s[i]
+        law = self.law
+        if law.metric is None and prismatic(J, 1.0).any():
+            point = "own" if self.points is None else self.points[i]
+            law = replace(law, metric=metric_of(None, J, measure_of(J, s, None, point, self.length).length))
+        posture = None if self.posture is None else self.posture[i]
+        return solve(law, Demand(J, s, self.roots[i], self.lower[i], self.upper[i], posture=posture))
+
+
+def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch:
     for name in REFUSED:
         if options.get(name) is not None:
             raise BadInput(name, "given for a batch", "None", "Solve these rows one by one with solve_velocity.")
@@ -115,8 +159,9 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     posture, point, length = options.get("posture"), options.get("point"), options.get("length")
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
     form = form_of(options.get("form"))
-    where = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
-    first = measure_of(np.eye(6), np.zeros(6), form, "own" if where is None else where[0], length if n else 1.0)
+    points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
+    # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
+    first = measure_of(np.eye(6), np.zeros(6), form, None if points is not None else point, length)
     limited = bool(np.isfinite(lower).all() and np.isfinite(upper).all())
     metric = options.get("joint_metric")
     law = VelocityLaw(
@@ -129,27 +174,8 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     if isinstance(form, CarriedMetric):
         roots = np.broadcast_to(first.root, (n, 6, 6))
     else:
-        roots = measures(twists, s, where, None if length is None else float(length))
-    A, b = np.matmul(roots, twists), np.matmul(roots, s[:, :, None])[:, :, 0]
-    sliding = metric is None and n > 0 and metric_of(None, twists[0], first.length) is not None
-    done, x = (np.zeros(n, dtype=bool), np.zeros((n, m))) if sliding else free_rows(law, A, b, (lower, upper), wanted)
-    residual = s - np.einsum("nij,nj->ni", twists, x)
-    method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
-    scale, lambdas, blends = np.ones(n), np.zeros(n), np.zeros(n)
-    slow: dict[int, VelocitySolution] = {}
-    for i in np.flatnonzero(~done).tolist():
-        demand = Demand(twists[i], s[i], roots[i], lower[i], upper[i], posture=None if wanted is None else wanted[i])
-        L = measure_of(twists[i], s[i], None, "own" if where is None else where[i], length).length if sliding else 1.0
-        solution = solve(replace(law, metric=metric_of(None, twists[i], L)) if sliding else law, demand)
-        slow[i] = solution
-        x[i], residual[i], method[i], status[i] = (
-            solution.velocity,
-            solution.residual,
-            solution.method,
-            solution.status,
-        )
-        scale[i], lambdas[i], blends[i] = solution.scale, solution.damping, solution.guard
-    return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, slow)
+        roots = measures(twists, s, points, None if length is None else float(length))
+    return _Batch(law, twists, s, roots, lower, upper, wanted, points, length)
 
 
 def _stack(J: ArrayLike) -> Array:

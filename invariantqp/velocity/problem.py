@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
@@ -177,11 +177,17 @@ def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array 
     """
     if joint_metric is not None:
         return arrays.positive_definite(joint_metric, J.shape[1], "joint_metric")
-    turning, moving = np.sqrt((J[:3] * J[:3]).sum(axis=0)), np.sqrt((J[3:] * J[3:]).sum(axis=0))
-    slides = (turning * length <= SLIDING * moving) & (moving > 0.0)
+    slides = prismatic(J, length)
     if not slides.any() or slides.all():
         return None
     return np.diag(np.where(slides, 1.0 / (length * length), 1.0))
+
+
+def prismatic(J: Array, length: float) -> NDArray[np.bool_]:
+    """(..., m) which joints of (..., 6, m) joint twists only slide."""
+    w, v = J[..., :3, :], J[..., 3:, :]
+    turning, moving = np.sqrt((w * w).sum(axis=-2)), np.sqrt((v * v).sum(axis=-2))
+    return np.asarray((turning * length <= SLIDING * moving) & (moving > 0.0))
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:

@@ -196,7 +196,7 @@ def test_what_rounding_in_a_urdf_hides_is_told(name):
     assert found.norm > 1e4
     if name in STATE:  # by its type it is a regular arm with pitches
         assert not found.report.blind_directions.shape[1]
-        assert "But none of those tried serves here" in words(found)
+        assert "But no pitch tried is useful here" in words(found)
     # What is said is so: the arm can make that motion, and no pitch form asks for it.
     q, unseen = found.recommended.q, found.recommended.unseen
     assert f"At q = ({q[0]:.3g}" in found.recommended.reason

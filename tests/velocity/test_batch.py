@@ -182,3 +182,13 @@ def test_wrong_arguments_are_told_with_their_row(change, said):
     _, J, s = rows(3, 7, achievable=True)
     with pytest.raises(BadInput, match=said):
         iq.solve_velocities(**({"J": J, "twist": s} | change))
+
+
+def test_rows_with_different_kinds_of_joints():
+    """A prismatic joint in one row alone: each row has its own metric on joint velocities."""
+    rng = np.random.default_rng(0)
+    J, s = rng.normal(size=(3, 6, 7)), rng.normal(size=(3, 6))
+    J[1, :3, 3] = 0.0
+    found = iq.solve_velocities(J, s)
+    for i in range(3):
+        np.testing.assert_allclose(found.velocity[i], iq.solve_velocity(J[i], s[i]).velocity, rtol=1e-12, atol=1e-12)
