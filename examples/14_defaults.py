@@ -130,7 +130,7 @@ STUDY: dict[str, tuple[tuple[Choice, ...], Callable[[int], bool]]] = {
         ),
         lambda _: True,
     ),
-    "point: where what is missed is measured (errors are the tool frame's)": (
+    "point: where twists are measured (errors are the tool frame's)": (
         (
             DEFAULT._replace(name="tool frame's origin"),
             Choice("10 cm beyond it", fixed(point=[0.0, 0.0, 0.1])),
@@ -171,7 +171,7 @@ STUDY: dict[str, tuple[tuple[Choice, ...], Callable[[int], bool]]] = {
         (DEFAULT._replace(name="1"), *(Choice(f"{g:g}", fixed(posture=g)) for g in (0.0, 0.3, 3.0, 10.0))),
         lambda m: m > 6,
     ),
-    "calm: damping by what is missed": (
+    "calm: damping that grows with the residual": (
         (DEFAULT._replace(name="0.25"), *(Choice(f"{c:g}", calm=c) for c in (0.0, 0.5, 1.0, 4.0))),
         lambda _: True,
     ),

@@ -1,7 +1,7 @@
 """Exact answers of the laws whose damping follows the spectrum, inside the limits: by eigenvalues, and without them.
 
     measured      minimise |A x - b|^2 + x'L^2 x,   A = root J,  b = root s,  L^2 from S = A'A
-    law           the same with mu |x|^2 added, mu from what the first answer misses (`velocity.calm`)
+    law           the same with mu |x|^2 added, mu from the residual of the first answer (`velocity.calm`)
     convexified   minimise (x - x*)'H (x - x*),   H^2 = S + L^2,   (S + L^2) x* = G g,   S = G^2,  G = J'QJ,  g = J'Qs
     filter        (G^2 + lambda^2) x = G g
 
@@ -44,7 +44,7 @@ def measured(*, inertia: bool = False, calmed: bool = False) -> tuple[Way, Way]:
 
     Args:
         inertia: whether twists are measured by the tool's inertia, and not at the point.
-        calmed: whether what is missed damps as well, as in a loop with ticks of `setting.dt`.
+        calmed: whether the damping of `velocity.calm` is included, as in a loop with ticks of `setting.dt`.
     """
 
     def first(question: Question, setting: Setting) -> Numbers:

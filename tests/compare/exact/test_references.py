@@ -92,7 +92,7 @@ def test_our_law_is_its_reference_to_rounding_damping_and_calm_included(share, l
     moved = np.abs(reference("law", rounded, setting).x - exact).max()
     np.testing.assert_allclose(x, exact, rtol=0.0, atol=10.0 * moved + 1e-14 * np.abs(exact).max())
     uncalmed = reference("measured", asked, setting).x
-    if last < 1e-3 and share < 1.0:  # what is missed calms, and the reference knows
+    if last < 1e-3 and share < 1.0:  # the residual adds damping, in the reference too
         assert np.abs(exact - uncalmed).max() > 1e-6 * np.abs(exact).max()
 
 
