@@ -85,8 +85,7 @@ def convexified() -> tuple[Way, Way]:
         e = [v * v for v in mu]
         total = [v + w for v, w in zip(e, _squares(e, max(e)), strict=True)]
         seen = V.T * g
-        null = [v <= NULL_RATIO**2 * max(e) for v in e]
-        centre = [mp.mpf(0) if null[i] else mu[i] * seen[i] / total[i] for i in range(setting.m)]
+        centre = [mu[i] * seen[i] / total[i] for i in range(setting.m)]
         H = V * mp.diag([mp.sqrt(v) for v in total]) * V.T
         return active_set(H, H * (V * mp.matrix(centre)), question.lower.tolist(), question.upper.tolist())
 
