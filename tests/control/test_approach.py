@@ -55,7 +55,7 @@ def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
     assert status == "ok"
 
 
-@pytest.mark.parametrize("yaw", np.linspace(-np.pi, np.pi, 9))
+@pytest.mark.parametrize("yaw", np.linspace(-np.pi, np.pi, 6))
 def test_half_a_turn_out_of_reach_is_turned_one_way(yaw):
     screws = np.column_stack([iq.revolute(Z, (x, 0.0, 0.0)) for x in (0.0, 0.4, 0.7)])
     bounds = {"position_lower": np.full(3, -2.5), "position_upper": np.full(3, 2.5), "velocity_limit": np.full(3, 3.0)}
@@ -85,7 +85,7 @@ def arms(rng):
 @pytest.mark.parametrize("limit", [3.0, np.inf])
 @pytest.mark.parametrize("name", arms(np.random.default_rng(0)))
 def test_every_arm_arrives_where_it_can(name, limit):
-    for seed in range(4):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         screws, tool = arms(rng)[name]
         m = len(screws)

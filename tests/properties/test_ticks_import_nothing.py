@@ -45,7 +45,7 @@ def imports(monkeypatch):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_no_tick_imports_anything(imports, name):
-    iq.run_task(iq.load_task(name), dt=0.02, gain=None)
+    iq.run_task(iq.load_task(name), dt=0.05, gain=None)
     assert imports == set()
 
 
