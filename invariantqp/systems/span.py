@@ -9,10 +9,11 @@ millimetres, and the scaling is exact.
 from __future__ import annotations
 
 from math import log2
+from typing import Any
 
 import numpy as np
 from attrs import frozen
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -75,6 +76,11 @@ def length_unit(J: Array) -> float:
     return float(2.0 ** round(log2(v) - log2(w)))
 
 
+def rank_of(sigma: NDArray[np.floating[Any]], tolerance: float) -> int:
+    """How many singular values, largest first, are not zero: above `tolerance` times the largest."""
+    return int(np.count_nonzero(sigma > tolerance * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
+
+
 def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = None) -> Span:
     """Factorise (6, m) twists; singular values below `tolerance` times the largest are taken as zero.
 
@@ -91,5 +97,5 @@ def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = N
     scaled = twists.copy()
     scaled[3:] /= unit
     U, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)
-    r = int(np.count_nonzero(sigma > tolerance * sigma[0]))
+    r = rank_of(sigma, tolerance)
     return Span(basis=U[:, :r], singular=sigma[:r], right=Vt[:r].T, unit=unit)

@@ -20,6 +20,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
+from invariantqp.systems.span import rank_of
 from invariantqp.velocity.measure import root_at
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
@@ -179,10 +180,9 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
         kept = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), np.finfo(float).tiny)
         whiten = (mix[:, kept] / np.sqrt(sizes[kept])).T
         whitened, wanted = whiten.dot(C), whiten.dot(e)
-    U, sigma, Vt = (
-        lapack.dgesdd(whitened)[:3] if len(whitened) else np.linalg.svd(whitened)
-    )  # LAPACK takes no empty one
-    r = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
+    svd = lapack.dgesdd if len(whitened) else np.linalg.svd  # LAPACK's own takes no empty matrix
+    U, sigma, Vt = svd(whitened)[:3]
+    r = rank_of(sigma, ROW_TOLERANCE)
     r = r if rank is None else min(r, rank)
     met = wanted.dot(U[:, :r])
     y = met / sigma[:r]

@@ -27,6 +27,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.systems.span import rank_of
 
 # A singular value of Z below this fraction of the largest is a dependent twist.
 COMPLEMENT_TOLERANCE = 1e-10
@@ -113,7 +114,7 @@ class Complement(Value):
         """
         twists = arrays.columns(Z, "Z")
         sigma = np.linalg.svd(twists, compute_uv=False)
-        rank = int(np.count_nonzero(sigma > COMPLEMENT_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
+        rank = rank_of(sigma, COMPLEMENT_TOLERANCE)
         if rank < twists.shape[1]:
             raise BadInput(
                 "Z", f"{twists.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones."

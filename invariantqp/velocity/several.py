@@ -23,6 +23,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
+from invariantqp.systems.span import rank_of
 from invariantqp.velocity.attempt import attempted
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.exact import ROW_TOLERANCE, reduce
@@ -250,6 +251,6 @@ def _left(level: list[TwistTask | JointTask], B: Array) -> Array:
     if len(twists) < len(level):  # a joint task leaves nothing free
         return np.empty((n, 0))
     _, sigma, Vt = np.linalg.svd(np.vstack(twists))
-    rank = int(np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
+    rank = rank_of(sigma, ROW_TOLERANCE)
     free: Array = Vt[rank:].T
     return free
