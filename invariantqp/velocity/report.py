@@ -36,10 +36,10 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
     slow = answer.share < WHOLE_SPEED
     x, active = clipped(demand, _shortened(demand, answer.y))
     residual = demand.s - demand.J.dot(x)
-    size = float(np.linalg.norm(demand.root.dot(demand.s)))
+    size = float(np.linalg.norm(problem.wanted))
     lost = objective.lost > LOSS_TOLERANCE * size
     troubles = [*answer.troubles, *_row_troubles(demand, problem)]
-    if _is_stuck(demand, x, residual, answer.share):
+    if _is_stuck(demand, problem.wanted, x, answer.share):
         troubles.append("no velocity reduces the error: it is the least that these joints and limits allow")
     words = list(troubles)
     if slow:
@@ -100,12 +100,12 @@ def _row_troubles(demand: Demand, problem: Posed) -> list[str]:
     return troubles
 
 
-def _is_stuck(demand: Demand, x: Array, residual: Array, share: float) -> bool:
+def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
     """Whether nothing moves towards the twist or along the exact rows, short of both."""
     if demand.exact is not None and share > PROGRESS_SHARE:
         return False
-    wanted, left = demand.root.dot(demand.s), demand.root.dot(residual)
     size = float(np.linalg.norm(wanted))
+    left = demand.root.dot(demand.s - demand.J.dot(x))
     little = wanted.dot(wanted - left) < PROGRESS_SHARE * size * size
     return bool(little) and not is_met(demand.root.dot(demand.J), wanted, x)
 

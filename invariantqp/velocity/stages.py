@@ -93,7 +93,9 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     else:
         limits = given_way(law, demand)
         room = _room(law, problem, limits, len(demand.lower))
-        first = _minimised(law, room, limits, room.problem.objective(room.share))
+        if problem.reduction is not None:  # at another share, or counted from another velocity
+            objective = room.problem.objective(room.share)
+        first = _minimised(law, room, limits, objective)
     mu = _calm(law, room, first)
     answer = first if mu == 0.0 else _minimised(law, room, limits, first.objective.calmed(mu), first)
     return _guarded(law, room, limits, answer, mu)
