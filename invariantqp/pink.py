@@ -148,7 +148,7 @@ class InvariantFrameTask(FrameTask):  # type: ignore[misc]
         carry = pose.action[ANGULAR_FIRST]  # from the frame, linear part first, to the world, angular part first
         J = arrays.columns(carry.dot(configuration.get_frame_jacobian(self.frame)[:, self._moving]), "configuration")
         s = arrays.twist(carry.dot(self.gain * self.compute_error(configuration)), "target")
-        root = measure.root_for(J, pose.homogeneous)
+        root = measure.root_for(J, pose)
         none = np.full(len(self._moving), inf)
         demand = Demand(J, s, root, -none, none)
         b = root.dot(s)

@@ -14,12 +14,26 @@ from math import pi, sqrt
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.objective import least_squares
 
 # Share of the joints' acceleration that is used to brake along the joint distances; the rest is a reserve, since joint
 # velocities vary along a straight motion of the tool.
 BRAKING_SHARE = 0.5
+# Of the distances: undamped ones near a singularity would be long.
+DISTANCE_DAMPING = Adaptive(0.1, 0.1)
 # Turns beyond this [rad] may keep the direction of the tick before.
 HALF_TURN = 0.8 * pi
+
+
+def distances(A: Array, error: Array) -> Array:
+    """(n,) joint displacements for the whole error, damped near singularities: no joint travels long ones there.
+
+    Args:
+        A: (6, n) measured joint twists.
+        error: (6,) measured twist that takes the tool to its target in unit time.
+    """
+    return least_squares(A, error, None, DISTANCE_DAMPING).centre()
 
 
 def braking_share(distance: Array, acceleration: Array, gain: float) -> float:

@@ -15,18 +15,18 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.approach import braking_share, same_turn
-from invariantqp.control.convergence import Convergence
+from invariantqp.control.approach import braking_share, distances, same_turn
+from invariantqp.control.convergence import Convergence, slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.joint_rows import PinkLimit, Rows, joint_rows
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.posture import joint_gains, posture_gain
-from invariantqp.control.tracking import tracking_twist
+from invariantqp.control.tracking import tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
-from invariantqp.velocity.damping import Adaptive, Damping, PaperLambda, damping_of
+from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
@@ -34,19 +34,11 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.box import JointBox, accelerations
 from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
-from invariantqp.velocity.objective import least_squares
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
-# Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
-# acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
-TRACKING_SHARE = 0.1
-# The largest gain times delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
-DELAY_SHARE = 0.25
-# For the joint distances to the target: undamped ones near a singularity would be long, and no joint travels them.
-DISTANCE_DAMPING = Adaptive(0.1, 0.1)
 # The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
 WHOLE_ERROR = 1.0 + 1e-9
 
@@ -128,14 +120,13 @@ class Controller:
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         late = arrays.not_negative(delay, "delay", "a dead time in seconds")
-        usual = TRACKING_SHARE / self.dt if late == 0.0 else min(TRACKING_SHARE / self.dt, DELAY_SHARE / late)
-        self.gain: float = usual if gain is None else arrays.number(gain, "gain", positive=True)
+        self.gain: float = tracking_gain(gain, self.dt, late)
         if self.gain * self.dt > WHOLE_ERROR:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
         self._row_rank = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
-        J = robot.sight(mid, robot.target(robot.pose(mid))).J  # also loads what the first tick needs
+        seen = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
         anchor = next((d.point for d in self.exact if isinstance(d, ExactPoint)), None) if point is None else point
@@ -144,7 +135,7 @@ class Controller:
             form=None if isinstance(chosen, CarriedMetric) else chosen,
             damping=damping_of(damping, limited=bool(np.isfinite(robot.velocity_limit).all())),
             guard=guard_of(guard),
-            metric=metric_of(joint_metric, J, self.measure.length),
+            metric=metric_of(joint_metric, seen.J, self.measure.length),
             backend=backend_of(backend),
             dt=self.dt,
         )
@@ -162,8 +153,7 @@ class Controller:
         self._tool_speed = tool_speed
         fast = None if tool_speed is None else tool_speed.point
         self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
-        root = self.measure.root(robot, robot.sight(mid, robot.target(robot.pose(mid))), robot.pose(mid))
-        self._slowness = _slowness(root.dot(J), robot.velocity_limit)
+        self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
 
     def __copy__(self) -> Controller:
@@ -204,7 +194,7 @@ class Controller:
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
         watch = watch.commanded(root.dot(error), root.dot(change), self._slowness / self.dt)
         self._memory = self._memory._replace(turn=error[:3].copy(), convergence=watch)
-        return _troubled(solution, watch.trouble) if watch.trouble else solution
+        return solution.with_trouble(watch.trouble) if watch.trouble else solution
 
     def follow(
         self,
@@ -277,7 +267,7 @@ class Controller:
             return 1.0
         T = self.law.to_joint
         A = root.dot(J) if T is None else root.dot(J).dot(T)
-        distance = least_squares(A, root.dot(error), None, DISTANCE_DAMPING).centre()
+        distance = distances(A, root.dot(error))
         return braking_share(distance if T is None else T.dot(distance), self._braking.acceleration, self.gain)
 
     def _tick(
@@ -318,15 +308,7 @@ class Controller:
         self._memory = self._memory._replace(velocity=solution.velocity.copy())
         if not strained:
             return solution
-        return _troubled(solution, "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained))
-
-
-def _slowness(A: Array, limits: Array) -> float:
-    """1 / |v|, v the measured twist of all joints at full speed; 0 where one has no limit or none moves the tool."""
-    each = np.sqrt((A * A).sum(axis=0))
-    moving = each > 0.0
-    speed = float(np.linalg.norm(each[moving] * limits[moving]))
-    return 1.0 / speed if speed > 0.0 else 0.0
+        return solution.with_trouble("; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained))
 
 
 class _Observed(NamedTuple):
@@ -345,9 +327,3 @@ class _Memory(NamedTuple):
     velocity: Array
     turn: Array | None
     convergence: Convergence
-
-
-def _troubled(solution: VelocitySolution, trouble: str) -> VelocitySolution:
-    """The solution with trouble added: status "degraded", unless it is "held"."""
-    reason = "; ".join(filter(None, (trouble, solution.reason)))
-    return solution._replace(status="held" if solution.status == "held" else "degraded", reason=reason)

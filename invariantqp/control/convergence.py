@@ -12,6 +12,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from invariantqp.geometry.arrays import Array
 
 # Ticks over which averages are taken.
@@ -77,6 +79,19 @@ class Convergence(NamedTuple):
             "not converging: the joints move, but the error does not fall as their motion predicts; the cause may be a "
             "delay (give it as delay=), a gain too high for the robot, or a robot that does not follow its commands"
         )
+
+
+def slowness(A: Array, limits: Array) -> float:
+    """1 / |v|, v the measured twist of all joints at full speed; 0 where one has no limit or none moves the tool.
+
+    Args:
+        A: (6, m) measured joint twists.
+        limits: (m,) joint speeds [rad/s, length/s], inf where there is none.
+    """
+    each = np.sqrt((A * A).sum(axis=0))
+    moving = each > 0.0
+    speed = float(np.linalg.norm(each[moving] * limits[moving]))
+    return 1.0 / speed if speed > 0.0 else 0.0
 
 
 def _norm(v: Array) -> float:

@@ -54,20 +54,20 @@ class ToolMeasure:
         self.length: float = length_at(J, there) if given is None else given
         self.carried = carried
 
-    def root_for(self, J: Array, pose: Array) -> Array:
-        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose` (4, 4)."""
+    def root_for(self, J: Array, pose: Any, at: Array | None = None) -> Array:
+        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) is another point."""
         if self.carried is not None:
-            return self.carried.root(pose if self.carried.follows_tool else None)
-        at = own_point(J) if self.point is None else pose[:3, :3].dot(self.point) + pose[:3, 3]
-        return root_at(at, self.length)
+            return self.carried.root(_homogeneous(pose) if self.carried.follows_tool else None)
+        if at is None and self.point is not None:
+            T = _homogeneous(pose)
+            at = T[:3, :3].dot(self.point) + T[:3, 3]
+        return root_at(own_point(J) if at is None else at, self.length)
 
     def root(self, robot: Robot, sighting: Sighting, target: Any, at: Array | None = None) -> Array:
         """(6, 6) root of the metric in this tick; `at` (3,), base frame, replaces the controller's own point."""
-        if self.carried is not None:
-            return self.carried.root(_homogeneous(sighting.pose) if self.carried.follows_tool else None)
-        if at is None:
-            at = own_point(sighting.J) if self.point is None else robot.points(sighting, target, self.point)[0]
-        return root_at(at, self.length)
+        if at is None and self.point is not None and self.carried is None:
+            at = robot.points(sighting, target, self.point)[0]
+        return self.root_for(sighting.J, sighting.pose, at)
 
 
 def tool_metric(robot: Robot, length: float | None = None) -> CarriedMetric:

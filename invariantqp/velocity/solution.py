@@ -45,6 +45,11 @@ class VelocitySolution(NamedTuple):
     multipliers: Array | None = None
     row_multipliers: Array | None = None
 
+    def with_trouble(self, trouble: str) -> VelocitySolution:
+        """The solution with a reason more: status "degraded", unless it is "held"."""
+        reason = "; ".join(filter(None, (trouble, self.reason)))
+        return self._replace(status="held" if self.status == "held" else "degraded", reason=reason)
+
     def __eq__(self, other: object) -> bool:
         """Whether all fields are equal, arrays number by number."""
         return type(other) is VelocitySolution and all(map(same, self, other))

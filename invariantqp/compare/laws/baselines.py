@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.laws.peers import pose_of
 from invariantqp.compare.laws.setting import setting_of
 from invariantqp.compare.method import Method, Solve
-from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot
@@ -31,7 +31,7 @@ class MethodLaw:
     def __init__(self, robot: Robot, law: LawSpec, method: Method, solve: Solve) -> None:
         """Put `solve`, which `method` made for this robot, in a loop; of `law` only dt and gain are used."""
         self._robot = robot
-        self._gain = TRACKING_SHARE / law.dt if law.gain is None else law.gain
+        self._gain = tracking_gain(law.gain, law.dt)
         self._solve = solve
         self._at_tool = method.frame == "tool"
         self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, law.dt)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.setting import setting_of
-from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.control.posture import joint_gains, posture_gain
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
@@ -47,7 +47,7 @@ class LeastSquaresLaw:
         """Everything that `law` says of gain, point, posture, exactness and margins is used, but no form or damping."""
         self._robot = robot
         self._dt = law.dt
-        self._gain = TRACKING_SHARE / law.dt if law.gain is None else law.gain
+        self._gain = tracking_gain(law.gain, law.dt)
         setting = setting_of(robot, law)
         self._point, self._length = setting.point, setting.length
         self._exact = law.exact is not None

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array

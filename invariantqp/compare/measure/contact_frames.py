@@ -16,7 +16,7 @@ import numpy as np
 from invariantqp.compare.laws.raibert_craig import RaibertCraig
 from invariantqp.compare.measure.displaced import displaced
 from invariantqp.compare.measure.frames import random_displacement
-from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -88,7 +88,7 @@ class Textbook:
             np.eye(3),
             scene.wanted,
             dt=law.dt,
-            gain=TRACKING_SHARE / law.dt if law.gain is None else law.gain,
+            gain=tracking_gain(law.gain, law.dt),
             compliance=np.diag(np.asarray(scene.task.compliance)),
             sensor_axes=np.asarray(self._sensor.mount)[:3, :3],
         )

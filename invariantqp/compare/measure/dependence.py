@@ -23,8 +23,8 @@ from invariantqp.compare.measure.states import joint_range
 from invariantqp.compare.method import Method
 from invariantqp.compare.names import DLS, LEAST_SQUARES, MINK, OURS, PINK, PINV
 from invariantqp.compare.registry import methods
-from invariantqp.control.controller import TRACKING_SHARE
 from invariantqp.control.controls import Controls
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
@@ -93,7 +93,7 @@ def _drawn(robot: Robot, law: LawSpec, rng: np.random.Generator) -> tuple[Array,
     """Random joint positions (n, m), and for each a target pose that asks for a random twist of the tool."""
     low, high = joint_range(robot)
     q = rng.uniform(low, high, (STATES, len(low)))
-    gain = TRACKING_SHARE / law.dt if law.gain is None else law.gain
+    gain = tracking_gain(law.gain, law.dt)
     return q, [robot.pose(x).dot(se3.exp(TWIST / gain * rng.standard_normal(6), check=False)) for x in q]
 
 

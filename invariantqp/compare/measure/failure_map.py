@@ -23,7 +23,7 @@ from invariantqp.compare.measure.rewrite import rewrite
 from invariantqp.compare.measure.stability import quietly
 from invariantqp.compare.measure.states import joint_range
 from invariantqp.compare.registry import methods
-from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot

@@ -8,7 +8,7 @@ from invariantqp.compare.cell import Cell
 from invariantqp.compare.measure import failure_map
 from invariantqp.compare.measure.failure_map import AXES, SPEED, TICK, TURN, failures
 from invariantqp.compare.registry import methods
-from invariantqp.control.controller import TRACKING_SHARE
+from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.velocity.solution import VelocitySolution
 
 
