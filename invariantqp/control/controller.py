@@ -36,7 +36,7 @@ from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import VelocitySolution, with_trouble
 from invariantqp.velocity.solve import solve, standing
 
 # The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
@@ -194,7 +194,7 @@ class Controller:
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
         watch = watch.commanded(root.dot(error), root.dot(change), self._slowness / self.dt)
         self._memory = self._memory._replace(turn=error[:3].copy(), convergence=watch)
-        return solution.with_trouble(watch.trouble) if watch.trouble else solution
+        return with_trouble(solution, watch.trouble) if watch.trouble else solution
 
     def follow(
         self,
@@ -308,7 +308,8 @@ class Controller:
         self._memory = self._memory._replace(velocity=solution.velocity.copy())
         if not strained:
             return solution
-        return solution.with_trouble("; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained))
+        trouble = "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained)
+        return with_trouble(solution, trouble)
 
 
 class _Observed(NamedTuple):

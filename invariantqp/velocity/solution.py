@@ -45,11 +45,6 @@ class VelocitySolution(NamedTuple):
     multipliers: Array | None = None
     row_multipliers: Array | None = None
 
-    def with_trouble(self, trouble: str) -> VelocitySolution:
-        """The solution with a reason more: status "degraded", unless it is "held"."""
-        reason = "; ".join(filter(None, (trouble, self.reason)))
-        return self._replace(status="held" if self.status == "held" else "degraded", reason=reason)
-
     def __eq__(self, other: object) -> bool:
         """Whether all fields are equal, arrays number by number."""
         return type(other) is VelocitySolution and all(map(same, self, other))
@@ -67,6 +62,12 @@ def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
     margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
     at = (x <= demand.lower + margin) | (x >= demand.upper - margin)
     return x, tuple(np.flatnonzero(at).tolist())
+
+
+def with_trouble(solution: VelocitySolution, trouble: str) -> VelocitySolution:
+    """The solution with a reason more: status "degraded", unless it is "held"."""
+    status = "held" if solution.status == "held" else "degraded"
+    return solution._replace(status=status, reason="; ".join(filter(None, (trouble, solution.reason))))
 
 
 def held(demand: Demand, reason: str) -> VelocitySolution:
