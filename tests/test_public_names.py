@@ -25,7 +25,7 @@ TOP = {
     "screw systems": "pitch_form pitch_form_inverse pseudoinverse has_pseudoinverse reciprocal principal_pitches "
     "gibson_hunt involution",
     "what is caught": "InvariantQPError BadInput NoPseudoinverse NoProjectors BlindSystem",
-    "more": "__version__",
+    "more": "__version__ native",
 }
 # What no example and no line of the README shows, and why.
 NOT_SHOWN = {"a warning that is on its way out": "UnitsMixed"}
@@ -41,7 +41,7 @@ def test_the_top_has_the_names_of_most_scripts_and_no_other():
 
 def test_every_name_at_the_top_is_in_a_namespace_too():
     elsewhere = {name: value for names in NAMESPACES.values() for name, value in names.items()}
-    assert {name for name in PUBLIC[""] if name not in elsewhere} == {"__version__"}
+    assert {name for name in PUBLIC[""] if name not in elsewhere} == {"__version__", "native"}
     assert all(value is elsewhere[name] for name, value in PUBLIC[""].items() if name in elsewhere)
 
 

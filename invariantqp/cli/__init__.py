@@ -28,6 +28,7 @@ from invariantqp.cli.status import (
     NotWritten,
 )
 from invariantqp.errors import InvariantQPError
+from invariantqp.native import engine
 from invariantqp.printing import say
 from invariantqp.version import __version__
 
@@ -84,7 +85,7 @@ def _sentences(error: BaseException) -> list[str]:
         return [f"error: output could not be written: {error.strerror or error}"]
     return [
         "".join(traceback.format_exception(error)).rstrip(),
-        f"This is a defect of invariantqp {__version__}, not of your input. {REPORT}",
+        f"This is a defect of invariantqp {__version__} ({engine}), not of your input. {REPORT}",
         f"The command was: {' '.join(['invariantqp', *sys.argv[1:]])}",
     ]
 
@@ -115,7 +116,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 def _version(wanted: bool) -> None:
     if wanted:
-        print(f"invariantqp {__version__}")
+        print(f"invariantqp {__version__} ({engine})")
         raise typer.Exit
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import Adaptive, Damping, PaperLambda
+from invariantqp.velocity.damping import Adaptive, Damping, Fixed, PaperLambda
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import Form
 from invariantqp.velocity.guard import Guard
@@ -86,6 +86,16 @@ class VelocityLaw:
     metric: Array | None = None
     backend: Backend = field(default_factory=Daqp)
     dt: float = 0.0
+
+    @cached_property
+    def compiled(self) -> tuple[float, float, float] | None:
+        """(threshold, ceiling, fixed lambda) for the compiled core; None where it does not have this law."""
+        if self.form is not None or self.metric is not None or type(self.backend) is not Daqp:
+            return None
+        damping = self.damping
+        if type(damping) is Adaptive:
+            return damping.threshold, damping.ceiling, 0.0
+        return (damping.threshold, 0.0, damping.value) if type(damping) is Fixed else None
 
     @cached_property
     def to_joint(self) -> Array | None:

@@ -115,5 +115,5 @@ def least_squares(
         damping=sqrt(float(left.max())),
         lost=sqrt(float(missed.dot(missed))),
         rank=n - int(np.count_nonzero(null)),
-        ratio=float(singular[-1]) / largest,
+        ratio=float(singular[-1]) / largest if singular[-1] > NULL_RATIO * largest else 0.0,
     )

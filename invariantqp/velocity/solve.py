@@ -4,6 +4,8 @@
     no limit active                                           singular values, damped (`objective`)
     otherwise                                                 a QP, stage by stage (`stages`)
 
+The compiled core, where there is one, is asked first (`compiled`): it computes the same for the most common ticks.
+
 Continuity. Each answer is the optimum of one strictly convex problem whose data are continuous in (J, s, limits). The
 first two cases compute its optimum without limits, which is the optimum of the third wherever it is inside them.
 """
@@ -14,7 +16,9 @@ from math import sqrt
 
 import numpy as np
 
+from invariantqp.native import core
 from invariantqp.velocity.calm import excess_deviation
+from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
@@ -29,6 +33,9 @@ from invariantqp.velocity.stationary import printed
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     """The joint velocity for a checked demand."""
+    answer = None if core is None else compiled(law, demand)
+    if answer is not None:
+        return answer
     damping = law.damping
     if isinstance(damping, PaperLambda):
         return _as_printed(law, damping, demand)

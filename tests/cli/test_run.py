@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import invariantqp as iq
 from invariantqp import cli
+from invariantqp.native import engine
 from invariantqp.runs.taskfile import shipped_tasks
 
 TASK = """
@@ -151,7 +152,7 @@ def test_the_tasks_are_listed(run):
 
 
 def test_version_and_help(run):
-    assert run("--version") == (0, f"invariantqp {iq.__version__}\n", "")
+    assert run("--version") == (0, f"invariantqp {iq.__version__} ({engine})\n", "")
     status, out, _ = run("run", "--help")
     assert status == 0
     for option in ("--json", "--plot", "--backend", "--check-frame", "--quiet"):

@@ -1,0 +1,120 @@
+/* Twin of robots/chain.py and geometry/se3.py: tool pose and joint twists from joint screws, and the error twist.
+
+       T(q) = exp(q_1 S_1) ... exp(q_m S_m) home,     J_i = Ad(exp(q_1 S_1) ... exp(q_i-1 S_i-1)) S_i */
+
+#include "core.h"
+#include <string.h>
+
+/* Below this angle [rad] series are exact to rounding, and closed coefficients are not. */
+#define SMALL_ANGLE 1e-2
+/* How far the target's rotation may be from R'R = I: others are told apart by how a logarithm projects them. */
+static const double ROTATION = 1e-12;
+
+static void cross(const double a[3], const double b[3], double c[3])
+{
+    c[0] = a[1] * b[2] - a[2] * b[1];
+    c[1] = a[2] * b[0] - a[0] * b[2];
+    c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* R b */
+static void turned(const Pose *T, const double b[3], double c[3])
+{
+    for (int i = 0; i < 3; i++)
+        c[i] = dot(3, T->R[i], b);
+}
+
+static void product(const Pose *A, const Pose *B, Pose *C)
+{
+    Pose result;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            result.R[i][j] = A->R[i][0] * B->R[0][j] + A->R[i][1] * B->R[1][j] + A->R[i][2] * B->R[2][j];
+        result.p[i] = dot(3, A->R[i], B->p) + A->p[i];
+    }
+    *C = result;
+}
+
+/* I + a [w]x + b [w]x^2 applied to x. */
+static void series(const double w[3], double a, double b, const double x[3], double y[3])
+{
+    double wx[3], wwx[3];
+    cross(w, x, wx);
+    cross(w, wx, wwx);
+    for (int i = 0; i < 3; i++)
+        y[i] = x[i] + a * wx[i] + b * wwx[i];
+}
+
+static void exponential(const double w[3], const double v[3], Pose *T)
+{
+    double t2 = dot(3, w, w), theta = sqrt(t2), a, b, c;
+    if (theta < SMALL_ANGLE) {
+        a = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0));
+        b = 0.5 * (1.0 - t2 / 12.0 * (1.0 - t2 / 30.0 * (1.0 - t2 / 56.0)));
+        c = (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0 * (1.0 - t2 / 72.0))) / 6.0;
+    } else {
+        double half = sin(0.5 * theta) / theta;
+        a = sin(theta) / theta;
+        b = 2.0 * half * half;
+        c = (1.0 - a) / t2;
+    }
+    for (int j = 0; j < 3; j++) {
+        double axis[3] = {j == 0, j == 1, j == 2}, column[3];
+        series(w, a, b, axis, column);
+        for (int i = 0; i < 3; i++)
+            T->R[i][j] = column[i];
+    }
+    series(w, b, c, v, T->p);
+}
+
+void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool)
+{
+    Pose T = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}}, step;
+    for (int k = 0; k < m; k++) {
+        double w[3], v[3], omega[3], moved[3], lever[3];
+        for (int i = 0; i < 3; i++) {
+            w[i] = screws[i][k];
+            v[i] = screws[3 + i][k];
+        }
+        turned(&T, w, omega);
+        turned(&T, v, moved);
+        cross(T.p, omega, lever);
+        for (int i = 0; i < 3; i++) {
+            J[i][k] = omega[i];
+            J[3 + i][k] = moved[i] + lever[i];
+            w[i] *= q[k];
+            v[i] *= q[k];
+        }
+        exponential(w, v, &step);
+        product(&T, &step, &T);
+    }
+    product(&T, home, tool);
+}
+
+/* The twist that takes the tool to its target in unit time; turns of half a turn and nearly so are handed back. */
+Outcome error_twist(const Pose *target, const Pose *tool, double error[6])
+{
+    double worst = 0.0, R[3][3], p[3], vee[3];
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) {
+            worst = fmax(worst, fabs(dot(3, target->R[i], target->R[j]) - (i == j)));
+            R[i][j] = dot(3, target->R[i], tool->R[j]);
+        }
+        p[i] = target->p[i] - dot(3, R[i], tool->p);
+    }
+    if (!(worst <= ROTATION))
+        return HAND_BACK;
+    vee[0] = 0.5 * (R[2][1] - R[1][2]);
+    vee[1] = 0.5 * (R[0][2] - R[2][0]);
+    vee[2] = 0.5 * (R[1][0] - R[0][1]);
+    double sine = norm(3, vee), theta = atan2(sine, 0.5 * (R[0][0] + R[1][1] + R[2][2] - 1.0));
+    if (!(theta < HALF_TURN))
+        return HAND_BACK;
+    double ratio = sine > 0.0 ? theta / sine : 1.0, t2 = theta * theta;
+    double c = theta < SMALL_ANGLE ? (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0
+                                   : (1.0 - 0.5 * theta / tan(0.5 * theta)) / t2;
+    for (int i = 0; i < 3; i++)
+        error[i] = ratio * vee[i];
+    series(error, -0.5, c, p, error + 3);
+    return DONE;
+}

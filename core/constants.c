@@ -1,0 +1,25 @@
+/* The constants of the twins, for the test that compares them with Python's. */
+
+#include "core.h"
+
+#define ONE(file, name) {file "." #name, name}
+
+const Constant CONSTANTS[] = {
+    ONE("velocity.regular", ACCURATE_SHARE),
+    ONE("velocity.objective", NULL_RATIO),
+    ONE("velocity.objective", NULL_WEIGHT),
+    ONE("velocity.calm", CALM),
+    ONE("velocity.calm", DEVIATION_SHARE),
+    ONE("velocity.calm", QUIET_SHARE),
+    ONE("velocity.qp.quadratic", FEASIBLE),
+    ONE("velocity.qp.primal", PARALLEL),
+    ONE("velocity.qp.primal", STEPS),
+    ONE("velocity.qp.polytope", ACTIVE_TOLERANCE),
+    ONE("velocity.report", MET_TOLERANCE),
+    ONE("velocity.report", PRODUCT_ROUNDING),
+    ONE("velocity.report", LOSS_TOLERANCE),
+    ONE("velocity.report", PROGRESS_SHARE),
+    ONE("control.convergence", MEMORY),
+    ONE("control.approach", HALF_TURN),
+    {NULL, 0.0},
+};

@@ -1,0 +1,140 @@
+/* The compiled tick: the law of invariantqp/velocity in C, for what a control loop does in every tick.
+
+   Each file is the twin of one or two Python files, with the same names in the same order; Python is the definition.
+   A function returns HAND_BACK where it does not cover a tick, or where a decision is so close that rounding would make
+   it: Python then answers. Nothing is allocated, every loop is counted, and no function keeps state. */
+
+#ifndef CORE_H
+#define CORE_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdbool.h>
+
+/* More joints than this are handed back. */
+#define MOST 16
+
+typedef enum { DONE, HAND_BACK } Outcome;
+
+/* (rows, MOST) row by row; only the first n columns are used. */
+typedef double Row[MOST];
+
+/* law.py: the input of a tick. */
+typedef struct {
+    int m;
+    Row J[6];
+    double s[6];
+    double root[6][6];
+    Row lower, upper;
+    Row posture; /* zero where there is none */
+    bool has_posture;
+    double dt;
+    /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed */
+    double threshold, ceiling, fixed;
+} Demand;
+
+/* objective.py: 1/2 |K (z - z*)|^2, K = diag(sqrt(weights)) V' */
+typedef struct {
+    int n, rank;
+    Row V[MOST]; /* V[i] is direction i */
+    Row weights, optimum;
+    double damping, lost, ratio;
+} Objective;
+
+/* spectrum.c: A = U diag(sigma) V', wanted = U'b */
+typedef struct {
+    Row V[MOST];
+    Row sigma, wanted;
+} Spectrum;
+
+/* qp/quadratic.py: the minimiser and its multipliers, zero where a limit is not active */
+typedef struct {
+    Row z, multipliers;
+    bool met; /* whether a limit is active */
+} Optimum;
+
+/* solution.py */
+typedef enum { CLOSED_FORM, DAMPED, QP } Method;
+typedef struct {
+    Row velocity, multipliers;
+    double residual[6];
+    Method method;
+    bool active[MOST];
+    bool stuck, lost;
+    double damping, ratio, lost_share; /* for the reason */
+} Solution;
+
+/* A rigid motion. */
+typedef struct {
+    double R[3][3], p[3];
+} Pose;
+
+/* control/controller.py: what does not change from tick to tick. Numbers alone, so that an array carries it. */
+typedef struct {
+    double joints, dt, gain, length, slowness, has_posture;
+    double threshold, ceiling, fixed;
+    double point[3]; /* of the tool, where the error is measured */
+    double home[16];
+    Row screws[6];
+    Row low, high, fastest; /* position limits / dt, and the velocity limit */
+    Row middle, pull;       /* of the posture */
+} Loop;
+
+/* control/convergence.py */
+typedef struct {
+    double promised, achieved, speed, expected[6], size;
+    long ticks;
+    bool has_expected;
+} Convergence;
+
+/* dense.c */
+double dot(int n, const double *a, const double *b);
+double norm(int n, const double *a);
+double norm_of_rows(int rows, int n, const Row *A);
+bool all_finite(int n, const double *a);
+
+/* spectrum.c, objective.c, regular.c, calm.c, qp.c, report.c, solve.c */
+Outcome spectrum(int n, const Row A[6], const double b[6], Spectrum *found);
+Outcome least_squares(const Demand *demand, const Row A[6], const double b[6], Objective *objective);
+void centre(const Objective *objective, Row z);
+double speed(const Objective *objective, const Row z);
+void calmed(Objective *objective, double mu);
+bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x);
+double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt);
+double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
+Outcome minimise(const Objective *objective, const Row lower, const Row upper, Optimum *found);
+bool allows(const Demand *demand, const Row x);
+bool is_met(int n, const Row A[6], const double b[6], const Row x);
+void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective,
+              const Optimum *found, Solution *solution);
+Outcome solve(const Demand *demand, Solution *solution);
+void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
+Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
+Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, Convergence *watch,
+             double turn[3], Solution *solution);
+
+/* The constants of the twins, by the names of their Python files; a test compares the two. */
+typedef struct {
+    const char *name;
+    double value;
+} Constant;
+extern const Constant CONSTANTS[];
+
+#define ACCURATE_SHARE 1e-2
+#define NULL_RATIO 1e-12
+#define NULL_WEIGHT 1e-8
+#define CALM 0.25
+#define DEVIATION_SHARE 0.25
+#define QUIET_SHARE 1e-9
+#define FEASIBLE 1e-9
+#define PARALLEL 1e-9
+#define STEPS 10
+#define ACTIVE_TOLERANCE 1e-6
+#define MET_TOLERANCE 1e-9
+#define PRODUCT_ROUNDING 1e-14
+#define LOSS_TOLERANCE 1e-6
+#define PROGRESS_SHARE 1e-4
+#define MEMORY 50
+#define HALF_TURN (0.8 * 3.14159265358979323846)
+
+#endif

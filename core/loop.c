@@ -1,0 +1,93 @@
+/* Twin of control/controller.py, measure.py, convergence.py and velocity/limits/box.py: one tick of a controller.
+
+       s = gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
+
+#include "core.h"
+
+/* measure.py: [[L I, 0], [-[p]x, I]] */
+static void root_at(const double p[3], double length, double root[6][6])
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            root[i][j] = i != j ? 0.0 : i < 3 ? length : 1.0;
+    root[3][1] = p[2];
+    root[3][2] = -p[1];
+    root[4][0] = -p[2];
+    root[4][2] = p[0];
+    root[5][0] = p[1];
+    root[5][1] = -p[0];
+}
+
+/* limits/box.py */
+static void box(const Loop *loop, const double *q, Row lower, Row upper)
+{
+    double rate = 1.0 / loop->dt;
+    for (int j = 0; j < (int)loop->joints; j++) {
+        double place = q[j] * rate, fastest = loop->fastest[j];
+        lower[j] = fmin(fmax(loop->low[j] - place, -fastest), fastest);
+        upper[j] = fmax(fmin(loop->high[j] - place, fastest), -fastest);
+    }
+}
+
+/* convergence.py: seen, then commanded */
+static void watched(const Loop *loop, const double error[6], const double change[6], Convergence *watch)
+{
+    double share = 1.0 / MEMORY, size = norm(6, error);
+    if (watch->has_expected) {
+        watch->promised = (1.0 - share) * watch->promised + share * (watch->size - norm(6, watch->expected));
+        watch->achieved = (1.0 - share) * watch->achieved + share * (watch->size - size);
+        watch->ticks++;
+    }
+    for (int i = 0; i < 6; i++)
+        watch->expected[i] = error[i] + change[i];
+    watch->speed = (1.0 - share) * watch->speed + share * loop->slowness / loop->dt * norm(6, change);
+    watch->size = size;
+    watch->has_expected = true;
+}
+
+Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, Convergence *watch,
+             double turn[3], Solution *solution)
+{
+    Demand demand;
+    Pose tool, home;
+    double error[6], p[3], measured[6], change[6], square = 0.0;
+    int m = demand.m = (int)loop->joints;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            home.R[i][j] = loop->home[4 * i + j];
+        home.p[i] = loop->home[4 * i + 3];
+    }
+    kinematics(m, loop->screws, &home, q, demand.J, &tool);
+    if (error_twist(target, &tool, error) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < 6; i++) {
+        demand.s[i] = loop->gain * error[i] + (feedforward == NULL ? 0.0 : feedforward[i]);
+        square += demand.s[i] * demand.s[i];
+    }
+    if (!(square < INFINITY))
+        return HAND_BACK;
+    for (int i = 0; i < 3; i++)
+        p[i] = dot(3, tool.R[i], loop->point) + tool.p[i];
+    root_at(p, loop->length, demand.root);
+    box(loop, q, demand.lower, demand.upper);
+    demand.has_posture = loop->has_posture != 0.0;
+    for (int j = 0; j < m; j++)
+        demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
+    demand.dt = loop->dt;
+    demand.threshold = loop->threshold;
+    demand.ceiling = loop->ceiling;
+    demand.fixed = loop->fixed;
+    if (solve(&demand, solution) == HAND_BACK)
+        return HAND_BACK;
+    double moved[6];
+    for (int i = 0; i < 6; i++) {
+        moved[i] = dot(m, demand.J[i], solution->velocity) - (feedforward == NULL ? 0.0 : feedforward[i]);
+        measured[i] = dot(6, demand.root[i], error);
+    }
+    for (int i = 0; i < 6; i++)
+        change[i] = -loop->dt * dot(6, demand.root[i], moved);
+    watched(loop, measured, change, watch);
+    for (int i = 0; i < 3; i++)
+        turn[i] = error[i];
+    return DONE;
+}

@@ -1,0 +1,94 @@
+/* Twin of velocity/objective.py and damping.py: what a tick minimises, in the coordinates of V.
+
+       1/2 |A z - b|^2 + 1/2 sum of lambda_i^2 (v_i'(z - z_p))^2  =  1/2 |K (z - z*)|^2 + constant
+       weights = sigma^2 + lambda^2,   V'z* = (sigma U'b + lambda^2 V'z_p) / weights */
+
+#include "core.h"
+
+/* Weights further apart than this make the optimum inside limits too sensitive to rounding. */
+static const double LEAST_WEIGHT = 1e-10;
+/* A share of a threshold this close to it might be on the other side in Python. */
+static const double CLOSE = 1e-6;
+
+/* lambda_i^2 */
+static double square(const Demand *demand, double sigma, double largest)
+{
+    double left = demand->fixed;
+    if (demand->ceiling > 0.0) {
+        double share = fmin(sigma / (demand->threshold * largest), 1.0);
+        left = demand->ceiling * largest * (1.0 - share * share);
+    }
+    return left * left;
+}
+
+Outcome least_squares(const Demand *demand, const Row A[6], const double b[6], Objective *objective)
+{
+    int n = demand->m, k = n < 6 ? n : 6;
+    Spectrum found;
+    if (spectrum(n, A, b, &found) == HAND_BACK)
+        return HAND_BACK;
+    double largest = found.sigma[0], most = 0.0, least = INFINITY, missed = 0.0, damped = 0.0;
+    if (!(largest > 0.0))
+        return HAND_BACK;
+    objective->n = n;
+    objective->rank = 0;
+    for (int i = 0; i < n; i++) {
+        double *v = objective->V[i], sigma = found.sigma[i];
+        for (int j = 0; j < n; j++)
+            v[j] = found.V[i][j];
+        double over = sigma / (NULL_RATIO * largest) - 1.0;
+        if (fabs(over) <= CLOSE)
+            return HAND_BACK;
+        double moving = fmin(fmax(over, 0.0), 1.0); /* fades in, so that the law has no jump */
+        sigma *= moving;
+        bool null = moving == 0.0;
+        double squared = square(demand, sigma, largest);
+        if (null && squared == 0.0)
+            squared = NULL_WEIGHT * largest * largest;
+        double weight = sigma * sigma + squared, towards = demand->has_posture ? dot(n, v, demand->posture) : 0.0;
+        if (!null) {
+            double left = squared * found.wanted[i] / weight;
+            missed += left * left;
+            damped = fmax(damped, squared);
+            objective->rank++;
+        }
+        objective->weights[i] = weight;
+        objective->optimum[i] = (sigma * found.wanted[i] + squared * towards) / weight;
+        most = fmax(most, weight);
+        least = fmin(least, weight);
+    }
+    if (!(least >= LEAST_WEIGHT * most))
+        return HAND_BACK;
+    objective->damping = sqrt(damped);
+    objective->lost = sqrt(missed);
+    objective->ratio = found.sigma[k - 1] > NULL_RATIO * largest ? found.sigma[k - 1] / largest : 0.0;
+    return DONE;
+}
+
+void centre(const Objective *objective, Row z)
+{
+    for (int j = 0; j < objective->n; j++) {
+        z[j] = 0.0;
+        for (int i = 0; i < objective->n; i++)
+            z[j] += objective->V[i][j] * objective->optimum[i];
+    }
+}
+
+double speed(const Objective *objective, const Row z)
+{
+    double sum = 0.0;
+    for (int i = 0; i < objective->rank; i++) {
+        double along = dot(objective->n, z, objective->V[i]);
+        sum += along * along;
+    }
+    return sqrt(sum);
+}
+
+void calmed(Objective *objective, double mu)
+{
+    for (int i = 0; i < objective->n; i++) {
+        double weight = objective->weights[i] + mu;
+        objective->optimum[i] *= objective->weights[i] / weight;
+        objective->weights[i] = weight;
+    }
+}

@@ -1,0 +1,59 @@
+/* Twin of velocity/regular.py: where the joints can move the tool in all six directions, far from singular.
+
+       x = x_p + A'(AA')^-1 (b - A x_p),      AA' = LL'
+       sigma_min^2 >= 1 / |(AA')^-1|,         sigma_max^2 <= |AA'| */
+
+#include "core.h"
+
+bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x)
+{
+    int n = demand->m;
+    if (n < 6)
+        return false;
+    double L[6][6], y[6], squares = 0.0, inverse_squares = 0.0;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j <= i; j++) {
+            double entry = dot(n, A[i], A[j]);
+            squares += (i == j ? 1.0 : 2.0) * entry * entry;
+            L[i][j] = entry;
+        }
+    for (int j = 0; j < 6; j++) {
+        double pivot = L[j][j] - dot(j, L[j], L[j]);
+        if (!(pivot > 0.0))
+            return false;
+        L[j][j] = sqrt(pivot);
+        for (int i = j + 1; i < 6; i++)
+            L[i][j] = (L[i][j] - dot(j, L[i], L[j])) / L[j][j];
+    }
+    /* trace (AA')^-1 = |L^-1|^2 bounds its norm. */
+    for (int j = 0; j < 6; j++) {
+        double column[6];
+        for (int i = j; i < 6; i++) {
+            double sum = i == j ? 1.0 : 0.0;
+            for (int k = j; k < i; k++)
+                sum -= L[i][k] * column[k];
+            column[i] = sum / L[i][i];
+            inverse_squares += column[i] * column[i];
+        }
+    }
+    double smallest = 1.0 / inverse_squares, largest = sqrt(squares);
+    double share = demand->threshold > ACCURATE_SHARE ? demand->threshold : ACCURATE_SHARE;
+    if (!(smallest >= share * share * largest))
+        return false;
+    for (int i = 0; i < 6; i++)
+        y[i] = demand->has_posture ? b[i] - dot(n, A[i], demand->posture) : b[i];
+    for (int i = 0; i < 6; i++)
+        y[i] = (y[i] - dot(i, L[i], y)) / L[i][i];
+    for (int i = 5; i >= 0; i--) {
+        for (int k = i + 1; k < 6; k++)
+            y[i] -= L[k][i] * y[k];
+        y[i] /= L[i][i];
+    }
+    for (int j = 0; j < n; j++) {
+        double sum = demand->has_posture ? demand->posture[j] : 0.0;
+        for (int i = 0; i < 6; i++)
+            sum += y[i] * A[i][j];
+        x[j] = sum;
+    }
+    return all_finite(n, x);
+}

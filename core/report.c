@@ -1,0 +1,59 @@
+/* Twin of velocity/report.py and solution.py: the velocity as it may be commanded, its status, and what the reason says. */
+
+#include "core.h"
+
+bool allows(const Demand *demand, const Row x)
+{
+    for (int j = 0; j < demand->m; j++)
+        if (!(x[j] >= demand->lower[j] && x[j] <= demand->upper[j]))
+            return false;
+    return true;
+}
+
+bool is_met(int n, const Row A[6], const double b[6], const Row x)
+{
+    double square = 0.0, size = norm_of_rows(6, n, A);
+    for (int i = 0; i < 6; i++) {
+        double left = b[i] - dot(n, A[i], x);
+        square += left * left;
+    }
+    return square <= MET_TOLERANCE * MET_TOLERANCE * dot(6, b, b) ||
+           square <= PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * size * dot(n, x, x);
+}
+
+/* Whether nothing moves towards the twist, short of it. */
+static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6], const Row x)
+{
+    double along = 0.0, square = dot(6, wanted, wanted);
+    for (int i = 0; i < 6; i++)
+        along += wanted[i] * dot(demand->m, A[i], x);
+    return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x);
+}
+
+/* The velocity without rounding past its bounds, the joints at them, and the residual. */
+static void clipped(const Demand *demand, const Row x, Solution *solution)
+{
+    for (int j = 0; j < demand->m; j++) {
+        double lower = demand->lower[j], upper = demand->upper[j], value = fmin(fmax(x[j], lower), upper);
+        double margin = ACTIVE_TOLERANCE * fmax(1.0, fabs(value));
+        solution->velocity[j] = value;
+        solution->active[j] = value <= lower + margin || value >= upper - margin;
+    }
+    for (int i = 0; i < 6; i++)
+        solution->residual[i] = demand->s[i] - dot(demand->m, demand->J[i], solution->velocity);
+}
+
+void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective,
+              const Optimum *found, Solution *solution)
+{
+    double size = norm(6, wanted);
+    clipped(demand, found->z, solution);
+    solution->method = found->met ? QP : objective->damping > 0.0 ? DAMPED : CLOSED_FORM;
+    solution->stuck = is_stuck(demand, A, wanted, solution->velocity);
+    solution->lost = objective->lost > LOSS_TOLERANCE * size;
+    solution->damping = objective->damping;
+    solution->ratio = objective->ratio;
+    solution->lost_share = size > 0.0 ? objective->lost / size : 0.0;
+    for (int j = 0; j < demand->m; j++)
+        solution->multipliers[j] = found->multipliers[j];
+}

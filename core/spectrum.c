@@ -1,0 +1,132 @@
+/* Singular values and directions of the measured joint twists, by one-sided Jacobi rotations.
+
+       A = U diag(sigma) V',   wanted = U'b
+
+   The six rows of A (or its n columns, if there are fewer) are rotated in pairs until all are orthogonal; their lengths
+   are then the singular values. Rows of A become sigma_i v_i, and b, rotated with them, becomes U'b. */
+
+#include "core.h"
+#include <string.h>
+
+/* Two rows with a cosine below this are orthogonal. */
+static const double ORTHOGONAL = 4e-16;
+/* A row shorter than this share of |A| moves nothing, and its direction is rounding (NULL_RATIO is above it). */
+static const double NOTHING = 1e-14;
+/* Sweeps over all pairs, at most; fewer than ten are usual. */
+#define SWEEPS 40
+
+/* A row and what is rotated with it: an entry of b, or a direction of joint space. */
+typedef struct {
+    Row row, with;
+} Rotated;
+
+static void rotate(int n, double *p, double *q, double c, double s)
+{
+    for (int i = 0; i < n; i++) {
+        double a = p[i], b = q[i];
+        p[i] = c * a - s * b;
+        q[i] = s * a + c * b;
+    }
+}
+
+/* Rotate all pairs until the rows are orthogonal. */
+static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double least)
+{
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        bool rotated = false;
+        for (int i = 0; i + 1 < rows; i++)
+            for (int j = i + 1; j < rows; j++) {
+                double *p = R[i].row, *q = R[j].row;
+                double pp = dot(n, p, p), qq = dot(n, q, q), pq = dot(n, p, q);
+                if (fabs(pq) <= ORTHOGONAL * sqrt(pp) * sqrt(qq) || pp <= least || qq <= least)
+                    continue;
+                double zeta = 0.5 * (qq - pp) / pq;
+                double t = (zeta < 0.0 ? -1.0 : 1.0) / (fabs(zeta) + sqrt(1.0 + zeta * zeta));
+                double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
+                rotate(n, p, q, c, s);
+                rotate(with, R[i].with, R[j].with, c, s);
+                rotated = true;
+            }
+        if (!rotated)
+            return DONE;
+    }
+    return HAND_BACK;
+}
+
+/* Complete V[0..rank) to an orthonormal basis of n dimensions. Each new direction is what is left of the axis that is
+   farthest from those before, made orthogonal twice, which is enough. */
+static void completed(int n, int rank, Row *V)
+{
+    for (int k = rank; k < n; k++) {
+        int best = 0;
+        double most = -1.0;
+        for (int axis = 0; axis < n; axis++) {
+            double left = 1.0;
+            for (int i = 0; i < k; i++)
+                left -= V[i][axis] * V[i][axis];
+            if (left > most) {
+                most = left;
+                best = axis;
+            }
+        }
+        for (int j = 0; j < n; j++)
+            V[k][j] = j == best ? 1.0 : 0.0;
+        for (int twice = 0; twice < 2; twice++) {
+            for (int i = 0; i < k; i++) {
+                double share = dot(n, V[i], V[k]);
+                for (int j = 0; j < n; j++)
+                    V[k][j] -= share * V[i][j];
+            }
+            double length = norm(n, V[k]);
+            for (int j = 0; j < n; j++)
+                V[k][j] /= length;
+        }
+    }
+}
+
+Outcome spectrum(int n, const Row A[6], const double b[6], Spectrum *found)
+{
+    bool wide = n >= 6;
+    int rows = wide ? 6 : n, length = wide ? n : 6, with = wide ? 1 : n;
+    Rotated R[6];
+    for (int i = 0; i < rows; i++) {
+        for (int j = 0; j < length; j++)
+            R[i].row[j] = wide ? A[i][j] : A[j][i];
+        for (int j = 0; j < with; j++)
+            R[i].with[j] = wide ? b[i] : (i == j ? 1.0 : 0.0);
+    }
+    double size = norm_of_rows(6, n, A);
+    if (orthogonalised(rows, length, with, R, NOTHING * NOTHING * size * size) == HAND_BACK)
+        return HAND_BACK;
+
+    double sigma[6];
+    int order[6];
+    for (int i = 0; i < rows; i++) {
+        sigma[i] = norm(length, R[i].row);
+        int at = i;
+        for (; at > 0 && sigma[order[at - 1]] < sigma[i]; at--)
+            order[at] = order[at - 1];
+        order[at] = i;
+    }
+    memset(found->sigma, 0, sizeof found->sigma);
+    memset(found->wanted, 0, sizeof found->wanted);
+    int rank = 0;
+    for (int k = 0; k < rows; k++) {
+        const Rotated *r = &R[order[k]];
+        double value = found->sigma[k] = sigma[order[k]];
+        bool moving = value > NULL_RATIO * found->sigma[0];
+        if (wide) {
+            found->wanted[k] = r->with[0];
+            for (int j = 0; j < n && moving; j++)
+                found->V[k][j] = r->row[j] / value;
+        } else {
+            found->wanted[k] = value > 0.0 ? dot(6, r->row, b) / value : 0.0;
+            for (int j = 0; j < n; j++)
+                found->V[k][j] = r->with[j];
+        }
+        rank += moving;
+    }
+    if (wide)
+        completed(n, rank, found->V);
+    return DONE;
+}

@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# The tests of the compiled core with its sources built for the address and undefined-behaviour sanitizers (gcc or clang).
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+trap 'python core/build.py > /dev/null' EXIT
+python core/build.py --sanitize > /dev/null
+runtime=$(${CC:-cc} -print-file-name=libasan.so)
+# Python itself never frees some of what it allocates at its start, so leaks are not looked for.
+ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$runtime" \
+    python -m pytest -q -n 0 tests/velocity/test_compiled.py tests/control/test_compiled.py

@@ -1,0 +1,45 @@
+"""Which engine an installation has, and how it is switched off."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import invariantqp as iq
+from invariantqp.native import core, engine
+
+PYTHON = "import invariantqp as iq; print(iq.native, iq.solve_velocity([[1]] + 5 * [[0]], [1, 0, 0, 0, 0, 0]).velocity)"
+
+
+def told(*command, **environment):
+    done = subprocess.run(
+        [sys.executable, *command], env={**os.environ, **environment}, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+def test_native_tells_whether_there_is_a_core():
+    assert iq.native is (core is not None)
+    assert (engine == "compiled core") is iq.native
+
+
+def test_the_environment_switches_it_off():
+    assert told("-c", PYTHON, INVARIANTQP_NATIVE="0") == "False [1.]"
+    built = any(Path(iq.__file__).parent.glob("_native.*[!i]"))  # _native.pyi is always there
+    assert told("-c", PYTHON, INVARIANTQP_NATIVE="1") == f"{built} [1.]"
+    version = told("-m", "invariantqp", "--version", INVARIANTQP_NATIVE="0")
+    assert version == f"invariantqp {iq.__version__} (pure Python: INVARIANTQP_NATIVE=0)"
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+def test_the_core_is_part_of_the_package():
+    assert Path(core.__file__).parent == Path(iq.__file__).parent
+
+
+def test_without_a_core_everything_is_there():
+    code = "import sys; sys.modules['invariantqp._native'] = None; " + PYTHON
+    assert told("-c", code) == "False [1.]"
+    code = "import sys; sys.modules['invariantqp._native'] = None; from invariantqp.native import engine; print(engine)"
+    assert told("-c", code) == "pure Python: no compiled core was built"

@@ -1,0 +1,131 @@
+"""The compiled core gives the answers of the Python law, on hostile inputs too, or hands the tick back."""
+
+from importlib import import_module
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.two_laws import disagreements, native_answer, python_answer, random_tick
+
+import invariantqp as iq
+from invariantqp.native import core
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.qp.backends import Osqp
+from invariantqp.velocity.solution import VelocitySolution
+
+pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
+WIDE = (-np.full(7, 1e3), np.full(7, 1e3))
+
+
+@pytest.fixture
+def tick():
+    J = np.random.default_rng(5).normal(size=(6, 7))
+    return VelocityLaw(dt=0.01), Demand(J, np.arange(6.0), np.eye(6), *WIDE)
+
+
+@settings(max_examples=2000, deadline=None)
+@given(st.integers(0, 2**63))
+def test_both_answer_the_same(seed):
+    law, demand = random_tick(np.random.default_rng(seed))
+    native = native_answer(law, demand)
+    if native is not None:
+        assert disagreements(law, demand, native, python_answer(law, demand)) == []
+        assert (native.velocity >= demand.lower).all()
+        assert (native.velocity <= demand.upper).all()
+
+
+def test_the_core_answers_most_of_them():
+    ticks = [random_tick(np.random.default_rng(seed)) for seed in range(2000)]
+    usual = [(law, demand) for law, demand in ticks if type(law.damping) is iq.velocity.Adaptive]
+    back = sum(native_answer(law, demand) is None for law, demand in usual)
+    assert back < 0.01 * len(usual)
+
+
+def test_constants_are_those_of_python():
+    for name, value in core.CONSTANTS.items():
+        file, _, constant = name.rpartition(".")
+        assert getattr(import_module(f"invariantqp.{file}"), constant) == value
+
+
+def test_solve_velocity_asks_the_core_first(monkeypatch):
+    J, s = np.random.default_rng(0).normal(size=(6, 6)), np.ones(6)
+    first = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s))
+    monkeypatch.setattr("invariantqp.velocity.solve.core", None)
+    second = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s))
+    assert (first.backend, second.backend) == ("native", "daqp")
+    np.testing.assert_allclose(first.velocity, second.velocity, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"form": iq.PitchForm(0.1)},
+        {"metric": 2.0 * np.eye(7)},
+        {"backend": Osqp()},
+        {"damping": iq.velocity.Selective()},
+        {"damping": iq.velocity.PaperLambda(0.1)},
+    ],
+    ids=lambda law: next(iter(law)),
+)
+def test_another_law_is_python_s(tick, law):
+    assert native_answer(VelocityLaw(**law), tick[1]) is None
+
+
+def test_other_limits_are_python_s(tick):
+    law, demand = tick
+    rows = iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0])
+    exact = iq.ExactRows(np.eye(7)[:1], [0.0])
+    cone = iq.limits.ToolSpeed(1.0, np.zeros(3)).cone(demand.J, np.zeros(3))
+    for other in ({"rows": rows}, {"exact": exact}, {"cone": cone}):
+        assert native_answer(law, demand._replace(**other)) is None
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-90, 1e90, 1e300])
+def test_numbers_whose_squares_overflow_or_vanish_are_handed_back(tick, scale):
+    law, demand = tick
+    assert native_answer(law, demand._replace(J=scale * demand.J)) is None
+    assert native_answer(law, demand._replace(s=scale * demand.s)) is None
+    assert native_answer(law, demand._replace(posture=np.full(7, scale))) is None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_no_number_is_handed_back(tick, value):
+    law, demand = tick
+    for name in ("J", "s", "root"):
+        bad = getattr(demand, name).copy()
+        bad.flat[3] = value
+        assert native_answer(law, demand._replace(**{name: bad})) is None
+    assert native_answer(law, demand._replace(posture=np.full(7, value))) is None
+
+
+def test_arrays_of_any_layout_and_no_others(tick):
+    law, demand = tick
+    one = native_answer(law, demand)
+    whole = np.zeros((12, 14))
+    whole[::2, ::2] = demand.J
+    for J in (np.asfortranarray(demand.J), whole[::2, ::2], demand.J[::-1][::-1]):
+        assert native_answer(law, demand._replace(J=J)) == one
+    for J in (demand.J.astype(">f8"), demand.J.astype(np.float32), demand.J[:5], demand.J.tolist(), np.eye(6)[0]):
+        assert native_answer(law, demand._replace(J=J)) is None
+    assert native_answer(law, demand._replace(lower=demand.lower[:6])) is None
+
+
+def test_more_joints_than_it_has_room_for_are_handed_back():
+    J = np.random.default_rng(0).normal(size=(6, 17))
+    box = np.full(17, 10.0)
+    assert native_answer(VelocityLaw(), Demand(J, np.ones(6), np.eye(6), -box, box)) is None
+    assert native_answer(VelocityLaw(), Demand(J[:, :16], np.ones(6), np.eye(6), -box[:16], box[:16])) is not None
+
+
+def test_arguments_are_counted(tick):
+    with pytest.raises(TypeError, match=r"tick\(J, s, root"):
+        core.tick(tick[1].J)
+    with pytest.raises(TypeError):
+        core.tick(*tick[1][:5], None, "dt", (0.0, 0.0, 0.0))
+
+
+def test_the_answer_owns_its_arrays(tick):
+    solution = native_answer(*tick)
+    assert type(solution) is VelocitySolution
+    assert all(a.flags.owndata and a.flags.writeable for a in (solution.velocity, solution.residual))
