@@ -202,7 +202,8 @@ static bool convergence(PyObject *tuple, Convergence *watch)
 static bool pose(PyObject *object, Pose *T)
 {
     double H[16];
-    if (!matrix(object, 4, 4, 4, H) || !all_finite(16, H))
+    if (!matrix(object, 4, 4, 4, H) || !all_finite(16, H) || H[12] != 0.0 || H[13] != 0.0 || H[14] != 0.0 ||
+        H[15] != 1.0)
         return false;
     for (int i = 0; i < 3; i++) {
         memcpy(T->R[i], H + 4 * i, 3 * sizeof(double));
@@ -263,5 +264,7 @@ PyMODINIT_FUNC PyInit__native(void)
             return NULL;
         Py_DECREF(value);
     }
+    if (PyModule_AddIntConstant(module, "MOST_JOINTS", MOST) < 0)
+        return NULL;
     return PyModule_AddObject(module, "CONSTANTS", constants) < 0 ? NULL : module;
 }

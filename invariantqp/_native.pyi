@@ -1,10 +1,10 @@
-"""The compiled core. Its sources are in core/."""
-
+# The compiled core; its sources are in core/.
 from typing import Any
 
 from invariantqp.geometry.arrays import Array
 
 CONSTANTS: dict[str, float]
+MOST_JOINTS: int
 
 def tick(
     J: Array,
@@ -15,4 +15,20 @@ def tick(
     posture: Array | None,
     dt: float,
     policy: tuple[float, float, float],
+    /,
+) -> tuple[Any, ...] | None: ...
+def loop(
+    numbers: Array,
+    point: Array,
+    home: Array,
+    screws: Array,
+    low: Array,
+    high: Array,
+    fastest: Array,
+    middle: Array,
+    pull: Array,
+    /,
+) -> Array: ...
+def step(
+    loop: Array, q: Any, target: Any, feedforward: Any, convergence: tuple[Any, ...], /
 ) -> tuple[Any, ...] | None: ...

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import braking_share, distances, same_turn
+from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import Convergence, slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.joint_rows import PinkLimit, Rows, joint_rows
@@ -155,6 +156,11 @@ class Controller:
         self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
         self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
+        self._compiled: Array | None = None
+        if not self.exact and self._braking is None and self._joint_rows is None and tool_speed is None:
+            self._compiled = compiled_loop(
+                robot, self.law, self.measure, self._box, self.gain, mid, self._pull, self._slowness
+            )
 
     def __copy__(self) -> Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks
@@ -177,8 +183,14 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        positions = arrays.vector(q, len(self._middle), "q")
         before = self._last(velocity)
+        if self._compiled is not None:
+            tick = compiled_tick(self._compiled, q, target, feedforward, self._memory.convergence)
+            if tick is not None:
+                self._memory = _Memory(tick.velocity, tick.turn, tick.convergence)
+                trouble = tick.convergence.trouble
+                return with_trouble(tick.solution, trouble) if trouble else tick.solution
+        positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, self._memory.turn)
         s = tracking_twist(error, self.gain, feedforward)

@@ -1,0 +1,78 @@
+"""A tick of a controller without special demands, all of it in the compiled core: kinematics, error, law, convergence.
+
+The core answers what `Controller.step` would in Python, or hands the tick back.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.control.convergence import Convergence
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.geometry.arrays import Array
+from invariantqp.native import core
+from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.screws import chain_of
+from invariantqp.velocity.law import VelocityLaw
+from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.solution import VelocitySolution
+
+
+class Tick(NamedTuple):
+    """The solution of a tick, and what the loop keeps of it: velocity (a copy), rotation of the error, convergence."""
+
+    solution: VelocitySolution
+    velocity: Array
+    turn: Array
+    convergence: Convergence
+
+
+def compiled_loop(
+    robot: Robot,
+    law: VelocityLaw,
+    measure: ToolMeasure,
+    box: JointBox,
+    gain: float,
+    middle: Array,
+    pull: Array,
+    slow: float,
+) -> Array | None:
+    """The fixed numbers of a loop for `compiled_tick`; None for a loop that the core does not have.
+
+    Args:
+        robot: the arm.
+        law: of its ticks.
+        measure: at a point of the tool.
+        box: joint limits.
+        gain: of the error [1/s].
+        middle: (m,) the posture, middle of the joint ranges.
+        pull: (m,) gains of the posture [1/s].
+        slow: 1 / |v|, v the measured twist at full speed.
+    """
+    if core is None or law.compiled is None or measure.carried is not None or measure.point is None:
+        return None
+    chain = chain_of(robot)
+    if chain is None or len(middle) > core.MOST_JOINTS:
+        return None
+    numbers = np.array([len(middle), law.dt, gain, measure.length, slow, pull.any(), *law.compiled], np.float64)
+    low, high = box.position_lower / box.dt, box.position_upper / box.dt
+    made: Array = core.loop(
+        numbers, measure.point, chain.home, chain.screws, low, high, box.velocity_limit, middle, pull
+    )
+    return made
+
+
+def compiled_tick(
+    loop: Array, q: ArrayLike, target: Any, feedforward: ArrayLike | None, convergence: Convergence
+) -> Tick | None:
+    """The core's answer; None where Python has to answer, or to say what is wrong with an argument."""
+    pose = target if type(target) is np.ndarray else getattr(target, "homogeneous", None)
+    pose = getattr(target, "pose", None) if pose is None else pose
+    found = None if core is None else core.step(loop, q, pose, feedforward, convergence)
+    if found is None:
+        return None
+    solution, velocity, turn, watch = found
+    return Tick(VelocitySolution._make(solution), velocity, turn, Convergence._make(watch))

@@ -1,0 +1,184 @@
+"""A controller's tick in the compiled core is the tick of Python: the same answer, the same memory after it."""
+
+from contextlib import contextmanager
+from copy import copy
+from unittest import mock
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.fuzz_ticks import random_chain
+from support.random_systems import motion
+from support.two_laws import NUMBER, ROUNDING
+
+import invariantqp as iq
+from invariantqp.native import core
+from invariantqp.velocity.objective import least_squares
+
+pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
+# Rounding of a tool pose and of its logarithm, in units of rounding of the pose.
+POSE = 32 * np.finfo(float).eps
+ARMS = ("panda", "ur5", "xarm7", "so101", "z1")
+
+
+@contextmanager
+def python_alone():
+    """Neither ticks nor velocities by the core."""
+    with (
+        mock.patch("invariantqp.control.controller.compiled_tick", return_value=None),
+        mock.patch("invariantqp.velocity.solve.core", None),
+    ):
+        yield
+
+
+def in_python(controller, *tick):
+    """The same tick by Python: the solution, and the controller after it."""
+    other = copy(controller)
+    with python_alone():
+        return other.step(*tick), other
+
+
+def rounding(controller, q, target):
+    """How far rounding of the pose, and of what follows, may part two velocities for this target."""
+    robot, law = controller.robot, controller.law
+    seen = robot.sight(q, robot.target(target))
+    root = controller.measure.root(robot, seen, robot.target(target))
+    s = root @ seen.error * controller.gain
+    objective = least_squares(root @ seen.J, s, None, law.damping)
+    weakest = objective.weights[objective.weights > 0].min()
+    size = np.abs(robot.pose(q)).max() + np.abs(np.asarray(target)).max()
+    shift = POSE * controller.gain * size * (1.0 + controller.measure.length) * np.linalg.norm(root)
+    far = np.linalg.norm(objective.centre())
+    return shift / np.sqrt(weakest) + ROUNDING * objective.weights.max() / weakest * far
+
+
+def assert_same(controller, q, target, feedforward=None):
+    python, after = in_python(controller, q, target, feedforward)
+    native = controller.step(q, target, feedforward)
+    near = 1e-10 * np.abs(python.velocity).max() + rounding(controller, q, target)
+    np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
+    assert (native.status, native.method, native.active) == (python.status, python.method, python.active)
+    assert NUMBER.sub("#", native.reason) == NUMBER.sub("#", python.reason)
+    ours, theirs = controller._memory, after._memory
+    assert ours.velocity is not native.velocity
+    np.testing.assert_array_equal(ours.velocity, native.velocity)
+    np.testing.assert_allclose(ours.turn, theirs.turn, rtol=1e-12, atol=1e-14)
+    assert ours.convergence.ticks == theirs.convergence.ticks
+    for name in ("promised", "achieved", "speed", "size"):
+        one, other = getattr(ours.convergence, name), getattr(theirs.convergence, name)
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-6 * theirs.convergence.size + 1e-12 * controller.gain)
+    return native
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**63))
+def test_loops_of_any_chain(seed):
+    rng = np.random.default_rng(seed)
+    robot = random_chain(rng)
+    m = len(robot.names)
+    controller = iq.Controller(robot, dt=0.01, gain=float(rng.uniform(1.0, 100.0)))
+    if controller._compiled is None:  # a prismatic joint beside a revolute one
+        return
+    q = np.clip(rng.normal(size=m), robot.position_lower, robot.position_upper)
+    size = np.abs(robot.home[:3, 3]).max()
+    target = robot.pose(q) @ motion(rng, 0.3 * size) if rng.random() < 0.5 else robot.pose(q + 0.1)
+    ahead = rng.normal(size=6) * (1.0, 1.0, 1.0, size, size, size) if rng.random() < 0.5 else None
+    for _ in range(5):
+        q = q + 0.01 * assert_same(controller, q, target, ahead).velocity
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_that_follows_a_path_into_its_limits(name):
+    robot = iq.load_robot(name)
+    controller = iq.Controller(robot, dt=0.01)
+    assert controller._compiled is not None
+    q = 0.5 * (robot.position_lower + robot.position_upper) + 0.1
+    goal = robot.pose(q)
+    methods = set()
+    for k in range(150):
+        goal = iq.exp([0.0, 0.0, 0.003, 0.006 * np.sin(0.05 * k), 0.006, 0.0]) @ goal
+        solution = assert_same(controller, q, goal, np.array([0.0, 0.0, 0.3, 0.0, 0.6, 0.0]))
+        methods.add(solution.method)
+        q = q + 0.01 * solution.velocity
+    assert "qp" in methods
+
+
+def test_a_target_in_any_form(panda):
+    controller, q = panda
+    pose = controller.robot.pose(q + 0.01)
+    ways = (pose, controller.robot.target(pose), np.asfortranarray(pose), pose.tolist())
+    steps = [copy(controller).step(q, way) for way in ways]
+    for step in steps[1:]:
+        np.testing.assert_allclose(step.velocity, steps[0].velocity, rtol=1e-12, atol=1e-14)
+
+
+@pytest.fixture
+def panda():
+    robot = iq.load_robot("panda")
+    return iq.Controller(robot, dt=0.01), 0.5 * (robot.position_lower + robot.position_upper) + 0.1
+
+
+def test_python_says_what_is_wrong(panda):
+    controller, q = panda
+    pose = controller.robot.pose(q)
+    before = controller._memory
+    bad = pose.copy()
+    bad[3, 0] = 1.0
+    for arguments in (
+        (np.full(7, np.nan), pose),
+        (q[:6], pose),
+        (q, bad),
+        (q, np.nan * pose),
+        (q, 2.0 * pose),
+        (q, pose, np.full(6, np.inf)),
+        (q, pose, None, q[:3]),
+    ):
+        with pytest.raises(iq.BadInput):
+            controller.step(*arguments)
+        assert controller._memory is before
+
+
+@pytest.mark.parametrize("angle", [0.79 * np.pi, 0.81 * np.pi, np.pi])
+def test_turns_near_half_a_turn(panda, angle):
+    controller, q = panda
+    target = controller.robot.pose(q) @ iq.exp([0.0, 0.6 * angle, 0.8 * angle, 0.0, 0.0, 0.0])
+    for _ in range(3):
+        assert_same(controller, q, target)
+
+
+def test_not_converging_is_told(panda):
+    controller, q = panda
+    target = controller.robot.pose(q + 0.3)
+    for _ in range(60):  # an arm that does not move
+        solution = assert_same(controller, q, target)
+    assert "not converging" in solution.reason
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"exact": "position"},
+        {"acceleration_limit": 5.0},
+        {"tool_speed": 0.25},
+        {"rows": iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0])},
+        {"form": 0.1},
+        {"form": iq.CarriedMetric(np.eye(6))},
+        {"point": "own"},
+        {"backend": "osqp"},
+        {"joint_metric": np.arange(1.0, 8.0)},
+    ],
+    ids=lambda options: next(iter(options)),
+)
+def test_other_loops_are_python_s(panda, options):
+    assert iq.Controller(panda[0].robot, dt=0.01, **options)._compiled is None
+
+
+def test_a_robot_that_may_change_is_python_s(panda):
+    robot = panda[0].robot
+
+    class Wrapped:
+        def __getattr__(self, name):
+            return getattr(robot, name)
+
+    assert iq.Controller(Wrapped(), dt=0.01)._compiled is None
