@@ -12,6 +12,8 @@ const Constant CONSTANTS[] = {
     ONE("velocity.calm", DEVIATION_SHARE),
     ONE("velocity.calm", QUIET_SHARE),
     ONE("velocity.qp.quadratic", FEASIBLE),
+    ONE("velocity.qp.polytope", ROW_TOLERANCE),
+    ONE("velocity.qp.active", DEPENDENT),
     ONE("velocity.qp.primal", PARALLEL),
     ONE("velocity.qp.primal", STEPS),
     ONE("velocity.qp.polytope", ACTIVE_TOLERANCE),

@@ -13,6 +13,8 @@
 
 /* More joints than this are handed back. */
 #define MOST 16
+/* More limits than this are handed back. */
+#define LIMITS (2 * MOST + 1)
 
 typedef enum { DONE, HAND_BACK } Outcome;
 
@@ -47,9 +49,24 @@ typedef struct {
     Row sigma, wanted;
 } Spectrum;
 
+/* qp/quadratic.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e */
+typedef struct {
+    int n;
+    Row K[MOST], T[MOST], centre;
+} Quadratic;
+
+/* qp/polytope.py: lower <= A z <= upper, A the identity for a box */
+typedef struct {
+    int count;
+    bool box;
+    Row A[LIMITS];
+    double lower[LIMITS], upper[LIMITS];
+} Polytope;
+
 /* qp/quadratic.py: the minimiser and its multipliers, zero where a limit is not active */
 typedef struct {
-    Row z, multipliers;
+    Row z;
+    double multipliers[LIMITS];
     bool met; /* whether a limit is active */
 } Optimum;
 
@@ -97,12 +114,13 @@ bool all_finite(int n, const double *a);
 Outcome spectrum(int n, const Row A[6], const double b[6], Spectrum *found);
 Outcome least_squares(const Demand *demand, const Row A[6], const double b[6], Objective *objective);
 void centre(const Objective *objective, Row z);
+void quadratic(const Objective *objective, Quadratic *problem);
 double speed(const Objective *objective, const Row z);
 void calmed(Objective *objective, double mu);
 bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x);
 double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
-Outcome minimise(const Objective *objective, const Row lower, const Row upper, Optimum *found);
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row inside, const Optimum *near, Optimum *found);
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x);
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective,
@@ -128,6 +146,8 @@ extern const Constant CONSTANTS[];
 #define QUIET_SHARE 1e-9
 #define FEASIBLE 1e-9
 #define PARALLEL 1e-9
+#define ROW_TOLERANCE 1e-12
+#define DEPENDENT 1e-12
 #define STEPS 10
 #define ACTIVE_TOLERANCE 1e-6
 #define MET_TOLERANCE 1e-9

@@ -74,6 +74,19 @@ void centre(const Objective *objective, Row z)
     }
 }
 
+void quadratic(const Objective *objective, Quadratic *problem)
+{
+    problem->n = objective->n;
+    centre(objective, problem->centre);
+    for (int i = 0; i < objective->n; i++) {
+        double root = sqrt(objective->weights[i]);
+        for (int j = 0; j < objective->n; j++) {
+            problem->K[i][j] = root * objective->V[i][j];
+            problem->T[j][i] = objective->V[i][j] / root;
+        }
+    }
+}
+
 double speed(const Objective *objective, const Row z)
 {
     double sum = 0.0;

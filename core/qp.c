@@ -1,130 +1,149 @@
-/* Twin of velocity/qp/quadratic.py, active.py and primal.py for a box: the optimum on an active set, from the root.
+/* Twin of velocity/qp/quadratic.py, active.py and primal.py: a convex quadratic inside limits.
 
-       minimise 1/2 |K (z - z*)|^2   over   lower <= z <= upper
-       K'K d + y = 0,  d = z - z*,   y > 0 at an upper limit, y < 0 at a lower one
+       minimise 1/2 |e|^2   over   lower <= A z <= upper,   z = z* + T e
+       on a set of active limits: the shortest e with N_a e = b_a,   N = A T,   e + N_a'y = 0
 
-   Python asks a solver for the active set first; here it begins with the limits that z* exceeds. Both then correct it
-   until the optimum on it is inside the other limits, with multipliers of the right sign: the problem is strictly
-   convex, so both find the same. */
+   T is the inverse of a root of the Hessian, so this is the point of a polytope nearest to e = 0. Python asks a solver
+   for the active set first, here it begins with none; both then correct it until the shortest e on it is inside the
+   other limits, with multipliers of the right sign. The problem is strictly convex, so both find the same. */
 
 #include "core.h"
+#include <stdlib.h>
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
-/* An optimum this close to a limit that is not active, relative to it, might be taken for active by Python. */
-static const double UNDECIDED = 1e-7;
-/* A multiplier of the wrong sign by less than this share of |K_j| |K d| is rounding of their product. */
-static const double WRONG_SIGN = 1e-14;
+/* A multiplier of the wrong sign by less than this share of |e| / |N_i| is rounding. */
+static const double WRONG_SIGN = 1e-13;
+/* Where a limit is closer than this to the optimum without being active, Python might take it for active. */
+static const double UNDECIDED = 1e-9;
 
-/* Columns of K, each of length n. */
+/* Centred: lower <= N e <= upper. */
 typedef struct {
-    int n;
-    Row column[MOST];
-} Root;
+    int n, count;
+    Row N[LIMITS];
+    double lower[LIMITS], upper[LIMITS], length[LIMITS];
+} Room;
 
-/* The z of least |K z - wanted| for f columns of K, by Householder reflections of both; HAND_BACK at rank below f. */
-static Outcome least(int n, int f, Row *column, double *wanted, double *z)
+/* The e with N_a e = b_a; at[i] is a limit, N_a' = Q R by orthonormal rows Q[i]. */
+typedef struct {
+    int k, at[MOST];
+    Row Q[MOST], R[MOST], e;
+} Face;
+
+/* The shortest e with N_a e = b. */
+static void shortest(const Face *face, int n, const double *b, Row e)
 {
-    double diagonal[MOST];
-    for (int k = 0; k < f; k++) {
-        double *v = column[k], length = norm(n - k, v + k);
-        if (!(length > 0.0))
-            return HAND_BACK;
-        double alpha = v[k] > 0.0 ? -length : length;
-        v[k] -= alpha;
-        double scale = -1.0 / (alpha * v[k]);
-        for (int j = k + 1; j <= f; j++) {
-            double *c = j < f ? column[j] : wanted;
-            double share = scale * dot(n - k, v + k, c + k);
-            for (int i = k; i < n; i++)
-                c[i] -= share * v[i];
-        }
-        diagonal[k] = alpha;
+    Row w;
+    for (int j = 0; j < n; j++)
+        e[j] = 0.0;
+    for (int i = 0; i < face->k; i++) {
+        w[i] = b[i];
+        for (int l = 0; l < i; l++)
+            w[i] -= face->R[l][i] * w[l];
+        w[i] /= face->R[i][i];
+        for (int j = 0; j < n; j++)
+            e[j] += w[i] * face->Q[i][j];
     }
-    for (int k = f - 1; k >= 0; k--) {
-        z[k] = wanted[k];
-        for (int j = k + 1; j < f; j++)
-            z[k] -= column[j][k] * z[j];
-        z[k] /= diagonal[k];
-    }
-    return DONE;
 }
 
-/* The d of least |K d| on the active limits, and the multipliers. */
-static Outcome on_active(const Root *K, const Row lower, const Row upper, const int *side, Row d, Row y)
+/* y with pull + N_a'y = 0 on the active limits, zero for the others. */
+static void multipliers(const Face *face, const Room *room, const Row pull, double *y)
 {
-    int n = K->n, f = 0, free[MOST];
-    Row columns[MOST], wanted = {0.0}, found;
-    for (int j = 0; j < n; j++) {
-        y[j] = 0.0;
-        if (side[j] == 0) {
-            for (int i = 0; i < n; i++)
-                columns[f][i] = K->column[j][i];
-            free[f++] = j;
-            continue;
-        }
-        d[j] = side[j] > 0 ? upper[j] : lower[j];
-        for (int i = 0; i < n; i++)
-            wanted[i] -= K->column[j][i] * d[j];
+    Row w;
+    for (int i = 0; i < room->count; i++)
+        y[i] = 0.0;
+    for (int i = face->k - 1; i >= 0; i--) {
+        w[i] = -dot(room->n, face->Q[i], pull);
+        for (int l = i + 1; l < face->k; l++)
+            w[i] -= face->R[i][l] * w[l];
+        w[i] /= face->R[i][i];
+        y[face->at[i]] = w[i];
     }
-    if (f > 0 && least(n, f, columns, wanted, found) == HAND_BACK)
-        return HAND_BACK;
-    for (int k = 0; k < f; k++)
-        d[free[k]] = found[k];
-    if (f == n)
-        return DONE;
-    Row left = {0.0};
-    for (int j = 0; j < n; j++)
-        for (int i = 0; i < n; i++)
-            left[i] += K->column[j][i] * d[j];
-    for (int j = 0; j < n; j++)
-        if (side[j] != 0)
-            y[j] = -dot(n, K->column[j], left);
+}
+
+/* HAND_BACK where the active rows depend on each other. */
+static Outcome face_of(const Room *room, const int *side, Face *face)
+{
+    int n = room->n;
+    Row bound;
+    double least = INFINITY, most = 0.0;
+    face->k = 0;
+    for (int i = 0; i < room->count; i++) {
+        if (side[i] == 0)
+            continue;
+        int k = face->k;
+        if (k == n)
+            return HAND_BACK;
+        double *q = face->Q[k];
+        for (int j = 0; j < n; j++)
+            q[j] = room->N[i][j];
+        for (int l = 0; l < k; l++)
+            face->R[l][k] = 0.0;
+        for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of N */
+            for (int l = 0; l < k; l++) {
+                double share = dot(n, face->Q[l], q);
+                face->R[l][k] += share;
+                for (int j = 0; j < n; j++)
+                    q[j] -= share * face->Q[l][j];
+            }
+        double length = face->R[k][k] = norm(n, q);
+        least = fmin(least, length);
+        most = fmax(most, length);
+        if (!(least > DEPENDENT * most))
+            return HAND_BACK;
+        for (int j = 0; j < n; j++)
+            q[j] /= length;
+        bound[k] = side[i] > 0 ? room->upper[i] : room->lower[i];
+        face->at[k] = i;
+        face->k++;
+    }
+    shortest(face, n, bound, face->e);
     return DONE;
 }
 
 /* The limit whose multiplier has the wrong sign by most; -1 for none. Late in a search the first one is taken (Bland's
    rule), so that no active set repeats. */
-static int weakest(const Root *K, const int *side, const Row d, const Row y, bool late)
+static int weakest(const Room *room, const Face *face, const int *side, const double *y, bool late)
 {
-    int n = K->n, found = -1;
-    Row left = {0.0};
-    for (int j = 0; j < n; j++)
-        for (int i = 0; i < n; i++)
-            left[i] += K->column[j][i] * d[j];
-    double most = 0.0, size = norm(n, left);
-    for (int j = 0; j < n; j++) {
-        double wrong = -side[j] * y[j] - WRONG_SIGN * norm(n, K->column[j]) * size;
-        if (wrong > most && (found < 0 || !late)) {
+    int found = -1;
+    double most = 0.0, size = WRONG_SIGN * norm(room->n, face->e);
+    for (int k = 0; k < face->k; k++) {
+        int i = face->at[k];
+        double wrong = -side[i] * y[i];
+        if (wrong * room->length[i] > size && wrong > most && (found < 0 || !late)) {
             most = wrong;
-            found = j;
+            found = i;
         }
     }
     return found;
 }
 
-/* The optimum d and its multipliers, after correcting the active set; HAND_BACK where that does not end. */
-static Outcome checked(const Root *K, const Row lower, const Row upper, int *side, Row d, Row y)
+/* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
+static Outcome corrected(const Room *room, int *side, Face *face, double *y)
 {
-    int n = K->n;
-    for (int count = 0; count < CORRECTIONS * n; count++) {
-        if (on_active(K, lower, upper, side, d, y) == HAND_BACK)
+    for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
+        if (face_of(room, side, face) == HAND_BACK)
             return HAND_BACK;
         int worst = -1;
         double outside = 0.0;
-        for (int j = 0; j < n; j++) {
-            double edge = FEASIBLE * (1.0 + fmin(fabs(lower[j]), fabs(upper[j])));
-            double by = fmax(d[j] - upper[j], lower[j] - d[j]) - edge;
-            if (side[j] == 0 && by > outside) {
+        bool above = false;
+        for (int i = 0; i < room->count; i++) {
+            if (side[i] != 0)
+                continue;
+            double value = dot(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
+            double by = fmax(value - upper, lower - value) - FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper)));
+            if (by > outside) {
                 outside = by;
-                worst = j;
+                worst = i;
+                above = value > upper;
             }
         }
         if (worst >= 0) {
-            side[worst] = d[worst] > upper[worst] ? 1 : -1;
+            side[worst] = above ? 1 : -1;
             continue;
         }
-        int wrong = weakest(K, side, d, y, false);
+        multipliers(face, room, face->e, y);
+        int wrong = weakest(room, face, side, y, false);
         if (wrong < 0)
             return DONE;
         side[wrong] = 0;
@@ -132,80 +151,140 @@ static Outcome checked(const Root *K, const Row lower, const Row upper, int *sid
     return HAND_BACK;
 }
 
-/* The same by steps that stay inside, from a d that is inside: every step lowers the objective or changes the set. */
-static Outcome from_inside(const Root *K, const Row lower, const Row upper, int *side, Row d, Row y)
+/* The same by steps that stay inside, from an e that is inside: every step shortens e or changes the set. */
+static Outcome from_inside(const Room *room, int *side, Row e, Face *face, double *y)
 {
-    int n = K->n;
-    Row best, step;
-    for (int j = 0; j < n; j++)
-        side[j] = 0;
-    for (int count = 0; count < STEPS * n; count++) {
-        if (on_active(K, lower, upper, side, best, y) == HAND_BACK)
+    int n = room->n;
+    for (int i = 0; i < room->count; i++)
+        side[i] = 0;
+    for (int count = 0; count < STEPS * room->count; count++) {
+        if (face_of(room, side, face) == HAND_BACK)
             return HAND_BACK;
+        Row step;
         for (int j = 0; j < n; j++)
-            step[j] = best[j] - d[j];
+            step[j] = face->e[j] - e[j];
         double first = 1.0, length = norm(n, step);
-        int meets = -1;
-        for (int j = 0; j < n; j++) {
-            if (side[j] != 0 || fabs(step[j]) <= PARALLEL * length)
+        int meets = 0;
+        for (int i = 0; i < room->count; i++) {
+            double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);
+            if (side[i] != 0 || fabs(change) <= PARALLEL * room->length[i] * length)
                 continue;
-            double share = ((step[j] > 0.0 ? upper[j] : lower[j]) - d[j]) / step[j];
+            double share = ((change > 0.0 ? room->upper[i] : room->lower[i]) - value) / change;
             if (share < first) {
                 first = share;
-                meets = j;
+                meets = change > 0.0 ? i + 1 : -i - 1;
             }
         }
-        if (meets >= 0) {
+        if (meets != 0) {
             for (int j = 0; j < n; j++)
-                d[j] += fmax(0.0, first) * step[j];
-            side[meets] = step[meets] > 0.0 ? 1 : -1;
+                e[j] += fmax(0.0, first) * step[j];
+            side[abs(meets) - 1] = meets > 0 ? 1 : -1;
             continue;
         }
-        for (int j = 0; j < n; j++)
-            d[j] = best[j];
-        int wrong = weakest(K, side, d, y, count > 2 * n);
+        multipliers(face, room, face->e, y);
+        int wrong = weakest(room, face, side, y, count > 2 * room->count);
         if (wrong < 0)
             return DONE;
+        for (int j = 0; j < n; j++)
+            e[j] = face->e[j];
         side[wrong] = 0;
     }
     return HAND_BACK;
 }
 
-Outcome minimise(const Objective *objective, const Row lower, const Row upper, Optimum *found)
+/* The limits on e; rows that no e moves are left out, HAND_BACK where one of those is exceeded. */
+static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *room, int *of)
 {
-    int n = objective->n, side[MOST];
-    bool inside = true;
-    Root K = {.n = n};
-    Row z, low, high, d;
-    centre(objective, z);
+    int n = problem->n;
+    double longest = 0.0, length[LIMITS];
+    for (int i = 0; i < limits->count; i++) {
+        length[i] = limits->box ? 1.0 : norm(n, limits->A[i]);
+        longest = fmax(longest, length[i]);
+    }
+    room->n = n;
+    room->count = 0;
+    for (int i = 0; i < limits->count; i++) {
+        double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
+        double lower = limits->lower[i] - value, upper = limits->upper[i] - value;
+        if (!(length[i] > ROW_TOLERANCE * longest)) {
+            double size = (isfinite(lower) ? fabs(lower) : 0.0) + (isfinite(upper) ? fabs(upper) : 0.0);
+            if (fmax(lower, -upper) > FEASIBLE * (1.0 + size))
+                return HAND_BACK;
+            continue;
+        }
+        int k = room->count++;
+        of[k] = i;
+        room->lower[k] = lower;
+        room->upper[k] = upper;
+        for (int j = 0; j < n; j++) {
+            double sum = limits->box ? problem->T[i][j] : 0.0;
+            for (int l = 0; l < n && !limits->box; l++)
+                sum += limits->A[i][l] * problem->T[l][j];
+            room->N[k][j] = sum;
+        }
+        room->length[k] = norm(n, room->N[k]);
+    }
+    return DONE;
+}
+
+/* z of the e on a face, on its active limits to rounding in z, whatever the condition of T. */
+static void precise(const Quadratic *problem, const Polytope *limits, const int *of, const int *side,
+                    const Face *face, Row z)
+{
+    int n = problem->n;
+    Row missing = {0.0}, e;
+    for (int j = 0; j < n; j++)
+        z[j] = problem->centre[j] + dot(n, problem->T[j], face->e);
+    for (int k = 0; k < face->k; k++) {
+        int i = of[face->at[k]];
+        double value = limits->box ? z[i] : dot(n, limits->A[i], z);
+        missing[k] = (side[face->at[k]] > 0 ? limits->upper[i] : limits->lower[i]) - value;
+    }
+    shortest(face, n, missing, e);
+    for (int j = 0; j < n; j++)
+        z[j] += dot(n, problem->T[j], e);
+}
+
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row inside, const Optimum *near, Optimum *found)
+{
+    int n = problem->n, of[LIMITS], side[LIMITS];
+    Room room;
+    Face face;
+    double y[LIMITS], guess[LIMITS];
+    bool within = true;
+    for (int i = 0; i < limits->count; i++) {
+        guess[i] = near != NULL && near->met ? near->multipliers[i] : 0.0; /* near may be found itself */
+        found->multipliers[i] = 0.0;
+    }
     found->met = false;
-    for (int j = 0; j < n; j++) {
-        low[j] = lower[j] - z[j];
-        high[j] = upper[j] - z[j];
-        side[j] = high[j] < 0.0 ? 1 : low[j] > 0.0 ? -1 : 0;
-        inside = inside && side[j] == 0;
-        found->z[j] = z[j];
-        found->multipliers[j] = 0.0;
+    if (centred(problem, limits, &room, of) == HAND_BACK)
+        return HAND_BACK;
+    for (int k = 0; k < room.count; k++) {
+        within = within && room.lower[k] <= 0.0 && room.upper[k] >= 0.0;
+        side[k] = (guess[of[k]] > 0.0) - (guess[of[k]] < 0.0);
     }
-    if (inside)
+    if (within) {
+        for (int j = 0; j < n; j++)
+            found->z[j] = problem->centre[j];
         return DONE;
-    for (int i = 0; i < n; i++) {
-        double root = sqrt(objective->weights[i]);
-        for (int j = 0; j < n; j++)
-            K.column[j][i] = root * objective->V[i][j];
     }
-    if (checked(&K, low, high, side, d, found->multipliers) == HAND_BACK) {
+    if (corrected(&room, side, &face, y) == HAND_BACK) {
+        Row e, d;
         for (int j = 0; j < n; j++)
-            d[j] = fmin(fmax(0.0, lower[j]), upper[j]) - z[j];
-        if (from_inside(&K, low, high, side, d, found->multipliers) == HAND_BACK)
+            d[j] = inside[j] - problem->centre[j];
+        for (int j = 0; j < n; j++)
+            e[j] = dot(n, problem->K[j], d);
+        if (from_inside(&room, side, e, &face, y) == HAND_BACK)
             return HAND_BACK;
     }
-    for (int j = 0; j < n; j++) {
-        double room = fmin(high[j] - d[j], d[j] - low[j]);
-        if (side[j] == 0 && isfinite(room) && room <= UNDECIDED * (1.0 + fmin(fabs(low[j]), fabs(high[j]))))
+    for (int k = 0; k < room.count; k++) {
+        double value = dot(n, room.N[k], face.e), least = fmin(room.upper[k] - value, value - room.lower[k]);
+        double edge = UNDECIDED * (1.0 + fmin(fabs(room.lower[k]), fabs(room.upper[k])));
+        if (side[k] == 0 && isfinite(least) && least <= edge)
             return HAND_BACK;
-        found->met = found->met || found->multipliers[j] != 0.0;
-        found->z[j] = z[j] + d[j];
+        found->multipliers[of[k]] = y[k];
+        found->met = found->met || y[k] != 0.0;
     }
+    precise(problem, limits, of, side, &face, found->z);
     return all_finite(n, found->z) ? DONE : HAND_BACK;
 }

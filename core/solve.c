@@ -41,22 +41,40 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     return true;
 }
 
+/* The optimum inside the box. */
+static Outcome minimised(const Demand *demand, const Objective *objective, Optimum *found)
+{
+    Quadratic problem;
+    Polytope limits;
+    limits.count = demand->m;
+    limits.box = true;
+    Row inside;
+    for (int j = 0; j < demand->m; j++) {
+        limits.lower[j] = demand->lower[j];
+        limits.upper[j] = demand->upper[j];
+        inside[j] = fmin(fmax(0.0, demand->lower[j]), demand->upper[j]);
+    }
+    quadratic(objective, &problem);
+    return minimise(&problem, &limits, inside, found, found);
+}
+
 static Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution)
 {
     Objective objective;
-    Optimum found = {.met = false};
+    Optimum found;
+    found.met = false;
     if (least_squares(demand, A, wanted, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, found.z);
     if (!all_finite(demand->m, found.z))
         return HAND_BACK;
-    if (!allows(demand, found.z) && minimise(&objective, demand->lower, demand->upper, &found) == HAND_BACK)
+    if (!allows(demand, found.z) && minimised(demand, &objective, &found) == HAND_BACK)
         return HAND_BACK;
     if (demand->dt > 0.0) {
         double mu = calm(demand->m, A, wanted, found.z, speed(&objective, found.z), demand->dt);
         if (mu > 0.0) {
             calmed(&objective, mu);
-            if (minimise(&objective, demand->lower, demand->upper, &found) == HAND_BACK)
+            if (minimised(demand, &objective, &found) == HAND_BACK)
                 return HAND_BACK;
         }
     }
