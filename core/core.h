@@ -73,6 +73,7 @@ typedef struct {
 /* solution.py */
 typedef enum { CLOSED_FORM, DAMPED, QP } Method;
 typedef struct {
+    int m;
     Row velocity, multipliers;
     double residual[6];
     Method method;

@@ -1,141 +1,28 @@
-/* The boundary with Python: arrays in, the fields of a VelocitySolution out. Nothing is computed here. */
+/* The functions that Python calls. Nothing is computed here. */
 
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-#include <numpy/arrayobject.h>
+#define IMPORTS_NUMPY
+#include "boundary.h"
 
-#include "core.h"
-
-/* "near a singularity: ...", "at the limits of joints 0, 2": as velocity/report.py words them. */
-#define WORDS 512
-
-/* Copy a float64 vector of n numbers, whatever its strides; false for anything else. */
-static bool vector(PyObject *object, int n, double *into)
+/* Read (threshold, ceiling, fixed lambda). */
+static bool damping(PyObject *policy, Demand *demand)
 {
-    if (!PyArray_Check(object))
+    if (!PyTuple_Check(policy) || PyTuple_Size(policy) != 3)
         return false;
-    PyArrayObject *array = (PyArrayObject *)object;
-    if (PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISBEHAVED_RO(array) || PyArray_NDIM(array) != 1 ||
-        PyArray_DIM(array, 0) != n)
-        return false;
-    const char *from = PyArray_BYTES(array);
-    npy_intp step = PyArray_STRIDE(array, 0);
-    for (int i = 0; i < n; i++)
-        into[i] = *(const double *)(from + i * step);
-    return true;
-}
-
-/* Copy a (rows, n) float64 matrix into rows of `width`. */
-static bool matrix(PyObject *object, int rows, int n, int width, double *into)
-{
-    if (!PyArray_Check(object))
-        return false;
-    PyArrayObject *array = (PyArrayObject *)object;
-    if (PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISBEHAVED_RO(array) || PyArray_NDIM(array) != 2 ||
-        PyArray_DIM(array, 0) != rows || PyArray_DIM(array, 1) != n)
-        return false;
-    const char *from = PyArray_BYTES(array);
-    npy_intp down = PyArray_STRIDE(array, 0), step = PyArray_STRIDE(array, 1);
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j < n; j++)
-            into[i * width + j] = *(const double *)(from + i * down + j * step);
-    return true;
-}
-
-static PyObject *new_vector(int n, const double *values)
-{
-    npy_intp size = n;
-    PyObject *array = PyArray_SimpleNew(1, &size, NPY_DOUBLE);
-    if (array != NULL)
-        memcpy(PyArray_DATA((PyArrayObject *)array), values, (size_t)n * sizeof *values);
-    return array;
-}
-
-/* Write text and a number at the end of words: `code` and `digits` as in a format of Python, whatever the locale. */
-static bool add(char *words, const char *text, double number, char code, int digits)
-{
-    char *written = PyOS_double_to_string(number, code, digits, 0, NULL);
-    if (written == NULL)
-        return false;
-    size_t used = strlen(words);
-    PyOS_snprintf(words + used, WORDS - used, "%s%s", text, written);
-    PyMem_Free(written);
-    return true;
-}
-
-static void say(char *words, const char *text)
-{
-    size_t used = strlen(words);
-    PyOS_snprintf(words + used, WORDS - used, "%s%s", used > 0 ? "; " : "", text);
-}
-
-static PyObject *reason(int m, const Solution *solution, int active)
-{
-    char words[WORDS] = "";
-    if (solution->stuck)
-        say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
-    if (solution->damping > 0.0) {
-        say(words, "near a singularity: the smallest singular value is ");
-        if (!add(words, "", solution->ratio, 'e', 1))
-            return NULL;
-        size_t used = strlen(words);
-        PyOS_snprintf(words + used, WORDS - used, " of the largest; damped");
-        if (solution->lost && solution->lost_share == 0.0)
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), ": part of the motion is given up");
-        else if (solution->lost) {
-            if (!add(words, ": ", solution->lost_share, 'g', 2))
-                return NULL;
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the twist is given up");
-        }
-    }
-    if (active > 0) {
-        say(words, active > 1 ? "at the limits of joints" : "at the limits of joint");
-        const char *before = " ";
-        for (int j = 0; j < m; j++)
-            if (solution->active[j]) {
-                PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s%d", before, j);
-                before = ", ";
-            }
-    }
-    return PyUnicode_FromString(words);
-}
-
-static PyObject *joints(int m, const bool *active, int count)
-{
-    PyObject *tuple = PyTuple_New(count);
-    for (int j = 0, k = 0; tuple != NULL && j < m; j++) {
-        if (!active[j])
-            continue;
-        PyObject *index = PyLong_FromLong(j);
-        if (index == NULL || PyTuple_SetItem(tuple, k++, index) < 0)
-            Py_CLEAR(tuple);
-    }
-    return tuple;
-}
-
-/* The fields of a VelocitySolution, in its order. */
-static PyObject *fields(int m, const Solution *solution)
-{
-    static const char *const METHODS[] = {"closed-form", "damped", "qp"};
-    int active = 0;
-    for (int j = 0; j < m; j++)
-        active += solution->active[j];
-    bool met = solution->method == QP;
-    return Py_BuildValue("(NssNNNdddsNO)", new_vector(m, solution->velocity), METHODS[solution->method],
-                         solution->stuck || solution->lost ? "degraded" : "ok", reason(m, solution, active),
-                         joints(m, solution->active, active), new_vector(6, solution->residual), 1.0,
-                         solution->damping, 0.0, met ? "native" : "",
-                         met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None), Py_None);
+    demand->threshold = PyFloat_AsDouble(PyTuple_GetItem(policy, 0));
+    demand->ceiling = PyFloat_AsDouble(PyTuple_GetItem(policy, 1));
+    demand->fixed = PyFloat_AsDouble(PyTuple_GetItem(policy, 2));
+    return !PyErr_Occurred();
 }
 
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    if (count != 8 || !PyTuple_Check(arguments[7]) || PyTuple_Size(arguments[7]) != 3) {
-        PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed))");
+    Demand demand = {.posture = {0.0}};
+    if (count != 8 || !damping(arguments[7], &demand)) {
+        if (!PyErr_Occurred())
+            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed))");
         return NULL;
     }
-    Demand demand = {.posture = {0.0}};
     npy_intp m = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
                      ? PyArray_DIM((PyArrayObject *)arguments[0], 1)
                      : 0;
@@ -149,9 +36,6 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         (demand.has_posture && !vector(arguments[5], demand.m, demand.posture)))
         Py_RETURN_NONE;
     demand.dt = PyFloat_AsDouble(arguments[6]);
-    demand.threshold = PyFloat_AsDouble(PyTuple_GetItem(arguments[7], 0));
-    demand.ceiling = PyFloat_AsDouble(PyTuple_GetItem(arguments[7], 1));
-    demand.fixed = PyFloat_AsDouble(PyTuple_GetItem(arguments[7], 2));
     if (PyErr_Occurred())
         return NULL;
     Solution solution;
@@ -199,19 +83,6 @@ static bool convergence(PyObject *tuple, Convergence *watch)
     return !PyErr_Occurred() && (!watch->has_expected || vector(expected, 6, watch->expected));
 }
 
-static bool pose(PyObject *object, Pose *T)
-{
-    double H[16];
-    if (!matrix(object, 4, 4, 4, H) || !all_finite(16, H) || H[12] != 0.0 || H[13] != 0.0 || H[14] != 0.0 ||
-        H[15] != 1.0)
-        return false;
-    for (int i = 0; i < 3; i++) {
-        memcpy(T->R[i], H + 4 * i, 3 * sizeof(double));
-        T->p[i] = H[4 * i + 3];
-    }
-    return true;
-}
-
 static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -240,7 +111,82 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
                          watch.ticks);
 }
 
+/* ticks(J, s, roots, lower, upper, posture, policy, velocity, residual): N rows, each a tick without dt. Velocities and
+   residuals are written where the closed form answers; of the other rows a dict has the fields, or None for Python. */
+static PyObject *ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    static const int DIMENSIONS[] = {3, 2, 3, 2, 2, 2, 0, 2, 2};
+    Demand shared = {.posture = {0.0}};
+    PyArrayObject *arrays[9];
+    bool good = count == 9 && damping(arguments[6], &shared);
+    npy_intp n = 0, m = 0;
+    for (int i = 0; good && i < 9; i++) {
+        arrays[i] = NULL;
+        if (i == 6 || (i == 5 && arguments[i] == Py_None))
+            continue;
+        good = PyArray_Check(arguments[i]);
+        arrays[i] = (PyArrayObject *)arguments[i];
+        good = good && PyArray_TYPE(arrays[i]) == NPY_DOUBLE && PyArray_NDIM(arrays[i]) == DIMENSIONS[i] &&
+               (i < 7 ? PyArray_ISBEHAVED_RO(arrays[i]) : PyArray_ISCARRAY(arrays[i]));
+        if (good && i == 0) {
+            n = PyArray_DIM(arrays[0], 0);
+            m = PyArray_DIM(arrays[0], 2);
+        }
+        npy_intp width = i == 1 || i == 2 || i == 8 ? 6 : m;
+        good = good && PyArray_DIM(arrays[i], 0) == n && PyArray_DIM(arrays[i], DIMENSIONS[i] - 1) == width &&
+               (DIMENSIONS[i] == 2 || PyArray_DIM(arrays[i], 1) == 6);
+    }
+    if (!good || m < 1 || m > MOST) {
+        if (!PyErr_Occurred())
+            PyErr_SetString(PyExc_TypeError, "ticks(J, s, roots, lower, upper, posture, policy, velocity, residual)");
+        return NULL;
+    }
+    shared.m = (int)m;
+    shared.has_posture = arrays[5] != NULL;
+    Solution *solutions = PyMem_Malloc((size_t)(n > 0 ? n : 1) * sizeof *solutions);
+    Outcome *outcomes = PyMem_Malloc((size_t)(n > 0 ? n : 1) * sizeof *outcomes);
+    PyObject *others = PyDict_New();
+    if (solutions == NULL || outcomes == NULL || others == NULL) {
+        PyMem_Free(solutions);
+        PyMem_Free(outcomes);
+        Py_XDECREF(others);
+        return PyErr_NoMemory();
+    }
+    Py_BEGIN_ALLOW_THREADS
+    for (npy_intp row = 0; row < n; row++) {
+        Demand demand = shared;
+        copied(arrays[0], row, 6, shared.m, MOST, demand.J[0]);
+        copied(arrays[1], row, 1, 6, 6, demand.s);
+        copied(arrays[2], row, 6, 6, 6, demand.root[0]);
+        copied(arrays[3], row, 1, shared.m, MOST, demand.lower);
+        copied(arrays[4], row, 1, shared.m, MOST, demand.upper);
+        if (shared.has_posture)
+            copied(arrays[5], row, 1, shared.m, MOST, demand.posture);
+        outcomes[row] = solve(&demand, &solutions[row]);
+        if (outcomes[row] == HAND_BACK)
+            continue;
+        memcpy((double *)PyArray_DATA(arrays[7]) + row * m, solutions[row].velocity, (size_t)m * sizeof(double));
+        memcpy((double *)PyArray_DATA(arrays[8]) + row * 6, solutions[row].residual, 6 * sizeof(double));
+    }
+    Py_END_ALLOW_THREADS
+    for (npy_intp row = 0; row < n && others != NULL; row++) {
+        if (outcomes[row] == DONE && is_plain(&solutions[row]))
+            continue;
+        PyObject *index = PyLong_FromSsize_t(row);
+        PyObject *value = outcomes[row] == HAND_BACK ? Py_NewRef(Py_None) : fields(shared.m, &solutions[row]);
+        if (index == NULL || value == NULL || PyDict_SetItem(others, index, value) < 0)
+            Py_CLEAR(others);
+        Py_XDECREF(index);
+        Py_XDECREF(value);
+    }
+    PyMem_Free(solutions);
+    PyMem_Free(outcomes);
+    return others;
+}
+
 static PyMethodDef methods[] = {
+    {"ticks", (PyCFunction)(void (*)(void))ticks, METH_FASTCALL, "Many ticks at once, without the GIL."},
     {"loop", (PyCFunction)(void (*)(void))loop, METH_FASTCALL, "The fixed numbers of a controller, for `step`."},
     {"step", (PyCFunction)(void (*)(void))controller_step, METH_FASTCALL,
      "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},

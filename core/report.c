@@ -49,6 +49,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     double size = norm(6, wanted);
     clipped(demand, found->z, solution);
     solution->method = found->met ? QP : objective->damping > 0.0 ? DAMPED : CLOSED_FORM;
+    solution->m = demand->m;
     solution->stuck = is_stuck(demand, A, wanted, solution->velocity);
     solution->lost = objective->lost > LOSS_TOLERANCE * size;
     solution->damping = objective->damping;

@@ -35,6 +35,7 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     }
     for (int i = 0; i < 6; i++)
         solution->residual[i] = demand->s[i] - dot(m, demand->J[i], x);
+    solution->m = m;
     solution->method = CLOSED_FORM;
     solution->stuck = solution->lost = false;
     solution->damping = 0.0;

@@ -17,6 +17,18 @@ def tick(
     policy: tuple[float, float, float],
     /,
 ) -> tuple[Any, ...] | None: ...
+def ticks(
+    J: Array,
+    s: Array,
+    roots: Array,
+    lower: Array,
+    upper: Array,
+    posture: Array | None,
+    policy: tuple[float, float, float],
+    velocity: Array,
+    residual: Array,
+    /,
+) -> dict[int, tuple[Any, ...] | None]: ...
 def loop(
     numbers: Array,
     point: Array,

@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.native import core
+from invariantqp.velocity.compiled import compiled_rows
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, form_of
 from invariantqp.velocity.free_rows import free_rows, measures
@@ -108,20 +110,29 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     batch = _checked(J, twist, options)
     twists, s = batch.twists, batch.s
     n = len(twists)
-    A, b = np.matmul(batch.roots, twists), np.matmul(batch.roots, s[:, :, None])[:, :, 0]
-    done, x = free_rows(batch.law, A, b, (batch.lower, batch.upper), batch.posture)
+    policy, box = batch.law.compiled, (batch.lower, batch.upper)
+    slow: dict[int, VelocitySolution | None] = {}
+    if core is not None and policy is not None:
+        x, residual, slow = compiled_rows(policy, twists, s, batch.roots, box, batch.posture)
+        done = np.ones(n, dtype=bool)
+        done[list(slow)] = False
+    else:
+        A, b = np.matmul(batch.roots, twists), np.matmul(batch.roots, s[:, :, None])[:, :, 0]
+        done, x = free_rows(batch.law, A, b, box, batch.posture)
+        residual = s - np.einsum("nij,nj->ni", twists, x)
     if batch.law.metric is None:  # prismatic joints beside revolute ones have a metric of their own in each row
         slides = prismatic(twists, 1.0)
-        done &= ~slides.any(axis=1) | slides.all(axis=1)
-    residual = s - np.einsum("nij,nj->ni", twists, x)
+        mixed = np.asarray(slides.any(axis=1) & ~slides.all(axis=1))
+        done &= ~mixed
+        slow = {i: solution for i, solution in slow.items() if not mixed[i]}
     method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
     scale, lambdas, blends = np.ones(n), np.zeros(n), np.zeros(n)
-    slow = {i: batch.solution(i) for i in np.flatnonzero(~done).tolist()}
-    for i, solution in slow.items():
+    solved = {i: slow.get(i) or batch.solution(i) for i in np.flatnonzero(~done).tolist()}
+    for i, solution in solved.items():
         x[i], residual[i] = solution.velocity, solution.residual
         method[i], status[i] = solution.method, solution.status
         scale[i], lambdas[i], blends[i] = solution.scale, solution.damping, solution.guard
-    return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, slow)
+    return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, solved)
 
 
 class _Batch(NamedTuple):

@@ -1,13 +1,24 @@
-"""The tick that the compiled core answers: no form, no joint metric, no limits but the bounds. Python has all others.
+"""The ticks that the compiled core answers: no form, no joint metric, no limits but the bounds. Python has all others.
 
 The core answers what this package's own Python would, or hands the tick back.
 """
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from os import cpu_count
+from typing import Any
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
 from invariantqp.native import core
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
+
+# Rows below which a thread is not worth its start.
+ROWS_A_THREAD = 1024
 
 
 def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
@@ -20,3 +31,45 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
         return None
     found = core.tick(J, s, root, lower, upper, posture, law.dt, policy)
     return None if found is None else VelocitySolution._make(found)
+
+
+def compiled_rows(
+    policy: tuple[float, float, float],
+    J: Array,
+    s: Array,
+    roots: Array,
+    box: tuple[Array, Array],
+    posture: Array | None,
+) -> tuple[Array, Array, dict[int, VelocitySolution | None]]:
+    """Many ticks: velocity (N, m), residual (N, 6), and the solutions of rows whose closed form is not all there is.
+
+    A row that is None there, and all rows of a core that refuses, are Python's. Large batches go to several threads.
+
+    Args:
+        policy: `VelocityLaw.compiled`.
+        J: (N, 6, m).
+        s: (N, 6).
+        roots: (N, 6, 6).
+        box: (N, m) each.
+        posture: (N, m) or None.
+    """
+    n, _, m = J.shape
+    velocity, residual = np.zeros((n, m)), np.zeros((n, 6))
+    if core is None or m > core.MOST_JOINTS:
+        return velocity, residual, dict.fromkeys(range(n))
+
+    def part(rows: slice) -> dict[int, Any]:
+        arrays = [J[rows], s[rows], roots[rows], box[0][rows], box[1][rows]]
+        wanted = None if posture is None else posture[rows]
+        found = core.ticks(*arrays, wanted, policy, velocity[rows], residual[rows])
+        return {rows.start + i: fields for i, fields in found.items()}
+
+    threads = max(1, min(n // ROWS_A_THREAD, cpu_count() or 1))
+    edges = np.linspace(0, n, threads + 1).astype(int).tolist()
+    slices = [slice(*edge) for edge in pairwise(edges)]
+    if threads == 1:
+        found = part(slices[0])
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            found = {i: fields for some in pool.map(part, slices) for i, fields in some.items()}
+    return velocity, residual, {i: None if f is None else VelocitySolution._make(f) for i, f in found.items()}
