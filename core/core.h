@@ -105,9 +105,17 @@ typedef struct {
     bool has_expected;
 } Convergence;
 
+static inline double dot(int n, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
+
 /* dense.c */
-double dot(int n, const double *a, const double *b);
-double norm(int n, const double *a);
 double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);
 

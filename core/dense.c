@@ -2,16 +2,6 @@
 
 #include "core.h"
 
-double dot(int n, const double *a, const double *b)
-{
-    double sum = 0.0;
-    for (int i = 0; i < n; i++)
-        sum += a[i] * b[i];
-    return sum;
-}
-
-double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
-
 /* |A|, the root of the sum of squares. */
 double norm_of_rows(int rows, int n, const Row *A)
 {

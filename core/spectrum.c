@@ -29,20 +29,25 @@ static void rotate(int n, double *p, double *q, double c, double s)
     }
 }
 
-/* Rotate all pairs until the rows are orthogonal. */
+/* Rotate all pairs until the rows are orthogonal; squares of lengths are carried along in a sweep. */
 static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double least)
 {
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         bool rotated = false;
+        double square[6];
+        for (int i = 0; i < rows; i++)
+            square[i] = dot(n, R[i].row, R[i].row);
         for (int i = 0; i + 1 < rows; i++)
             for (int j = i + 1; j < rows; j++) {
                 double *p = R[i].row, *q = R[j].row;
-                double pp = dot(n, p, p), qq = dot(n, q, q), pq = dot(n, p, q);
-                if (fabs(pq) <= ORTHOGONAL * sqrt(pp) * sqrt(qq) || pp <= least || qq <= least)
+                double pp = square[i], qq = square[j], pq = dot(n, p, q);
+                if (pq * pq <= ORTHOGONAL * ORTHOGONAL * pp * qq || pp <= least || qq <= least)
                     continue;
                 double zeta = 0.5 * (qq - pp) / pq;
                 double t = (zeta < 0.0 ? -1.0 : 1.0) / (fabs(zeta) + sqrt(1.0 + zeta * zeta));
                 double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
+                square[i] = fmax(pp - t * pq, 0.0);
+                square[j] = qq + t * pq;
                 rotate(n, p, q, c, s);
                 rotate(with, R[i].with, R[j].with, c, s);
                 rotated = true;

@@ -128,10 +128,12 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
     scale, lambdas, blends = np.ones(n), np.zeros(n), np.zeros(n)
     solved = {i: slow.get(i) or batch.solution(i) for i in np.flatnonzero(~done).tolist()}
-    for i, solution in solved.items():
-        x[i], residual[i] = solution.velocity, solution.residual
-        method[i], status[i] = solution.method, solution.status
-        scale[i], lambdas[i], blends[i] = solution.scale, solution.damping, solution.guard
+    rows, solutions = list(solved), list(solved.values())
+    if rows:
+        x[rows], residual[rows] = [s.velocity for s in solutions], [s.residual for s in solutions]
+        method[rows], status[rows] = [s.method for s in solutions], [s.status for s in solutions]
+        scale[rows], lambdas[rows] = [s.scale for s in solutions], [s.damping for s in solutions]
+        blends[rows] = [s.guard for s in solutions]
     return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, solved)
 
 
