@@ -4,13 +4,13 @@
 
 #include "core.h"
 
-double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt)
+double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt, double factor)
 {
     double size = norm_of_rows(6, n, A), left[6];
     for (int i = 0; i < 6; i++)
         left[i] = wanted[i] - dot(n, A[i], x);
     double error = norm(6, left) + excess_deviation(n, A, wanted, speed, dt);
-    return fmax(0.0, 0.5 * CALM * dt * error * size - QUIET_SHARE * size * size);
+    return fmax(0.0, 0.5 * factor * dt * error * size - QUIET_SHARE * size * size);
 }
 
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt)

@@ -15,6 +15,8 @@
 #define MOST 16
 /* More limits than this are handed back. */
 #define LIMITS (2 * MOST + 1)
+/* More exact rows than this are handed back. */
+#define MOST_ROWS 8
 
 typedef enum { DONE, HAND_BACK } Outcome;
 
@@ -31,6 +33,11 @@ typedef struct {
     Row posture; /* zero where there is none */
     bool has_posture;
     double dt;
+    /* exact.py: C x = e, C = D J where D is not zero; row_rank is -1 for all */
+    int rows, row_rank;
+    bool of_twist;
+    Row C[MOST_ROWS];
+    double e[MOST_ROWS], D[MOST_ROWS][6];
     /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed */
     double threshold, ceiling, fixed;
 } Demand;
@@ -70,6 +77,20 @@ typedef struct {
     bool met; /* whether a limit is active */
 } Optimum;
 
+/* exact.py: y = share full + B z; basis[i] is column i of B */
+typedef struct {
+    int n;
+    Row full, basis[MOST];
+    double effort, bend;
+} Reduction;
+
+/* share.py: the share of the rows' speed, a velocity inside the box with it, and the limits that hold it */
+typedef struct {
+    double value;
+    Row inside;
+    Optimum near;
+} Share;
+
 /* solution.py */
 typedef enum { CLOSED_FORM, DAMPED, QP } Method;
 typedef struct {
@@ -78,8 +99,8 @@ typedef struct {
     double residual[6];
     Method method;
     bool active[MOST];
-    bool stuck, lost;
-    double damping, ratio, lost_share; /* for the reason */
+    bool stuck, lost, slow, met, held_by[MOST];
+    double scale, damping, ratio, lost_share; /* for the reason */
 } Solution;
 
 /* A rigid motion. */
@@ -91,7 +112,9 @@ typedef struct {
 typedef struct {
     double joints, dt, gain, length, slowness, has_posture;
     double threshold, ceiling, fixed;
+    double has_exact, row_rank;
     double point[3]; /* of the tool, where the error is measured */
+    double exact[3]; /* of the tool, a point that follows its target exactly */
     double home[16];
     Row screws[6];
     Row low, high, fastest; /* position limits / dt, and the velocity limit */
@@ -120,20 +143,26 @@ double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);
 
 /* spectrum.c, objective.c, regular.c, calm.c, qp.c, report.c, solve.c */
-Outcome spectrum(int n, const Row A[6], const double b[6], Spectrum *found);
-Outcome least_squares(const Demand *demand, const Row A[6], const double b[6], Objective *objective);
+Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);
+Outcome least_squares(const Demand *demand, int n, const Row A[6], const double b[6], const Row posture, double largest,
+                      Objective *objective);
 void centre(const Objective *objective, Row z);
 void quadratic(const Objective *objective, Quadratic *problem);
 double speed(const Objective *objective, const Row z);
 void calmed(Objective *objective, double mu);
 bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x);
-double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt);
+double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt, double factor);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row inside, const Optimum *near, Optimum *found);
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x);
-void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective,
-              const Optimum *found, Solution *solution);
+void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
+              const Share *share, const Optimum *found, Solution *solution);
+Outcome reduce(const Demand *demand, Reduction *reduction);
+void joint(const Reduction *reduction, int m, const double *z, double share, Row y);
+void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
+Outcome share_of(const Reduction *reduction, const Demand *demand, Share *share);
+Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
 Outcome solve(const Demand *demand, Solution *solution);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
@@ -163,6 +192,12 @@ extern const Constant CONSTANTS[];
 #define PRODUCT_ROUNDING 1e-14
 #define LOSS_TOLERANCE 1e-6
 #define PROGRESS_SHARE 1e-4
+#define WHOLE_SPEED (1.0 - 1e-6)
+#define REGULARISATION 1e-9
+#define EXACT_CALM 1.0
+#define WHOLE (1.0 - 1e-8)
+#define INTERIOR 1e-6
+#define ROW_ROUNDING 1e-14
 #define MEMORY 50
 #define HALF_TURN (0.8 * 3.14159265358979323846)
 

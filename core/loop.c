@@ -45,6 +45,35 @@ static void watched(const Loop *loop, const double error[6], const double change
     watch->has_expected = true;
 }
 
+/* demands.py, ExactPoint: the velocity v + omega x here of the point, gain (there - here) + that of the target there */
+static void point_rows(const Loop *loop, const Pose *tool, const Pose *target, const double *feedforward, Demand *demand)
+{
+    double here[3], there[3], root[6][6];
+    for (int i = 0; i < 3; i++) {
+        here[i] = dot(3, tool->R[i], loop->exact) + tool->p[i];
+        there[i] = dot(3, target->R[i], loop->exact) + target->p[i];
+    }
+    demand->rows = 3;
+    demand->row_rank = (int)loop->row_rank;
+    demand->of_twist = true;
+    root_at(here, 1.0, root);
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 6; k++)
+            demand->D[i][k] = root[3 + i][k];
+        for (int j = 0; j < demand->m; j++) {
+            demand->C[i][j] = 0.0;
+            for (int k = 0; k < 6; k++)
+                demand->C[i][j] += demand->D[i][k] * demand->J[k][j];
+        }
+        demand->e[i] = loop->gain * (there[i] - here[i]);
+    }
+    if (feedforward == NULL)
+        return;
+    root_at(there, 1.0, root);
+    for (int i = 0; i < 3; i++)
+        demand->e[i] += dot(6, root[3 + i], feedforward);
+}
+
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, Convergence *watch,
              double turn[3], Solution *solution)
 {
@@ -52,6 +81,7 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     Pose tool, home;
     double error[6], p[3], measured[6], change[6], square = 0.0;
     int m = demand.m = (int)loop->joints;
+    demand.rows = 0;
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)
             home.R[i][j] = loop->home[4 * i + j];
@@ -73,6 +103,8 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     demand.has_posture = loop->has_posture != 0.0;
     for (int j = 0; j < m; j++)
         demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
+    if (loop->has_exact != 0.0)
+        point_rows(loop, &tool, target, feedforward, &demand);
     demand.dt = loop->dt;
     demand.threshold = loop->threshold;
     demand.ceiling = loop->ceiling;

@@ -14,13 +14,32 @@ static bool damping(PyObject *policy, Demand *demand)
     return !PyErr_Occurred();
 }
 
+/* Read exact rows: A, b, of_twist or None, and how many of them an arm can keep, or None. */
+static bool exact(PyObject *const *arguments, Demand *demand)
+{
+    PyObject *rank = arguments[3];
+    npy_intp rows = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
+                        ? PyArray_DIM((PyArrayObject *)arguments[0], 0)
+                        : 0;
+    if (rows < 1 || rows > MOST_ROWS)
+        return false;
+    demand->rows = (int)rows;
+    demand->of_twist = arguments[2] != Py_None;
+    demand->row_rank = rank == Py_None ? -1 : (int)PyLong_AsLong(rank);
+    return matrix(arguments[0], demand->rows, demand->m, MOST, demand->C[0]) &&
+           vector(arguments[1], demand->rows, demand->e) &&
+           (!demand->of_twist || matrix(arguments[2], demand->rows, 6, 6, demand->D[0]));
+}
+
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    Demand demand = {.posture = {0.0}};
-    if (count != 8 || !damping(arguments[7], &demand)) {
+    Demand demand;
+    demand.rows = 0;
+    memset(demand.posture, 0, sizeof demand.posture);
+    if ((count != 8 && count != 12) || !damping(arguments[7], &demand)) {
         if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed))");
+            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed)[, A, b, of_twist, rank])");
         return NULL;
     }
     npy_intp m = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
@@ -36,6 +55,8 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         (demand.has_posture && !vector(arguments[5], demand.m, demand.posture)))
         Py_RETURN_NONE;
     demand.dt = PyFloat_AsDouble(arguments[6]);
+    if (count == 12 && !exact(arguments + 8, &demand))
+        Py_RETURN_NONE;
     if (PyErr_Occurred())
         return NULL;
     Solution solution;
@@ -48,20 +69,21 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, threshold, ceiling, fixed), "
-                                   "point, home, screws, low, high, fastest, middle, pull)";
+    static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, threshold, ceiling, fixed, "
+                                   "has_exact, row_rank), point, exact, home, screws, low, high, fastest, middle, pull)";
     Loop made = {.joints = 0.0};
-    double first[9];
-    if (count != 9 || !vector(arguments[0], 9, first) || !(first[0] >= 1.0 && first[0] <= MOST)) {
+    double first[11];
+    if (count != 10 || !vector(arguments[0], 11, first) || !(first[0] >= 1.0 && first[0] <= MOST)) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
     int m = (int)first[0];
     memcpy(&made, first, sizeof first);
-    if (!vector(arguments[1], 3, made.point) || !matrix(arguments[2], 4, 4, 4, made.home) ||
-        !matrix(arguments[3], 6, m, MOST, made.screws[0]) || !vector(arguments[4], m, made.low) ||
-        !vector(arguments[5], m, made.high) || !vector(arguments[6], m, made.fastest) ||
-        !vector(arguments[7], m, made.middle) || !vector(arguments[8], m, made.pull)) {
+    if (!vector(arguments[1], 3, made.point) || !vector(arguments[2], 3, made.exact) ||
+        !matrix(arguments[3], 4, 4, 4, made.home) || !matrix(arguments[4], 6, m, MOST, made.screws[0]) ||
+        !vector(arguments[5], m, made.low) || !vector(arguments[6], m, made.high) ||
+        !vector(arguments[7], m, made.fastest) || !vector(arguments[8], m, made.middle) ||
+        !vector(arguments[9], m, made.pull)) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
@@ -154,8 +176,8 @@ static PyObject *ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t 
         return PyErr_NoMemory();
     }
     Py_BEGIN_ALLOW_THREADS
+    Demand demand = shared;
     for (npy_intp row = 0; row < n; row++) {
-        Demand demand = shared;
         copied(arrays[0], row, 6, shared.m, MOST, demand.J[0]);
         copied(arrays[1], row, 1, 6, 6, demand.s);
         copied(arrays[2], row, 6, 6, 6, demand.root[0]);

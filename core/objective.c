@@ -7,8 +7,8 @@
 
 /* Weights further apart than this make the optimum inside limits too sensitive to rounding. */
 static const double LEAST_WEIGHT = 1e-10;
-/* A share of a threshold this close to it might be on the other side in Python. */
-static const double CLOSE = 1e-6;
+/* A singular value within this factor of NULL_RATIO might be on its other side in Python. */
+static const double CLOSE = 10.0;
 
 /* lambda_i^2 */
 static double square(const Demand *demand, double sigma, double largest)
@@ -21,13 +21,16 @@ static double square(const Demand *demand, double sigma, double largest)
     return left * left;
 }
 
-Outcome least_squares(const Demand *demand, const Row A[6], const double b[6], Objective *objective)
+/* `largest` is the singular value that all are compared with, 0 for the largest of A (6, n). */
+Outcome least_squares(const Demand *demand, int n, const Row A[6], const double b[6], const Row posture, double largest,
+                      Objective *objective)
 {
-    int n = demand->m, k = n < 6 ? n : 6;
+    int k = n < 6 ? n : 6;
     Spectrum found;
-    if (spectrum(n, A, b, &found) == HAND_BACK)
+    if (spectrum(6, n, A, b, &found) == HAND_BACK)
         return HAND_BACK;
-    double largest = found.sigma[0], most = 0.0, least = INFINITY, missed = 0.0, damped = 0.0;
+    largest = largest > 0.0 ? largest : found.sigma[0];
+    double most = 0.0, least = INFINITY, missed = 0.0, damped = 0.0;
     if (!(largest > 0.0))
         return HAND_BACK;
     objective->n = n;
@@ -37,7 +40,7 @@ Outcome least_squares(const Demand *demand, const Row A[6], const double b[6], O
         for (int j = 0; j < n; j++)
             v[j] = found.V[i][j];
         double over = sigma / (NULL_RATIO * largest) - 1.0;
-        if (fabs(over) <= CLOSE)
+        if (sigma * CLOSE > NULL_RATIO * largest && sigma < CLOSE * NULL_RATIO * largest)
             return HAND_BACK;
         double moving = fmin(fmax(over, 0.0), 1.0); /* fades in, so that the law has no jump */
         sigma *= moving;
@@ -45,7 +48,7 @@ Outcome least_squares(const Demand *demand, const Row A[6], const double b[6], O
         double squared = square(demand, sigma, largest);
         if (null && squared == 0.0)
             squared = NULL_WEIGHT * largest * largest;
-        double weight = sigma * sigma + squared, towards = demand->has_posture ? dot(n, v, demand->posture) : 0.0;
+        double weight = sigma * sigma + squared, towards = dot(n, v, posture);
         if (!null) {
             double left = squared * found.wanted[i] / weight;
             missed += left * left;

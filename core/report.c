@@ -21,9 +21,11 @@ bool is_met(int n, const Row A[6], const double b[6], const Row x)
            square <= PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * size * dot(n, x, x);
 }
 
-/* Whether nothing moves towards the twist, short of it. */
-static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6], const Row x)
+/* Whether nothing moves towards the twist or along the exact rows, short of both. */
+static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6], const Row x, double share)
 {
+    if (demand->rows > 0 && share > PROGRESS_SHARE)
+        return false;
     double along = 0.0, square = dot(6, wanted, wanted);
     for (int i = 0; i < 6; i++)
         along += wanted[i] * dot(demand->m, A[i], x);
@@ -43,18 +45,23 @@ static void clipped(const Demand *demand, const Row x, Solution *solution)
         solution->residual[i] = demand->s[i] - dot(demand->m, demand->J[i], solution->velocity);
 }
 
-void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective,
-              const Optimum *found, Solution *solution)
+void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
+              const Share *share, const Optimum *found, Solution *solution)
 {
     double size = norm(6, wanted);
-    clipped(demand, found->z, solution);
-    solution->method = found->met ? QP : objective->damping > 0.0 ? DAMPED : CLOSED_FORM;
+    clipped(demand, y, solution);
+    solution->scale = share->value;
+    solution->slow = share->value < WHOLE_SPEED;
+    solution->method = solution->slow || found->met ? QP : objective->damping > 0.0 ? DAMPED : CLOSED_FORM;
     solution->m = demand->m;
-    solution->stuck = is_stuck(demand, A, wanted, solution->velocity);
+    solution->stuck = is_stuck(demand, A, wanted, solution->velocity, share->value);
     solution->lost = objective->lost > LOSS_TOLERANCE * size;
     solution->damping = objective->damping;
     solution->ratio = objective->ratio;
     solution->lost_share = size > 0.0 ? objective->lost / size : 0.0;
-    for (int j = 0; j < demand->m; j++)
-        solution->multipliers[j] = found->multipliers[j];
+    solution->met = found->met;
+    for (int j = 0; j < demand->m; j++) {
+        solution->held_by[j] = share->near.met && share->near.multipliers[j] != 0.0;
+        solution->multipliers[j] = found->met ? found->multipliers[j] : 0.0;
+    }
 }

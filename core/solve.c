@@ -1,9 +1,7 @@
-/* Twin of velocity/solve.py and stages.py: one tick inside joint velocity bounds.
+/* Twin of velocity/solve.py: one tick of the law.
 
-       regular    six joints or more, far from singular, no limit active: one Cholesky factor
-       free       the optimum without limits, where that is inside them
-       minimise   otherwise the optimum inside them
-       calm       the optimum once more, with damping that grows with the residual */
+       six joints or more, far from singular, no limit active    one Cholesky factor (regular.c)
+       otherwise                                                 stage by stage (stages.c) */
 
 #include "core.h"
 
@@ -22,11 +20,24 @@ static bool usual(int n, const double *a)
     return most == 0.0 || most >= SMALLEST;
 }
 
+/* Whether the exact rows hold, to rounding. */
+static bool achieves(const Demand *demand, const Row x)
+{
+    for (int i = 0; i < demand->rows; i++) {
+        double size = fabs(demand->e[i]);
+        for (int j = 0; j < demand->m; j++)
+            size += fabs(demand->C[i][j] * x[j]);
+        if (!(fabs(dot(demand->m, demand->C[i], x) - demand->e[i]) <= ROW_ROUNDING * size))
+            return false;
+    }
+    return true;
+}
+
 static bool quick(const Demand *demand, const Row A[6], const double b[6], Solution *solution)
 {
     Row x;
     int m = demand->m;
-    if (!regular_velocity(demand, A, b, x) || !allows(demand, x) || !is_met(m, A, b, x) ||
+    if (!regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x) ||
         excess_deviation(m, A, b, norm(m, x), demand->dt) > 0.0)
         return false;
     for (int j = 0; j < m; j++) {
@@ -37,50 +48,10 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
         solution->residual[i] = demand->s[i] - dot(m, demand->J[i], x);
     solution->m = m;
     solution->method = CLOSED_FORM;
-    solution->stuck = solution->lost = false;
+    solution->stuck = solution->lost = solution->slow = solution->met = false;
+    solution->scale = 1.0;
     solution->damping = 0.0;
     return true;
-}
-
-/* The optimum inside the box. */
-static Outcome minimised(const Demand *demand, const Objective *objective, Optimum *found)
-{
-    Quadratic problem;
-    Polytope limits;
-    limits.count = demand->m;
-    limits.box = true;
-    Row inside;
-    for (int j = 0; j < demand->m; j++) {
-        limits.lower[j] = demand->lower[j];
-        limits.upper[j] = demand->upper[j];
-        inside[j] = fmin(fmax(0.0, demand->lower[j]), demand->upper[j]);
-    }
-    quadratic(objective, &problem);
-    return minimise(&problem, &limits, inside, found, found);
-}
-
-static Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution)
-{
-    Objective objective;
-    Optimum found;
-    found.met = false;
-    if (least_squares(demand, A, wanted, &objective) == HAND_BACK)
-        return HAND_BACK;
-    centre(&objective, found.z);
-    if (!all_finite(demand->m, found.z))
-        return HAND_BACK;
-    if (!allows(demand, found.z) && minimised(demand, &objective, &found) == HAND_BACK)
-        return HAND_BACK;
-    if (demand->dt > 0.0) {
-        double mu = calm(demand->m, A, wanted, found.z, speed(&objective, found.z), demand->dt);
-        if (mu > 0.0) {
-            calmed(&objective, mu);
-            if (minimised(demand, &objective, &found) == HAND_BACK)
-                return HAND_BACK;
-        }
-    }
-    reported(demand, A, wanted, &objective, &found, solution);
-    return DONE;
 }
 
 Outcome solve(const Demand *demand, Solution *solution)
@@ -99,6 +70,9 @@ Outcome solve(const Demand *demand, Solution *solution)
     bool plain = usual(6, b) && usual(m, demand->posture);
     for (int i = 0; i < 6; i++)
         plain = plain && usual(m, A[i]);
+    for (int i = 0; i < demand->rows; i++)
+        plain = plain && usual(m, demand->C[i]);
+    plain = plain && usual(demand->rows, demand->e);
     if (!plain)
         return HAND_BACK;
     return quick(demand, A, b, solution) ? DONE : answered(demand, A, b, solution);

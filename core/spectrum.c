@@ -2,7 +2,7 @@
 
        A = U diag(sigma) V',   wanted = U'b
 
-   The six rows of A (or its n columns, if there are fewer) are rotated in pairs until all are orthogonal; their lengths
+   The k rows of A (or its n columns, if there are fewer) are rotated in pairs until all are orthogonal; their lengths
    are then the singular values. Rows of A become sigma_i v_i, and b, rotated with them, becomes U'b. */
 
 #include "core.h"
@@ -34,7 +34,7 @@ static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double leas
 {
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         bool rotated = false;
-        double square[6];
+        double square[MOST_ROWS];
         for (int i = 0; i < rows; i++)
             square[i] = dot(n, R[i].row, R[i].row);
         for (int i = 0; i + 1 < rows; i++)
@@ -89,23 +89,23 @@ static void completed(int n, int rank, Row *V)
     }
 }
 
-Outcome spectrum(int n, const Row A[6], const double b[6], Spectrum *found)
+Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
 {
-    bool wide = n >= 6;
-    int rows = wide ? 6 : n, length = wide ? n : 6, with = wide ? 1 : n;
-    Rotated R[6];
+    bool wide = n >= k;
+    int rows = wide ? k : n, length = wide ? n : k, with = wide ? 1 : n;
+    Rotated R[MOST_ROWS];
     for (int i = 0; i < rows; i++) {
         for (int j = 0; j < length; j++)
             R[i].row[j] = wide ? A[i][j] : A[j][i];
         for (int j = 0; j < with; j++)
             R[i].with[j] = wide ? b[i] : (i == j ? 1.0 : 0.0);
     }
-    double size = norm_of_rows(6, n, A);
+    double size = norm_of_rows(k, n, A);
     if (orthogonalised(rows, length, with, R, NOTHING * NOTHING * size * size) == HAND_BACK)
         return HAND_BACK;
 
-    double sigma[6];
-    int order[6];
+    double sigma[MOST_ROWS];
+    int order[MOST_ROWS];
     for (int i = 0; i < rows; i++) {
         sigma[i] = norm(length, R[i].row);
         int at = i;
@@ -116,18 +116,18 @@ Outcome spectrum(int n, const Row A[6], const double b[6], Spectrum *found)
     memset(found->sigma, 0, sizeof found->sigma);
     memset(found->wanted, 0, sizeof found->wanted);
     int rank = 0;
-    for (int k = 0; k < rows; k++) {
-        const Rotated *r = &R[order[k]];
-        double value = found->sigma[k] = sigma[order[k]];
+    for (int i = 0; i < rows; i++) {
+        const Rotated *r = &R[order[i]];
+        double value = found->sigma[i] = sigma[order[i]];
         bool moving = value > NULL_RATIO * found->sigma[0];
         if (wide) {
-            found->wanted[k] = r->with[0];
+            found->wanted[i] = r->with[0];
             for (int j = 0; j < n && moving; j++)
-                found->V[k][j] = r->row[j] / value;
+                found->V[i][j] = r->row[j] / value;
         } else {
-            found->wanted[k] = value > 0.0 ? dot(6, r->row, b) / value : 0.0;
+            found->wanted[i] = value > 0.0 ? dot(k, r->row, b) / value : 0.0;
             for (int j = 0; j < n; j++)
-                found->V[k][j] = r->with[j];
+                found->V[i][j] = r->with[j];
         }
         rank += moving;
     }

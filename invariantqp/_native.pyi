@@ -15,6 +15,10 @@ def tick(
     posture: Array | None,
     dt: float,
     policy: tuple[float, float, float],
+    A: Array = ...,
+    b: Array = ...,
+    of_twist: Array | None = ...,
+    row_rank: int | None = ...,
     /,
 ) -> tuple[Any, ...] | None: ...
 def ticks(
@@ -32,6 +36,7 @@ def ticks(
 def loop(
     numbers: Array,
     point: Array,
+    exact: Array,
     home: Array,
     screws: Array,
     low: Array,

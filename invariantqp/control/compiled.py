@@ -1,6 +1,6 @@
-"""A tick of a controller without special demands, all of it in the compiled core: kinematics, error, law, convergence.
+"""A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
-The core answers what `Controller.step` would in Python, or hands the tick back.
+The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits and an exact point.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.convergence import Convergence
+from invariantqp.control.demands import Exact, ExactPoint
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.geometry.arrays import Array
 from invariantqp.native import core
@@ -39,6 +40,8 @@ def compiled_loop(
     middle: Array,
     pull: Array,
     slow: float,
+    exact: tuple[Exact, ...],
+    row_rank: int | None,
 ) -> Array | None:
     """The fixed numbers of a loop for `compiled_tick`; None for a loop that the core does not have.
 
@@ -51,17 +54,22 @@ def compiled_loop(
         middle: (m,) the posture, middle of the joint ranges.
         pull: (m,) gains of the posture [1/s].
         slow: 1 / |v|, v the measured twist at full speed.
+        exact: what is met exactly; the core has a single ExactPoint.
+        row_rank: how many of its rows the arm can keep at best.
     """
     if core is None or law.compiled is None or measure.carried is not None or measure.point is None:
+        return None
+    if len(exact) > 1 or not all(type(demand) is ExactPoint for demand in exact):
         return None
     chain = chain_of(robot)
     if chain is None or len(middle) > core.MOST_JOINTS:
         return None
-    numbers = np.array([len(middle), law.dt, gain, measure.length, slow, pull.any(), *law.compiled], np.float64)
+    point = next((demand.point for demand in exact if isinstance(demand, ExactPoint)), np.zeros(3))
+    numbers = [len(middle), law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
+    numbers += [len(exact), -1 if row_rank is None else row_rank]
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
-    made: Array = core.loop(
-        numbers, measure.point, chain.home, chain.screws, low, high, box.velocity_limit, middle, pull
-    )
+    fixed = np.array(numbers, np.float64), measure.point, point, chain.home, chain.screws
+    made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull)
     return made
 
 

@@ -1,4 +1,4 @@
-"""The ticks that the compiled core answers: no form, no joint metric, no limits but the bounds. Python has all others.
+"""The ticks that the compiled core answers: no form, no joint metric, no limits but the bounds. Python has others.
 
 The core answers what this package's own Python would, or hands the tick back.
 """
@@ -26,10 +26,14 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     policy = law.compiled
     if core is None or policy is None:
         return None
-    J, s, root, lower, upper, exact, posture, rows, cone, _ = demand
-    if exact is not None or rows is not None or cone is not None:
+    J, s, root, lower, upper, exact, posture, rows, cone, row_rank = demand
+    if rows is not None or cone is not None:
         return None
-    found = core.tick(J, s, root, lower, upper, posture, law.dt, policy)
+    if exact is None:
+        found = core.tick(J, s, root, lower, upper, posture, law.dt, policy)
+    else:
+        also = exact.A, exact.b, exact.of_twist, row_rank
+        found = core.tick(J, s, root, lower, upper, posture, law.dt, policy, *also)
     return None if found is None else VelocitySolution._make(found)
 
 

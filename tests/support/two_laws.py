@@ -57,7 +57,23 @@ def random_tick(rng):
     root = np.eye(6)
     root[3:, :3] = np.cross(np.eye(3), rng.normal(size=3))
     law = VelocityLaw(damping=DAMPINGS[rng.integers(len(DAMPINGS))], dt=(0.0, 0.002, 0.1)[rng.integers(3)])
-    return law, Demand(size * J, size * s, root, lower, upper, posture=posture)
+    exact = random_rows(rng, size * J, size * s) if m > 1 and rng.random() < 0.35 else None
+    return law, Demand(size * J, size * s, root, lower, upper, exact, posture)
+
+
+def random_rows(rng, J, s):
+    """Parts of the twist, joints, or both, as demanded or otherwise; some depend on each other, some are too many."""
+    m = J.shape[1]
+    k = int(rng.integers(1, min(m, 5) + 1))
+    b = (1.0, 0.0, rng.normal(size=k))[rng.integers(3)]
+    joints = iq.ExactRows(
+        np.eye(m)[rng.permutation(m)[:k]], np.abs(s).max() / max(np.abs(J).max(), 1e-300) * b * np.ones(k)
+    )
+    D = (rng.normal(size=(k, 6)), np.eye(6)[rng.permutation(6)[:k]], np.eye(6)[6 - k :])[rng.integers(3)]
+    if rng.random() < 0.05:
+        D[0] = D[-1]
+    parts = iq.ExactRows.of(J, D, D @ s * b)
+    return (parts, parts, parts, joints, joints.with_rows(parts))[rng.integers(5)]
 
 
 def python_answer(law, demand):
@@ -72,30 +88,40 @@ def native_answer(law, demand):
 
 def disagreements(law, demand, native, answer):
     """What differs beyond rounding, in words."""
-    objective = posed(law, demand, law.damping).objective(1.0)
-    largest = objective.weights.max()
+    problem = posed(law, demand, law.damping)
+    spread, gradient = spreads(problem, demand, native, answer)
+    return [
+        *([] if near(native.velocity, answer.velocity, spread) else [f"velocity {native.velocity} {answer.velocity}"]),
+        *([] if np.isclose(native.scale, answer.scale, rtol=1e-9, atol=1e-12) else [f"{native.scale} {answer.scale}"]),
+        *([] if np.isclose(native.damping, answer.damping, rtol=1e-6, atol=0.0) else ["damping"]),
+        *([] if near(native.multipliers, answer.multipliers, gradient) else ["multipliers"]),
+        *(name for name in ("method", "status", "active") if getattr(native, name) != getattr(answer, name)),
+        *([] if same_reason(native.reason, answer.reason) else [f"reason {native.reason!r} {answer.reason!r}"]),
+    ]
+
+
+def near(one, other, spread):
+    return one is other or (one is not None and other is not None and np.abs(one - other).max() <= spread)
+
+
+def same_reason(one, other):
+    """Word for word, numbers to the two digits that are told."""
+    numbers = [[float(n) for n in NUMBER.findall(reason)] for reason in (one, other)]
+    return NUMBER.sub("#", one) == NUMBER.sub("#", other) and np.allclose(*numbers, rtol=0.06, atol=1e-9)
+
+
+def spreads(problem, demand, native, answer):
+    """How far rounding may part two velocities, and two sets of multipliers."""
+    objective = problem.objective(answer.scale)
+    largest = max(objective.weights.max(initial=0.0), problem.spectrum.largest**2)
     sizes = [native.velocity, answer.velocity, np.zeros(1) if demand.posture is None else demand.posture]
     size = max(float(np.abs(x).max()) for x in sizes)
-    far = np.linalg.norm(answer.velocity - objective.centre())
-    condition = 1.0 if answer.method == "closed-form" else largest / objective.weights.min()
+    far = np.linalg.norm(answer.velocity - problem.joint(objective.centre(), answer.scale))
+    condition = 1.0 if answer.method == "closed-form" else largest / objective.weights.min(initial=largest)
+    if problem.reduction is not None:
+        size += problem.reduction.bend * float(np.abs(problem.reduction.full).max())
     spread = AGREE * size + ROUNDING * condition * (far + size)
-    found = []
-    if not np.abs(native.velocity - answer.velocity).max() <= spread:
-        found.append(f"velocity {native.velocity} {answer.velocity}")
-    for name in ("method", "status", "active"):
-        told = getattr(native, name), getattr(answer, name)
-        found += [f"{name} {told}"] if told[0] != told[1] else []
-    if NUMBER.sub("#", native.reason) != NUMBER.sub("#", answer.reason):
-        found.append(f"reason {native.reason!r} {answer.reason!r}")
-    numbers = [np.array([float(n) for n in NUMBER.findall(solution.reason)]) for solution in (native, answer)]
-    if len(numbers[0]) == len(numbers[1]) and not np.allclose(*numbers, rtol=0.06, atol=1e-9):  # two digits are told
-        found.append(f"reason {native.reason!r} {answer.reason!r}")
-    if not np.isclose(native.damping, answer.damping, rtol=1e-6, atol=0.0):
-        found.append(f"damping {native.damping} {answer.damping}")
-    if (native.multipliers is None) != (answer.multipliers is None):
-        found.append(f"multipliers {native.multipliers} {answer.multipliers}")
-    elif answer.multipliers is not None:
-        gradient = AGREE * largest * far + largest * spread
-        if not np.abs(native.multipliers - answer.multipliers).max() <= gradient:
-            found.append(f"multipliers {native.multipliers} {answer.multipliers}")
-    return found
+    gradient = AGREE * largest * far + largest * spread
+    if problem.reduction is not None and answer.multipliers is not None:  # of rows that may nearly depend on each other
+        gradient += 1e-6 * np.abs(answer.multipliers).max()
+    return spread, gradient

@@ -37,7 +37,8 @@ def test_both_answer_the_same(seed):
 
 def test_the_core_answers_most_of_them():
     ticks = [random_tick(np.random.default_rng(seed)) for seed in range(2000)]
-    usual = [(law, demand) for law, demand in ticks if type(law.damping) is iq.velocity.Adaptive]
+    adaptive = [(law, demand) for law, demand in ticks if type(law.damping) is iq.velocity.Adaptive]
+    usual = [(law, demand) for law, demand in adaptive if demand.exact is None]
     back = sum(native_answer(law, demand) is None for law, demand in usual)
     assert back < 0.01 * len(usual)
 
@@ -75,9 +76,8 @@ def test_another_law_is_python_s(tick, law):
 def test_other_limits_are_python_s(tick):
     law, demand = tick
     rows = iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0])
-    exact = iq.ExactRows(np.eye(7)[:1], [0.0])
     cone = iq.limits.ToolSpeed(1.0, np.zeros(3)).cone(demand.J, np.zeros(3))
-    for other in ({"rows": rows}, {"exact": exact}, {"cone": cone}):
+    for other in ({"rows": rows}, {"cone": cone}):
         assert native_answer(law, demand._replace(**other)) is None
 
 
@@ -97,6 +97,31 @@ def test_what_is_no_number_is_handed_back(tick, value):
         bad.flat[3] = value
         assert native_answer(law, demand._replace(**{name: bad})) is None
     assert native_answer(law, demand._replace(posture=np.full(7, value))) is None
+
+
+def test_exact_rows_hold_at_their_share(tick):
+    law, demand = tick
+    rows = iq.ExactRows.of(demand.J, np.eye(6)[3:], 100.0 * demand.s[3:])
+    for width in (1e3, 10.0, 0.1):
+        solution = native_answer(law, demand._replace(exact=rows, lower=np.full(7, -width), upper=np.full(7, width)))
+        np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, rtol=1e-12, atol=1e-12)
+    assert solution.status == "scaled"
+    assert "held by" in solution.reason
+
+
+def test_exact_rows_that_it_does_not_have_are_handed_back(tick):
+    law, demand = tick
+    J = demand.J
+    same = iq.ExactRows.of(J, np.ones((2, 6)), [1.0, 1.0])
+    many = iq.ExactRows(np.ones((9, 7)), np.ones(9))
+    whole = iq.ExactRows(np.eye(7), np.zeros(7))
+    for rows in (same, many, whole):
+        assert native_answer(law, demand._replace(exact=rows)) is None
+    two = iq.ExactRows.of(J, np.eye(6)[4:], [1.0, 1.0])
+    assert native_answer(law, demand._replace(exact=two, row_rank=1)) is None
+    assert native_answer(law, demand._replace(exact=two, row_rank=2)) is not None
+    away = demand._replace(exact=two, lower=np.full(7, 0.1), upper=np.full(7, 0.2))  # standing still is not allowed
+    assert native_answer(law, away) is None
 
 
 def test_arrays_of_any_layout_and_no_others(tick):

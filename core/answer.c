@@ -1,0 +1,114 @@
+/* The fields of a VelocitySolution: numbers, joints at a limit, and the reason as velocity/report.py words it. */
+
+#include "boundary.h"
+
+/* Longer than any reason. */
+#define WORDS 512
+
+/* Write text and a number at the end of words: `code` and `digits` as in a format of Python, whatever the locale. */
+static bool add(char *words, const char *text, double number, char code, int digits)
+{
+    char *written = PyOS_double_to_string(number, code, digits, 0, NULL);
+    if (written == NULL)
+        return false;
+    size_t used = strlen(words);
+    PyOS_snprintf(words + used, WORDS - used, "%s%s", text, written);
+    PyMem_Free(written);
+    return true;
+}
+
+static void say(char *words, const char *text)
+{
+    size_t used = strlen(words);
+    PyOS_snprintf(words + used, WORDS - used, "%s%s", used > 0 ? "; " : "", text);
+}
+
+/* "joint 3" or "joints 0, 2" */
+static void name(char *words, int m, const bool *which)
+{
+    int count = 0, told = 0;
+    for (int j = 0; j < m; j++)
+        count += which[j];
+    for (int j = 0; j < m; j++)
+        if (which[j]) {
+            const char *before = told++ > 0 ? ", " : count > 1 ? "joints " : "joint ";
+            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s%d", before, j);
+        }
+}
+
+static PyObject *reason(int m, const Solution *solution, int active)
+{
+    char words[WORDS] = "";
+    if (solution->stuck)
+        say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
+    if (solution->slow) {
+        bool held = false;
+        for (int j = 0; j < m; j++)
+            held = held || solution->held_by[j];
+        say(words, "limits allow ");
+        if (!add(words, "", solution->scale, 'g', 3))
+            return NULL;
+        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the exact rows' speed%s", held ? " (held by " : "");
+        if (held) {
+            name(words, m, solution->held_by);
+            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), ")");
+        }
+    }
+    if (solution->damping > 0.0) {
+        say(words, "near a singularity: the smallest singular value is ");
+        if (!add(words, "", solution->ratio, 'e', 1))
+            return NULL;
+        size_t used = strlen(words);
+        PyOS_snprintf(words + used, WORDS - used, " of the largest; damped");
+        if (solution->lost && solution->lost_share == 0.0)
+            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), ": part of the motion is given up");
+        else if (solution->lost) {
+            if (!add(words, ": ", solution->lost_share, 'g', 2))
+                return NULL;
+            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the twist is given up");
+        }
+    }
+    if (active > 0) {
+        say(words, "at the limits of ");
+        name(words, m, solution->active);
+    }
+    return PyUnicode_FromString(words);
+}
+
+static PyObject *joints(int m, const bool *active, int count)
+{
+    PyObject *tuple = PyTuple_New(count);
+    for (int j = 0, k = 0; tuple != NULL && j < m; j++) {
+        if (!active[j])
+            continue;
+        PyObject *index = PyLong_FromLong(j);
+        if (index == NULL || PyTuple_SetItem(tuple, k++, index) < 0)
+            Py_CLEAR(tuple);
+    }
+    return tuple;
+}
+
+/* The fields of a VelocitySolution, in its order. */
+PyObject *fields(int m, const Solution *solution)
+{
+    static const char *const METHODS[] = {"closed-form", "damped", "qp"};
+    int active = 0;
+    for (int j = 0; j < m; j++)
+        active += solution->active[j];
+    return Py_BuildValue("(NssNNNdddsNO)", new_vector(m, solution->velocity), METHODS[solution->method],
+                         solution->stuck || solution->lost ? "degraded" : solution->slow ? "scaled" : "ok", reason(m, solution, active),
+                         joints(m, solution->active, active), new_vector(6, solution->residual), solution->scale,
+                         solution->damping, 0.0, solution->met ? "native" : "",
+                         solution->met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None), Py_None);
+}
+
+/* Whether a velocity and a residual are all there is to say. */
+bool is_plain(const Solution *solution)
+{
+    if (solution->method != CLOSED_FORM || solution->stuck || solution->lost)
+        return false;
+    for (int j = 0; j < solution->m; j++)
+        if (solution->active[j])
+            return false;
+    return true;
+}

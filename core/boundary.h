@@ -1,0 +1,27 @@
+/* What of Python's the files at the boundary share: arrays in, the fields of a VelocitySolution out. */
+
+#ifndef BOUNDARY_H
+#define BOUNDARY_H
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#define PY_ARRAY_UNIQUE_SYMBOL invariantqp_arrays
+#ifndef IMPORTS_NUMPY
+#define NO_IMPORT_ARRAY
+#endif
+#include <numpy/arrayobject.h>
+
+#include "core.h"
+
+/* arrays.c */
+bool vector(PyObject *object, int n, double *into);
+bool matrix(PyObject *object, int rows, int n, int width, double *into);
+bool pose(PyObject *object, Pose *T);
+void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, double *into);
+PyObject *new_vector(int n, const double *values);
+
+/* answer.c */
+PyObject *fields(int m, const Solution *solution);
+bool is_plain(const Solution *solution);
+
+#endif
