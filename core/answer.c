@@ -42,15 +42,18 @@ static PyObject *reason(int m, const Solution *solution, int active)
     if (solution->stuck)
         say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
     if (solution->slow) {
-        bool held = false;
+        bool joints = false;
         for (int j = 0; j < m; j++)
-            held = held || solution->held_by[j];
+            joints = joints || solution->held_by[j];
+        bool held = joints || solution->fast;
         say(words, "limits allow ");
         if (!add(words, "", solution->scale, 'g', 3))
             return NULL;
         PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the exact rows' speed%s", held ? " (held by " : "");
         if (held) {
             name(words, m, solution->held_by);
+            if (solution->fast)
+                PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sthe tool's speed", joints ? " and " : "");
             PyOS_snprintf(words + strlen(words), WORDS - strlen(words), ")");
         }
     }

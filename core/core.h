@@ -23,6 +23,18 @@ typedef enum { DONE, HAND_BACK } Outcome;
 /* (rows, MOST) row by row; only the first n columns are used. */
 typedef double Row[MOST];
 
+/* limits/cone.py: |start + J x| <= limit; a limit of 0 is none */
+typedef struct {
+    double limit, start[3];
+    Row J[3];
+} Cone;
+
+/* qp/slow.py: |start + M e| <= limit, and the largest multiplier tried */
+typedef struct {
+    double limit, most, start[3];
+    Row M[3];
+} Slow;
+
 /* law.py: the input of a tick. */
 typedef struct {
     int m;
@@ -38,6 +50,7 @@ typedef struct {
     bool of_twist;
     Row C[MOST_ROWS];
     double e[MOST_ROWS], D[MOST_ROWS][6];
+    Cone cone;
     /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed */
     double threshold, ceiling, fixed;
 } Demand;
@@ -74,7 +87,8 @@ typedef struct {
 typedef struct {
     Row z;
     double multipliers[LIMITS];
-    bool met; /* whether a limit is active */
+    double nu; /* of the speed limit */
+    bool met;  /* whether a limit is active */
 } Optimum;
 
 /* exact.py: y = share full + B z; basis[i] is column i of B */
@@ -84,9 +98,10 @@ typedef struct {
     double effort, bend;
 } Reduction;
 
-/* share.py: the share of the rows' speed, a velocity inside the box with it, and the limits that hold it */
+/* share.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it */
 typedef struct {
     double value;
+    bool fast; /* the tool's speed does */
     Row inside;
     Optimum near;
 } Share;
@@ -99,7 +114,7 @@ typedef struct {
     double residual[6];
     Method method;
     bool active[MOST];
-    bool stuck, lost, slow, met, held_by[MOST];
+    bool stuck, lost, slow, met, fast, held_by[MOST];
     double scale, damping, ratio, lost_share; /* for the reason */
 } Solution;
 
@@ -112,9 +127,10 @@ typedef struct {
 typedef struct {
     double joints, dt, gain, length, slowness, has_posture;
     double threshold, ceiling, fixed;
-    double has_exact, row_rank;
+    double has_exact, row_rank, speed_limit;
     double point[3]; /* of the tool, where the error is measured */
     double exact[3]; /* of the tool, a point that follows its target exactly */
+    double fast[3];  /* of the tool, a point whose speed is limited */
     double home[16];
     Row screws[6];
     Row low, high, fastest; /* position limits / dt, and the velocity limit */
@@ -153,7 +169,12 @@ void calmed(Objective *objective, double mu);
 bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x);
 double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt, double factor);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
-Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row inside, const Optimum *near, Optimum *found);
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                 Optimum *found);
+bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
+Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
+double tool_speed(const Cone *cone, int n, const Row x);
+void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result);
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x);
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
@@ -198,6 +219,10 @@ extern const Constant CONSTANTS[];
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR 1e-6
 #define ROW_ROUNDING 1e-14
+#define NEWTON_STEPS 20
+#define CONE_TOLERANCE 1e-9
+#define FIXED_TOLERANCE 1e-13
+#define MOST_SHARE 1e8
 #define MEMORY 50
 #define HALF_TURN (0.8 * 3.14159265358979323846)
 

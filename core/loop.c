@@ -74,6 +74,23 @@ static void point_rows(const Loop *loop, const Pose *tool, const Pose *target, c
         demand->e[i] += dot(6, root[3 + i], feedforward);
 }
 
+/* limits/toolspeed.py: the velocity v + omega x p of the limited point */
+static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
+{
+    double p[3], root[6][6];
+    for (int i = 0; i < 3; i++)
+        p[i] = dot(3, tool->R[i], loop->fast) + tool->p[i];
+    root_at(p, 1.0, root);
+    for (int i = 0; i < 3; i++) {
+        demand->cone.start[i] = 0.0;
+        for (int j = 0; j < demand->m; j++) {
+            demand->cone.J[i][j] = 0.0;
+            for (int k = 0; k < 6; k++)
+                demand->cone.J[i][j] += root[3 + i][k] * demand->J[k][j];
+        }
+    }
+}
+
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, Convergence *watch,
              double turn[3], Solution *solution)
 {
@@ -105,6 +122,9 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
         demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
     if (loop->has_exact != 0.0)
         point_rows(loop, &tool, target, feedforward, &demand);
+    demand.cone.limit = loop->speed_limit;
+    if (loop->speed_limit > 0.0)
+        limited_point(loop, &tool, &demand);
     demand.dt = loop->dt;
     demand.threshold = loop->threshold;
     demand.ceiling = loop->ceiling;

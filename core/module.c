@@ -14,21 +14,32 @@ static bool damping(PyObject *policy, Demand *demand)
     return !PyErr_Occurred();
 }
 
-/* Read exact rows: A, b, of_twist or None, and how many of them an arm can keep, or None. */
-static bool exact(PyObject *const *arguments, Demand *demand)
+/* Read exact rows: (A, b, of_twist or None, how many of them an arm can keep, or None). */
+static bool exact(PyObject *tuple, Demand *demand)
 {
-    PyObject *rank = arguments[3];
-    npy_intp rows = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
-                        ? PyArray_DIM((PyArrayObject *)arguments[0], 0)
-                        : 0;
+    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 4)
+        return false;
+    PyObject *A = PyTuple_GetItem(tuple, 0), *D = PyTuple_GetItem(tuple, 2), *rank = PyTuple_GetItem(tuple, 3);
+    bool good = PyArray_Check(A) && PyArray_NDIM((PyArrayObject *)A) == 2;
+    npy_intp rows = good ? PyArray_DIM((PyArrayObject *)A, 0) : 0;
     if (rows < 1 || rows > MOST_ROWS)
         return false;
     demand->rows = (int)rows;
-    demand->of_twist = arguments[2] != Py_None;
+    demand->of_twist = D != Py_None;
     demand->row_rank = rank == Py_None ? -1 : (int)PyLong_AsLong(rank);
-    return matrix(arguments[0], demand->rows, demand->m, MOST, demand->C[0]) &&
-           vector(arguments[1], demand->rows, demand->e) &&
-           (!demand->of_twist || matrix(arguments[2], demand->rows, 6, 6, demand->D[0]));
+    return matrix(A, demand->rows, demand->m, MOST, demand->C[0]) &&
+           vector(PyTuple_GetItem(tuple, 1), demand->rows, demand->e) &&
+           (!demand->of_twist || matrix(D, demand->rows, 6, 6, demand->D[0]));
+}
+
+/* Read a speed limit: (J, limit, start). */
+static bool cone(PyObject *tuple, Demand *demand)
+{
+    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 3)
+        return false;
+    demand->cone.limit = PyFloat_AsDouble(PyTuple_GetItem(tuple, 1));
+    return demand->cone.limit > 0.0 && matrix(PyTuple_GetItem(tuple, 0), 3, demand->m, MOST, demand->cone.J[0]) &&
+           vector(PyTuple_GetItem(tuple, 2), 3, demand->cone.start);
 }
 
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -37,9 +48,11 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     Demand demand;
     demand.rows = 0;
     memset(demand.posture, 0, sizeof demand.posture);
-    if ((count != 8 && count != 12) || !damping(arguments[7], &demand)) {
+    demand.cone.limit = 0.0;
+    if (count != 10 || !damping(arguments[7], &demand)) {
         if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed)[, A, b, of_twist, rank])");
+            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed), "
+                                             "(A, b, of_twist, rank), (J, limit, start))");
         return NULL;
     }
     npy_intp m = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
@@ -55,7 +68,8 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         (demand.has_posture && !vector(arguments[5], demand.m, demand.posture)))
         Py_RETURN_NONE;
     demand.dt = PyFloat_AsDouble(arguments[6]);
-    if (count == 12 && !exact(arguments + 8, &demand))
+    if ((arguments[8] != Py_None && !exact(arguments[8], &demand)) ||
+        (arguments[9] != Py_None && !cone(arguments[9], &demand)))
         Py_RETURN_NONE;
     if (PyErr_Occurred())
         return NULL;
@@ -70,20 +84,20 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 {
     (void)module;
     static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, threshold, ceiling, fixed, "
-                                   "has_exact, row_rank), point, exact, home, screws, low, high, fastest, middle, pull)";
+                                   "has_exact, row_rank, speed_limit), point, exact, fast, home, screws, low, high, fastest, middle, pull)";
     Loop made = {.joints = 0.0};
-    double first[11];
-    if (count != 10 || !vector(arguments[0], 11, first) || !(first[0] >= 1.0 && first[0] <= MOST)) {
+    double first[12];
+    if (count != 11 || !vector(arguments[0], 12, first) || !(first[0] >= 1.0 && first[0] <= MOST)) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
     int m = (int)first[0];
     memcpy(&made, first, sizeof first);
     if (!vector(arguments[1], 3, made.point) || !vector(arguments[2], 3, made.exact) ||
-        !matrix(arguments[3], 4, 4, 4, made.home) || !matrix(arguments[4], 6, m, MOST, made.screws[0]) ||
-        !vector(arguments[5], m, made.low) || !vector(arguments[6], m, made.high) ||
-        !vector(arguments[7], m, made.fastest) || !vector(arguments[8], m, made.middle) ||
-        !vector(arguments[9], m, made.pull)) {
+        !vector(arguments[3], 3, made.fast) || !matrix(arguments[4], 4, 4, 4, made.home) ||
+        !matrix(arguments[5], 6, m, MOST, made.screws[0]) || !vector(arguments[6], m, made.low) ||
+        !vector(arguments[7], m, made.high) || !vector(arguments[8], m, made.fastest) ||
+        !vector(arguments[9], m, made.middle) || !vector(arguments[10], m, made.pull)) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }

@@ -2,6 +2,7 @@
 
        minimise 1/2 |e|^2   over   lower <= A z <= upper,   z = z* + T e
        on a set of active limits: the shortest e with N_a e = b_a,   N = A T,   e + N_a'y = 0
+       a speed limit beside them (slow.c): first without it, then with it from the active set found
 
    T is the inverse of a root of the Hessian, so this is the point of a polytope nearest to e = 0. Python asks a solver
    for the active set first, here it begins with none; both then correct it until the shortest e on it is inside the
@@ -12,9 +13,10 @@
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
-/* A multiplier of the wrong sign by less than this share of |e| / |N_i| is rounding. */
+/* A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding. */
 static const double WRONG_SIGN = 1e-13;
-/* Where a limit is closer than this to the optimum without being active, Python might take it for active. */
+/* Where a limit is closer than this to the optimum without being active, or its multiplier beside a speed limit is a
+   smaller share of the largest, Python might decide otherwise. */
 static const double UNDECIDED = 1e-9;
 
 /* Centred: lower <= N e <= upper. */
@@ -103,10 +105,10 @@ static Outcome face_of(const Room *room, const int *side, Face *face)
 
 /* The limit whose multiplier has the wrong sign by most; -1 for none. Late in a search the first one is taken (Bland's
    rule), so that no active set repeats. */
-static int weakest(const Room *room, const Face *face, const int *side, const double *y, bool late)
+static int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late)
 {
     int found = -1;
-    double most = 0.0, size = WRONG_SIGN * norm(room->n, face->e);
+    double most = 0.0, size = WRONG_SIGN * norm(room->n, pull);
     for (int k = 0; k < face->k; k++) {
         int i = face->at[k];
         double wrong = -side[i] * y[i];
@@ -119,10 +121,17 @@ static int weakest(const Room *room, const Face *face, const int *side, const do
 }
 
 /* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
-static Outcome corrected(const Room *room, int *side, Face *face, double *y)
+static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
+    Row pull;
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (face_of(room, side, face) == HAND_BACK)
+            return HAND_BACK;
+        *nu = 0.0;
+        for (int j = 0; j < room->n; j++)
+            pull[j] = face->e[j];
+        if (slow != NULL && !slow_enough(slow, room->n, face->e, 0.0) &&
+            slowed_on(slow, room->n, face->k, (const Row *)face->Q, face->e, pull, nu) == HAND_BACK)
             return HAND_BACK;
         int worst = -1;
         double outside = 0.0;
@@ -142,10 +151,10 @@ static Outcome corrected(const Room *room, int *side, Face *face, double *y)
             side[worst] = above ? 1 : -1;
             continue;
         }
-        multipliers(face, room, face->e, y);
-        int wrong = weakest(room, face, side, y, false);
+        multipliers(face, room, pull, y);
+        int wrong = weakest(room, face, pull, side, y, false);
         if (wrong < 0)
-            return DONE;
+            return slow == NULL || slow_enough(slow, room->n, face->e, FEASIBLE) ? DONE : HAND_BACK;
         side[wrong] = 0;
     }
     return HAND_BACK;
@@ -182,7 +191,7 @@ static Outcome from_inside(const Room *room, int *side, Row e, Face *face, doubl
             continue;
         }
         multipliers(face, room, face->e, y);
-        int wrong = weakest(room, face, side, y, count > 2 * room->count);
+        int wrong = weakest(room, face, face->e, side, y, count > 2 * room->count);
         if (wrong < 0)
             return DONE;
         for (int j = 0; j < n; j++)
@@ -245,8 +254,29 @@ static void precise(const Quadratic *problem, const Polytope *limits, const int 
         z[j] += dot(n, problem->T[j], e);
 }
 
-Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row inside, const Optimum *near, Optimum *found)
+/* cone.py: the speed limit on e, and the largest multiplier tried. */
+static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
 {
+    int n = problem->n;
+    double size = 0.0;
+    slow->limit = cone->limit;
+    for (int i = 0; i < 3; i++) {
+        slow->start[i] = cone->start[i] + dot(n, cone->J[i], problem->centre);
+        size += dot(n, cone->J[i], cone->J[i]);
+        for (int j = 0; j < n; j++) {
+            slow->M[i][j] = 0.0;
+            for (int l = 0; l < n; l++)
+                slow->M[i][j] += cone->J[i][l] * problem->T[l][j];
+        }
+    }
+    double whole = norm_of_rows(n, n, problem->K);
+    slow->most = size > 0.0 ? MOST_SHARE * whole * whole / size : 0.0;
+}
+
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                 Optimum *found)
+{
+    Slow slow;
     int n = problem->n, of[LIMITS], side[LIMITS];
     Room room;
     Face face;
@@ -257,6 +287,10 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row ins
         found->multipliers[i] = 0.0;
     }
     found->met = false;
+    found->nu = 0.0;
+    bool limited = cone->limit > 0.0;
+    if (limited)
+        slow_on(problem, cone, &slow);
     if (centred(problem, limits, &room, of) == HAND_BACK)
         return HAND_BACK;
     for (int k = 0; k < room.count; k++) {
@@ -266,9 +300,11 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row ins
     if (within) {
         for (int j = 0; j < n; j++)
             found->z[j] = problem->centre[j];
-        return DONE;
+        if (!limited || tool_speed(cone, n, found->z) <= cone->limit * (1.0 + CONE_TOLERANCE))
+            return DONE;
     }
-    if (corrected(&room, side, &face, y) == HAND_BACK) {
+    double nu = 0.0;
+    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK) {
         Row e, d;
         for (int j = 0; j < n; j++)
             d[j] = inside[j] - problem->centre[j];
@@ -277,10 +313,20 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Row ins
         if (from_inside(&room, side, e, &face, y) == HAND_BACK)
             return HAND_BACK;
     }
+    if (limited && !slow_enough(&slow, n, face.e, CONE_TOLERANCE) &&
+        corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK)
+        return HAND_BACK;
+    double most = 0.0;
+    for (int k = 0; k < room.count; k++)
+        most = fmax(most, fabs(y[k]));
+    found->nu = nu;
+    found->met = nu > 0.0;
     for (int k = 0; k < room.count; k++) {
         double value = dot(n, room.N[k], face.e), least = fmin(room.upper[k] - value, value - room.lower[k]);
         double edge = UNDECIDED * (1.0 + fmin(fabs(room.lower[k]), fabs(room.upper[k])));
         if (side[k] == 0 && isfinite(least) && least <= edge)
+            return HAND_BACK;
+        if (nu > 0.0 && side[k] != 0 && fabs(y[k]) <= UNDECIDED * most)
             return HAND_BACK;
         found->multipliers[of[k]] = y[k];
         found->met = found->met || y[k] != 0.0;

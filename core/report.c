@@ -4,6 +4,8 @@
 
 bool allows(const Demand *demand, const Row x)
 {
+    if (demand->cone.limit > 0.0 && !(tool_speed(&demand->cone, demand->m, x) <= demand->cone.limit))
+        return false;
     for (int j = 0; j < demand->m; j++)
         if (!(x[j] >= demand->lower[j] && x[j] <= demand->upper[j]))
             return false;
@@ -32,6 +34,16 @@ static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6
     return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x);
 }
 
+/* The velocity shortened until the tool's speed holds exactly, where only rounding exceeds it. */
+static void shortened(const Demand *demand, const Row y, Row x)
+{
+    double limit = demand->cone.limit, share = 1.0;
+    if (limit > 0.0)
+        share = limit / fmax(limit, tool_speed(&demand->cone, demand->m, y));
+    for (int j = 0; j < demand->m; j++)
+        x[j] = share < 1.0 && share > 1.0 - ACTIVE_TOLERANCE ? share * y[j] : y[j];
+}
+
 /* The velocity without rounding past its bounds, the joints at them, and the residual. */
 static void clipped(const Demand *demand, const Row x, Solution *solution)
 {
@@ -49,7 +61,9 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
               const Share *share, const Optimum *found, Solution *solution)
 {
     double size = norm(6, wanted);
-    clipped(demand, y, solution);
+    Row x;
+    shortened(demand, y, x);
+    clipped(demand, x, solution);
     solution->scale = share->value;
     solution->slow = share->value < WHOLE_SPEED;
     solution->method = solution->slow || found->met ? QP : objective->damping > 0.0 ? DAMPED : CLOSED_FORM;
@@ -60,6 +74,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     solution->ratio = objective->ratio;
     solution->lost_share = size > 0.0 ? objective->lost / size : 0.0;
     solution->met = found->met;
+    solution->fast = share->fast;
     for (int j = 0; j < demand->m; j++) {
         solution->held_by[j] = share->near.met && share->near.multipliers[j] != 0.0;
         solution->multipliers[j] = found->met ? found->multipliers[j] : 0.0;

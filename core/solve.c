@@ -73,6 +73,9 @@ Outcome solve(const Demand *demand, Solution *solution)
     for (int i = 0; i < demand->rows; i++)
         plain = plain && usual(m, demand->C[i]);
     plain = plain && usual(demand->rows, demand->e);
+    for (int i = 0; i < 3 && demand->cone.limit > 0.0; i++)
+        plain = plain && usual(m, demand->cone.J[i]);
+    plain = plain && usual(1, &demand->cone.limit);
     if (!plain)
         return HAND_BACK;
     return quick(demand, A, b, solution) ? DONE : answered(demand, A, b, solution);

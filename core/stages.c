@@ -1,4 +1,4 @@
-/* Twin of velocity/stages.py and posed.py: one tick, stage by stage, inside joint velocity bounds.
+/* Twin of velocity/stages.py and posed.py: one tick, stage by stage, inside bounds and tool speed.
 
        free       the optimum without limits, where that is inside them; otherwise:
        share      exact rows slow down along their direction where limits require it
@@ -73,26 +73,29 @@ static void free_part(const Posed *problem, const Row y, double share, Row z)
         z[j] = y[j];
 }
 
-/* The optimum inside the box, as y; it begins with the active limits of `found`, which is written over. */
+/* The optimum inside the limits, as y; it begins with the active limits of `found`, which is written over. */
 static Outcome minimised(const Posed *problem, const Share *share, const Objective *objective, Optimum *found, Row y)
 {
     const Demand *demand = problem->demand;
     int m = demand->m;
     Quadratic cost;
     Polytope limits;
-    Row inside;
+    Cone cone = demand->cone;
+    Row inside, origin;
     limits.count = m;
     limits.box = demand->rows == 0;
     for (int j = 0; j < m; j++) {
-        double origin = limits.box ? 0.0 : share->value * problem->reduction.full[j];
-        limits.lower[j] = demand->lower[j] - origin;
-        limits.upper[j] = demand->upper[j] - origin;
+        origin[j] = limits.box ? 0.0 : share->value * problem->reduction.full[j];
+        limits.lower[j] = demand->lower[j] - origin[j];
+        limits.upper[j] = demand->upper[j] - origin[j];
         for (int i = 0; !limits.box && i < problem->reduction.n; i++)
             limits.A[j][i] = problem->reduction.basis[i][j];
     }
+    if (!limits.box && cone.limit > 0.0)
+        cone_on(&demand->cone, m, origin, problem->reduction.n, problem->reduction.basis, &cone);
     quadratic(objective, &cost);
     free_part(problem, share->inside, share->value, inside);
-    if (minimise(&cost, &limits, inside, found, found) == HAND_BACK)
+    if (minimise(&cost, &limits, &cone, inside, found, found) == HAND_BACK)
         return HAND_BACK;
     joints(problem, found->z, share->value, y);
     return DONE;
@@ -117,7 +120,7 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
     Share share;
     Row y;
     int m = demand->m;
-    found.met = share.near.met = false;
+    found.met = share.near.met = share.fast = false;
     share.value = 1.0;
     if (posed(demand, A, wanted, &problem) == HAND_BACK || objective(&problem, 1.0, &cost) == HAND_BACK)
         return HAND_BACK;
@@ -134,6 +137,8 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
             share.inside[j] = fmin(fmax(0.0, demand->lower[j]), demand->upper[j]);
             still = still && share.inside[j] == 0.0;
         }
+        if (demand->cone.limit > 0.0 && !(tool_speed(&demand->cone, m, share.inside) <= demand->cone.limit))
+            return HAND_BACK; /* bounds that force the tool to be faster: Python lets its limit give way */
         /* Exact rows count from standing still; where that is not allowed, Python finds where they count from. */
         if (demand->rows > 0 && (!still || share_of(&problem.reduction, demand, &share) == HAND_BACK ||
                                  objective(&problem, share.value, &cost) == HAND_BACK))

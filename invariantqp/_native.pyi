@@ -15,10 +15,8 @@ def tick(
     posture: Array | None,
     dt: float,
     policy: tuple[float, float, float],
-    A: Array = ...,
-    b: Array = ...,
-    of_twist: Array | None = ...,
-    row_rank: int | None = ...,
+    exact: tuple[Array, Array, Array | None, int | None] | None,
+    cone: tuple[Array, float, Array] | None,
     /,
 ) -> tuple[Any, ...] | None: ...
 def ticks(
@@ -37,6 +35,7 @@ def loop(
     numbers: Array,
     point: Array,
     exact: Array,
+    fast: Array,
     home: Array,
     screws: Array,
     low: Array,

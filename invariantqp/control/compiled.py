@@ -1,6 +1,7 @@
 """A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
-The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits and an exact point.
+The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits, an
+exact point and a tool speed.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.screws import chain_of
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.solution import VelocitySolution
 
 
@@ -42,6 +44,7 @@ def compiled_loop(
     slow: float,
     exact: tuple[Exact, ...],
     row_rank: int | None,
+    speed: ToolSpeed | None,
 ) -> Array | None:
     """The fixed numbers of a loop for `compiled_tick`; None for a loop that the core does not have.
 
@@ -56,19 +59,23 @@ def compiled_loop(
         slow: 1 / |v|, v the measured twist at full speed.
         exact: what is met exactly; the core has a single ExactPoint.
         row_rank: how many of its rows the arm can keep at best.
+        speed: limit of a point of the tool.
     """
     if core is None or law.compiled is None or measure.carried is not None or measure.point is None:
         return None
     if len(exact) > 1 or not all(type(demand) is ExactPoint for demand in exact):
+        return None
+    if speed is not None and speed.exact:
         return None
     chain = chain_of(robot)
     if chain is None or len(middle) > core.MOST_JOINTS:
         return None
     point = next((demand.point for demand in exact if isinstance(demand, ExactPoint)), np.zeros(3))
     numbers = [len(middle), law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
-    numbers += [len(exact), -1 if row_rank is None else row_rank]
+    numbers += [len(exact), -1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit]
+    fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
-    fixed = np.array(numbers, np.float64), measure.point, point, chain.home, chain.screws
+    fixed = np.array(numbers, np.float64), measure.point, point, fast, chain.home, chain.screws
     made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull)
     return made
 

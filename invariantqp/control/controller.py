@@ -157,7 +157,7 @@ class Controller:
         self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
         self._compiled: Array | None = None
-        if self._braking is None and self._joint_rows is None and tool_speed is None:
+        if self._braking is None and self._joint_rows is None:
             self._compiled = compiled_loop(
                 robot,
                 self.law,
@@ -169,6 +169,7 @@ class Controller:
                 self._slowness,
                 self.exact,
                 self._row_rank,
+                tool_speed,
             )
 
     def __copy__(self) -> Controller:

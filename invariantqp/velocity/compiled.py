@@ -27,13 +27,11 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     if core is None or policy is None:
         return None
     J, s, root, lower, upper, exact, posture, rows, cone, row_rank = demand
-    if rows is not None or cone is not None:
+    if rows is not None or (cone is not None and cone.program is not None):
         return None
-    if exact is None:
-        found = core.tick(J, s, root, lower, upper, posture, law.dt, policy)
-    else:
-        also = exact.A, exact.b, exact.of_twist, row_rank
-        found = core.tick(J, s, root, lower, upper, posture, law.dt, policy, *also)
+    demands = None if exact is None else (exact.A, exact.b, exact.of_twist, row_rank)
+    slow = None if cone is None else (cone.J, cone.limit, cone.start)
+    found = core.tick(J, s, root, lower, upper, posture, law.dt, policy, demands, slow)
     return None if found is None else VelocitySolution._make(found)
 
 

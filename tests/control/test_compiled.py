@@ -90,9 +90,10 @@ def test_loops_of_any_chain(seed):
 
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("exact", [None, "position", iq.control.ExactPoint([0.0, 0.0, 0.1])])
-def test_an_arm_that_follows_a_path_into_its_limits(name, exact):
+@pytest.mark.parametrize("speed", [None, iq.limits.ToolSpeed(0.3, [0.0, 0.0, 0.1])])
+def test_an_arm_that_follows_a_path_into_its_limits(name, exact, speed):
     robot = iq.load_robot(name)
-    controller = iq.Controller(robot, dt=0.01, exact=exact)
+    controller = iq.Controller(robot, dt=0.01, exact=exact, tool_speed=speed)
     assert controller._compiled is not None
     q = 0.5 * (robot.position_lower + robot.position_upper) + 0.1
     goal = robot.pose(q)
@@ -162,7 +163,7 @@ def test_not_converging_is_told(panda):
         {"exact": iq.control.ExactAxis([0.0, 0.0, 1.0])},
         {"exact": [iq.control.ExactPoint(), iq.control.ExactPoint([0.0, 0.0, 0.1])]},
         {"acceleration_limit": 5.0},
-        {"tool_speed": 0.25},
+        {"tool_speed": iq.limits.ToolSpeed(0.25, exact=True)},
         {"rows": iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0])},
         {"form": 0.1},
         {"form": iq.CarriedMetric(np.eye(6))},
