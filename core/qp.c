@@ -314,8 +314,12 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
             return HAND_BACK;
     }
     if (limited && !slow_enough(&slow, n, face.e, CONE_TOLERANCE) &&
-        corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK)
-        return HAND_BACK;
+        corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK) {
+        for (int k = 0; k < room.count; k++)
+            side[k] = 0;
+        if (corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK)
+            return HAND_BACK;
+    }
     double most = 0.0;
     for (int k = 0; k < room.count; k++)
         most = fmax(most, fabs(y[k]));

@@ -54,7 +54,7 @@ Outcome share_of(const Reduction *reduction, const Demand *demand, Share *share)
     for (int i = 0; i < n; i++)
         room.A[m][i] = i == 0 ? 1.0 : 0.0;
     room.lower[m] = 0.0;
-    room.upper[m] = length;
+    room.upper[m] = INFINITY; /* a > 1 is never the optimum: a share 1 / a of it costs less, and is inside */
     if (best(&room, &slow, n, length, 0.0, &found) == HAND_BACK)
         return HAND_BACK;
     double possible = within(found.z[0] / length);

@@ -93,7 +93,8 @@ def test_the_tool_is_never_faster_than_its_limit(tick):
             solution = native_answer(law, demand._replace(cone=cone, exact=exact))
             if solution is not None:
                 answered += 1
-                assert cone.speed(solution.velocity) <= limit * (1.0 + 1e-12)
+                rounding = 1e-15 * np.linalg.norm(cone.J) * np.linalg.norm(solution.velocity)
+                assert cone.speed(solution.velocity) <= limit * (1.0 + 1e-12) + rounding
     assert answered > 25
 
 

@@ -28,7 +28,6 @@ def problem(rng, m, low=0.3, high=0.9):
 def test_the_multiplier_and_the_cone_by_cvxpy_agree():
     pytest.importorskip("cvxpy")
     rng = np.random.default_rng(0)
-    worst = 0.0
     for k in range(40):
         J, s, bounds, p, limit = problem(rng, 3 + k % 4)
         options = {"bounds": bounds, "point": p}
@@ -37,11 +36,13 @@ def test_the_multiplier_and_the_cone_by_cvxpy_agree():
         assert priced.method == cone.method == "qp"
         assert priced.status == cone.status
         assert cone.backend == "cvxpy"
-        worst = max(worst, np.linalg.norm(priced.velocity - cone.velocity) / np.linalg.norm(priced.velocity))
+        root = root_of(p, reach_of(J, p))
+        ours, theirs = (np.linalg.norm(root @ (s - J @ x.velocity)) for x in (priced, cone))
+        assert ours <= theirs * (1.0 + 1e-9)  # an interior point is near the optimum, not nearer
+        assert theirs <= ours * (1.0 + 1e-6)
         for x in (priced.velocity, cone.velocity):
             assert np.linalg.norm(point_jacobian(J, p) @ x) <= limit * (1.0 + 1e-9)
             assert ((x >= bounds.lower) & (x <= bounds.upper)).all()
-    assert worst < 1e-5  # what an interior point can be asked for
 
 
 def test_the_optimum_meets_its_own_equations():
@@ -235,7 +236,7 @@ def test_a_cone_solver_that_fails_is_replaced_and_the_status_says_so(monkeypatch
     solution = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p, exact=True), **options)
     assert (solution.status, solution.backend) == ("degraded", "daqp")
     assert "cvxpy: SolverError: no licence" in solution.reason
-    np.testing.assert_array_equal(solution.velocity, priced.velocity)
+    np.testing.assert_allclose(solution.velocity, priced.velocity, rtol=1e-12)  # the compiled core may have been first
 
 
 def test_a_task_files_tool_speed_is_kept_at_its_point_wherever_the_tool_frame_is():
