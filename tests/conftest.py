@@ -1,4 +1,4 @@
-"""Set before NumPy is imported: one thread for each process, because pytest-xdist already gives every core a process."""
+"""One thread for each process, as pytest-xdist already gives every core a process. NumPy reads this when imported."""
 
 import os
 

@@ -203,8 +203,8 @@ def rotation_vector(R: Array) -> Array:
     """The (3,) axis of a rotation matrix (3, 3) times its angle in [0, pi].
 
     By the unit quaternion (w; v) = (cos(t/2); sin(t/2) axis), of which the largest component is taken from the diagonal
-    (Shepperd's method), so that no angle loses digits. SciPy's `Rotation` does the same in 40 times as long, which would
-    be a third of a tick.
+    (Shepperd's method), so that no angle loses digits. SciPy's `Rotation` does the same in 40 times as long: a third of
+    a tick.
     """
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     trace = a + e + i
