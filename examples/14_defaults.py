@@ -1,6 +1,6 @@
 """Why the defaults are what they are: each is varied by itself over random tasks on ten arms, and its costs told.
 
-    python examples/14_defaults.py              300 tasks, about eleven minutes on two cores
+    python examples/14_defaults.py              300 tasks, under ten minutes on two cores
     python examples/14_defaults.py --tasks 20   a first look
 
 A task is a path of joint positions that the tool follows: free, through a singularity, too fast for a joint, or past a

@@ -17,13 +17,17 @@ TASK = """
 name = "short"
 about = "A [short] swing."
 [robot]
-screws = [{ axis = [0.0, 0.0, 1.0] }, { axis = [0.0, 0.0, 1.0], point = [0.5, 0.0, 0.0] }]
+screws = [
+    { axis = [0.0, 0.0, 1.0] },
+    { axis = [0.0, 0.0, 1.0], point = [0.5, 0.0, 0.0] },
+    { axis = [0.0, 0.0, 1.0], point = [0.8, 0.0, 0.0] },
+]
 tool_point = [1.0, 0.0, 0.0]
-start = [0.3, 0.8]
+start = [0.3, 0.8, 0.5]
 [path]
-kind = "joints"
+kind = "line"
 duration = 0.05
-waypoints = [[0.31, 0.8]]
+move = [0.001, 0.0, 0.0]
 [law]
 dt = 0.002
 form = "tool"

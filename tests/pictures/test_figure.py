@@ -47,7 +47,7 @@ contact = iq.load_task("pen_on_paper")
 contact = contact.model_copy(update={"path": contact.path.model_copy(update={"duration": 0.05})})
 iq.pictures.picture(iq.run_task(contact), out / "contact.svg")
 robot = iq.load_robot("so101")
-iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8), robot, out / "pitches.pdf")
+iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8, jobs=1), robot, out / "pitches.pdf")
 for chart in charts:
     chart.draw(results, out / f"{chart.slug}.svg")
 drawn = look()
