@@ -1,11 +1,10 @@
-"""The ticks that the compiled core answers: no form, no joint metric, no limits but the bounds. Python has others.
+"""The ticks that the compiled core answers: no form, no joint metric, no `LimitRows`. Python has those.
 
 The core answers what this package's own Python would, or hands the tick back.
 """
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from os import cpu_count
 from typing import Any
@@ -72,6 +71,8 @@ def compiled_rows(
     if threads == 1:
         found = part(slices[0])
     else:
+        from concurrent.futures import ThreadPoolExecutor  # with the first large batch
+
         with ThreadPoolExecutor(threads) as pool:
             found = {i: fields for some in pool.map(part, slices) for i, fields in some.items()}
     return velocity, residual, {i: None if f is None else VelocitySolution._make(f) for i, f in found.items()}

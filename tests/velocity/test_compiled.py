@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.repeats import repeats
 from support.two_laws import disagreements, native_answer, python_answer, random_tick
 
 import invariantqp as iq
@@ -24,7 +25,7 @@ def tick():
     return VelocityLaw(dt=0.01), Demand(J, np.arange(6.0), np.eye(6), *WIDE)
 
 
-@settings(max_examples=2000, deadline=None, derandomize=True)  # for other ticks there is two_laws.main
+@settings(max_examples=repeats(5000, 1000), deadline=None, derandomize=True)  # for other ticks there is two_laws.main
 @given(st.integers(0, 2**63))
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))

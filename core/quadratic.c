@@ -1,124 +1,20 @@
-/* Twin of velocity/qp/quadratic.py, active.py and primal.py: a convex quadratic inside limits.
+/* Twin of velocity/qp/quadratic.py: a convex quadratic inside limits.
 
        minimise 1/2 |e|^2   over   lower <= A z <= upper,   z = z* + T e
-       on a set of active limits: the shortest e with N_a e = b_a,   N = A T,   e + N_a'y = 0
+       on a set of active limits: the shortest e on it (active.c)
        a speed limit beside them (slow.c): first without it, then with it from the active set found
 
    T is the inverse of a root of the Hessian, so this is the point of a polytope nearest to e = 0. Python asks a solver
    for the active set first, here it begins with none; both then correct it until the shortest e on it is inside the
    other limits, with multipliers of the right sign. The problem is strictly convex, so both find the same. */
 
-#include "core.h"
-#include <stdlib.h>
+#include "qp.h"
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
-/* A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding. */
-static const double WRONG_SIGN = 1e-13;
 /* Where a limit is closer than this to the optimum without being active, or its multiplier beside a speed limit is a
    smaller share of the largest, Python might decide otherwise. */
 static const double UNDECIDED = 1e-9;
-
-/* Centred: lower <= N e <= upper. */
-typedef struct {
-    int n, count;
-    Row N[LIMITS];
-    double lower[LIMITS], upper[LIMITS], length[LIMITS];
-} Room;
-
-/* The e with N_a e = b_a; at[i] is a limit, N_a' = Q R by orthonormal rows Q[i]. */
-typedef struct {
-    int k, at[MOST];
-    Row Q[MOST], R[MOST], e;
-} Face;
-
-/* The shortest e with N_a e = b. */
-static void shortest(const Face *face, int n, const double *b, Row e)
-{
-    Row w;
-    for (int j = 0; j < n; j++)
-        e[j] = 0.0;
-    for (int i = 0; i < face->k; i++) {
-        w[i] = b[i];
-        for (int l = 0; l < i; l++)
-            w[i] -= face->R[l][i] * w[l];
-        w[i] /= face->R[i][i];
-        for (int j = 0; j < n; j++)
-            e[j] += w[i] * face->Q[i][j];
-    }
-}
-
-/* y with pull + N_a'y = 0 on the active limits, zero for the others. */
-static void multipliers(const Face *face, const Room *room, const Row pull, double *y)
-{
-    Row w;
-    for (int i = 0; i < room->count; i++)
-        y[i] = 0.0;
-    for (int i = face->k - 1; i >= 0; i--) {
-        w[i] = -dot(room->n, face->Q[i], pull);
-        for (int l = i + 1; l < face->k; l++)
-            w[i] -= face->R[i][l] * w[l];
-        w[i] /= face->R[i][i];
-        y[face->at[i]] = w[i];
-    }
-}
-
-/* HAND_BACK where the active rows depend on each other. */
-static Outcome face_of(const Room *room, const int *side, Face *face)
-{
-    int n = room->n;
-    Row bound;
-    double least = INFINITY, most = 0.0;
-    face->k = 0;
-    for (int i = 0; i < room->count; i++) {
-        if (side[i] == 0)
-            continue;
-        int k = face->k;
-        if (k == n)
-            return HAND_BACK;
-        double *q = face->Q[k];
-        for (int j = 0; j < n; j++)
-            q[j] = room->N[i][j];
-        for (int l = 0; l < k; l++)
-            face->R[l][k] = 0.0;
-        for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of N */
-            for (int l = 0; l < k; l++) {
-                double share = dot(n, face->Q[l], q);
-                face->R[l][k] += share;
-                for (int j = 0; j < n; j++)
-                    q[j] -= share * face->Q[l][j];
-            }
-        double length = face->R[k][k] = norm(n, q);
-        least = fmin(least, length);
-        most = fmax(most, length);
-        if (!(least > DEPENDENT * most))
-            return HAND_BACK;
-        for (int j = 0; j < n; j++)
-            q[j] /= length;
-        bound[k] = side[i] > 0 ? room->upper[i] : room->lower[i];
-        face->at[k] = i;
-        face->k++;
-    }
-    shortest(face, n, bound, face->e);
-    return DONE;
-}
-
-/* The limit whose multiplier has the wrong sign by most; -1 for none. Late in a search the first one is taken (Bland's
-   rule), so that no active set repeats. */
-static int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late)
-{
-    int found = -1;
-    double most = 0.0, size = WRONG_SIGN * norm(room->n, pull);
-    for (int k = 0; k < face->k; k++) {
-        int i = face->at[k];
-        double wrong = -side[i] * y[i];
-        if (wrong * room->length[i] > size && wrong > most && (found < 0 || !late)) {
-            most = wrong;
-            found = i;
-        }
-    }
-    return found;
-}
 
 /* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
@@ -155,47 +51,6 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
         int wrong = weakest(room, face, pull, side, y, false);
         if (wrong < 0)
             return slow == NULL || slow_enough(slow, room->n, face->e, FEASIBLE) ? DONE : HAND_BACK;
-        side[wrong] = 0;
-    }
-    return HAND_BACK;
-}
-
-/* The same by steps that stay inside, from an e that is inside: every step shortens e or changes the set. */
-static Outcome from_inside(const Room *room, int *side, Row e, Face *face, double *y)
-{
-    int n = room->n;
-    for (int i = 0; i < room->count; i++)
-        side[i] = 0;
-    for (int count = 0; count < STEPS * room->count; count++) {
-        if (face_of(room, side, face) == HAND_BACK)
-            return HAND_BACK;
-        Row step;
-        for (int j = 0; j < n; j++)
-            step[j] = face->e[j] - e[j];
-        double first = 1.0, length = norm(n, step);
-        int meets = 0;
-        for (int i = 0; i < room->count; i++) {
-            double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);
-            if (side[i] != 0 || fabs(change) <= PARALLEL * room->length[i] * length)
-                continue;
-            double share = ((change > 0.0 ? room->upper[i] : room->lower[i]) - value) / change;
-            if (share < first) {
-                first = share;
-                meets = change > 0.0 ? i + 1 : -i - 1;
-            }
-        }
-        if (meets != 0) {
-            for (int j = 0; j < n; j++)
-                e[j] += fmax(0.0, first) * step[j];
-            side[abs(meets) - 1] = meets > 0 ? 1 : -1;
-            continue;
-        }
-        multipliers(face, room, face->e, y);
-        int wrong = weakest(room, face, face->e, side, y, count > 2 * room->count);
-        if (wrong < 0)
-            return DONE;
-        for (int j = 0; j < n; j++)
-            e[j] = face->e[j];
         side[wrong] = 0;
     }
     return HAND_BACK;

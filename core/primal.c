@@ -1,0 +1,45 @@
+/* Twin of velocity/qp/primal.py: the shortest e inside limits, from one that is inside. */
+
+#include "qp.h"
+#include <stdlib.h>
+
+/* Every step stays inside, and shortens e or changes the set of active limits. */
+Outcome from_inside(const Room *room, int *side, Row e, Face *face, double *y)
+{
+    int n = room->n;
+    for (int i = 0; i < room->count; i++)
+        side[i] = 0;
+    for (int count = 0; count < STEPS * room->count; count++) {
+        if (face_of(room, side, face) == HAND_BACK)
+            return HAND_BACK;
+        Row step;
+        for (int j = 0; j < n; j++)
+            step[j] = face->e[j] - e[j];
+        double first = 1.0, length = norm(n, step);
+        int meets = 0;
+        for (int i = 0; i < room->count; i++) {
+            double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);
+            if (side[i] != 0 || fabs(change) <= PARALLEL * room->length[i] * length)
+                continue;
+            double share = ((change > 0.0 ? room->upper[i] : room->lower[i]) - value) / change;
+            if (share < first) {
+                first = share;
+                meets = change > 0.0 ? i + 1 : -i - 1;
+            }
+        }
+        if (meets != 0) {
+            for (int j = 0; j < n; j++)
+                e[j] += fmax(0.0, first) * step[j];
+            side[abs(meets) - 1] = meets > 0 ? 1 : -1;
+            continue;
+        }
+        multipliers(face, room, face->e, y);
+        int wrong = weakest(room, face, face->e, side, y, count > 2 * room->count);
+        if (wrong < 0)
+            return DONE;
+        for (int j = 0; j < n; j++)
+            e[j] = face->e[j];
+        side[wrong] = 0;
+    }
+    return HAND_BACK;
+}

@@ -1,0 +1,28 @@
+/* What the files of the quadratic program share. */
+
+#ifndef QP_H
+#define QP_H
+
+#include "core.h"
+
+/* Centred: lower <= N e <= upper. */
+typedef struct {
+    int n, count;
+    Row N[LIMITS];
+    double lower[LIMITS], upper[LIMITS], length[LIMITS];
+} Room;
+
+/* The e with N_a e = b_a; at[i] is a limit, N_a' = Q R by orthonormal rows Q[i]. */
+typedef struct {
+    int k, at[MOST];
+    Row Q[MOST], R[MOST], e;
+} Face;
+
+/* active.c, primal.c */
+void shortest(const Face *face, int n, const double *b, Row e);
+void multipliers(const Face *face, const Room *room, const Row pull, double *y);
+Outcome face_of(const Room *room, const int *side, Face *face);
+int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late);
+Outcome from_inside(const Room *room, int *side, Row e, Face *face, double *y);
+
+#endif
