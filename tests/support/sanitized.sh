@@ -4,7 +4,8 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 trap 'python core/build.py > /dev/null' EXIT
 python core/build.py --sanitize > /dev/null
-runtime=$(${CC:-cc} -print-file-name=libasan.so)
+# Both before Python, which is built without them: exceptions of C++ pass through the sanitizer.
+runtime="$(${CC:-cc} -print-file-name=libasan.so) $(${CC:-cc} -print-file-name=libstdc++.so.6)"
 # Python itself never frees some of what it allocates at its start, so leaks are not looked for.
 ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$runtime" \
-    python -m pytest -q -n 0 tests/velocity/test_compiled.py tests/control/test_compiled.py
+    python -m pytest -q -n 0 --capture=sys tests/velocity/test_compiled.py tests/control/test_compiled.py
