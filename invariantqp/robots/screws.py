@@ -20,7 +20,7 @@ from invariantqp.robots.kinematics import Robot, joint_limits
 # Poses and joint twists of the chain may differ from the robot's by this, relative to the largest entry.
 ROUNDING = 1e-12
 # Where both are compared: shares of the joint ranges, no two joints alike.
-STATES = 4
+STATES = 2
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
 
@@ -52,5 +52,6 @@ def _states(chain: Chain) -> list[Array]:
 
 def _agree(chain: Chain, robot: Robot, q: Array) -> bool:
     """Whether both have the same pose and joint twists."""
-    pairs = ((chain.pose(q), robot.pose(q)), (chain.jacobian(q), robot.jacobian(q)))
+    seen = chain.sight(q, chain.target(robot.pose(q)))
+    pairs = ((seen.pose, robot.pose(q)), (seen.J, robot.jacobian(q)))
     return all(bool(np.abs(a - b).max() <= ROUNDING * np.abs(b).max()) for a, b in pairs)
