@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from invariantqp.force.hybrid import HybridController as HybridController
     from invariantqp.force.hybrid import HybridSolution as HybridSolution
     from invariantqp.force.hybrid_task import HybridTask as HybridTask
+    from invariantqp.force.reading import Wrench as Wrench
+    from invariantqp.force.wrench import SensorCheck as SensorCheck
     from invariantqp.force.wrench import WrenchSensor as WrenchSensor
 
 load_lazily(
@@ -20,6 +22,7 @@ load_lazily(
     {
         "invariantqp.force.hybrid": ("HybridController", "HybridSolution"),
         "invariantqp.force.hybrid_task": ("HybridTask",),
-        "invariantqp.force.wrench": ("WrenchSensor",),
+        "invariantqp.force.reading": ("Wrench",),
+        "invariantqp.force.wrench": ("SensorCheck", "WrenchSensor"),
     },
 )

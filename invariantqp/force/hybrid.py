@@ -1,6 +1,6 @@
 """The hybrid loop body: joint positions, a target and a wrench in, a joint velocity inside the limits out.
 
-    s = P s_motion + (I - P) C (I - P)' (W_d - W),     s_motion = gain log(T_target T^-1) + feedforward
+    s = P s_motion + (I - P) C (I - P)' (W_d - W + integral),     s_motion = gain log(T_target T^-1) + feedforward
     velocity = law(J(q), s, box(q)),                   torque = J'W_d for arms that take torques
 
 Everything is in the base frame; **wrenches are those that the tool exerts** (a `WrenchSensor` turns readings into
@@ -12,7 +12,7 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 from __future__ import annotations
 
 from copy import deepcopy
-from math import inf, sqrt
+from math import inf, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,11 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid_task import HybridTask, Split
-from invariantqp.force.watch import HOLD, RETREAT, SLOW, Watch
-from invariantqp.force.wrench import Smoothing, WrenchSensor
+from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
+from invariantqp.force.regulation import Regulation
+from invariantqp.force.smoothing import Smoothing
+from invariantqp.force.watch import FOLLOW, HOLD, RETREAT, SLOW, Felt, Watch
+from invariantqp.force.wrench import WrenchSensor
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
@@ -42,7 +45,8 @@ class HybridSolution(Compared):
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "lost" or "overload", or the velocity law's own: "ok", "scaled", "guarded", "degraded", "held".
+        status: "lost", "overload" or "fault" (the sensor's), "degraded" also where the force is not reached or chatters,
+            or the velocity law's own: "ok", "scaled", "guarded", "degraded", "held".
         reason: why, in words, "" where there is nothing to report.
         motion: (6,) the wanted twist along S, P s_motion.
         force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
@@ -87,6 +91,7 @@ class HybridController:
         task: what the contact allows and what to exert on it.
         loop: the `Controller` that follows the twist of each tick inside the limits.
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
+        order: of plain numbers where there is no sensor.
         force_first: whether the force part of the twist is met exactly, so that limits slow the motion down before
             they change the force.
     """
@@ -98,6 +103,7 @@ class HybridController:
         *,
         dt: float,
         sensor: WrenchSensor | None = None,
+        order: Order | None = None,
         force_first: bool = True,
         **options: Any,
     ) -> None:
@@ -108,7 +114,8 @@ class HybridController:
             task: the force/motion task.
             dt: tick [s].
             sensor: how readings become wrenches; None takes what `step` is given as the wrench that the tool exerts, in
-                the base frame.
+                the base frame, without noise.
+            order: without a sensor, of plain (6,) numbers: "moment first" or "force first"; None refuses them.
             force_first: whether W'J x = W's are exact rows, W the constraints of the contact. They matter only where
                 the arm cannot do all of s: at limits, near singularities, with fewer than six joints.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without
@@ -121,6 +128,8 @@ class HybridController:
             raise BadInput("task", excerpt(task), "a HybridTask")
         if not (sensor is None or isinstance(sensor, WrenchSensor)):
             raise BadInput("sensor", excerpt(sensor), "a WrenchSensor, or None")
+        if sensor is not None and order is not None:
+            raise BadInput("order", f"{order!r} beside a sensor", "one of them", "Say it where the sensor is made.")
         self.task = task
         mid = middle(require_robot(robot))
         contact = task.contact_at(robot.pose(mid))
@@ -130,8 +139,13 @@ class HybridController:
         self.loop: Controller = Controller(robot, dt=dt, **options)
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
-        self._smoothing = Smoothing.of(inf if sensor is None else sensor.cutoff, self.loop.dt)
+        self.order = order_of(order)
+        cutoff = inf if sensor is None else sensor.cutoff
+        self._late = self.loop.dt + options.get("delay", 0.0) + 1.0 / (2.0 * pi * cutoff)
+        self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self._watch = Watch()
+        self._regulation = Regulation()
+        self._moved: Array = np.zeros(3)
         self._split = task.split(contact.kind)
 
     @property
@@ -143,26 +157,29 @@ class HybridController:
         return deepcopy(self)  # with a loop of its own
 
     def reset(self) -> None:
-        """Forget an overload or a loss, and the readings: the state before the first touch."""
+        """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
+        self._regulation = Regulation()
+        self._moved = np.zeros(3)
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
         self,
         q: ArrayLike,
         target: Any,
-        wrench: ArrayLike,
+        wrench: Any,
         feedforward: ArrayLike | None = None,
         contact: Contact | None = None,
         velocity: ArrayLike | None = None,
-        wanted: ArrayLike | None = None,
+        wanted: ArrayLike | Wrench | None = None,
     ) -> HybridSolution:
         """One tick: the joint velocity to command until the next.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             target: wanted tool pose, as in `Controller.step`; only its part along S counts.
-            wrench: (6,) the sensor's reading (m; f), or without a sensor the wrench that the tool exerts, base frame.
+            wrench: the sensor's reading, or without a sensor the wrench that the tool exerts, base frame: a `Wrench`, a
+                `pinocchio.Force`, a `geometry_msgs/Wrench`, or six numbers where their order was said.
             feedforward: (6,) twist of the target in the base frame; None is a target at rest.
             contact: the contact now; None takes the task's.
             velocity: as in `Controller.step`.
@@ -176,7 +193,7 @@ class HybridController:
         """
         robot, loop = self.loop.robot, self.loop
         positions = arrays.vector(q, len(robot.names), "q")
-        reading = arrays.vector(wrench, 6, "wrench")
+        reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
         if velocity is not None:
             velocity = arrays.vector(velocity, len(robot.names), "velocity")
         sighting = robot.sight(positions, target)
@@ -189,41 +206,52 @@ class HybridController:
         split = self._split_for(contact)
         exert = split.wanted(self.task.wrench)
         if wanted is not None:
-            exert = split.wanted(arrays.vector(wanted, None, "wanted"), "wanted")
+            exert = split.wanted(wanted_of(wanted, "wanted"), "wanted")
         raw, measured, smoothing = self._measure(reading, tool)
 
         # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        felt = A.T.dot(measured)
-        parts = split.intensities.dot(felt)
-        error = split.projectors.force.dot(exert - felt)
-        motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
-        force = A.dot(split.admittance.dot(error))
-        press = (float(parts[0]), float(split.intensities[0].dot(exert))) if contact.kind.unilateral else None
-        watch = self._watch.after(self.task, press, _load(contact, raw), loop.dt)
+        noise = 0.0 if self.sensor is None else self.sensor.noise
+        felt = self._felt(reading, raw, contact, split, exert, noise, A)
+        watch = self._watch.after(self.task, felt, loop.dt)
         verdict = watch.verdict(self.task)
+        regulation, factor, rate = self._regulated(felt, split, watch, noise)
+
+        inside = A.T.dot(measured)
+        parts = split.intensities.dot(inside)
+        error = split.projectors.force.dot(exert - inside)
+        motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
+        force = factor * A.dot(split.admittance.dot(error + regulation.integral))
 
         where = contact.point if self._at_contact else None
-        if verdict.action == SLOW:
-            force *= self._share(contact, force)
+        share = 1.0
+        if verdict.action == SLOW or watch.touching:
+            share = self._share(contact, force)
+            force *= share
         if verdict.action == HOLD:
             motion, force = np.zeros(6), np.zeros(6)
             inner = loop.rest(positions, "", velocity, sighting)
         elif verdict.action == RETREAT:
-            out = A.dot(np.asarray(contact.kind.out))
             speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
-            motion, force = np.zeros(6), speed * out
+            motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
             inner = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting, where)
-            v = velocity_at(sighting.J.dot(inner.velocity), contact.point)
-            watch = watch.after_retreat(loop.dt * float(velocity_at(out, contact.point).dot(v)))
         else:
             rows = self._rows(contact, sighting.J, force)
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where)
-        self._watch, self._smoothing = watch, smoothing
+        self._moved = loop.dt * contact.pose[:3, :3].T.dot(
+            velocity_at(sighting.J.dot(inner.velocity), contact.point)
+        )
+        free = share == 1.0 and inner.scale == 1.0 and verdict.action == FOLLOW
+        self._regulation = regulation.after(error, rate, loop.dt, float(free))
+        self._watch = watch.after_motion(-float(self._moved[2]))
+        self._smoothing = smoothing
+        trouble = "" if verdict.status or felt.press is None else watch.settling.trouble(felt.press[1], self._late)
+        reasons = (verdict.reason, trouble, inner.reason)
+        status = inner.status if inner.status == "held" or not trouble else "degraded"
         return HybridSolution(
             velocity=inner.velocity,
-            status=verdict.status or inner.status,
-            reason="; ".join(r for r in (verdict.reason, inner.reason) if r),
+            status=verdict.status or status,
+            reason="; ".join(r for r in reasons if r),
             motion=motion,
             force=force,
             wrench=measured.copy(),
@@ -234,6 +262,31 @@ class HybridController:
             velocity_solution=inner,
             J=sighting.J,
         )
+
+    def _felt(
+        self, reading: Array, raw: Array, contact: Contact, split: Split, exert: Array, noise: float, A: Array
+    ) -> Felt:
+        """What the raw reading tells of the contact."""
+        press = None
+        if contact.kind.unilateral:
+            press = (float(split.intensities[0].dot(A.T.dot(raw))), float(split.intensities[0].dot(exert)))
+        return Felt(reading, press, *_load(contact, raw), self.task.most(exert, noise), noise)
+
+    def _regulated(
+        self, felt: Felt, split: Split, watch: Watch, noise: float
+    ) -> tuple[Regulation, float, float | None]:
+        """The force law's memory, the factor on its compliance, and the rate of its integral (None without one)."""
+        regulation, stiffness = self._regulation, self.task.stiffness
+        if stiffness is None and felt.press is not None:
+            estimate = regulation.estimate.after(felt.press[0], self._moved, watch.touching, noise, self.loop.dt)
+            regulation = regulation._replace(estimate=estimate)
+        if self.task.adapts and watch.settling.chatters:
+            regulation = regulation.slower()
+        factor = regulation.factor(split.compliance, stiffness, self._late) if self.task.adapts else 1.0
+        k = regulation.estimate.value if stiffness is None else stiffness
+        touching = watch.touching if felt.press is not None else True
+        rate = factor * split.compliance * k if k is not None and touching else None
+        return regulation, factor, rate
 
     def _split_for(self, contact: Contact) -> Split:
         """The task's split for the kind of this contact, kept while the kind is the same."""

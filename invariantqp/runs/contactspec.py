@@ -93,10 +93,10 @@ class ForceSpec(Section):
         examples=[[[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]],
     )
     max_force: Positive | None = Field(
-        None, description="a larger force is an overload [N]; left out: none is", examples=[40.0]
+        None, description="a larger force is an overload [N]; left out: twice the press", examples=[40.0]
     )
     max_moment: Positive | None = Field(
-        None, description="a larger moment is an overload [N m]; left out: none is", examples=[4.0]
+        None, description="a larger moment is an overload [N m]; left out: by the force", examples=[4.0]
     )
     on_overload: Literal["hold", "retreat"] = Field("hold", examples=["retreat"])
     on_loss: Literal["approach", "hold", "retreat", "continue"] = Field("approach", examples=["hold"])

@@ -1,0 +1,82 @@
+"""How stiff a contact is, from the first moments after touch: how the press grows with the way into the surface.
+
+    press = b + k x + t'u        x way along the press, u (2,) way across it
+
+The ways are integrals of the commanded velocities. The part across is there because a surface whose normal is told wrong
+is pressed by sliding along it. Least squares over a window after each touch; k counts once it is several standard errors.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+
+# For how long after a touch readings count [s].
+WINDOW = 0.5
+# Standard errors of k from which on it is known, and the least number of readings.
+KNOWN = 4.0
+FEWEST = 8
+# The least relative spread of the regressors that least squares resolves.
+RESOLVED = 1e-10
+
+
+class StiffnessEstimate(NamedTuple):
+    """Sums over the readings since the last touch.
+
+    Attributes:
+        value: k [force/length]; None where it is not known yet.
+        time: since the last touch [s].
+        way: (3,) across (2) and along the press, since then [length].
+        sums: (5, 5) of products of (1, way, press).
+    """
+
+    value: float | None = None
+    time: float = 0.0
+    way: Array = np.zeros(3)
+    sums: Array = np.zeros((5, 5))
+
+    def after(self, press: float, moved: Array, touching: bool, noise: float, dt: float) -> StiffnessEstimate:
+        """The estimate after one more reading.
+
+        Args:
+            press: felt [force].
+            moved: (3,) way since the last reading, across (2) and along the press [length].
+            touching: whether there is contact.
+            noise: standard deviation of the press [force].
+            dt: tick [s].
+        """
+        if not touching:
+            return StiffnessEstimate(self.value)
+        if self.time > WINDOW:
+            return self
+        way = self.way + moved
+        row = np.array([1.0, *way, press])
+        sums = self.sums + np.outer(row, row)
+        value = _slope(sums, noise)
+        return StiffnessEstimate(self.value if value is None else value, self.time + dt, way, sums)
+
+
+def _slope(sums: Array, noise: float) -> float | None:
+    """k where it is known, else None."""
+    n = sums[0, 0]
+    if n < FEWEST:
+        return None
+    mean = sums[0, 1:] / n
+    spread = sums[1:, 1:] / n - np.outer(mean, mean)
+    # What the ways across explain of the way along and of the press is taken off both.
+    across, rest = spread[:2, :2], spread[:2, 2:]
+    if across.trace() > RESOLVED * spread[2, 2]:
+        explained = np.linalg.lstsq(across, rest, rcond=RESOLVED)[0]
+        spread = spread[2:, 2:] - rest.T.dot(explained)
+    else:
+        spread = spread[2:, 2:]
+    xx, xf, ff = float(spread[0, 0]), float(spread[0, 1]), float(spread[1, 1])
+    if xx <= 0.0:
+        return None
+    k = xf / xx
+    error = sqrt(max(noise * noise, ff - k * xf, 0.0) / (n * xx))
+    return k if k > KNOWN * error else None
