@@ -15,6 +15,8 @@ from invariantqp.geometry.arrays import Array
 
 # For how long a reading with noise may stay the same to the last bit [s].
 DEAD_AFTER = 0.1
+# After this time already, the force law waits for the next reading [s].
+STALE_AFTER = 0.012
 # Share of the wanted press by which a reading may pull, and by which it may change within a tick.
 PULL_SHARE = 0.5
 # A change within a tick by less than this many standard deviations is noise.
@@ -41,6 +43,11 @@ class Health(NamedTuple):
     pull: float = -CERTAIN
     jumped: float = JUMP_MEMORY
     fault: str = ""
+
+    @property
+    def stale(self) -> bool:
+        """Whether the reading is too old to press by."""
+        return self.unchanged > STALE_AFTER
 
     def after(
         self, reading: Array, press: tuple[float, float] | None, limit: float, noise: float, dt: float

@@ -211,23 +211,28 @@ class HybridController:
 
         # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        noise = 0.0 if self.sensor is None else self.sensor.noise
-        felt = self._felt(reading, raw, contact, split, exert, noise, A)
+        felt = self._felt(reading, raw, contact, tool[:3, 3], split, exert)
         watch = self._watch.after(self.task, felt, loop.dt)
-        verdict = watch.verdict(self.task)
-        regulation, factor, rate = self._regulated(felt, split, watch, noise)
+        verdict = watch.verdict(self.task, can_leave=contact.kind.out is not None)
+        regulation, factor, rate = self._regulated(felt, split, watch)
 
         inside = A.T.dot(measured)
         parts = split.intensities.dot(inside)
         error = split.projectors.force.dot(exert - inside)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
-        force = factor * A.dot(split.admittance.dot(error + regulation.integral))
-
-        where = contact.point if self._at_contact else None
-        share = 1.0
-        if verdict.action == SLOW or watch.touching:
-            share = self._share(contact, force)
-            force *= share
+        where, share = contact.point if self._at_contact else None, 1.0
+        if verdict.action == SLOW and self.task.adapts and felt.press is not None:
+            # Towards the contact, whatever the noise says, so slowly that the touch is gentle.
+            force = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
+            gentle = regulation.approach_speed(felt.press[1], self.task.stiffness, self._late)
+            force *= min(gentle, self.task.approach_speed) / max(self._speed(contact, force), np.finfo(float).tiny)
+        else:
+            force = factor * A.dot(split.admittance.dot(error + regulation.integral))
+            if verdict.action == SLOW or watch.touching:
+                share = min(1.0, self.task.approach_speed / max(self._speed(contact, force), np.finfo(float).tiny))
+                force *= share
+        if watch.health.stale:
+            force *= 0.0
         if verdict.action == HOLD:
             motion, force = np.zeros(6), np.zeros(6)
             inner = loop.rest(positions, "", velocity, sighting)
@@ -263,27 +268,24 @@ class HybridController:
             J=sighting.J,
         )
 
-    def _felt(
-        self, reading: Array, raw: Array, contact: Contact, split: Split, exert: Array, noise: float, A: Array
-    ) -> Felt:
+    def _felt(self, reading: Array, raw: Array, contact: Contact, tool: Array, split: Split, exert: Array) -> Felt:
         """What the raw reading tells of the contact."""
-        press = None
+        press, noise = None, 0.0 if self.sensor is None else self.sensor.noise
         if contact.kind.unilateral:
-            press = (float(split.intensities[0].dot(A.T.dot(raw))), float(split.intensities[0].dot(exert)))
-        return Felt(reading, press, *_load(contact, raw), self.task.most(exert, noise), noise)
+            inside = se3.adjoint(contact.pose, check=False).T.dot(raw)
+            press = (float(split.intensities[0].dot(inside)), float(split.intensities[0].dot(exert)))
+        return Felt(reading, press, *_load(raw, contact.point, tool), self.task.most(exert, noise), noise)
 
-    def _regulated(
-        self, felt: Felt, split: Split, watch: Watch, noise: float
-    ) -> tuple[Regulation, float, float | None]:
+    def _regulated(self, felt: Felt, split: Split, watch: Watch) -> tuple[Regulation, float, float | None]:
         """The force law's memory, the factor on its compliance, and the rate of its integral (None without one)."""
         regulation, stiffness = self._regulation, self.task.stiffness
         if stiffness is None and felt.press is not None:
-            estimate = regulation.estimate.after(felt.press[0], self._moved, watch.touching, noise, self.loop.dt)
+            estimate = regulation.estimate.after(felt.press[0], self._moved, watch.touching, felt.noise, self.loop.dt)
             regulation = regulation._replace(estimate=estimate)
         if self.task.adapts and watch.settling.chatters:
             regulation = regulation.slower()
         factor = regulation.factor(split.compliance, stiffness, self._late) if self.task.adapts else 1.0
-        k = regulation.estimate.value if stiffness is None else stiffness
+        k = regulation.known(stiffness)
         touching = watch.touching if felt.press is not None else True
         rate = factor * split.compliance * k if k is not None and touching else None
         return regulation, factor, rate
@@ -312,16 +314,14 @@ class HybridController:
         W = contact.constraints
         return ExactRows(W.T.dot(J), W.T.dot(force))
 
-    def _share(self, contact: Contact, force: Array) -> float:
-        """The share, at most 1, of the force twist that keeps the contact point below the approach speed."""
-        task = self.task
-        v, w = velocity_at(force, contact.point), task.size * force[:3]
-        speed = sqrt(max(v.dot(v), w.dot(w)))
-        return min(1.0, task.approach_speed / speed) if speed > 0.0 else 1.0
+    def _speed(self, contact: Contact, force: Array) -> float:
+        """How fast a force twist moves the place of contact, turning counted by the contact's size [length/s]."""
+        v, w = velocity_at(force, contact.point), self.task.size * force[:3]
+        return sqrt(max(v.dot(v), w.dot(w)))
 
 
-def _load(contact: Contact, wrench: Array) -> tuple[float, float]:
-    """|f| and |m| about the place of contact."""
-    f = wrench[3:]
-    m = wrench[:3] - se3.cross(contact.point, f)
-    return sqrt(f.dot(f)), sqrt(m.dot(m))
+def _load(wrench: Array, *places: Array) -> tuple[float, float]:
+    """|f|, and |m| about the place where it is least: a handle is held far from its hinge."""
+    m, f = wrench[:3], wrench[3:]
+    moments = [m - se3.cross(place, f) for place in places]
+    return sqrt(f.dot(f)), sqrt(min(m.dot(m) for m in moments))

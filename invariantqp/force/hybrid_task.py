@@ -45,7 +45,7 @@ OVERLOAD = 2.0
 NO_FORCE = 20.0
 # Readings of a force stay within so many standard deviations of a component.
 ABOVE_NOISE = 8.0
-# The compliance until a stiffness is known: slow on stiff contacts [length/s/force].
+# The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
 UNKNOWN = 1e-3
 
 
@@ -124,7 +124,7 @@ class HybridTask(Value):
     approach_time: float = field(repr=False)
     max_force: float | None = field(repr=False)
     max_moment: float | None = field(repr=False)
-    on_overload: str = field(repr=False)
+    on_overload: str | None = field(repr=False)
     retreat_speed: float = field(repr=False)
     retreat_distance: float = field(repr=False)
 
@@ -148,7 +148,7 @@ class HybridTask(Value):
         approach_time: float = 20.0,
         max_force: float | None = None,
         max_moment: float | None = None,
-        on_overload: OnOverload = "hold",
+        on_overload: OnOverload | None = None,
         retreat_speed: float = 0.02,
         retreat_distance: float = 0.02,
     ) -> None:
@@ -164,7 +164,7 @@ class HybridTask(Value):
                 none of the three, Z = C W follows from the compliance; it exists for every contact.
             compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
                 in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses it
-                by the stiffness, tick, delay and low-pass: 1e-3 until a stiffness is known.
+                by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known.
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
             stiffness: of the contact along the press [force/length]; None identifies it at each touch. With it the force
                 law has integral action.
@@ -180,7 +180,8 @@ class HybridTask(Value):
                 wanted; inf is never.
             max_moment: moment about the place of contact likewise [N length]; None is twice the wanted one, or
                 `size` times the force where that is more.
-            on_overload: "hold" or "retreat", until `HybridController.reset`.
+            on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None is
+                "retreat" from a contact that can be left.
             retreat_speed: along the contact's way out [length/s].
             retreat_distance: after it, stand still [length].
 
@@ -214,7 +215,7 @@ class HybridTask(Value):
             approach_time=_limit(approach_time, "approach_time"),
             max_force=None if max_force is None else _limit(max_force, "max_force"),
             max_moment=None if max_moment is None else _limit(max_moment, "max_moment"),
-            on_overload=arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
+            on_overload=None if on_overload is None else arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
             retreat_speed=arrays.number(retreat_speed, "retreat_speed", "a speed", positive=True),
             retreat_distance=arrays.number(retreat_distance, "retreat_distance", "a length", positive=True),
         )

@@ -1,11 +1,12 @@
 """The force law's gain and its integral action.
 
-    twist = (I - P) C factor (e + w / T_i integral of e)(I - P)'      e the wrench error,   w = c k the loop's rate
+    twist = factor (I - P) C (I - P)' (e + 1/T_i integral of e)       e the wrench error
 
 On a contact of stiffness k the loop is a first-order lag of rate c k, stable with dead time d below c k d = pi / 2. The
 rate is at most RATE, and a quarter of 1 / (dt + delay + time constant of the low-pass), from which on no overshoot is
-visible. T_i = 4 / (c k) is critical damping: a normal told wrong, which moves the surface at constant speed, leaves no
-error. Without k there is no integral, since a too fast one oscillates.
+visible. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
+damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral, since
+a too fast one oscillates.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ from invariantqp.force.stiffness import StiffnessEstimate
 from invariantqp.geometry.arrays import Array
 
 # How fast a force error is corrected where nothing else is asked for [1/s].
-RATE = 20.0
+RATE = 40.0
 # The largest rate times what is late: tick, delay and low-pass.
 LATE_SHARE = 0.25
-# Critical damping of rate and integral.
-CRITICAL = 4.0
-# The compliance without a known stiffness is changed by at most this factor either way.
-MOST_CHANGE = 100.0
+# c k T_i.
+OVERDAMPED = 6.0
+# Stiffness of a contact of which nothing is known yet [N/m]: for the speed of the approach that of metal on a stiff arm,
+# for the gain a smaller one. On a stiffer contact the press grows so fast that the stiffness is known within a few ticks.
+STIFF = 1e5
+USUAL = 2e4
 # After the contact was lost again and again the rate is reduced by this factor, each time.
 SLOWER = 0.5
 LEAST_CAUTION = 1.0 / 64.0
@@ -48,11 +51,16 @@ class Regulation(NamedTuple):
         return self.caution * min(RATE, LATE_SHARE / late)
 
     def factor(self, compliance: float, stiffness: float | None, late: float) -> float:
-        """By how much the compliance [length/s/force] is multiplied for that rate; 1 where no stiffness is known."""
-        k = self.estimate.value if stiffness is None else stiffness
-        if k is None:
-            return self.caution
-        return min(max(self.rate(late) / (compliance * k), 1.0 / MOST_CHANGE), MOST_CHANGE)
+        """By how much the compliance [length/s/force] is multiplied for that rate, at a stiffness that was told or None."""
+        return self.rate(late) / (compliance * (self.known(stiffness) or USUAL))
+
+    def approach_speed(self, press: float, stiffness: float | None, late: float) -> float:
+        """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness."""
+        return press / ((self.known(stiffness) or STIFF) * late)
+
+    def known(self, stiffness: float | None) -> float | None:
+        """The stiffness that was told, or that is known from the last touch."""
+        return self.estimate.value if stiffness is None else stiffness
 
     def after(self, error: Array, rate: float | None, dt: float, most: float) -> Regulation:
         """The integral after a tick.
@@ -65,7 +73,7 @@ class Regulation(NamedTuple):
         """
         if rate is None:
             return self._replace(integral=np.zeros(6))
-        return self._replace(integral=self.integral + most * dt * rate / CRITICAL * error)
+        return self._replace(integral=self.integral + most * dt * rate / OVERDAMPED * error)
 
     def slower(self) -> Regulation:
         """The same, more cautious."""

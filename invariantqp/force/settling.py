@@ -1,6 +1,6 @@
 """Whether the press settles: contact lost again and again, or a press that is not reached, are told.
 
-chatters     CHATTER losses within a second
+chatters     CHATTER losses within a second, each after a press too high: a surface that is left slowly is no chatter
 not reached  the press is off by more than MISSED of the wanted one for longer than PATIENCE while it touches
 """
 
@@ -13,6 +13,8 @@ from invariantqp.errors import written
 # Losses within MEMORY [s] that count as chatter.
 CHATTER = 4
 MEMORY = 1.0
+# A press above this multiple of the wanted one, before a loss, makes that chatter.
+OVERSHOT = 1.3
 # A press this far off, relative to the wanted one, for this long [s] is not reached.
 MISSED = 0.2
 PATIENCE = 1.0
@@ -25,26 +27,26 @@ class Settling(NamedTuple):
 
     Attributes:
         losses: how long ago each recent loss was [s].
-        touching: whether it touched in the last tick.
+        highest: the largest press since the touch [force]; None in the air.
         press: averaged [force]; None in the air.
         missed: for how long it has been off [s].
     """
 
     losses: tuple[float, ...] = ()
-    touching: bool = False
+    highest: float | None = None
     press: float | None = None
     missed: float = 0.0
 
     def after(self, felt: float, wanted: float, touching: bool, dt: float) -> Settling:
         """What is remembered after one more tick; presses in [force]."""
         losses = tuple(age + dt for age in self.losses if age + dt < MEMORY)
-        if self.touching and not touching:
-            losses = (0.0, *losses)
         if not touching:
-            return Settling(losses)
+            chatter = self.highest is not None and self.highest > OVERSHOT * wanted
+            return Settling((0.0, *losses) if chatter else losses)
+        highest = felt if self.highest is None else max(self.highest, felt)
         press = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
         off = abs(press - wanted) > MISSED * wanted > 0.0
-        return Settling(losses, True, press, self.missed + dt if off else 0.0)
+        return Settling(losses, highest, press, self.missed + dt if off else 0.0)
 
     @property
     def chatters(self) -> bool:

@@ -3,7 +3,7 @@
     press = b + k x + t'u        x way along the press, u (2,) way across it
 
 The ways are integrals of the commanded velocities. The part across is there because a surface whose normal is told wrong
-is pressed by sliding along it. Least squares over a window after each touch; k counts once it is several standard errors.
+is pressed by sliding along it. Least squares after each touch, until k is several standard errors.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 
-# For how long after a touch readings count [s].
+# For how long after a touch readings count [s], once the stiffness is known.
 WINDOW = 0.5
 # Standard errors of k from which on it is known, and the least number of readings.
-KNOWN = 4.0
-FEWEST = 8
+KNOWN = 8.0
+FEWEST = 20
 # The least relative spread of the regressors that least squares resolves.
 RESOLVED = 1e-10
 
@@ -29,12 +29,14 @@ class StiffnessEstimate(NamedTuple):
 
     Attributes:
         value: k [force/length]; None where it is not known yet.
+        fresh: whether it is from the last touch.
         time: since the last touch [s].
         way: (3,) across (2) and along the press, since then [length].
         sums: (5, 5) of products of (1, way, press).
     """
 
     value: float | None = None
+    fresh: bool = False
     time: float = 0.0
     way: Array = np.zeros(3)
     sums: Array = np.zeros((5, 5))
@@ -51,13 +53,15 @@ class StiffnessEstimate(NamedTuple):
         """
         if not touching:
             return StiffnessEstimate(self.value)
-        if self.time > WINDOW:
+        if self.time > WINDOW and self.fresh:
             return self
         way = self.way + moved
         row = np.array([1.0, *way, press])
         sums = self.sums + np.outer(row, row)
         value = _slope(sums, noise)
-        return StiffnessEstimate(self.value if value is None else value, self.time + dt, way, sums)
+        if value is None:
+            return self._replace(time=self.time + dt, way=way, sums=sums)
+        return StiffnessEstimate(value, True, self.time + dt, way, sums)
 
 
 def _slope(sums: Array, noise: float) -> float | None:

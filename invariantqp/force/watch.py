@@ -128,10 +128,10 @@ class Watch(NamedTuple):
             return self._replace(left=self.left + max(0.0, out))
         return self if self.touching else self._replace(approached=self.approached + max(0.0, -out))
 
-    def verdict(self, task: HybridTask) -> Verdict:
-        """What to do now."""
+    def verdict(self, task: HybridTask, *, can_leave: bool) -> Verdict:
+        """What to do now; `can_leave` is whether the contact can be left."""
         if self.status:
-            answer = task.on_overload if self.status == "overload" else task.on_loss if self.status == "lost" else HOLD
+            answer = task.on_loss if self.status == "lost" else task.on_overload or (RETREAT if can_leave else HOLD)
             action = RETREAT if answer == "retreat" and self.left < ALL_THE_WAY * task.retreat_distance else HOLD
             what = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
             return Verdict(action, self.status, f"{self.leaving}: {what}")

@@ -98,7 +98,9 @@ class ForceSpec(Section):
     max_moment: Positive | None = Field(
         None, description="a larger moment is an overload [N m]; left out: by the force", examples=[4.0]
     )
-    on_overload: Literal["hold", "retreat"] = Field("hold", examples=["retreat"])
+    on_overload: Literal["hold", "retreat"] | None = Field(
+        None, description="left out: retreat from a contact that can be left", examples=["retreat"]
+    )
     on_loss: Literal["approach", "hold", "retreat", "continue"] = Field("approach", examples=["hold"])
     approach_speed: Positive = Field(0.02, description="largest speed before contact [m/s]", examples=[0.02])
 
