@@ -7,7 +7,6 @@ from math import atan2, inf
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from invariantqp.errors import BadInput
 from invariantqp.force.hybrid_task import HybridTask
@@ -69,7 +68,7 @@ def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
     if contact is None or force is None:
         return None
     touched = (_hinge if contact.kind == "hinge" else _surface)(contact, T)
-    mount = se3.transform(Rotation.from_rotvec(sensor.mount_turn).as_matrix(), sensor.mount)
+    mount = se3.transform(se3.rotation(np.asarray(sensor.mount_turn)), sensor.mount)
     return ContactScene(
         kind=touched.contact_at(T).kind,
         springs=touched.springs,
@@ -125,7 +124,7 @@ def _believed_sensor(sensor: SensorSpec, mount: Array, noise: float) -> WrenchSe
 
 def _surface(contact: ContactSpec, T: Array) -> _Touched:
     """A plane or a round bar below a tool at pose T."""
-    R, tilt = T[:3, :3], Rotation.from_rotvec(contact.tilt).as_matrix()
+    R, tilt = T[:3, :3], se3.rotation(np.asarray(contact.tilt))
     n = np.array(contact.normal) / np.linalg.norm(contact.normal)
     x = np.array(contact.along) - n * n.dot(contact.along)
     if not np.linalg.norm(x) > LEAST_ARM * np.linalg.norm(contact.along):
@@ -178,7 +177,7 @@ def _hinge(contact: ContactSpec, T: Array) -> _Touched:
     a, b = (0.5 * s for s in contact.size or (POINT_SIZE, POINT_SIZE))
     R = T[:3, :3].T.dot(handle[:3, :3])
     points = np.array([R.dot([i * a, 0.0, j * b]) for i, j in CORNERS["hinge"]])
-    tilt = Rotation.from_rotvec(contact.tilt).as_matrix()
+    tilt = se3.rotation(np.asarray(contact.tilt))
     real = screws.revolute(tilt.dot(axis), p + tilt.dot(to_axis))
     stiffness = contact.stiffness * np.array([b * b, a * a + b * b, a * a, 1.0, 1.0, 1.0])
     return _Touched(HingeSprings(points, T.copy(), real, contact.stiffness), stiffness, contact_at, axis, None)
