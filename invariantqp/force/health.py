@@ -49,9 +49,7 @@ class Health(NamedTuple):
         """Whether the reading is too old to press by."""
         return self.unchanged > STALE_AFTER
 
-    def after(
-        self, reading: Array, press: tuple[float, float] | None, limit: float, noise: float, dt: float
-    ) -> Health:
+    def after(self, reading: Array, press: tuple[float, float] | None, limit: float, noise: float, dt: float) -> Health:
         """What is remembered after one more reading.
 
         Args:

@@ -12,76 +12,32 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 from __future__ import annotations
 
 from copy import deepcopy
-from math import inf, pi, sqrt
+from math import inf, pi
 from typing import Any
 
 import numpy as np
-from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid_task import HybridTask, Split
+from invariantqp.force.place import load_at, way_out
+from invariantqp.force.push import gains_of, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
-from invariantqp.force.watch import FOLLOW, HOLD, RETREAT, SLOW, Felt, Watch
+from invariantqp.force.solution import HybridSolution
+from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
+from invariantqp.force.watch import Felt, Watch
 from invariantqp.force.wrench import WrenchSensor
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.measure import length_at
-from invariantqp.velocity.solution import VelocitySolution
-
-
-@frozen(eq=False, repr=False, slots=False)
-class HybridSolution(Compared):
-    """A joint velocity for a force/motion task, and how it was found; all twists and wrenches in the base frame.
-
-    Attributes:
-        velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "lost", "overload" or "fault" (the sensor's), "degraded" also where the force is not reached or chatters,
-            or the velocity law's own: "ok", "scaled", "guarded", "degraded", "held".
-        reason: why, in words, "" where there is nothing to report.
-        motion: (6,) the wanted twist along S, P s_motion.
-        force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
-        wrench: (6,) the measured wrench: without weight and bias, smoothed, in the base frame.
-        error: (6,) P*(W_d - W), in S*.
-        intensities: (6-k,) the measured wrench's parts in the contact's constraints; the first is the press.
-        wanted: (6,) W_d.
-        contact: the contact of this tick.
-        velocity_solution: the velocity law's answer.
-        J: (6, m) joint twists.
-    """
-
-    velocity: Array
-    status: str
-    reason: str
-    motion: Array = field(repr=False)
-    force: Array = field(repr=False)
-    wrench: Array
-    error: Array = field(repr=False)
-    intensities: Array
-    wanted: Array = field(repr=False)
-    contact: Contact = field(repr=False)
-    velocity_solution: VelocitySolution = field(repr=False)
-    J: Array = field(repr=False)
-
-    @property
-    def twist(self) -> Array:
-        """(6,) the wanted twist, motion and force together."""
-        return self.motion + self.force
-
-    @property
-    def torque(self) -> Array:
-        """(m,) J'W_d, the joint torques that exert the wanted wrench, for torque-controlled arms [N m, N]."""
-        torque: Array = self.J.T.dot(self.wanted)
-        return torque
 
 
 class HybridController:
@@ -211,57 +167,56 @@ class HybridController:
 
         # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        felt = self._felt(reading, raw, contact, tool[:3, 3], split, exert)
+        felt = self._felt(reading, raw, contact, tool[:3, 3], split, B.dot(exert))
         watch = self._watch.after(self.task, felt, loop.dt)
-        verdict = watch.verdict(self.task, can_leave=contact.kind.out is not None)
-        regulation, factor, rate = self._regulated(felt, split, watch)
-
+        regulation = self._regulated(felt, contact, watch)
         inside = A.T.dot(measured)
-        parts = split.intensities.dot(inside)
         error = split.projectors.force.dot(exert - inside)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
-        where, share = contact.point if self._at_contact else None, 1.0
-        if verdict.action == SLOW and self.task.adapts and felt.press is not None:
-            # Towards the contact, whatever the noise says, so slowly that the touch is gentle.
-            force = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
-            gentle = regulation.approach_speed(felt.press[1], self.task.stiffness, self._late)
-            force *= min(gentle, self.task.approach_speed) / max(self._speed(contact, force), np.finfo(float).tiny)
-        else:
-            force = factor * A.dot(split.admittance.dot(error + regulation.integral))
-            if verdict.action == SLOW or watch.touching:
-                share = min(1.0, self.task.approach_speed / max(self._speed(contact, force), np.finfo(float).tiny))
-                force *= share
-        if watch.health.stale:
-            force *= 0.0
-        if verdict.action == HOLD:
-            motion, force = np.zeros(6), np.zeros(6)
+
+        answer = verdict(watch, self.task, can_leave=contact.kind.out is not None)
+        touching = watch.touching or felt.press is None
+        press = None if felt.press is None else felt.press[1]
+        gains = gains_of(self.task, split, regulation, press, self._late, touching=touching)
+        pushed = push(
+            self.task,
+            contact,
+            split,
+            gains,
+            exert,
+            error,
+            regulation.integral,
+            touching=touching,
+            slow=answer.action == SLOW,
+        )
+        force, where = pushed.twist, contact.point if self._at_contact else None
+        if answer.action == HOLD:
+            motion = force = np.zeros(6)
             inner = loop.rest(positions, "", velocity, sighting)
-        elif verdict.action == RETREAT:
-            speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
-            motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
-            inner = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting, where)
         else:
+            if answer.action == RETREAT:
+                speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
+                motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
+            elif watch.health.stale:
+                force = np.zeros(6)
             rows = self._rows(contact, sighting.J, force)
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where)
-        self._moved = loop.dt * contact.pose[:3, :3].T.dot(
-            velocity_at(sighting.J.dot(inner.velocity), contact.point)
-        )
-        free = share == 1.0 and inner.scale == 1.0 and verdict.action == FOLLOW
-        self._regulation = regulation.after(error, rate, loop.dt, float(free))
-        self._watch = watch.after_motion(-float(self._moved[2]))
-        self._smoothing = smoothing
-        trouble = "" if verdict.status or felt.press is None else watch.settling.trouble(felt.press[1], self._late)
-        reasons = (verdict.reason, trouble, inner.reason)
+        moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
+        acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not watch.health.stale
+        self._moved, self._smoothing = moved, smoothing
+        self._watch = watch.after_motion(way_out(contact).dot(moved))
+        self._regulation = regulation.after(error, gains.rate, loop.dt, acts=acts)
+        trouble = "" if answer.status or press is None else watch.settling.trouble(press, self._late)
         status = inner.status if inner.status == "held" or not trouble else "degraded"
         return HybridSolution(
             velocity=inner.velocity,
-            status=verdict.status or status,
-            reason="; ".join(r for r in reasons if r),
+            status=answer.status or status,
+            reason="; ".join(r for r in (answer.reason, trouble, inner.reason) if r),
             motion=motion,
             force=force,
             wrench=measured.copy(),
             error=B.dot(error),
-            intensities=parts,
+            intensities=split.intensities.dot(inside),
             wanted=B.dot(exert),
             contact=contact,
             velocity_solution=inner,
@@ -269,26 +224,24 @@ class HybridController:
         )
 
     def _felt(self, reading: Array, raw: Array, contact: Contact, tool: Array, split: Split, exert: Array) -> Felt:
-        """What the raw reading tells of the contact."""
+        """What the raw reading tells of the contact; raw and exert (6,) in the base frame."""
         press, noise = None, 0.0 if self.sensor is None else self.sensor.noise
         if contact.kind.unilateral:
-            inside = se3.adjoint(contact.pose, check=False).T.dot(raw)
-            press = (float(split.intensities[0].dot(inside)), float(split.intensities[0].dot(exert)))
-        return Felt(reading, press, *_load(raw, contact.point, tool), self.task.most(exert, noise), noise)
+            to_press = split.intensities[0].dot(se3.adjoint(contact.pose, check=False).T)
+            press = (float(to_press.dot(raw)), float(to_press.dot(exert)))
+        most = self.task.most(*load_at(exert, contact.point), noise)
+        return Felt(reading, press, *load_at(raw, contact.point, tool), most, noise)
 
-    def _regulated(self, felt: Felt, split: Split, watch: Watch) -> tuple[Regulation, float, float | None]:
-        """The force law's memory, the factor on its compliance, and the rate of its integral (None without one)."""
-        regulation, stiffness = self._regulation, self.task.stiffness
-        if stiffness is None and felt.press is not None:
-            estimate = regulation.estimate.after(felt.press[0], self._moved, watch.touching, felt.noise, self.loop.dt)
+    def _regulated(self, felt: Felt, contact: Contact, watch: Watch) -> Regulation:
+        """What the force law knows of the stiffness, and its caution."""
+        regulation = self._regulation
+        if self.task.stiffness is None and felt.press is not None:
+            out = way_out(contact)
+            along = -out.dot(self._moved)
+            moved = np.array([along, *(self._moved + along * out)])
+            estimate = regulation.estimate.after(felt.press[0], moved, watch.touching, felt.noise, self.loop.dt)
             regulation = regulation._replace(estimate=estimate)
-        if self.task.adapts and watch.settling.chatters:
-            regulation = regulation.slower()
-        factor = regulation.factor(split.compliance, stiffness, self._late) if self.task.adapts else 1.0
-        k = regulation.known(stiffness)
-        touching = watch.touching if felt.press is not None else True
-        rate = factor * split.compliance * k if k is not None and touching else None
-        return regulation, factor, rate
+        return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 
     def _split_for(self, contact: Contact) -> Split:
         """The task's split for the kind of this contact, kept while the kind is the same."""
@@ -301,7 +254,7 @@ class HybridController:
         sensor = self.sensor
         if sensor is None:
             return reading, reading, self._smoothing
-        load = sensor.load(reading, tool)
+        load = sensor.cleaned(reading, tool)
         smooth, after = self._smoothing.after(load)
         return sensor.in_base(load, tool), sensor.in_base(sensor.deadband(smooth), tool), after
 
@@ -313,15 +266,3 @@ class HybridController:
             return None
         W = contact.constraints
         return ExactRows(W.T.dot(J), W.T.dot(force))
-
-    def _speed(self, contact: Contact, force: Array) -> float:
-        """How fast a force twist moves the place of contact, turning counted by the contact's size [length/s]."""
-        v, w = velocity_at(force, contact.point), self.task.size * force[:3]
-        return sqrt(max(v.dot(v), w.dot(w)))
-
-
-def _load(wrench: Array, *places: Array) -> tuple[float, float]:
-    """|f|, and |m| about the place where it is least: a handle is held far from its hinge."""
-    m, f = wrench[:3], wrench[3:]
-    moments = [m - se3.cross(place, f) for place in places]
-    return sqrt(f.dot(f)), sqrt(min(m.dot(m) for m in moments))

@@ -163,25 +163,26 @@ class HybridTask(Value):
             metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance. With
                 none of the three, Z = C W follows from the compliance; it exists for every contact.
             compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
-                in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses it
-                by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known.
+                in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses
+                it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known.
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
-            stiffness: of the contact along the press [force/length]; None identifies it at each touch. With it the force
-                law has integral action.
+            stiffness: of the contact along the press [force/length]; None identifies it at each touch. Once it is
+                known, the force law has integral action.
             size: over what length the contact spreads, which weighs moments against forces [length].
             lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
                 it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
             approach_speed: the most that the force law moves the place of contact in the air [length/s].
-            approach_distance: after this way towards the contact without feeling it, stand still [length]; inf is never.
+            approach_distance: after this way towards the contact without feeling it, stand still [length]; inf is
+                never.
             approach_time: likewise [s].
-            max_force: force [N] above which the status is "overload"; None is twice the wanted one, 20 N where none is
-                wanted; inf is never.
+            max_force: force [N] above which the status is "overload"; None is twice the wanted one, 20 N where none
+                is wanted; inf is never.
             max_moment: moment about the place of contact likewise [N length]; None is twice the wanted one, or
                 `size` times the force where that is more.
-            on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None is
-                "retreat" from a contact that can be left.
+            on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
+                is "retreat" from a contact that can be left.
             retreat_speed: along the contact's way out [length/s].
             retreat_distance: after it, stand still [length].
 
@@ -215,27 +216,29 @@ class HybridTask(Value):
             approach_time=_limit(approach_time, "approach_time"),
             max_force=None if max_force is None else _limit(max_force, "max_force"),
             max_moment=None if max_moment is None else _limit(max_moment, "max_moment"),
-            on_overload=None if on_overload is None else arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
+            on_overload=None
+            if on_overload is None
+            else arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
             retreat_speed=arrays.number(retreat_speed, "retreat_speed", "a speed", positive=True),
             retreat_distance=arrays.number(retreat_distance, "retreat_distance", "a length", positive=True),
         )
         if isinstance(contact, Contact):
             self.split(contact.kind)
 
-    def most(self, wanted: Array, noise: float) -> tuple[float, float]:
-        """The force and the moment that are an overload, for a wanted wrench (6,) in the contact's own frame.
+    def most(self, force: float, moment: float, noise: float) -> tuple[float, float]:
+        """The force and the moment that are an overload, for the size of the wanted ones.
 
         Args:
-            wanted: (m; f), m about the place of contact.
+            force: wanted [N].
+            moment: wanted, about the place of contact [N length].
             noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
         """
-        force, moment = self.max_force, self.max_moment
-        f, m = float(np.linalg.norm(wanted[3:])), float(np.linalg.norm(wanted[:3]))
-        if force is None:
-            force = max(OVERLOAD * f, f + ABOVE_NOISE * noise) if f > 0.0 else NO_FORCE
-        if moment is None:
-            moment = max(OVERLOAD * m, m + self.size * force)
-        return force, moment
+        most, turning = self.max_force, self.max_moment
+        if most is None:
+            most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
+        if turning is None:
+            turning = max(OVERLOAD * moment, moment + self.size * most)
+        return most, turning
 
     def contact_at(self, tool: Array) -> Contact:
         """The contact with the tool at a (4, 4) pose.

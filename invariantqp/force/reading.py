@@ -1,6 +1,6 @@
 """A wrench whose order is said: moments and forces by name, or an array with the word that says which come first.
 
-Six plain numbers do not tell. Read the wrong way round a press of 5 N is a press of 0.1 N, and the controller presses on.
+Six plain numbers do not tell. Read the wrong way round, a press of 5 N is one of 0.1 N, and the controller presses on.
 """
 
 from __future__ import annotations
@@ -78,7 +78,9 @@ def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
     named = reading if whole is None else whole
     moment, force = _part(named, MOMENT_NAMES), _part(named, FORCE_NAMES)
     if moment is None or force is None:
-        expected = "iq.Wrench(moment=..., force=...), pinocchio.Force, a geometry_msgs/Wrench, or six numbers in an order"
+        expected = (
+            "iq.Wrench(moment=..., force=...), pinocchio.Force, a geometry_msgs/Wrench, or six numbers in an order"
+        )
         raise BadInput(argument, excerpt(reading), expected)
     return np.concatenate((_vector(moment, argument), _vector(force, argument)))
 

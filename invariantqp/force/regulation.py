@@ -5,8 +5,8 @@
 On a contact of stiffness k the loop is a first-order lag of rate c k, stable with dead time d below c k d = pi / 2. The
 rate is at most RATE, and a quarter of 1 / (dt + delay + time constant of the low-pass), from which on no overshoot is
 visible. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
-damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral, since
-a too fast one oscillates.
+damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral,
+since a too fast one oscillates.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ RATE = 40.0
 LATE_SHARE = 0.25
 # c k T_i.
 OVERDAMPED = 6.0
-# Stiffness of a contact of which nothing is known yet [N/m]: for the speed of the approach that of metal on a stiff arm,
-# for the gain a smaller one. On a stiffer contact the press grows so fast that the stiffness is known within a few ticks.
+# Stiffness of a contact of which nothing is known yet [N/m]: for the speed of the approach that of metal on a stiff
+# arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
 STIFF = 1e5
 USUAL = 2e4
 # After the contact was lost again and again the rate is reduced by this factor, each time.
@@ -51,7 +51,7 @@ class Regulation(NamedTuple):
         return self.caution * min(RATE, LATE_SHARE / late)
 
     def factor(self, compliance: float, stiffness: float | None, late: float) -> float:
-        """By how much the compliance [length/s/force] is multiplied for that rate, at a stiffness that was told or None."""
+        """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told."""
         return self.rate(late) / (compliance * (self.known(stiffness) or USUAL))
 
     def approach_speed(self, press: float, stiffness: float | None, late: float) -> float:
@@ -62,18 +62,18 @@ class Regulation(NamedTuple):
         """The stiffness that was told, or that is known from the last touch."""
         return self.estimate.value if stiffness is None else stiffness
 
-    def after(self, error: Array, rate: float | None, dt: float, most: float) -> Regulation:
+    def after(self, error: Array, rate: float | None, dt: float, *, acts: bool) -> Regulation:
         """The integral after a tick.
 
         Args:
             error: (6,) of the wrench.
             rate: c k [1/s]; None forgets the integral.
             dt: tick [s].
-            most: share of the step that is allowed, 0 where limits keep the law from acting.
+            acts: whether the force law acts in full; else limits keep it from it, and the integral stays.
         """
         if rate is None:
             return self._replace(integral=np.zeros(6))
-        return self._replace(integral=self.integral + most * dt * rate / OVERDAMPED * error)
+        return self._replace(integral=self.integral + dt * rate / OVERDAMPED * error) if acts else self
 
     def slower(self) -> Regulation:
         """The same, more cautious."""

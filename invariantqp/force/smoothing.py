@@ -1,7 +1,7 @@
 """The low-pass and the deadband of a wrench sensor.
 
-    smooth     y += (1 - exp(-2 pi f_c dt)) (x - y)
-    soft       f max(0, 1 - d/|f|)
+smooth     y += (1 - exp(-2 pi f_c dt)) (x - y)
+soft       f max(0, 1 - d/|f|)
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """How stiff a contact is, from the first moments after touch: how the press grows with the way into the surface.
 
-    press = b + k x + t'u        x way along the press, u (2,) way across it
+    press = b + k x + t'u        x way along the press, u (3,) way across it
 
-The ways are integrals of the commanded velocities. The part across is there because a surface whose normal is told wrong
-is pressed by sliding along it. Least squares after each touch, until k is several standard errors.
+The ways are integrals of the commanded velocities. The part across is there because a surface whose normal is told
+wrong is pressed by sliding along it. Least squares after each touch, until k is several standard errors.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ class StiffnessEstimate(NamedTuple):
         value: k [force/length]; None where it is not known yet.
         fresh: whether it is from the last touch.
         time: since the last touch [s].
-        way: (3,) across (2) and along the press, since then [length].
-        sums: (5, 5) of products of (1, way, press).
+        way: (4,) along the press and across it (3), since then [length].
+        sums: (6, 6) of products of (1, way, press).
     """
 
     value: float | None = None
     fresh: bool = False
     time: float = 0.0
-    way: Array = np.zeros(3)
-    sums: Array = np.zeros((5, 5))
+    way: Array = np.zeros(4)
+    sums: Array = np.zeros((6, 6))
 
     def after(self, press: float, moved: Array, touching: bool, noise: float, dt: float) -> StiffnessEstimate:
         """The estimate after one more reading.
 
         Args:
             press: felt [force].
-            moved: (3,) way since the last reading, across (2) and along the press [length].
+            moved: (4,) way since the last reading, along the press and across it (3), in axes that stay [length].
             touching: whether there is contact.
             noise: standard deviation of the press [force].
             dt: tick [s].
@@ -71,14 +71,13 @@ def _slope(sums: Array, noise: float) -> float | None:
         return None
     mean = sums[0, 1:] / n
     spread = sums[1:, 1:] / n - np.outer(mean, mean)
-    # What the ways across explain of the way along and of the press is taken off both.
-    across, rest = spread[:2, :2], spread[:2, 2:]
-    if across.trace() > RESOLVED * spread[2, 2]:
-        explained = np.linalg.lstsq(across, rest, rcond=RESOLVED)[0]
-        spread = spread[2:, 2:] - rest.T.dot(explained)
-    else:
-        spread = spread[2:, 2:]
-    xx, xf, ff = float(spread[0, 0]), float(spread[0, 1]), float(spread[1, 1])
+    # What the way across explains is taken off the way along and the press.
+    both, across = [0, 4], slice(1, 4)
+    rest = spread[np.ix_(both, both)]
+    if spread[across, across].trace() > RESOLVED * spread[0, 0]:
+        explained = np.linalg.lstsq(spread[across, across], spread[across][:, both], rcond=RESOLVED)[0]
+        rest = rest - spread[both][:, across].dot(explained)
+    xx, xf, ff = float(rest[0, 0]), float(rest[0, 1]), float(rest[1, 1])
     if xx <= 0.0:
         return None
     k = xf / xx

@@ -3,8 +3,8 @@
     E <- min(max(E + (2 l / sigma^2) (press - l), -E0), E0)       touching from E = E0 on, in the air from E = -E0 on
 
 E is the log of how much likelier a press of 2 l is than none, for white noise with standard deviation sigma. With
-E0 = log(1e6) a wrong decision is taken once in a million ticks or less often. A press of 5 N with 0.2 N of noise is decided
-in one or two ticks, one as small as the noise in about fifty.
+E0 = log(1e6) a wrong decision is taken once in a million ticks or less often. A press of 5 N with 0.2 N of noise is
+decided in one or two ticks, one as small as the noise in about fifty.
 
 Reference: Page 1954 (cumulative sums), Wald 1945.
 """

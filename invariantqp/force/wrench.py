@@ -7,9 +7,9 @@
     smooth    first-order low-pass, y += (1 - exp(-2 pi f_c dt)) (x - y)
 
 A reading comes with its order, its sign and its frame said: `order`, `reads`, `mount`. `WrenchSensor.check` finds all
-three from readings in free air. The coadjoint changes moments with the point they are about: a wrist sensor 100 mm off the tip reads moments that the
-tip does not feel. Everything but the last step happens in the sensor's frame, where the wrench of a steady press does
-not change while the tool travels.
+three from readings in free air. The coadjoint changes moments with the point they are about: a wrist sensor 100 mm
+off the tip reads moments that the tip does not feel. Everything but the last step happens in the sensor's frame,
+where the wrench of a steady press does not change while the tool travels.
 """
 
 from __future__ import annotations
@@ -104,9 +104,9 @@ class WrenchSensor(Value):
 
         Args:
             mount: (4, 4) pose of the sensor's frame in the tool frame, `np.eye(4)` where they are the same.
-            order: of plain (6,) readings: "force first" (ROS drivers, Pinocchio's arrays, most sensors) or "moment first"
-                (as everywhere in this library); None where readings come by name: `iq.Wrench`, `pinocchio.Force`,
-                `geometry_msgs/Wrench`.
+            order: of plain (6,) readings: "force first" (ROS drivers, Pinocchio's arrays, most sensors) or "moment
+                first" (as everywhere in this library); None where readings come by name: `iq.Wrench`,
+                `pinocchio.Force`, `geometry_msgs/Wrench`.
             reads: "reaction" is what the world does to the tool: pressing on a table reads a force upwards, the weight
                 of the tool one downwards. "action" is the opposite.
             mass: of everything beyond the sensor [kg].
@@ -168,7 +168,7 @@ class WrenchSensor(Value):
         return -load if self.reads == "reaction" else load
 
     def check(self, readings: ArrayLike, poses: ArrayLike) -> SensorCheck:
-        """Find order, sign, weight and mount from readings with nothing touching the tool, and compare with this sensor.
+        """Find order, sign, weight and mount from readings with nothing touching the tool; compare with this sensor.
 
         Args:
             readings: (n, 6) as the sensor gives them, n >= 3.
@@ -193,7 +193,9 @@ class WrenchSensor(Value):
             raise BadInput("poses", "tools turned almost alike against gravity", "different tilts", remedy)
         found = explained(R, g)
         if found is None:
-            return SensorCheck(False, "no weight explains the readings: they vary too little, or something touches", None)
+            return SensorCheck(
+                False, "no weight explains the readings: they vary too little, or something touches", None
+            )
         wrong = found.differences(self.order, self.reads, self.mass)
         words = [f"{found.order}, {found.reads}, {written(found.mass)} kg", *wrong]
         sensor = None

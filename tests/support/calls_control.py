@@ -30,7 +30,7 @@ def task():
 
 @cache
 def hybrid():
-    return iq.HybridController(ur5(), task(), dt=0.01, form=H)
+    return iq.HybridController(ur5(), task(), dt=0.01, order="moment first", form=H)
 
 
 def loop_options():
