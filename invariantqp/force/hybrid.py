@@ -11,6 +11,7 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 
 from __future__ import annotations
 
+from collections import deque
 from copy import deepcopy
 from math import inf, pi
 from typing import Any
@@ -21,13 +22,14 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.hybrid_task import HybridTask, Split
+from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import load_at, way_out
 from invariantqp.force.push import gains_of, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
 from invariantqp.force.solution import HybridSolution
+from invariantqp.force.split import Split
 from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
 from invariantqp.force.watch import Felt, Watch
 from invariantqp.force.wrench import WrenchSensor
@@ -97,11 +99,12 @@ class HybridController:
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
         cutoff = inf if sensor is None else sensor.cutoff
-        self._late = self.loop.dt + options.get("delay", 0.0) + 1.0 / (2.0 * pi * cutoff)
+        self._delay: float = options.get("delay", 0.0)
+        self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self._watch = Watch()
         self._regulation = Regulation()
-        self._moved: Array = np.zeros(3)
+        self._ways: deque[Array] = deque([np.zeros(3)] * self._dead_ticks())
         self._split = task.split(contact.kind)
 
     @property
@@ -116,7 +119,7 @@ class HybridController:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
         self._regulation = Regulation()
-        self._moved = np.zeros(3)
+        self._ways = deque([np.zeros(3)] * self._dead_ticks())
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
@@ -175,9 +178,8 @@ class HybridController:
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
         answer = verdict(watch, self.task, can_leave=contact.kind.out is not None)
-        touching = watch.touching or felt.press is None
         press = None if felt.press is None else felt.press[1]
-        gains = gains_of(self.task, split, regulation, press, self._late, touching=touching)
+        gains = gains_of(self.task, split, regulation, press, self._late, touching=watch.touching or press is None)
         pushed = push(
             self.task,
             contact,
@@ -186,7 +188,6 @@ class HybridController:
             exert,
             error,
             regulation.integral,
-            touching=touching,
             slow=answer.action == SLOW,
         )
         force, where = pushed.twist, contact.point if self._at_contact else None
@@ -203,7 +204,9 @@ class HybridController:
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where)
         moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not watch.health.stale
-        self._moved, self._smoothing = moved, smoothing
+        self._ways.append(moved)
+        self._ways.popleft()
+        self._smoothing = smoothing
         self._watch = watch.after_motion(way_out(contact).dot(moved))
         self._regulation = regulation.after(error, gains.rate, loop.dt, acts=acts)
         trouble = "" if answer.status or press is None else watch.settling.trouble(press, self._late)
@@ -237,11 +240,18 @@ class HybridController:
         regulation = self._regulation
         if self.task.stiffness is None and felt.press is not None:
             out = way_out(contact)
-            along = -out.dot(self._moved)
-            moved = np.array([along, *(self._moved + along * out)])
-            estimate = regulation.estimate.after(felt.press[0], moved, watch.touching, felt.noise, self.loop.dt)
+            way = self._ways[0]  # the last one whose effect has been measured
+            along = -out.dot(way)
+            moved = np.array([along, *(way + along * out)])
+            estimate = regulation.estimate.after(
+                felt.press[0], moved, felt.noise, self.loop.dt, touching=watch.touching
+            )
             regulation = regulation._replace(estimate=estimate)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
+
+    def _dead_ticks(self) -> int:
+        """After how many ticks a command shows in the measurements."""
+        return 1 + round(self._delay / self.loop.dt)
 
     def _split_for(self, contact: Contact) -> Split:
         """The task's split for the kind of this contact, kept while the kind is the same."""

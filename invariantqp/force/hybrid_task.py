@@ -18,7 +18,7 @@ Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from attrs import evolve, field, frozen
@@ -27,13 +27,14 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.reading import Wrench, by_name, wanted_of
+from invariantqp.force.split import Split
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.contact_kinds import ContactKind
 from invariantqp.systems.contacts import Contact
-from invariantqp.systems.projectors import DualProjectors, dual_projectors
+from invariantqp.systems.projectors import dual_projectors
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
@@ -47,44 +48,6 @@ NO_FORCE = 20.0
 ABOVE_NOISE = 8.0
 # The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
 UNKNOWN = 1e-3
-
-
-class Split(NamedTuple):
-    """What a task needs of one kind of contact, in the contact's own frame.
-
-    Attributes:
-        kind: of contact.
-        projectors: P and P*.
-        admittance: (6, 6) (I - P) C (I - P)', from a wrench error to the twist that reduces it.
-        intensities: (6-k, 6), from a wrench to its parts in the constraints.
-        compliance: of the press, the first constraint: W_1'C W_1 [length/s/force]; 0 without constraints.
-    """
-
-    kind: ContactKind
-    projectors: DualProjectors
-    admittance: Array
-    intensities: Array
-    compliance: float
-
-    def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
-        """(6,) W_d in S*, from parts in the constraints or from a wrench.
-
-        Raises:
-            BadInput: neither as many numbers as constraints, nor six.
-        """
-        W = np.asarray(self.kind.constraints)
-        n, found = W.shape[1], len(wrench)
-        if found == 6:
-            whole: Array = self.projectors.force.dot(wrench)
-            return whole
-        if found != n:
-            expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
-            raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
-        if self.kind.unilateral and wrench[0] < 0.0:
-            expected = "zero or more: the contact's z is the way the tool presses"
-            raise BadInput(argument, f"a press of {wrench[0]:g}", expected, "A contact that pulls is not unilateral.")
-        parts: Array = W.dot(wrench)
-        return parts
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -166,8 +129,8 @@ class HybridTask(Value):
                 in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses
                 it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known.
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
-            stiffness: of the contact along the press [force/length]; None identifies it at each touch. Once it is
-                known, the force law has integral action.
+            stiffness: of the contact along the press [force/length]; None identifies it at each touch, unless a
+                compliance is given. Once it is known, the force law has integral action.
             size: over what length the contact spreads, which weighs moments against forces [length].
             lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
             lost_after: for how long [s].

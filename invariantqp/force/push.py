@@ -1,8 +1,7 @@
 """The force part of a tick's twist.
 
-touching        factor (I - P) C (I - P)' (e + integral), no faster than the approach
+touching        factor (I - P) C (I - P)' (e + integral)
 in the air      along the wanted wrench, so slowly that the touch is gentle, whatever the noise says
-stale reading   nothing: the force law waits for the next one
 """
 
 from __future__ import annotations
@@ -11,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.force.hybrid_task import HybridTask, Split
+from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import speed_at
 from invariantqp.force.regulation import Regulation
+from invariantqp.force.split import Split
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
@@ -58,7 +58,7 @@ def gains_of(
         factor = regulation.factor(split.compliance, task.stiffness, late)
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, late))
-    k = regulation.known(task.stiffness)
+    k = regulation.known(task.stiffness) if task.adapts else task.stiffness
     return Gains(factor, factor * split.compliance * k if k is not None and touching else None, gentle)
 
 
@@ -71,7 +71,6 @@ def push(
     error: Array,
     integral: Array,
     *,
-    touching: bool,
     slow: bool,
 ) -> Push:
     """The force part of the twist.
@@ -84,15 +83,12 @@ def push(
         exert: (6,) W_d in the contact's frame.
         error: (6,) of the wrench, likewise.
         integral: (6,) likewise.
-        touching: whether there is contact.
-        slow: whether it is looked for.
+        slow: whether contact is looked for.
     """
     A = se3.adjoint(contact.pose, check=False)
     if slow and gains.gentle is not None:
         ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
         return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)
     twist = gains.factor * A.dot(split.admittance.dot(error + integral))
-    if not (slow or touching):
-        return Push(twist, False)
-    share = min(1.0, task.approach_speed / speed_at(contact, twist, task.size))
-    return Push(np.asarray(share * twist), share == 1.0 and not slow)
+    share = min(1.0, task.approach_speed / speed_at(contact, twist, task.size)) if slow else 1.0
+    return Push(np.asarray(share * twist), not slow)

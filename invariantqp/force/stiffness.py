@@ -41,15 +41,15 @@ class StiffnessEstimate(NamedTuple):
     way: Array = np.zeros(4)
     sums: Array = np.zeros((6, 6))
 
-    def after(self, press: float, moved: Array, touching: bool, noise: float, dt: float) -> StiffnessEstimate:
+    def after(self, press: float, moved: Array, noise: float, dt: float, *, touching: bool) -> StiffnessEstimate:
         """The estimate after one more reading.
 
         Args:
             press: felt [force].
             moved: (4,) way since the last reading, along the press and across it (3), in axes that stay [length].
-            touching: whether there is contact.
             noise: standard deviation of the press [force].
             dt: tick [s].
+            touching: whether there is contact.
         """
         if not touching:
             return StiffnessEstimate(self.value)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.wrist import wrist
 
 import invariantqp as iq
 
@@ -133,7 +134,7 @@ def test_a_moment_is_counted_about_the_place_of_contact(panda):
 
 def test_an_overload_is_seen_through_the_low_pass(panda):
     task = iq.HybridTask(surface, [5.0], max_force=20.0)
-    sensor = iq.WrenchSensor(cutoff=0.1, reads="action", force_deadband=40.0)
+    sensor = wrist(cutoff=0.1, reads="action", force_deadband=40.0)
     loop = iq.HybridController(panda, task, dt=DT, sensor=sensor)
     loop.step(READY, panda.pose(READY), np.zeros(6))
     hit = loop.step(READY, panda.pose(READY), [0, 0, 0, 0, 0, 30.0])
@@ -143,7 +144,7 @@ def test_an_overload_is_seen_through_the_low_pass(panda):
 
 def test_standing_still_is_inside_the_limits_even_outside_them(panda):
     """A joint beyond its position limit goes back, overload or not."""
-    task = iq.HybridTask(surface, [5.0], max_force=20.0)
+    task = iq.HybridTask(surface, [5.0], max_force=20.0, on_overload="hold")
     q = READY.copy()
     q[3] = panda.position_upper[3] + 0.01
     solution = iq.HybridController(panda, task, dt=DT, order="moment first").step(
@@ -157,7 +158,7 @@ def test_standing_still_is_inside_the_limits_even_outside_them(panda):
 def test_standing_still_keeps_the_tools_speed_on_the_way_back(panda):
     q = READY.copy()
     q[0] = panda.position_upper[0] + 0.02
-    task = iq.HybridTask(surface, [5.0], max_force=20.0)
+    task = iq.HybridTask(surface, [5.0], max_force=20.0, on_overload="hold")
     solution = iq.HybridController(panda, task, dt=0.01, order="moment first", tool_speed=0.1).step(
         q, panda.pose(q), [0, 0, 0, 0, 0, -30.0]
     )

@@ -7,6 +7,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
 from support.calls_algebra import AXIS, POINT, TWIST, H, J, Q, S, T, contact
+from support.wrist import wrist
 
 
 @cache
@@ -60,7 +61,7 @@ def pose_options():
 
 
 def sensor():
-    return iq.WrenchSensor(mass=0.5)
+    return wrist(mass=0.5)
 
 
 def shared():
