@@ -31,8 +31,8 @@ from invariantqp.force.smoothing import Smoothing
 from invariantqp.force.solution import HybridSolution
 from invariantqp.force.split import Split
 from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
-from invariantqp.force.watch import Felt, Watch
-from invariantqp.force.wrench import WrenchSensor
+from invariantqp.force.watch import Felt, Watch, overload_of
+from invariantqp.force.wrench import WrenchSensor, load_of
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
@@ -40,6 +40,9 @@ from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.measure import length_at
+
+# The longest dead time for which ways are remembered.
+MOST_TICKS = 10_000
 
 
 class HybridController:
@@ -100,6 +103,8 @@ class HybridController:
         self.order = order_of(order)
         cutoff = inf if sensor is None else sensor.cutoff
         self._delay: float = options.get("delay", 0.0)
+        if self._delay > MOST_TICKS * self.loop.dt:
+            raise BadInput("delay", f"{self._delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
         self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self._watch = Watch()
@@ -208,7 +213,9 @@ class HybridController:
         self._ways.popleft()
         self._smoothing = smoothing
         self._watch = watch.after_motion(way_out(contact).dot(moved))
-        self._regulation = regulation.after(error, gains.rate, loop.dt, acts=acts)
+        self._regulation = regulation.after(
+            error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
+        )
         trouble = "" if answer.status or press is None else watch.settling.trouble(press, self._late)
         status = inner.status if inner.status == "held" or not trouble else "degraded"
         return HybridSolution(
@@ -232,7 +239,7 @@ class HybridController:
         if contact.kind.unilateral:
             to_press = split.intensities[0].dot(se3.adjoint(contact.pose, check=False).T)
             press = (float(to_press.dot(raw)), float(to_press.dot(exert)))
-        most = self.task.most(*load_at(exert, contact.point), noise)
+        most = overload_of(self.task, *load_at(exert, contact.point), noise)
         return Felt(reading, press, *load_at(raw, contact.point, tool), most, noise)
 
     def _regulated(self, felt: Felt, contact: Contact, watch: Watch) -> Regulation:
@@ -264,7 +271,7 @@ class HybridController:
         sensor = self.sensor
         if sensor is None:
             return reading, reading, self._smoothing
-        load = sensor.cleaned(reading, tool)
+        load = load_of(sensor, reading, tool)
         smooth, after = self._smoothing.after(load)
         return sensor.in_base(load, tool), sensor.in_base(sensor.deadband(smooth), tool), after
 

@@ -41,11 +41,6 @@ OnOverload = Literal["hold", "retreat"]
 
 # Share of the wanted press below which the contact counts as lost: above the noise of a sensor in the air.
 LOST_SHARE = 0.1
-# The overload without another word: a multiple of the wanted force, or this force where none is wanted [N].
-OVERLOAD = 2.0
-NO_FORCE = 20.0
-# Readings of a force stay within so many standard deviations of a component.
-ABOVE_NOISE = 8.0
 # The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
 UNKNOWN = 1e-3
 
@@ -187,21 +182,6 @@ class HybridTask(Value):
         )
         if isinstance(contact, Contact):
             self.split(contact.kind)
-
-    def most(self, force: float, moment: float, noise: float) -> tuple[float, float]:
-        """The force and the moment that are an overload, for the size of the wanted ones.
-
-        Args:
-            force: wanted [N].
-            moment: wanted, about the place of contact [N length].
-            noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
-        """
-        most, turning = self.max_force, self.max_moment
-        if most is None:
-            most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
-        if turning is None:
-            turning = max(OVERLOAD * moment, moment + self.size * most)
-        return most, turning
 
     def contact_at(self, tool: Array) -> Contact:
         """The contact with the tool at a (4, 4) pose.

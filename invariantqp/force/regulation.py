@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.force.place import TINY
 from invariantqp.force.stiffness import StiffnessEstimate
 from invariantqp.geometry.arrays import Array
 
@@ -28,6 +29,8 @@ OVERDAMPED = 6.0
 # arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
 STIFF = 1e5
 USUAL = 2e4
+# An error above this share of the wanted press counts as this much in the integral.
+INTEGRATED = 0.2
 # After the contact was lost again and again the rate is reduced by this factor, each time.
 SLOWER = 0.5
 LEAST_CAUTION = 1.0 / 64.0
@@ -62,18 +65,26 @@ class Regulation(NamedTuple):
         """The stiffness that was told, or that is known from the last touch."""
         return self.estimate.value if stiffness is None else stiffness
 
-    def after(self, error: Array, rate: float | None, dt: float, *, acts: bool) -> Regulation:
+    def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
         """The integral after a tick.
 
         Args:
             error: (6,) of the wrench.
             rate: c k [1/s]; None forgets the integral.
             dt: tick [s].
-            acts: whether the force law acts in full; else limits keep it from it, and the integral stays.
+            share: of the error that counts; 0 where limits keep the force law from acting.
         """
         if rate is None:
             return self._replace(integral=np.zeros(6))
-        return self._replace(integral=self.integral + dt * rate / OVERDAMPED * error) if acts else self
+        return self._replace(integral=self.integral + share * dt * rate / OVERDAMPED * error)
+
+    @staticmethod
+    def integrated(press: tuple[float, float] | None) -> float:
+        """The share of an error that the integral counts, for a press felt and wanted: little of the rise at a touch."""
+        if press is None:
+            return 1.0
+        felt, wanted = press
+        return min(1.0, INTEGRATED * wanted / max(abs(wanted - felt), INTEGRATED * wanted, TINY))
 
     def slower(self) -> Regulation:
         """The same, more cautious."""

@@ -18,6 +18,12 @@ from invariantqp.force.settling import Settling
 from invariantqp.force.touch import Touch, loss_limit
 from invariantqp.geometry.arrays import Array
 
+# The overload without another word: a multiple of the wanted force, or this force where none is wanted [N].
+OVERLOAD = 2.0
+NO_FORCE = 20.0
+# Readings of a force stay within so many standard deviations of a component.
+ABOVE_NOISE = 8.0
+
 
 class Felt(NamedTuple):
     """What a tick tells of the contact, raw: not smoothed.
@@ -93,6 +99,23 @@ class Watch(NamedTuple):
         if self.status:
             return self._replace(left=self.left + max(0.0, out))
         return self if self.touching else self._replace(approached=self.approached + max(0.0, -out))
+
+
+def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
+    """The force and the moment that are an overload, for the size of the wanted ones.
+
+    Args:
+        task: says them, or leaves them to what is wanted.
+        force: wanted [N].
+        moment: wanted, about the place of contact [N length].
+        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
+    """
+    most, turning = task.max_force, task.max_moment
+    if most is None:
+        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
+    if turning is None:
+        turning = max(OVERLOAD * moment, moment + task.size * most)
+    return most, turning
 
 
 def _too_much(felt: Felt) -> str:

@@ -144,15 +144,8 @@ class WrenchSensor(Value):
 
         The numbers come in the sensor's order, moment first where it has none.
         """
-        unloaded = self._unloaded(arrays.pose(tool, "tool"))
+        unloaded = _unloaded(self, arrays.pose(tool, "tool"))
         return np.concatenate((unloaded[3:], unloaded[:3])) if self.order == "force first" else unloaded
-
-    def _unloaded(self, tool: Array) -> Array:
-        R = tool[:3, :3].dot(self.mount[:3, :3])
-        f = self.mass * R.T.dot(self.gravity)
-        weight = np.concatenate((se3.cross(self.centre, f), f))
-        reading: Array = self.bias + (weight if self.reads == "reaction" else -weight)
-        return reading
 
     def load(self, reading: Any, tool: ArrayLike) -> Array:
         """(6,) (m; f) the wrench that the tool exerts, in the sensor's frame: the reading without bias and weight.
@@ -160,12 +153,7 @@ class WrenchSensor(Value):
         Raises:
             BadInput: numbers without an order, NaN, shapes.
         """
-        return self.cleaned(wrench_of(reading, self.order, "reading"), arrays.pose(tool, "tool"))
-
-    def cleaned(self, reading: Array, tool: Array) -> Array:
-        """`load` for a reading that is checked and moment first."""
-        load: Array = reading - self._unloaded(tool)
-        return -load if self.reads == "reaction" else load
+        return load_of(self, wrench_of(reading, self.order, "reading"), arrays.pose(tool, "tool"))
 
     def check(self, readings: ArrayLike, poses: ArrayLike) -> SensorCheck:
         """Find order, sign, weight and mount from readings with nothing touching the tool; compare with this sensor.
@@ -254,3 +242,18 @@ class WrenchSensor(Value):
             origin=back[:3, :3].dot(self.origin) + back[:3, 3],
             bias=by_name(se3.coadjoint(back, check=False).dot(self.bias)),
         )
+
+
+def load_of(sensor: WrenchSensor, reading: Array, tool: Array) -> Array:
+    """`WrenchSensor.load` for a reading that is checked and moment first."""
+    load: Array = reading - _unloaded(sensor, tool)
+    return -load if sensor.reads == "reaction" else load
+
+
+def _unloaded(sensor: WrenchSensor, tool: Array) -> Array:
+    """(6,) moment first, what the sensor reads with nothing touching the tool."""
+    R = tool[:3, :3].dot(sensor.mount[:3, :3])
+    f = sensor.mass * R.T.dot(sensor.gravity)
+    weight = np.concatenate((se3.cross(sensor.centre, f), f))
+    reading: Array = sensor.bias + (weight if sensor.reads == "reaction" else -weight)
+    return reading
