@@ -80,7 +80,7 @@ class Regulation(NamedTuple):
 
     @staticmethod
     def integrated(press: tuple[float, float] | None) -> float:
-        """The share of an error that the integral counts, for a press felt and wanted: little of the rise at a touch."""
+        """The share of an error that the integral counts, for a press felt and wanted: little of a touch's rise."""
         if press is None:
             return 1.0
         felt, wanted = press
