@@ -10,6 +10,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.reading import Wrench
 from invariantqp.force.wrench import WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
@@ -52,8 +53,13 @@ class _Touched(NamedTuple):
     surface: Surface | None
 
 
-def scene_of(task: Task, T: Array) -> ContactScene | None:
+def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
     """The contact of a task whose tool starts at pose T (4, 4); None where the tool touches nothing.
+
+    Args:
+        task: with [contact], or without.
+        T: of the tool at the start.
+        noise: standard deviation of a force component of the plant's sensor [N].
 
     Raises:
         BadInput, NoProjectors: a contact that cannot be, or a complement Z that does not split it.
@@ -68,7 +74,7 @@ def scene_of(task: Task, T: Array) -> ContactScene | None:
         springs=touched.springs,
         simulated_sensor=SimulatedSensor(mount, sensor.mass, sensor.centre),
         task=_hybrid_task(contact, force, touched),
-        sensor=_believed_sensor(sensor, mount),
+        sensor=_believed_sensor(sensor, mount, noise),
         stiffness=touched.stiffness,
         normal=touched.normal,
         surface=touched.surface,
@@ -81,33 +87,37 @@ def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> H
         touched.contact_at,
         _wanted(contact, force),
         compliance=force.rate / touched.stiffness,
+        stiffness=contact.stiffness,
         size=POINT_SIZE if contact.size is None else 0.5 * max(contact.size),
         h=force.h,
         complement=None if force.complement is None else np.array(force.complement).T,
         metric=touched.stiffness if by_stiffness else None,
-        max_force=inf if force.max_force is None else force.max_force,
-        max_moment=inf if force.max_moment is None else force.max_moment,
+        max_force=force.max_force,
+        max_moment=force.max_moment,
         on_overload=force.on_overload,
         on_loss=force.on_loss,
         approach_speed=force.approach_speed,
     )
 
 
-def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float]:
+def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float] | Wrench:
     """The press as a part in the contact's constraints, or on a hinge as a wrench."""
     if contact.kind == "hinge":
-        return [0.0, 0.0, 0.0, force.press, 0.0, 0.0]  # away from the axis
+        return Wrench(moment=[0.0, 0.0, 0.0], force=[force.press, 0.0, 0.0])  # away from the axis
     return [force.press] + [0.0] * {"point": 0, "edge": 1, "face": 2}[contact.kind]
 
 
-def _believed_sensor(sensor: SensorSpec, mount: Array) -> WrenchSensor:
+def _believed_sensor(sensor: SensorSpec, mount: Array, noise: float) -> WrenchSensor:
     return WrenchSensor(
         mount,
-        sensor.mass,
-        sensor.centre,
+        order="moment first",
+        reads="reaction",
+        mass=sensor.mass,
+        centre=sensor.centre,
         cutoff=inf if sensor.cutoff is None else sensor.cutoff,
         force_deadband=sensor.force_deadband,
         moment_deadband=sensor.moment_deadband,
+        noise=noise,
         origin=se3.inverse(mount)[:3, 3],
     )
 

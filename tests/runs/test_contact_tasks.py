@@ -160,7 +160,7 @@ def test_displaced_frames_change_nothing_of_ours_and_much_of_the_textbooks():
     ours, textbook = iq.compare.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
     assert 0.0 < ours.change < 1e-9
     assert ours.displaced_force_error == pytest.approx(ours.force_error, rel=1e-6)
-    assert textbook.force_error == pytest.approx(ours.force_error, rel=0.1)  # as told it is as good
+    assert 0.5 < textbook.force_error / ours.force_error < 2.0  # as told it is as good, but for the integral
     assert textbook.change > 1e-2
     assert textbook.displaced_error_mm > 10.0 * textbook.error_mm
     assert textbook.displaced_force_error > 5.0 * textbook.force_error
