@@ -22,8 +22,8 @@ def contact(tool):
 
 
 task = iq.HybridTask(contact, [PRESS], max_force=30.0)
-# The sensor sits in the wrist, 100 mm behind the tip; 0.5 kg hang on it; its noise is filtered at 50 Hz. Its six numbers
-# have moments first and say what the world does to the tool. This one is simulated and has no noise.
+# The sensor sits in the wrist, 100 mm behind the tip; 0.5 kg hang on it; its noise is filtered at 50 Hz. Its six
+# numbers have moments first and say what the world does to the tool. This one is simulated and has no noise.
 sensor = iq.WrenchSensor(
     mount=iq.transform(translation=[0, 0, -0.1]),
     order="moment first",

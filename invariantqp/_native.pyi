@@ -1,4 +1,4 @@
-# The compiled core; its sources are in core/.
+# The compiled core; its sources are in csrc/.
 from typing import Any
 
 from invariantqp.geometry.arrays import Array

@@ -2,8 +2,8 @@
 # The tests of the compiled core with its sources built for the address and undefined-behaviour sanitizers (gcc or clang).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-trap 'python core/build.py > /dev/null' EXIT
-python core/build.py --sanitize > /dev/null
+trap 'python invariantqp/csrc/build.py > /dev/null' EXIT
+python invariantqp/csrc/build.py --sanitize > /dev/null
 # Both before Python, which is built without them: exceptions of C++ pass through the sanitizer.
 runtime="$(${CC:-cc} -print-file-name=libasan.so) $(${CC:-cc} -print-file-name=libstdc++.so.6)"
 # Python itself never frees some of what it allocates at its start, so leaks are not looked for.

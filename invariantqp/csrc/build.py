@@ -1,6 +1,6 @@
 """Build the compiled core, `invariantqp/_native`: part of `pip install`, left out where it cannot be built.
 
-    python core/build.py [--sanitize]      beside the sources, for a checkout that runs in place
+    python invariantqp/csrc/build.py [--sanitize]      beside the sources, for a checkout that runs in place
 
 Without a compiler, or with one that fails, the package installs as pure Python, which gives the same answers.
 """
@@ -16,9 +16,8 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ROOT / "core"
-PACKAGE = ROOT / "invariantqp"
+PACKAGE = Path(__file__).resolve().parent.parent
+SOURCES = PACKAGE / "csrc"
 # The oldest CPython that the stable ABI is asked for: one wheel serves it and every later one.
 OLDEST = (3, 10)
 # No multiply-add is contracted and nothing is reordered, so that x86-64 and aarch64 round alike.
