@@ -1,0 +1,436 @@
+"""A tool that stays on its path: where limits bind it is late, not off.
+
+    s = P'(sigma) v + gain e_across,     v <= what the joints can do here and can still brake from before what comes
+
+The path's parameter sigma is measured in every tick: it is the place on the path nearest the tool, so feedback acts
+across the path only, and a tool held up goes on from where it is. Look-ahead is a joint motion along the whole path,
+found before the tool sets out (`joint_path`), and the speeds from which the rest can be driven (`path_speed`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import inf, sqrt
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from attrs import field, frozen
+from numpy.typing import ArrayLike
+
+from invariantqp.control.asked import asked
+from invariantqp.control.controller import Controller
+from invariantqp.control.curve import Curve, by_length, curve_of, curve_of_samples
+from invariantqp.control.joint_path import OFF_PATH, JointPath
+from invariantqp.control.path_plan import PathPlan, plan_of
+from invariantqp.control.time_law import Ramp
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
+from invariantqp.robots.kinematics import Sighting
+from invariantqp.velocity.damping import PaperLambda
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.solution import VelocitySolution
+
+# Largest speed override.
+FASTEST = 1.5
+# The tool is at the path's start within this, relative to the measure's length.
+AT_START = 1e-5
+# A tool this far off, relative, slows down, and at AWAY_STOP times that waits until feedback has brought it back.
+AWAY, AWAY_STOP = 5e-3, 4.0
+# The end is reached within this share of the path.
+ARRIVED = 1e-7
+# Gain [1/s] towards the joint motion that was looked at, where the path leaves joints free.
+JOINT_GAIN = 5.0
+# Of what acceleration limits allow in a tick, this share is for driving along the path.
+TICK_SHARE = 0.985
+# Where limits would take the tool this far off its path in a tick, relative to the measure's length, the tick is solved
+# again with the twist as exact rows, which slow down instead.
+MISSED = 1e-6
+# With a jerk but no acceleration, the path accelerates at this share of what the slowest joint could.
+EASY_SHARE = 0.7
+
+
+@frozen(eq=False, repr=False, slots=False)
+class PathSolution(Compared):
+    """A joint velocity of a tick along a path, and where on the path the tool is.
+
+    Attributes:
+        velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
+        status: "waiting" (on the way to the path's start, or planning), "moving", "slowed" (limits rule the speed),
+            "paused", "left" (the path cannot be had here, and is passed by the least), "blocked" (it cannot be had, and
+            the tool has stopped before it), "done".
+        reason: why, in words, "" where there is nothing to report.
+        place: the path's parameter where the tool is.
+        speed: of the place [1/s], negative backward.
+        ruling: the limit that rules the speed, in words.
+        lag: how late the tool is [s]; None where no rate is asked for.
+        across: how far the tool is off the path, in the measure [length].
+        velocity_solution: the velocity law's answer.
+    """
+
+    velocity: Array
+    status: str
+    reason: str
+    place: float
+    speed: float
+    ruling: str
+    lag: float | None
+    across: float
+    velocity_solution: VelocitySolution = field(repr=False)
+
+
+class PathFollower:
+    """Drives the tool of a controller along a path; `step` is one tick.
+
+    Attributes:
+        controller: whose law, limits and exact demands hold.
+        override: share of the asked speed, 0 to 1.5.
+        plan: what the look-ahead found, None before it is found.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        path: Callable[[float], ArrayLike] | ArrayLike,
+        *,
+        end: float = 1.0,
+        times: ArrayLike | None = None,
+        rate: float | None = None,
+        acceleration: float | None = None,
+        jerk: float | None = None,
+        blocked: Literal["stop", "leave"] = "stop",
+    ) -> None:
+        """Fit the path; the joint motion along it is found by `prepare`, or in the first ticks.
+
+        Args:
+            controller: a velocity controller.
+            path: the tool's pose (4, 4) as a function of a parameter in [0, end], or (n, 4, 4) poses on the way.
+            end: of a function's parameter.
+            times: (n,) the parameter of poses; None is their number, from 0.
+            rate: how fast the parameter is meant to go [1/s], 1 where it is time; None is as fast as limits allow.
+            acceleration: of the speed along the path; its unit is that of the parameter over s^2, or with rate=None
+                [length/s^2]; None is as much as the joints allow.
+            jerk: likewise, over s^3; None is no limit of jerk.
+            blocked: where the arm cannot reach the path: "stop" before it, or "leave" it by the least and rejoin it.
+
+        Raises:
+            BadInput: not a path, fewer than two poses, times that do not increase, a path that stands still.
+        """
+        if not isinstance(controller, Controller):
+            raise BadInput("controller", excerpt(controller), "a Controller")
+        if isinstance(controller.law.damping, PaperLambda):
+            raise BadInput("controller", "one with PaperLambda", "another damping", "That one keeps no bounds.")
+        self.controller = controller
+        self.override: float = 1.0
+        self.plan: PathPlan | None = None
+        self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
+        self._stops = arrays.choice(blocked, "blocked", ("stop", "leave")) == "stop"
+        self._acceleration = inf
+        if acceleration is not None:
+            self._acceleration = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
+        self._jerk = None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True)
+        given = self._curve_of(path, end, times)
+        self._curve, self._places = given, given.at
+        if self._rate is None:
+            self._curve, self._places = by_length(given, self._size)
+        if not self._curve.end > 0.0 or len(self._curve.knots) < 2:
+            raise BadInput("path", "a path that stands still", "one along which the tool moves")
+        self._limit: Array | None = None
+        if controller.braking is not None:
+            self._limit = TICK_SHARE * controller.braking.acceleration
+        self._search: JointPath | None = None
+        self._paused = False
+        self._wants_back = False
+        m = len(controller.robot.names)
+        self._state = _Drive(0.0, 0.0, 0.0, False, np.zeros(m), np.zeros(m), None, 0, 0.0)
+
+    def pause(self) -> None:
+        """Come to rest on the path, and stay."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+        self._paused = False
+
+    def reverse(self) -> None:
+        """Come to rest and drive the path in the other direction."""
+        self._wants_back = not self._wants_back
+
+    def set_override(self, share: float) -> None:
+        """Drive at this share of the asked speed, 0 to 1.5, from now on.
+
+        Above 1 the rate grows where limits allow; without a rate nothing can be faster than limits allow.
+
+        Raises:
+            BadInput: not a number in that range.
+        """
+        value = arrays.not_negative(share, "share", "a share of the speed, 0 to 1.5")
+        if value > FASTEST:
+            raise BadInput("share", f"{value:g}", f"a share of the speed, 0 to {FASTEST:g}")
+        self.override = value
+
+    def prepare(self, q: ArrayLike) -> None:
+        """Find the joint motion along the path now, from joint positions near its start.
+
+        It takes about a tenth of a second. Without it the first ticks find it, a little in each, while the arm waits.
+
+        Args:
+            q: (m,) joint positions [rad, length].
+
+        Raises:
+            BadInput: NaN or a wrong shape.
+        """
+        positions = arrays.vector(q, len(self.controller.robot.names), "q")
+        search = self._new_search(positions, 0.0)
+        while not search.done:
+            search.extend()
+        self._adopt(search)
+
+    def step(self, q: ArrayLike, velocity: ArrayLike | None = None) -> PathSolution:
+        """One tick: the joint velocity to command until the next.
+
+        Args:
+            q: (m,) measured joint positions [rad, length].
+            velocity: (m,) joint velocity now, for the acceleration limits; None is the one commanded last.
+
+        Raises:
+            BadInput: NaN or wrong shapes; the follower is as it was.
+        """
+        m = len(self.controller.robot.names)
+        positions = arrays.vector(q, m, "q")
+        before = self._state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
+        if self.plan is None:
+            return self._set_out(positions, before)
+        return self._drive(self.plan, positions, before)
+
+    def _set_out(self, q: Array, before: Array) -> PathSolution:
+        """On the way to the path's start, and planning there."""
+        controller = self.controller
+        robot = controller.robot
+        target = robot.target(self._curve.pose(0.0))
+        sighting = robot.sight(q, target)
+        off = _norm(asked(controller, sighting, controller.measure.root(robot, sighting, target)).dot(sighting.error))
+        if self._search is None and off > AT_START * controller.measure.length:
+            answer = controller.step(q, target, velocity=before)
+            return self._waiting(answer, "on the way to the path's start", off)
+        if self._search is None:
+            self._search = self._new_search(q, 0.0)
+        self._search.extend()
+        if self._search.done:
+            self._adopt(self._search)
+        return self._waiting(controller.rest(q, "", before, sighting), "looking along the path", off)
+
+    def _drive(self, plan: PathPlan, q: Array, before: Array) -> PathSolution:
+        """A tick on the path."""
+        controller, state, dt = self.controller, self._state, self.controller.dt
+        robot = controller.robot
+        here = self._look(plan, q)
+        place = min(max(state.place - here.shift, 0.0), plan.end)
+        away = max(here.off / (AWAY * controller.measure.length), 1.0)
+        share = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
+        speed, acceleration, ruling = self._speed(plan, place, share)
+        sign = -1.0 if state.back else 1.0
+        joints, slope = plan.joints(place)
+        _, slope = plan.joints(place + 0.5 * dt * sign * speed)
+        rate = self._inside(slope, sign * speed)
+        rate = min(max(rate, (0.0 - place) / dt), (plan.end - place) / dt)
+        # The joint twists in the middle of the tick, extrapolated.
+        J = here.sighting.J if state.J is None else 1.5 * here.sighting.J - 0.5 * state.J
+        sighting = here.sighting._replace(J=J)
+        posture = rate * slope + JOINT_GAIN * (joints - q)
+        across = controller.gain * here.across
+        answer = controller.follow(q, rate * here.tangent + across, before, None, sighting, None, posture)
+        kept = answer.scale if controller.exact else 1.0
+        if not controller.exact and answer.active and rate != 0.0:
+            missed = _norm(here.asked.dot(answer.residual))
+            if missed * dt > MISSED * controller.measure.length:
+                rows = ExactRows.of(J, here.asked, here.asked.dot(rate * here.tangent + across))
+                slower = controller.follow(q, rate * here.tangent + across, before, rows, sighting, None, posture)
+                if slower.status in ("ok", "scaled"):
+                    answer, kept = slower, slower.scale
+        rate *= kept
+        back = state.back
+        v = abs(rate)
+        if v * dt <= ARRIVED * plan.end and self._wants_back != back:
+            back = self._wants_back
+            v = acceleration = 0.0
+        ticks = state.ticks + 1
+        self._state = _Drive(
+            place + dt * rate, v, acceleration, back, rate * slope, answer.velocity, here.sighting.J, ticks, rate
+        )
+        return self._told(plan, answer, place, rate, ruling, here.off)
+
+    def _look(self, plan: PathPlan, q: Array) -> _Here:
+        """Where the tool is beside its path."""
+        controller, state = self.controller, self._state
+        robot = controller.robot
+        i = plan.piece(state.place)
+        left = max(plan.off[i], plan.off[i + 1]) > OFF_PATH * controller.measure.length
+        if left:
+            target = robot.target(robot.pose(plan.joints(state.place)[0]))
+        else:
+            target = robot.target(self._curve.pose(state.place))
+        sighting = robot.sight(q, target)
+        middle = min(max(state.place + 0.5 * controller.dt * state.rate, 0.0), plan.end)
+        tangent = sighting.J.dot(plan.joints(middle)[1]) if left else self._curve.tangent(middle)
+        R = asked(controller, sighting, controller.measure.root(robot, sighting, target))
+        ahead, error = R.dot(tangent), R.dot(sighting.error)
+        square = float(ahead.dot(ahead))
+        shift = float(ahead.dot(error)) / square if square > 0.0 else 0.0
+        return _Here(sighting, tangent, R, shift, sighting.error - shift * tangent, _norm(error - shift * ahead))
+
+    def _speed(self, plan: PathPlan, place: float, share: float) -> tuple[float, float, str]:
+        """The speed along the path that is asked for in this tick, its acceleration, and what rules it."""
+        state, dt = self._state, self.controller.dt
+        part = min(1.0, self.override) if self._rate is None else 1.0
+        possible = plan.speed(place, dt, part, back=state.back)
+        wanted, ruling = possible, plan.ruling[plan.nearest(place)]
+        if self._rate is not None and self._rate * self.override <= wanted:
+            wanted, ruling = self._rate * self.override, "the rate asked for"
+        elif part < 1.0:
+            ruling = "the override"
+        if share < 1.0:
+            wanted, ruling = share * wanted, "the tool is off its path"
+        if self._paused or self._wants_back != state.back:
+            wanted, ruling = 0.0, "a pause" if self._paused else "the turn"
+        if self._jerk is None:
+            most = state.speed + self._acceleration * dt
+            least = max(state.speed - self._acceleration * dt, 0.0) if wanted < possible else 0.0
+            speed = max(min(wanted, most), min(least, possible))
+            return speed, 0.0, ruling
+        ramp = Ramp(min(self._acceleration, EASY_SHARE * plan.braking), self._jerk)
+        sign = -1.0 if state.back else 1.0
+        a = ramp.next(
+            state.speed,
+            state.acceleration,
+            wanted,
+            lambda ahead: part * plan.speeds(place + sign * ahead, back=state.back),
+            dt,
+        )
+        return min(max(state.speed + a * dt, 0.0), possible), a, ruling
+
+    def _inside(self, slope: Array, rate: float) -> float:
+        """The rate nearest the wanted one for which no joint accelerates beyond its limit."""
+        if self._limit is None:
+            return rate
+        before, step = self._state.along, self._limit * self.controller.dt
+        moving = slope != 0.0
+        if not moving.any():
+            return rate
+        b, s, d = before[moving], slope[moving], step[moving]
+        middle, width = b / s, d / np.abs(s)
+        low, high = float((middle - width).max()), float((middle + width).min())
+        if low <= high:
+            return min(max(rate, low), high)
+        weights = np.where(np.isfinite(d), 1.0 / (d * d), 0.0)  # the rate that breaks the limits by the least squares
+        return float((weights * s * b).sum() / (weights * s * s).sum())
+
+    def _told(
+        self, plan: PathPlan, answer: VelocitySolution, place: float, rate: float, ruling: str, off: float
+    ) -> PathSolution:
+        """The solution, with what is to be told of it."""
+        state = self._state
+        at = float(np.interp(state.place, self._curve.at, self._places))
+        was = float(np.interp(place, self._curve.at, self._places))
+        elapsed = state.ticks * self.controller.dt
+        lag = None if self._rate is None else elapsed - at / self._rate
+        i = plan.nearest(place)
+        left = plan.off[i] > OFF_PATH * self.controller.measure.length
+        arrived = plan.end - place <= ARRIVED * plan.end and not self._wants_back
+        status, reason = "moving", answer.reason
+        if arrived:
+            status = "blocked" if plan.blocked else "done"
+            reason = f"the path cannot be had from {at:.6g} on: {plan.blocked}" if plan.blocked else ""
+            ruling = "the path's end" if not plan.blocked else ruling
+        elif left:
+            status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
+        elif self._paused and rate == 0.0:
+            status = "paused"
+        elif ruling != "the rate asked for":
+            status = "slowed"
+        speed = (at - was) / self.controller.dt
+        return PathSolution(answer.velocity, status, reason, at, speed, ruling, lag, off, answer)
+
+    def _waiting(self, answer: VelocitySolution, reason: str, off: float) -> PathSolution:
+        why = "; ".join(filter(None, (reason, answer.reason)))
+        lag = None if self._rate is None else 0.0
+        self._state = self._state._replace(velocity=answer.velocity)
+        return PathSolution(answer.velocity, "waiting", why, 0.0, 0.0, "the start", lag, off, answer)
+
+    def _new_search(self, q: Array, start: float) -> JointPath:
+        return JointPath(self.controller, self._curve, q, start, rate=self._rate, stops=self._stops)
+
+    def _adopt(self, search: JointPath) -> None:
+        """Take the joint motion that was found for the plan."""
+        fastest = inf if self._rate is None else FASTEST * self._rate
+        self.plan, self._search = plan_of(search, fastest), None
+
+    def _size(self, twist: Array, pose: Array) -> float:
+        """How large a twist of the tool is, in the measure."""
+        return _norm(self.controller.measure.root_for(self._J, pose).dot(twist))
+
+    def _curve_of(self, path: Any, end: float, times: ArrayLike | None) -> Curve:
+        """The path as a curve.
+
+        Raises:
+            BadInput: not a path.
+        """
+        robot = self.controller.robot
+        self._J = robot.jacobian(0.5 * (np.maximum(robot.position_lower, -1.0) + np.minimum(robot.position_upper, 1.0)))
+        if callable(path):
+            last = arrays.number(end, "end", "the end of the path's parameter", positive=True)
+
+            def pose(at: float) -> Array:
+                return arrays.pose(path(at), "path")
+
+            return curve_of(pose, last, self._size, self.controller.measure.length)
+        poses = _poses(path)
+        if times is None:
+            return curve_of_samples(np.arange(len(poses), dtype=np.float64), poses)
+        at = arrays.vector(times, len(poses), "times")
+        if not (np.diff(at) > 0.0).all():
+            raise BadInput("times", "times that do not increase", "one for each pose, increasing")
+        return curve_of_samples(at - at[0], poses)
+
+
+class _Drive(NamedTuple):
+    """The state between ticks."""
+
+    place: float  # where the tool will be, by the curve's own parameter
+    speed: float  # along the path, not negative
+    acceleration: float
+    back: bool  # whether the path is driven backward
+    along: Array  # (m,) the joint velocity along the path in the tick before
+    velocity: Array  # (m,) and all of it
+    J: Array | None  # (6, m) joint twists in the tick before
+    ticks: int
+    rate: float  # the speed with its sign
+
+
+class _Here(NamedTuple):
+    """Where the tool is beside its path."""
+
+    sighting: Sighting
+    tangent: Array  # (6,) in the middle of the tick
+    asked: Array  # (k, 6)
+    shift: float  # the tool is behind the expected place by this
+    across: Array  # (6,) the twist back to the path
+    off: float  # its size
+
+
+def _poses(path: Any) -> Array:
+    """(n, 4, 4) checked poses.
+
+    Raises:
+        BadInput: something else, or fewer than two.
+    """
+    if isinstance(path, (str, bytes)) or not isinstance(path, (Sequence, np.ndarray)):
+        raise BadInput("path", excerpt(path), "a function of a parameter, or poses (n, 4, 4)")
+    if len(path) < 2:
+        raise BadInput("path", f"{len(path)} poses", "two or more")
+    return np.array([arrays.pose(T, f"path[{i}]") for i, T in enumerate(path)])
+
+
+def _norm(v: Array) -> float:
+    return sqrt(float(v.dot(v)))
