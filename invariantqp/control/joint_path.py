@@ -54,12 +54,14 @@ class Knot(NamedTuple):
         q: (m,) joint positions.
         slope: (m,) q', per unit of the path's parameter.
         off: how far the tool is off the path in what is asked of it, in the measure.
+        ratio: smallest singular value of the measured joint twists over the largest: how far from a singularity.
     """
 
     at: float
     q: Array
     slope: Array
     off: float
+    ratio: float
 
 
 class JointPath:
@@ -149,7 +151,8 @@ class JointPath:
         if before is None:
             before = self._answer(q, sighting, root, tangent, self._step, None)
         slope = self._answer(q, sighting, root, tangent, self._step, self._posture(q, before))
-        return Knot(at, q, slope, size)
+        sigma = np.linalg.svd(root.dot(sighting.J), compute_uv=False)
+        return Knot(at, q, slope, size, float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0)
 
     def _cause(self, q: Array) -> str:
         """Why the path is blocked where the arm came no closer than q."""

@@ -42,6 +42,10 @@ AWAY, AWAY_STOP = 5e-3, 4.0
 ARRIVED = 1e-7
 # Gain [1/s] towards the joint motion that was looked at, where the path leaves joints free.
 JOINT_GAIN = 5.0
+# Below this ratio of singular values the tool follows that motion also where the path leaves nothing free; above the
+# second one it follows the path's own tangent, and so do joints that are farther than STRAYED [rad, length] from it.
+SINGULAR, REGULAR = 1e-2, 3e-2
+STRAYED = 1e-2
 # Of what acceleration limits allow in a tick, this share is for driving along the path.
 TICK_SHARE = 0.985
 # Where limits would take the tool this far off its path in a tick, relative to the measure's length, the tick is solved
@@ -239,14 +243,18 @@ class PathFollower:
         J = here.sighting.J if state.J is None else 1.5 * here.sighting.J - 0.5 * state.J
         sighting = here.sighting._replace(J=J)
         posture = rate * slope + JOINT_GAIN * (joints - q)
-        across = controller.gain * here.across
-        answer = controller.follow(q, rate * here.tangent + across, before, None, sighting, None, posture)
+        # Near a singularity the twist of the joint motion that was looked at: no other asks as little of the joints.
+        i = plan.piece(place)
+        regular = (min(plan.ratio[i], plan.ratio[i + 1]) - SINGULAR) / (REGULAR - SINGULAR)
+        own = min(max(regular, float(np.abs(joints - q).max()) / STRAYED, 0.0), 1.0)
+        twist = rate * ((1.0 - own) * J.dot(slope) + own * here.tangent) + controller.gain * here.across
+        answer = controller.follow(q, twist, before, None, sighting, None, posture)
         kept = answer.scale if controller.exact else 1.0
-        if not controller.exact and answer.active and rate != 0.0:
+        if not controller.exact and self._limit is None and answer.active and rate != 0.0:
             missed = _norm(here.asked.dot(answer.residual))
             if missed * dt > MISSED * controller.measure.length:
-                rows = ExactRows.of(J, here.asked, here.asked.dot(rate * here.tangent + across))
-                slower = controller.follow(q, rate * here.tangent + across, before, rows, sighting, None, posture)
+                rows = ExactRows.of(J, here.asked, here.asked.dot(twist))
+                slower = controller.follow(q, twist, before, rows, sighting, None, posture)
                 if slower.status in ("ok", "scaled"):
                     answer, kept = slower, slower.scale
         rate *= kept

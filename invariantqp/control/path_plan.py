@@ -38,6 +38,7 @@ class PathPlan(NamedTuple):
         backward: the same, driven backward.
         ruling: (n,) what limits the speed at each knot, in words.
         off: (n,) how far the tool is off the path, in the measure.
+        ratio: (n,) how far from a singularity the arm is, as in `Knot`.
         blocked: why the path ends at the last knot, in words; "" where it does not.
         braking: the least path acceleration of which the joints are capable anywhere.
     """
@@ -49,6 +50,7 @@ class PathPlan(NamedTuple):
     backward: list[float]
     ruling: list[str]
     off: Array
+    ratio: Array
     blocked: str
     braking: float
 
@@ -129,9 +131,17 @@ def plan_of(path: JointPath, fastest: float = inf) -> PathPlan:
         ruling[i] = ACCELERATION
     with np.errstate(divide="ignore"):
         braking = float(np.where(slopes != 0.0, acceleration / np.abs(slopes), inf).min())
-    off = np.array([k.off for k in knots])
     return PathPlan(
-        at.tolist(), q, slopes, forward.tolist(), backward.tolist(), ruling, off, path.blocked, braking
+        at=at.tolist(),
+        q=q,
+        slopes=slopes,
+        forward=forward.tolist(),
+        backward=backward.tolist(),
+        ruling=ruling,
+        off=np.array([k.off for k in knots]),
+        ratio=np.array([k.ratio for k in knots]),
+        blocked=path.blocked,
+        braking=braking,
     )
 
 
