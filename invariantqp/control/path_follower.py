@@ -233,7 +233,7 @@ class PathFollower:
         place = min(max(state.place - here.shift, 0.0), plan.end)
         away = max(here.off / (AWAY * controller.measure.length), 1.0)
         share = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
-        speed, acceleration, ruling = self._speed(plan, place, share)
+        speed, ruling = self._speed(plan, place, share)
         sign = -1.0 if state.back else 1.0
         joints, slope = plan.joints(place)
         _, slope = plan.joints(place + 0.5 * dt * sign * speed)
@@ -260,6 +260,7 @@ class PathFollower:
         rate *= kept
         back = state.back
         v = abs(rate)
+        acceleration = (v - state.speed) / dt
         if v * dt <= ARRIVED * plan.end and self._wants_back != back:
             back = self._wants_back
             v = acceleration = 0.0
@@ -288,8 +289,8 @@ class PathFollower:
         shift = float(ahead.dot(error)) / square if square > 0.0 else 0.0
         return _Here(sighting, tangent, R, shift, sighting.error - shift * tangent, _norm(error - shift * ahead))
 
-    def _speed(self, plan: PathPlan, place: float, share: float) -> tuple[float, float, str]:
-        """The speed along the path that is asked for in this tick, its acceleration, and what rules it."""
+    def _speed(self, plan: PathPlan, place: float, share: float) -> tuple[float, str]:
+        """The speed along the path that is asked for in this tick, and what rules it."""
         state, dt = self._state, self.controller.dt
         part = min(1.0, self.override) if self._rate is None else 1.0
         possible = plan.speed(place, dt, part, back=state.back)
@@ -306,7 +307,7 @@ class PathFollower:
             most = state.speed + self._acceleration * dt
             least = max(state.speed - self._acceleration * dt, 0.0) if wanted < possible else 0.0
             speed = max(min(wanted, most), min(least, possible))
-            return speed, 0.0, ruling
+            return speed, ruling
         ramp = Ramp(min(self._acceleration, EASY_SHARE * plan.braking), self._jerk)
         sign = -1.0 if state.back else 1.0
         a = ramp.next(
@@ -316,7 +317,7 @@ class PathFollower:
             lambda ahead: part * plan.speeds(place + sign * ahead, back=state.back),
             dt,
         )
-        return min(max(state.speed + a * dt, 0.0), possible), a, ruling
+        return min(max(state.speed + a * dt, 0.0), possible), ruling
 
     def _inside(self, slope: Array, rate: float) -> float:
         """The rate nearest the wanted one for which no joint accelerates beyond its limit."""
