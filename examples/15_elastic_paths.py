@@ -177,36 +177,39 @@ def keep_time(task: Task, loop: Any) -> Run:
 
 
 def off_path(task: Task, run: Run, pose: Callable[[float], np.ndarray], each: int = 1) -> np.ndarray:
-    """(2,) the largest distance from the path [mm, deg]: from the nearest pose, in the measure of the arm."""
+    """(2,) the largest distance from the path [mm, deg]: from the nearest pose, in the measure of the arm.
+
+    Every tick of the follower, which tells where it is; of the others, which do not, one in `each`.
+    """
     length = iq.Controller(task.robot, dt=DT).measure.length
     grid = np.linspace(0.0, 1.0, PLACES + 1)
     poses = np.array([pose(u) for u in grid])
 
-    def apart(T: np.ndarray, u: float) -> tuple[float, np.ndarray]:
+    def error(T: np.ndarray, u: float) -> np.ndarray:
         W = pose(u)
-        error = np.append(length * iq.log(T @ np.linalg.inv(W))[:3], T[:3, 3] - W[:3, 3])
-        return float(np.linalg.norm(error)), error
+        return np.append(length * turn(T[:3, :3] @ W[:3, :3].T), T[:3, 3] - W[:3, 3])
 
     largest = np.zeros(2)
     for q, told in zip(run.q[::each], run.places[::each], strict=True):
-        T = task.robot.pose(q)
-        turned = np.linalg.norm(poses[:, :3, :3] - T[:3, :3], axis=(1, 2)) / np.sqrt(2.0)
-        near = grid[np.argmin(np.hypot(length * turned, np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)))]
-        near = min((told, near), key=lambda u: apart(T, u)[0])
-        best, error = apart(T, near)
-        for _ in range(3):  # Gauss and Newton's steps along the path
-            a, b = max(near - 1e-6, 0.0), min(near + 1e-6, 1.0)
-            along = (apart(T, b)[1] - apart(T, a)[1]) / (b - a)
-            if not along.any():
-                break
-            there = float(np.clip(near - along @ error / (along @ along), 0.0, 1.0))
-            size, missed = apart(T, there)
-            if size >= best:
-                break
-            near, best, error = there, size, missed
-        here = 1e3 * np.linalg.norm(error[3:]), np.degrees(np.linalg.norm(error[:3]) / length)
-        largest = np.maximum(largest, here)
+        T, near = task.robot.pose(q), float(told)
+        if each > 1:
+            turned = np.linalg.norm(poses[:, :3, :3] - T[:3, :3], axis=(1, 2)) / np.sqrt(2.0)
+            near = float(grid[np.argmin(np.hypot(length * turned, np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)))])
+        best = error(T, near)
+        a, b = max(near - 1e-6, 0.0), min(near + 1e-6, 1.0)
+        along = (error(T, b) - error(T, a)) / (b - a)
+        if along.any():  # Gauss and Newton's step along the path
+            there = error(T, float(np.clip(near - along @ best / (along @ along), 0.0, 1.0)))
+            best = min(best, there, key=np.linalg.norm)
+        largest = np.maximum(largest, (1e3 * np.linalg.norm(best[3:]), np.degrees(np.linalg.norm(best[:3]) / length)))
     return largest
+
+
+def turn(R: np.ndarray) -> np.ndarray:
+    """(3,) the rotation vector of a matrix, of less than half a turn."""
+    w = 0.5 * np.array((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
+    sine = float(np.linalg.norm(w))
+    return w if sine < 1e-12 else w * (np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)) / sine)
 
 
 def optimal_time(run: Run, task: Task) -> float:

@@ -36,6 +36,9 @@ LEAST_STEPS = 200
 SHORTEST = 1e-6
 # The share of the slope by which it may differ from its extrapolation after a step.
 TURN = 0.005
+# A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch: no arm would
+# take it in motion.
+KINK, BRANCH = 0.2, 1e-4
 # A slope that takes joints along the whole path for less than this many seconds at full speed counts as that.
 STILL = 0.05
 # A step after which it differs by less than this share of TURN is followed by a longer one.
@@ -128,6 +131,9 @@ class JointPath:
         share = turned / max(float((np.abs(knot.slope) / self._speed).max()), STILL / self.curve.end)
         if share > TURN and h > SHORTEST * self.curve.end:
             self._step = 0.5 * h
+            return
+        if share > KINK and knot.ratio < BRANCH:
+            self.blocked = f"{self._cause(knot.q)}, and beyond it only after a turn in a singularity"
             return
         self.knots.append(knot)
         if share < EASY * TURN:

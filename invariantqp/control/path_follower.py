@@ -38,8 +38,11 @@ FASTEST = 1.5
 AT_START = 1e-5
 # A tool this far off, relative, slows down, and at AWAY_STOP times that waits until feedback has brought it back.
 AWAY, AWAY_STOP = 5e-3, 4.0
-# The end is reached within this share of the path.
-ARRIVED = 1e-7
+# The end is reached within this share of the path, by joints slower than this share of their limits; what blocks the
+# path is reached within a larger one: at the edge of its reach an arm moves much for little.
+ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
+# A tick that drives less than this share of the path is at rest: a drive may turn.
+STANDING = 1e-7
 # Gain [1/s] towards the joint motion that was looked at, where the path leaves joints free.
 JOINT_GAIN = 5.0
 # Below this ratio of singular values the tool follows that motion also where the path leaves nothing free; above the
@@ -143,6 +146,8 @@ class PathFollower:
         self._limit: Array | None = None
         if controller.braking is not None:
             self._limit = TICK_SHARE * controller.braking.acceleration
+        speed = controller.robot.velocity_limit
+        self._fastest: Array = np.where(np.isfinite(speed), speed, 1.0)
         self._search: JointPath | None = None
         self._paused = False
         self._wants_back = False
@@ -261,7 +266,7 @@ class PathFollower:
         back = state.back
         v = abs(rate)
         acceleration = (v - state.speed) / dt
-        if v * dt <= ARRIVED * plan.end and self._wants_back != back:
+        if v * dt <= STANDING * plan.end and self._wants_back != back:
             back = self._wants_back
             v = acceleration = 0.0
         ticks = state.ticks + 1
@@ -346,7 +351,9 @@ class PathFollower:
         lag = None if self._rate is None else elapsed - at / self._rate
         i = plan.nearest(place)
         left = plan.off[i] > OFF_PATH * self.controller.measure.length
-        arrived = plan.end - place <= ARRIVED * plan.end and not self._wants_back
+        still = bool((np.abs(answer.velocity) <= AT_REST * self._fastest).all())
+        near = (STOPPED if plan.blocked else ARRIVED) * self._curve.end
+        arrived = still and plan.end - state.place <= near and not self._wants_back
         status, reason = "moving", answer.reason
         if arrived:
             status = "blocked" if plan.blocked else "done"
