@@ -124,8 +124,9 @@ def blocked_task(number: int) -> tuple[Task, Callable[[float], np.ndarray]]:
     rng = np.random.default_rng([SEED, 2, number])
     robot = arm(ARMS[number % len(ARMS)])
     q = waypoints(robot, rng, 2)
-    low, high = ranges(robot)
-    if number // len(ARMS) % 2 == 0:  # past a joint's position limit
+    low, high = ranges(robot)  # more than six joints may find another way round their limits, fewer stray from any line
+    past_limit = len(low) < 6 or (len(low) == 6 and number // len(ARMS) % 2 == 0)
+    if past_limit:
         bounded = np.flatnonzero(np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper))
         i, up = int(rng.choice(bounded)), bool(rng.random() < 0.5)
         q[0, i], q[1, i] = (high[i] - 0.3, high[i] + 0.4) if up else (low[i] + 0.3, low[i] - 0.4)
@@ -247,7 +248,7 @@ def bent(number: int) -> np.ndarray:
 
 
 def stopped(number: int) -> np.ndarray:
-    """(4,) one blocked path: mm, deg, 1 where the arm stopped before it, and the excess over its limits."""
+    """(5,) one blocked path: mm, deg, 1 where the arm stopped, 1 where it arrived by other joints, excess of limits."""
     task, pose = blocked_task(number)
     run = follow(task, pose)
     low, high = task.robot.position_lower, task.robot.position_upper
@@ -262,7 +263,7 @@ def stopped(number: int) -> np.ndarray:
         )
     )
     at_rest = np.abs(run.velocity[-1]).max() < 1e-2
-    return np.array([*off_path(task, run, pose), run.status == "blocked" and at_rest, excess])
+    return np.array([*off_path(task, run, pose), run.status == "blocked" and at_rest, run.status == "done", excess])
 
 
 def main() -> None:
@@ -290,8 +291,9 @@ def main() -> None:
         f"\nwithin {MM} mm and {DEG} deg to the end: {kept.sum()} of {len(tasks)} tasks; "
         f"time over TOPP-RA's: median {np.nanmedian(time):.3f}, largest {np.nanmax(time):.3f}\n"
         f"bends within them: {int(((bends[:, 0] < MM) & (bends[:, 1] < DEG) & (bends[:, 2] == 1.0)).sum())} of "
-        f"{len(bends)}; stopped before what is blocked: {int(stops[:, 2].sum())} of {len(stops)}, "
-        f"largest excess over a limit {stops[:, 3].max():.1g}"
+        f"{len(bends)}; of {len(stops)} paths past a position limit or out of reach: stopped before "
+        f"it {int(stops[:, 2].sum())}, arrived with other joint positions {int(stops[:, 3].sum())}; largest excess over "
+        f"a limit {stops[:, 4].max():.1g}"
     )
     worst = np.flatnonzero(~kept).tolist()
     if worst:

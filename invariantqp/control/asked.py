@@ -13,8 +13,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Sighting
 from invariantqp.velocity.exact import ExactRows
 
-# Directions of fewer than six joints whose singular value is below this share of the largest are not asked for.
-FEASIBLE_RATIO = 1e-3
 # Rows of the twist that are dependent but for this share are one.
 ROW_RATIO = 1e-10
 
@@ -35,8 +33,8 @@ def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
         return measured_rows(rows_of(controller.exact, view), root)
     if sighting.J.shape[1] >= 6:
         return root
-    U, sigma, _ = np.linalg.svd(root.dot(sighting.J), full_matrices=False)
-    R: Array = U[:, sigma > FEASIBLE_RATIO * sigma[0]].T.dot(root)
+    # All of them, however weak: at the edge of its reach an arm is still asked to go on.
+    R: Array = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
     return R
 
 

@@ -154,6 +154,15 @@ class PathFollower:
         m = len(controller.robot.names)
         self._state = _Drive(0.0, 0.0, 0.0, False, np.zeros(m), np.zeros(m), None, 0, 0.0)
 
+    def pose(self, place: float) -> Array:
+        """(4, 4) the path's pose at a place, as solutions tell it.
+
+        Raises:
+            BadInput: not a number.
+        """
+        at = arrays.number(place, "place", "the path's parameter")
+        return self._curve.pose(float(np.interp(at, self._places, self._curve.at)))
+
     def pause(self) -> None:
         """Come to rest on the path, and stay."""
         self._paused = True

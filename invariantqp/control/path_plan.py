@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.joint_path import JointPath
+from invariantqp.control.joint_path import AT_LIMIT, JointPath
 from invariantqp.control.path_speed import drivable, top_speed
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
@@ -167,7 +167,7 @@ def _top(path: JointPath, q: Array, slopes: Array, acceleration: Array) -> tuple
             top[i], ruling[i] = speed[i], cause[i]
 
     if controller.braking is not None:
-        rooms = [controller.box.room(x) for x in q]
+        rooms = [np.maximum(controller.box.room(x), 0.0) + AT_LIMIT for x in q]
         room = np.where(slopes > 0.0, [r[0] for r in rooms], [r[1] for r in rooms])
         speed, which = top_speed(slopes, np.array([braking_speed(r, acceleration, controller.dt) for r in room]))
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
