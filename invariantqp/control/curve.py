@@ -27,8 +27,8 @@ SHAPE = 1e-6
 # of the whole: a corner is then rounded within that share of the path.
 LEAST_INTERVALS = 128
 FINEST = 1e-6
-# Tangents of a function are differences over this share of its range.
-DIFFERENCE = 1e-5
+# Tangents of a function are differences over this share of its range: as far from rounding as from the truth.
+DIFFERENCE = 1e-4
 
 
 class Curve(NamedTuple):

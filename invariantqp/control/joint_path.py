@@ -21,12 +21,13 @@ from invariantqp.control.curve import Curve
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Sighting
+from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.solve import solve
 
 # A tool this close to the path, relative to the measure's length, is on it.
-ON_PATH = 1e-9
+ON_PATH = 1e-12
 # A place that the arm comes no closer to than this, relative, cannot be reached: ten micrometres for a metre.
 OFF_PATH = 1e-5
 # A joint this close to a position limit [rad, length] is at it.
@@ -39,6 +40,9 @@ TURN = 0.005
 # A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch: no arm would
 # take it in motion.
 KINK, BRANCH = 0.2, 1e-4
+# Where a path is left: the damping, the share of a step by which damping grows with the distance (`calm`), and the share
+# of the path over which the distance falls to 1/e on the way back. Measured: an arm stretched out bends again in time.
+PASSING, CALMING, REJOIN = Adaptive(1e-2, 3e-3), 0.1, 0.02
 # A slope that takes joints along the whole path for less than this many seconds at full speed counts as that.
 STILL = 0.05
 # A step after which it differs by less than this share of TURN is followed by a longer one.
@@ -92,9 +96,11 @@ class JointPath:
         self._stops = stops
         self._reachable = OFF_PATH * controller.measure.length
         self.knots: list[Knot] = []
-        self._law = replace(controller.law, dt=0.0)
         self._no_limit = np.full(len(q), np.inf)
         self._longest = curve.end / LEAST_STEPS
+        self._law = replace(controller.law, dt=0.0)
+        if not stops:
+            self._law = replace(controller.law, dt=CALMING * self._longest, damping=PASSING)
         self._step = self._longest
         self._first = q.copy()
         self._start = start
@@ -132,7 +138,7 @@ class JointPath:
         if share > TURN and h > SHORTEST * self.curve.end:
             self._step = 0.5 * h
             return
-        if share > KINK and knot.ratio < BRANCH:
+        if self._stops and share > KINK and knot.ratio < BRANCH:
             self.blocked = f"{self._cause(knot.q)}, and beyond it only after a turn in a singularity"
             return
         self.knots.append(knot)
@@ -145,15 +151,17 @@ class JointPath:
         target = robot.target(curve.pose(at))
         q = self._inside(q)
         tolerance = ON_PATH * self.controller.measure.length
-        for _ in range(CORRECTIONS):
+        for _ in range(CORRECTIONS if self._stops else 1):
             sighting = robot.sight(q, target)
             root = self.controller.measure.root(robot, sighting, target)
             off = asked(self.controller, sighting, root).dot(sighting.error)
             size = sqrt(float(off.dot(off)))
-            if size <= tolerance:
+            if size <= tolerance or not self._stops:
                 break
             q = q + self._answer(q, sighting, root, sighting.error, 1.0, None)
         tangent = curve.tangent(at)
+        if not self._stops:  # back to the path a little at a time
+            tangent = tangent + sighting.error / (REJOIN * curve.end)
         if before is None:
             before = self._answer(q, sighting, root, tangent, self._step, None)
         slope = self._answer(q, sighting, root, tangent, self._step, self._posture(q, before))

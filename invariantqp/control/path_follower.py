@@ -50,7 +50,8 @@ JOINT_GAIN = 5.0
 SINGULAR, REGULAR = 1e-2, 3e-2
 STRAYED = 1e-2
 # Of what acceleration limits allow in a tick, this share is for driving along the path.
-TICK_SHARE = 0.985
+# Where the tool goes slower than it has to, after a pause for instance, a smaller one is enough.
+TICK_SHARE, EASY_TICK_SHARE = 0.985, 0.9
 # Where limits would take the tool this far off its path in a tick, relative to the measure's length, the tick is solved
 # again with the twist as exact rows, which slow down instead.
 MISSED = 1e-6
@@ -145,7 +146,7 @@ class PathFollower:
             raise BadInput("path", "a path that stands still", "one along which the tool moves")
         self._limit: Array | None = None
         if controller.braking is not None:
-            self._limit = TICK_SHARE * controller.braking.acceleration
+            self._limit = controller.braking.acceleration
         speed = controller.robot.velocity_limit
         self._fastest: Array = np.where(np.isfinite(speed), speed, 1.0)
         self._search: JointPath | None = None
@@ -251,7 +252,7 @@ class PathFollower:
         sign = -1.0 if state.back else 1.0
         joints, slope = plan.joints(place)
         _, slope = plan.joints(place + 0.5 * dt * sign * speed)
-        rate = self._inside(slope, sign * speed)
+        rate = self._inside(slope, sign * speed, plan.speed(place, dt, back=state.back))
         rate = min(max(rate, (0.0 - place) / dt), (plan.end - place) / dt)
         # The joint twists in the middle of the tick, extrapolated.
         J = here.sighting.J if state.J is None else 1.5 * here.sighting.J - 0.5 * state.J
@@ -333,19 +334,24 @@ class PathFollower:
         )
         return min(max(state.speed + a * dt, 0.0), possible), ruling
 
-    def _inside(self, slope: Array, rate: float) -> float:
-        """The rate nearest the wanted one for which no joint accelerates beyond its limit."""
-        if self._limit is None:
-            return rate
-        before, step = self._state.along, self._limit * self.controller.dt
+    def _inside(self, slope: Array, rate: float, possible: float) -> float:
+        """The rate nearest the wanted one for which no joint accelerates beyond its limit.
+
+        Args:
+            slope: (m,) joint motion per unit of the path's parameter.
+            rate: wanted.
+            possible: the largest speed; below it a smaller share of the acceleration is enough.
+        """
         moving = slope != 0.0
-        if not moving.any():
+        if self._limit is None or not moving.any():
             return rate
-        b, s, d = before[moving], slope[moving], step[moving]
+        b, s, d = self._state.along[moving], slope[moving], self.controller.dt * self._limit[moving]
         middle, width = b / s, d / np.abs(s)
-        low, high = float((middle - width).max()), float((middle + width).min())
-        if low <= high:
-            return min(max(rate, low), high)
+        for share in (EASY_TICK_SHARE, TICK_SHARE):
+            low, high = float((middle - share * width).max()), float((middle + share * width).min())
+            nearest = min(max(rate, low), high)
+            if low <= high and (share == TICK_SHARE or abs(nearest) <= possible > abs(rate)):
+                return nearest
         weights = np.where(np.isfinite(d), 1.0 / (d * d), 0.0)  # the rate that breaks the limits by the least squares
         return float((weights * s * b).sum() / (weights * s * s).sum())
 
@@ -370,7 +376,7 @@ class PathFollower:
             ruling = "the path's end" if not plan.blocked else ruling
         elif left:
             status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
-        elif self._paused and rate == 0.0:
+        elif self._paused and abs(rate) * self.controller.dt <= STANDING * self._curve.end:
             status = "paused"
         elif ruling != "the rate asked for":
             status = "slowed"
