@@ -19,7 +19,7 @@ PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
 NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection Involution MethodChoice "
-    "NullPlane PenroseConditions PointMotion PoseSolution Recommendation Sighting StationaryPoint Survey "
+    "NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation Sighting StationaryPoint Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
@@ -31,7 +31,7 @@ NOT_CALLED = {
 }
 # Public methods that are not called here, and why.
 INNER = {
-    "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
+    "called in a tick, with arguments that were checked before": "Controller.posture_pull CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",

@@ -1,6 +1,6 @@
 """What of a twist is asked of an arm: its exact rows, or what its joints can do, or all of it.
 
-    |R s|     the size, in the measure, of the part of a twist s that the arm is to do
+|R s|     the size, in the measure, of the part of a twist s that the arm is to do
 """
 
 from __future__ import annotations

@@ -79,7 +79,16 @@ class JointPath:
         blocked: why the path ends at the last of them, in words; "" where it does not.
     """
 
-    def __init__(self, controller: Controller, curve: Curve, q: Array, start: float = 0.0, *, rate: float | None = None, stops: bool = True) -> None:
+    def __init__(
+        self,
+        controller: Controller,
+        curve: Curve,
+        q: Array,
+        start: float = 0.0,
+        *,
+        rate: float | None = None,
+        stops: bool = True,
+    ) -> None:
         """Nothing is found yet.
 
         Args:

@@ -93,7 +93,6 @@ class PathFollower:
 
     Attributes:
         controller: whose law, limits and exact demands hold.
-        override: share of the asked speed, 0 to 1.5.
         plan: what the look-ahead found, None before it is found.
     """
 
@@ -130,7 +129,6 @@ class PathFollower:
         if isinstance(controller.law.damping, PaperLambda):
             raise BadInput("controller", "one with PaperLambda", "another damping", "That one keeps no bounds.")
         self.controller = controller
-        self.override: float = 1.0
         self.plan: PathPlan | None = None
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
         self._stops = arrays.choice(blocked, "blocked", ("stop", "leave")) == "stop"
@@ -176,19 +174,6 @@ class PathFollower:
         """Come to rest and drive the path in the other direction."""
         self._wants_back = not self._wants_back
 
-    def set_override(self, share: float) -> None:
-        """Drive at this share of the asked speed, 0 to 1.5, from now on.
-
-        Above 1 the rate grows where limits allow; without a rate nothing can be faster than limits allow.
-
-        Raises:
-            BadInput: not a number in that range.
-        """
-        value = arrays.not_negative(share, "share", "a share of the speed, 0 to 1.5")
-        if value > FASTEST:
-            raise BadInput("share", f"{value:g}", f"a share of the speed, 0 to {FASTEST:g}")
-        self.override = value
-
     def prepare(self, q: ArrayLike) -> None:
         """Find the joint motion along the path now, from joint positions near its start.
 
@@ -206,22 +191,27 @@ class PathFollower:
             search.extend()
         self._adopt(search)
 
-    def step(self, q: ArrayLike, velocity: ArrayLike | None = None) -> PathSolution:
+    def step(self, q: ArrayLike, velocity: ArrayLike | None = None, override: float = 1.0) -> PathSolution:
         """One tick: the joint velocity to command until the next.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             velocity: (m,) joint velocity now, for the acceleration limits; None is the one commanded last.
+            override: share of the speed asked for, 0 to 1.5. Above 1 the rate grows where limits allow it; without a
+                rate nothing is faster than the limits.
 
         Raises:
-            BadInput: NaN or wrong shapes; the follower is as it was.
+            BadInput: NaN, wrong shapes, an override out of its range; the follower is as it was.
         """
         m = len(self.controller.robot.names)
         positions = arrays.vector(q, m, "q")
         before = self._state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
+        part = arrays.not_negative(override, "override", "a share of the speed, 0 to 1.5")
+        if part > FASTEST:
+            raise BadInput("override", f"{part:g}", f"a share of the speed, 0 to {FASTEST:g}")
         if self.plan is None:
             return self._set_out(positions, before)
-        return self._drive(self.plan, positions, before)
+        return self._drive(self.plan, positions, before, part)
 
     def _set_out(self, q: Array, before: Array) -> PathSolution:
         """On the way to the path's start, and planning there."""
@@ -240,7 +230,7 @@ class PathFollower:
             self._adopt(self._search)
         return self._waiting(controller.rest(q, "", before, sighting), "looking along the path", off)
 
-    def _drive(self, plan: PathPlan, q: Array, before: Array) -> PathSolution:
+    def _drive(self, plan: PathPlan, q: Array, before: Array, override: float) -> PathSolution:
         """A tick on the path."""
         controller, state, dt = self.controller, self._state, self.controller.dt
         robot = controller.robot
@@ -248,7 +238,7 @@ class PathFollower:
         place = min(max(state.place - here.shift, 0.0), plan.end)
         away = max(here.off / (AWAY * controller.measure.length), 1.0)
         share = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
-        speed, ruling = self._speed(plan, place, share)
+        speed, ruling = self._speed(plan, place, share, override)
         sign = -1.0 if state.back else 1.0
         joints, slope = plan.joints(place)
         _, slope = plan.joints(place + 0.5 * dt * sign * speed)
@@ -304,14 +294,14 @@ class PathFollower:
         shift = float(ahead.dot(error)) / square if square > 0.0 else 0.0
         return _Here(sighting, tangent, R, shift, sighting.error - shift * tangent, _norm(error - shift * ahead))
 
-    def _speed(self, plan: PathPlan, place: float, share: float) -> tuple[float, str]:
+    def _speed(self, plan: PathPlan, place: float, share: float, override: float) -> tuple[float, str]:
         """The speed along the path that is asked for in this tick, and what rules it."""
         state, dt = self._state, self.controller.dt
-        part = min(1.0, self.override) if self._rate is None else 1.0
+        part = min(1.0, override) if self._rate is None else 1.0
         possible = plan.speed(place, dt, part, back=state.back)
         wanted, ruling = possible, plan.ruling[plan.nearest(place)]
-        if self._rate is not None and self._rate * self.override <= wanted:
-            wanted, ruling = self._rate * self.override, "the rate asked for"
+        if self._rate is not None and self._rate * override <= wanted:
+            wanted, ruling = self._rate * override, "the rate asked for"
         elif part < 1.0:
             ruling = "the override"
         if share < 1.0:

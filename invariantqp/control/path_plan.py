@@ -178,8 +178,10 @@ def _top(path: JointPath, q: Array, slopes: Array, acceleration: Array) -> tuple
         slower(speed, ["the tool's speed"] * len(top))
     if controller.joint_rows is not None:
         rows = [controller.joint_rows.own(x) for x in q]
-        shares = [inf if r is None else VELOCITY_SHARE * _rows_allow(np.asarray(r.C).dot(s), r.lower, r.upper)
-                  for r, s in zip(rows, slopes, strict=True)]
+        shares = [
+            inf if r is None else VELOCITY_SHARE * _rows_allow(np.asarray(r.C).dot(s), r.lower, r.upper)
+            for r, s in zip(rows, slopes, strict=True)
+        ]
         slower(np.array(shares), ["rows"] * len(top))
     return top, ruling
 
@@ -189,5 +191,3 @@ def _rows_allow(y: Array, lower: Array, upper: Array) -> float:
     limit = np.where(y > 0.0, np.where(upper >= 0.0, upper, inf), np.where(lower <= 0.0, -lower, inf))
     moving = y != 0.0
     return float((limit[moving] / np.abs(y[moving])).min()) if moving.any() else inf
-
-

@@ -35,9 +35,7 @@ def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.i
     return np.take_along_axis(speed, which[:, None], axis=1)[:, 0], which
 
 
-def drivable(
-    at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array, final: float = 0.0
-) -> Array:
+def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array, final: float = 0.0) -> Array:
     """(n,) the largest v^2 at each knot from which all later ones can be driven.
 
     Args:

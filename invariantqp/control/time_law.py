@@ -84,12 +84,15 @@ class Ramp(NamedTuple):
         third = np.clip(t - ends[1], 0.0, t3)
         v1, a1 = v + a * t1 - 0.5 * J * t1 * t1, a - J * t1
         v2 = v1 + a1 * hold
-        speed = (
-            v + a * first - 0.5 * J * first * first + a1 * second + a1 * third + 0.5 * J * third * third
-        )
+        speed = v + a * first - 0.5 * J * first * first + a1 * second + a1 * third + 0.5 * J * third * third
         distance = (
-            v * first + 0.5 * a * first**2 - J * first**3 / 6.0
-            + v1 * second + 0.5 * a1 * second**2
-            + v2 * third + 0.5 * a1 * third**2 + J * third**3 / 6.0
+            v * first
+            + 0.5 * a * first**2
+            - J * first**3 / 6.0
+            + v1 * second
+            + 0.5 * a1 * second**2
+            + v2 * third
+            + 0.5 * a1 * third**2
+            + J * third**3 / 6.0
         )
         return distance, np.maximum(speed, 0.0)

@@ -52,8 +52,8 @@ def picture(trace: Trace, path: Path | str) -> Path:
         for axes in (error, position, velocity):
             axes.grid(alpha=0.25)
             _shade(axes, trace)
-        for axes in progress:
-            _progress(axes, trace.time[1:], trace.along)
+        if trace.along is not None:
+            _progress(progress[0], trace.time[1:], trace.along)
         (progress or [velocity])[-1].set_xlabel("time [s]")
         figure.suptitle(_title(trace), fontsize=10)
     return Path(path)

@@ -172,8 +172,10 @@ def pilot_of(brief: Brief, controller: MakeController | None = None) -> Pilot:
     loop = (controller or our_controller)(robot, law)
     if brief.elastic is not None:
         if not isinstance(loop, Controller):
-            expected = "the library's own, or none"
-            raise BadInput("controller", f"{type(loop).__name__} on an elastic path", expected, "Others keep its timing.")
+            expected = "ours, or none"
+            raise BadInput(
+                "controller", f"{type(loop).__name__} on an elastic path", expected, "Others keep its timing."
+            )
         return ElasticPilot(loop, brief, brief.elastic)
     if brief.operator is not None and isinstance(loop, Controller):
         return OperatorPilot(loop, brief.operator, np.array(law.point))

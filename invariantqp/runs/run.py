@@ -70,13 +70,15 @@ def trace_of(setup: Setup, pilot: Pilot, record: Record) -> Trace:
     """What happened in a run, with its errors."""
     robot, solutions, after = setup.robot, record.solutions, record.states[1:]
     along = path_trace(pilot.follower, pilot.followed) if isinstance(pilot, ElasticPilot) else None
-    wanted = setup.wanted if along is None else along.poses
+    wanted, time = setup.wanted, setup.brief.time
+    if along is not None:
+        wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(record.states)), np.float64)
     q = np.array([state.q for state in record.states])
     position_error, orientation_error = errors(setup.scene, after, wanted[1:]).T
     return Trace(
         task=setup.task,
         names=robot.names,
-        time=setup.brief.time if along is None else setup.task.law.dt * np.arange(len(q)),
+        time=time,
         q=q,
         velocity=np.array([s.velocity for s in solutions]),
         position_error=position_error,

@@ -38,13 +38,13 @@ def follower_on(robot, pose, *, limit=True, dt=DT, options=None, **given):
     return iq.PathFollower(loop, pose, **given)
 
 
-def drive(follower, q, ticks=6000, during=None):
+def drive(follower, q, ticks=6000, during=None, override=None):
     """Solutions, joint positions and velocities until the path ends."""
     solutions, positions = [], [q]
     for k in range(ticks):
         if during is not None:
             during(k, follower)
-        solutions.append(follower.step(positions[-1]))
+        solutions.append(follower.step(positions[-1], override=1.0 if override is None else override(k)))
         positions.append(positions[-1] + follower.controller.dt * solutions[-1].velocity)
         if solutions[-1].status in ("done", "blocked"):
             break
@@ -116,7 +116,9 @@ def test_it_takes_little_longer_than_the_optimal_time(seed):
 
 def test_a_corner_is_not_cut():
     robot = iq.load_robot("ur5")
-    q = np.array([[0.0, -1.4, 1.6, -1.8, -1.57, 0.0], [0.3, -1.2, 1.4, -1.7, -1.3, 0.2], [0.4, -1.5, 1.7, -1.6, -1.6, 0]])
+    q = np.array(
+        [[0.0, -1.4, 1.6, -1.8, -1.57, 0.0], [0.3, -1.2, 1.4, -1.7, -1.3, 0.2], [0.4, -1.5, 1.7, -1.6, -1.6, 0]]
+    )
 
     def pose(u):
         return robot.pose([np.interp(2.0 * u, (0, 1, 2), c) for c in q.T])
@@ -220,12 +222,10 @@ def test_pause_turn_and_override_keep_the_path():
     def during(k, follower):
         if k in calls:
             getattr(follower, calls[k])()
-        if k in (600, 700):
-            follower.set_override({600: 0.3, 700: 1.5}[k])
 
     follower = follower_on(robot, pose)
     follower.prepare(joints(0.0))
-    solutions, q, x = drive(follower, joints(0.0), during=during)
+    solutions, q, x = drive(follower, joints(0.0), during=during, override=lambda k: 0.3 if 600 <= k < 700 else 1.5)
     assert solutions[-1].status == "done"
     assert solutions[240].status == "paused"
     assert np.abs(x[240]).max() < 1e-3
