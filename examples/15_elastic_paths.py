@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -170,7 +171,7 @@ def keep_time(task: Task, loop: Any) -> Run:
     poses = [task.pose(u) for u in places]
     q = task.joints(0.0).copy()
     steps, velocities = [q], []
-    for now, then in zip(poses, poses[1:], strict=False):
+    for now, then in pairwise(poses):
         velocities.append(loop.step(q, now, iq.log(then @ np.linalg.inv(now)) / DT).velocity)
         q = q + DT * velocities[-1]
         steps.append(q)
@@ -292,8 +293,8 @@ def main() -> None:
         f"time over TOPP-RA's: median {np.nanmedian(time):.3f}, largest {np.nanmax(time):.3f}\n"
         f"bends within them: {int(((bends[:, 0] < MM) & (bends[:, 1] < DEG) & (bends[:, 2] == 1.0)).sum())} of "
         f"{len(bends)}; of {len(stops)} paths past a position limit or out of reach: stopped before "
-        f"it {int(stops[:, 2].sum())}, arrived with other joint positions {int(stops[:, 3].sum())}; largest excess over "
-        f"a limit {stops[:, 4].max():.1g}"
+        f"it {int(stops[:, 2].sum())}, arrived with other joint positions {int(stops[:, 3].sum())}; excess over limits "
+        f"at most {stops[:, 4].max():.1g}"
     )
     worst = np.flatnonzero(~kept).tolist()
     if worst:

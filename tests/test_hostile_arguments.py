@@ -31,8 +31,9 @@ NOT_CALLED = {
 }
 # Public methods that are not called here, and why.
 INNER = {
-    "called in a tick, with arguments that were checked before": "Controller.posture_pull CarriedMetric.root Complement.matrix "
+    "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
+    "Controller.posture_pull "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
@@ -44,7 +45,7 @@ ALSO_CALLED = {
     ("InvariantFrameTask", "h"): "form",
 }
 # Arguments that may be functions; what a function of the user's raises is the user's.
-FUNCTIONS = {"damping", "progress", "normal", "implicit", "contact", "rows"}
+FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "contact", "rows"}
 
 
 def words(table):

@@ -37,11 +37,11 @@ LEAST_STEPS = 200
 SHORTEST = 1e-6
 # The share of the slope by which it may differ from its extrapolation after a step.
 TURN = 0.005
-# A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch: no arm would
-# take it in motion.
+# A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch:
+# no arm can take it in motion.
 KINK, BRANCH = 0.2, 1e-4
-# Where a path is left: the damping, the share of a step by which damping grows with the distance (`calm`), and the share
-# of the path over which the distance falls to 1/e on the way back. Measured: an arm stretched out bends again in time.
+# Where a path is left: the damping, the share of a step by which damping grows with the distance (`calm`), and the
+# share of the path over which the distance falls to 1/e on the way back. So an arm stretched out bends again in time.
 PASSING, CALMING, REJOIN = Adaptive(1e-2, 3e-3), 0.1, 0.02
 # A slope that takes joints along the whole path for less than this many seconds at full speed counts as that.
 STILL = 0.05
@@ -126,6 +126,8 @@ class JointPath:
         """Try a step to the next knot: it is taken, or halved where the slope has turned too much."""
         if not self.knots:
             self.knots.append(self._knot(self._start, self._first, None))
+            if self._stops and self.knots[0].off > self._reachable:
+                self.blocked = self._cause(self.knots[0].q)
             return
         last = self.knots[-1]
         before = self.knots[-2] if len(self.knots) > 1 else last._replace(at=last.at - self._step)

@@ -9,25 +9,25 @@ found before the tool sets out (`joint_path`), and the speeds from which the res
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import inf, sqrt
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.asked import asked
+from invariantqp.control.beside import look
 from invariantqp.control.controller import Controller
-from invariantqp.control.curve import Curve, by_length, curve_of, curve_of_samples
+from invariantqp.control.given_path import GivenPath, given_path
 from invariantqp.control.joint_path import OFF_PATH, JointPath
 from invariantqp.control.path_plan import PathPlan, plan_of
+from invariantqp.control.path_rate import rate_inside
+from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.time_law import Ramp
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import Compared
-from invariantqp.robots.kinematics import Sighting
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.solution import VelocitySolution
@@ -49,43 +49,11 @@ JOINT_GAIN = 5.0
 # second one it follows the path's own tangent, and so do joints that are farther than STRAYED [rad, length] from it.
 SINGULAR, REGULAR = 1e-2, 3e-2
 STRAYED = 1e-2
-# Of what acceleration limits allow in a tick, this share is for driving along the path.
-# Where the tool goes slower than it has to, after a pause for instance, a smaller one is enough.
-TICK_SHARE, EASY_TICK_SHARE = 0.985, 0.9
 # Where limits would take the tool this far off its path in a tick, relative to the measure's length, the tick is solved
 # again with the twist as exact rows, which slow down instead.
 MISSED = 1e-6
 # With a jerk but no acceleration, the path accelerates at this share of what the slowest joint could.
 EASY_SHARE = 0.7
-
-
-@frozen(eq=False, repr=False, slots=False)
-class PathSolution(Compared):
-    """A joint velocity of a tick along a path, and where on the path the tool is.
-
-    Attributes:
-        velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "waiting" (on the way to the path's start, or planning), "moving", "slowed" (limits rule the speed),
-            "paused", "left" (the path cannot be had here, and is passed by the least), "blocked" (it cannot be had, and
-            the tool has stopped before it), "done".
-        reason: why, in words, "" where there is nothing to report.
-        place: the path's parameter where the tool is.
-        speed: of the place [1/s], negative backward.
-        ruling: the limit that rules the speed, in words.
-        lag: how late the tool is [s]; None where no rate is asked for.
-        across: how far the tool is off the path, in the measure [length].
-        velocity_solution: the velocity law's answer.
-    """
-
-    velocity: Array
-    status: str
-    reason: str
-    place: float
-    speed: float
-    ruling: str
-    lag: float | None
-    across: float
-    velocity_solution: VelocitySolution = field(repr=False)
 
 
 class PathFollower:
@@ -136,12 +104,9 @@ class PathFollower:
         if acceleration is not None:
             self._acceleration = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
         self._jerk = None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True)
-        given = self._curve_of(path, end, times)
-        self._curve, self._places = given, given.at
-        if self._rate is None:
-            self._curve, self._places = by_length(given, self._size)
-        if not self._curve.end > 0.0 or len(self._curve.knots) < 2:
-            raise BadInput("path", "a path that stands still", "one along which the tool moves")
+        timed = self._rate is not None
+        self._path: GivenPath = given_path(controller.robot, controller.measure, path, end, times, timed=timed)
+        self._curve = self._path.curve
         self._limit: Array | None = None
         if controller.braking is not None:
             self._limit = controller.braking.acceleration
@@ -159,8 +124,7 @@ class PathFollower:
         Raises:
             BadInput: not a number.
         """
-        at = arrays.number(place, "place", "the path's parameter")
-        return self._curve.pose(float(np.interp(at, self._places, self._curve.at)))
+        return self._path.pose(arrays.number(place, "place", "the path's parameter"))
 
     def pause(self) -> None:
         """Come to rest on the path, and stay."""
@@ -233,8 +197,7 @@ class PathFollower:
     def _drive(self, plan: PathPlan, q: Array, before: Array, override: float) -> PathSolution:
         """A tick on the path."""
         controller, state, dt = self.controller, self._state, self.controller.dt
-        robot = controller.robot
-        here = self._look(plan, q)
+        here = look(controller, self._curve, plan, q, state.place, state.rate)
         place = min(max(state.place - here.shift, 0.0), plan.end)
         away = max(here.off / (AWAY * controller.measure.length), 1.0)
         share = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
@@ -242,7 +205,10 @@ class PathFollower:
         sign = -1.0 if state.back else 1.0
         joints, slope = plan.joints(place)
         _, slope = plan.joints(place + 0.5 * dt * sign * speed)
-        rate = self._inside(slope, sign * speed, plan.speed(place, dt, back=state.back))
+        rate = sign * speed
+        if self._limit is not None:
+            step = dt * self._limit
+            rate = rate_inside(slope, rate, plan.speed(place, dt, back=state.back), state.along, step)
         rate = min(max(rate, (0.0 - place) / dt), (plan.end - place) / dt)
         # The joint twists in the middle of the tick, extrapolated.
         J = here.sighting.J if state.J is None else 1.5 * here.sighting.J - 0.5 * state.J
@@ -275,25 +241,6 @@ class PathFollower:
         )
         return self._told(plan, answer, place, rate, ruling, here.off)
 
-    def _look(self, plan: PathPlan, q: Array) -> _Here:
-        """Where the tool is beside its path."""
-        controller, state = self.controller, self._state
-        robot = controller.robot
-        i = plan.piece(state.place)
-        left = max(plan.off[i], plan.off[i + 1]) > OFF_PATH * controller.measure.length
-        if left:
-            target = robot.target(robot.pose(plan.joints(state.place)[0]))
-        else:
-            target = robot.target(self._curve.pose(state.place))
-        sighting = robot.sight(q, target)
-        middle = min(max(state.place + 0.5 * controller.dt * state.rate, 0.0), plan.end)
-        tangent = sighting.J.dot(plan.joints(middle)[1]) if left else self._curve.tangent(middle)
-        R = asked(controller, sighting, controller.measure.root(robot, sighting, target))
-        ahead, error = R.dot(tangent), R.dot(sighting.error)
-        square = float(ahead.dot(ahead))
-        shift = float(ahead.dot(error)) / square if square > 0.0 else 0.0
-        return _Here(sighting, tangent, R, shift, sighting.error - shift * tangent, _norm(error - shift * ahead))
-
     def _speed(self, plan: PathPlan, place: float, share: float, override: float) -> tuple[float, str]:
         """The speed along the path that is asked for in this tick, and what rules it."""
         state, dt = self._state, self.controller.dt
@@ -324,34 +271,13 @@ class PathFollower:
         )
         return min(max(state.speed + a * dt, 0.0), possible), ruling
 
-    def _inside(self, slope: Array, rate: float, possible: float) -> float:
-        """The rate nearest the wanted one for which no joint accelerates beyond its limit.
-
-        Args:
-            slope: (m,) joint motion per unit of the path's parameter.
-            rate: wanted.
-            possible: the largest speed; below it a smaller share of the acceleration is enough.
-        """
-        moving = slope != 0.0
-        if self._limit is None or not moving.any():
-            return rate
-        b, s, d = self._state.along[moving], slope[moving], self.controller.dt * self._limit[moving]
-        middle, width = b / s, d / np.abs(s)
-        for share in (EASY_TICK_SHARE, TICK_SHARE):
-            low, high = float((middle - share * width).max()), float((middle + share * width).min())
-            nearest = min(max(rate, low), high)
-            if low <= high and (share == TICK_SHARE or abs(nearest) <= possible > abs(rate)):
-                return nearest
-        weights = np.where(np.isfinite(d), 1.0 / (d * d), 0.0)  # the rate that breaks the limits by the least squares
-        return float((weights * s * b).sum() / (weights * s * s).sum())
-
     def _told(
         self, plan: PathPlan, answer: VelocitySolution, place: float, rate: float, ruling: str, off: float
     ) -> PathSolution:
         """The solution, with what is to be told of it."""
         state = self._state
-        at = float(np.interp(state.place, self._curve.at, self._places))
-        was = float(np.interp(place, self._curve.at, self._places))
+        at = self._path.place(state.place)
+        was = self._path.place(place)
         elapsed = state.ticks * self.controller.dt
         lag = None if self._rate is None else elapsed - at / self._rate
         i = plan.nearest(place)
@@ -387,33 +313,6 @@ class PathFollower:
         fastest = inf if self._rate is None else FASTEST * self._rate
         self.plan, self._search = plan_of(search, fastest), None
 
-    def _size(self, twist: Array, pose: Array) -> float:
-        """How large a twist of the tool is, in the measure."""
-        return _norm(self.controller.measure.root_for(self._J, pose).dot(twist))
-
-    def _curve_of(self, path: Any, end: float, times: ArrayLike | None) -> Curve:
-        """The path as a curve.
-
-        Raises:
-            BadInput: not a path.
-        """
-        robot = self.controller.robot
-        self._J = robot.jacobian(0.5 * (np.maximum(robot.position_lower, -1.0) + np.minimum(robot.position_upper, 1.0)))
-        if callable(path):
-            last = arrays.number(end, "end", "the end of the path's parameter", positive=True)
-
-            def pose(at: float) -> Array:
-                return arrays.pose(path(at), "path")
-
-            return curve_of(pose, last, self._size, self.controller.measure.length)
-        poses = _poses(path)
-        if times is None:
-            return curve_of_samples(np.arange(len(poses), dtype=np.float64), poses)
-        at = arrays.vector(times, len(poses), "times")
-        if not (np.diff(at) > 0.0).all():
-            raise BadInput("times", "times that do not increase", "one for each pose, increasing")
-        return curve_of_samples(at - at[0], poses)
-
 
 class _Drive(NamedTuple):
     """The state between ticks."""
@@ -427,30 +326,6 @@ class _Drive(NamedTuple):
     J: Array | None  # (6, m) joint twists in the tick before
     ticks: int
     rate: float  # the speed with its sign
-
-
-class _Here(NamedTuple):
-    """Where the tool is beside its path."""
-
-    sighting: Sighting
-    tangent: Array  # (6,) in the middle of the tick
-    asked: Array  # (k, 6)
-    shift: float  # the tool is behind the expected place by this
-    across: Array  # (6,) the twist back to the path
-    off: float  # its size
-
-
-def _poses(path: Any) -> Array:
-    """(n, 4, 4) checked poses.
-
-    Raises:
-        BadInput: something else, or fewer than two.
-    """
-    if isinstance(path, (str, bytes)) or not isinstance(path, (Sequence, np.ndarray)):
-        raise BadInput("path", excerpt(path), "a function of a parameter, or poses (n, 4, 4)")
-    if len(path) < 2:
-        raise BadInput("path", f"{len(path)} poses", "two or more")
-    return np.array([arrays.pose(T, f"path[{i}]") for i, T in enumerate(path)])
 
 
 def _norm(v: Array) -> float:

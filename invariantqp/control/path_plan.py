@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.joint_path import AT_LIMIT, JointPath
+from invariantqp.control.joint_path import AT_LIMIT, SHORTEST, JointPath
 from invariantqp.control.path_speed import drivable, top_speed
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
@@ -114,15 +114,17 @@ def plan_of(path: JointPath, fastest: float = inf) -> PathPlan:
     """The plan of the knots found so far; the tool stops at the last of them.
 
     Args:
-        path: at least two knots.
+        path: with a knot or more.
         fastest: the largest v that will be asked for.
     """
     controller, knots = path.controller, path.knots
+    if len(knots) == 1:  # blocked from the start on
+        knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * path.curve.end)]
     acceleration = accelerations_of(controller)
     at = np.array([k.at for k in knots])
     q = np.array([k.q for k in knots])
     slopes = np.array([k.slope for k in knots])
-    top, ruling = _top(path, q, slopes, acceleration)
+    top, ruling = _top(path, at, q, slopes, acceleration)
     top = np.minimum(top, fastest)
     final = 0.0 if np.isfinite(acceleration).any() else inf
     forward = drivable(at, q, slopes, top, acceleration, final)
@@ -153,7 +155,7 @@ def accelerations_of(controller: Controller) -> Array:
     return acceleration
 
 
-def _top(path: JointPath, q: Array, slopes: Array, acceleration: Array) -> tuple[Array, list[str]]:
+def _top(path: JointPath, at: Array, q: Array, slopes: Array, acceleration: Array) -> tuple[Array, list[str]]:
     """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
     controller = path.controller
     robot, names = controller.robot, controller.robot.names
@@ -173,7 +175,7 @@ def _top(path: JointPath, q: Array, slopes: Array, acceleration: Array) -> tuple
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
     if controller.tool_speed is not None:
         point = np.append(np.zeros(3) if controller.tool_speed.point is None else controller.tool_speed.point, 1.0)
-        fast = [velocity_at(path.curve.tangent(k.at), path.curve.pose(k.at).dot(point)[:3]) for k in path.knots]
+        fast = [velocity_at(path.curve.tangent(t), path.curve.pose(t).dot(point)[:3]) for t in at.tolist()]
         speed, _ = top_speed(np.linalg.norm(fast, axis=1)[:, None], VELOCITY_SHARE * controller.tool_speed.limit)
         slower(speed, ["the tool's speed"] * len(top))
     if controller.joint_rows is not None:

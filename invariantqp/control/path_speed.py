@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 
-
 # Stands for an infinite speed, whose square is still a number.
 BOUNDLESS = 1e30
 
 
 def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.intp]]:
-    """(n,) the largest v with |q'_i v| <= limits_i at each knot, inf where nothing moves; and (n,) the joint that rules.
+    """(n,) the largest v with |q'_i v| <= limits_i at each knot, inf at rest; and (n,) the joint that rules.
 
     Args:
         slopes: (n, m) q'.

@@ -44,7 +44,7 @@ class Brief:
         contact_task: what to do at a contact; None without one.
         sensor: what is known of the force sensor; None without contact.
         operator: the person who moves the tool too; None without one.
-        elastic: (m,) joint positions at the start of a path that may take longer than its timing; None keeps the timing.
+        elastic: (m,) joint positions at the start of a path that may be late; None keeps its timing.
     """
 
     robot: Robot

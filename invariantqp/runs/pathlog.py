@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from invariantqp.control.path_follower import PathFollower, PathSolution
+from invariantqp.control.path_follower import PathFollower
+from invariantqp.control.path_solution import PathSolution
 from invariantqp.geometry.arrays import Array
 
 # What rules the speed where nothing slows the tool down.

@@ -13,7 +13,8 @@ import numpy as np
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.controls import Controls
-from invariantqp.control.path_follower import PathFollower, PathSolution
+from invariantqp.control.path_follower import PathFollower
+from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput
@@ -27,7 +28,6 @@ from invariantqp.runs.plants.plant import Measurement
 from invariantqp.systems.contacts import face_contact
 from invariantqp.velocity.forms import Form
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
-
 
 # Poses by which an elastic path is known: more than a plot could show.
 PATH_SAMPLES = 1500
