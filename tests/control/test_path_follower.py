@@ -211,6 +211,21 @@ def test_it_leaves_what_is_out_of_reach_and_comes_back():
     assert acceleration_share(robot, x) <= 1.0 + 1e-9
 
 
+def test_a_push_off_the_path_is_taken_back():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 7)
+
+    def pose(u):
+        return robot.pose(joints(u))
+
+    follower = follower_on(robot, pose)
+    follower.prepare(joints(0.0))
+    _, before, _ = drive(follower, joints(0.0), 150)
+    pushed, q, _ = drive(follower, before[-1] + 2e-3 * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]), 100)
+    assert pushed[0].across > 1e-3
+    assert largest_error(robot, pose, pushed[-1:], q[-2:])[0] < MM
+
+
 def test_pause_turn_and_override_keep_the_path():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 7)
