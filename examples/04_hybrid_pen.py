@@ -21,9 +21,18 @@ def contact(tool):
     return iq.point_contact(tool[:3, 3], normal=[0, 0, 1])
 
 
-task = iq.HybridTask(contact, [PRESS], compliance=1e-3, max_force=30.0, on_overload="retreat")
-# The sensor sits in the wrist, 100 mm behind the tip; 0.5 kg hang on it; its noise is filtered at 50 Hz.
-sensor = iq.WrenchSensor(mount=iq.transform(translation=[0, 0, -0.1]), mass=0.5, centre=[0, 0, 0.04], cutoff=50.0)
+task = iq.HybridTask(contact, [PRESS], max_force=30.0)
+# The sensor sits in the wrist, 100 mm behind the tip; 0.5 kg hang on it; its noise is filtered at 50 Hz. Its six numbers
+# have moments first and say what the world does to the tool. This one is simulated and has no noise.
+sensor = iq.WrenchSensor(
+    mount=iq.transform(translation=[0, 0, -0.1]),
+    order="moment first",
+    reads="reaction",
+    mass=0.5,
+    centre=[0, 0, 0.04],
+    cutoff=50.0,
+    noise=0.0,
+)
 loop = iq.HybridController(robot, task, dt=DT, sensor=sensor)
 
 

@@ -26,7 +26,7 @@ try:
 except iq.NoProjectors as refused:
     print(f"a pitch is refused: {refused.system}")
 task = iq.HybridTask(contact, [PRESS, 0, 0], compliance=1e-3, size=HALF)
-loop = iq.HybridController(robot, task, dt=DT)
+loop = iq.HybridController(robot, task, dt=DT, order="moment first")
 
 
 def felt(q):

@@ -1,6 +1,6 @@
 """Why the defaults are what they are: each is varied by itself over random tasks on ten arms, and its costs told.
 
-    python examples/14_defaults.py              300 tasks, about eleven minutes on two cores
+    python examples/14_defaults.py              300 tasks, under ten minutes on two cores
     python examples/14_defaults.py --tasks 20   a first look
 
 A task is a path of joint positions that the tool follows: free, through a singularity, too fast for a joint, or past a
@@ -59,10 +59,12 @@ def arm(name: str) -> Any:
 
 
 class Task(NamedTuple):
-    """An arm and the joint positions (n + 1, m) whose poses the tool is to follow."""
+    """An arm, where it starts (m,), the n + 1 poses that the tool follows, and the n twists between them."""
 
     robot: Any
-    path: np.ndarray
+    start: np.ndarray
+    poses: list[np.ndarray]
+    twists: list[np.ndarray]
 
 
 class Choice(NamedTuple):
@@ -202,7 +204,13 @@ def random_task(number: int) -> Task:
     least = max(0.5 * np.pi * float((np.abs(b - a) / speed).max()) for a, b in pairwise(q))
     leg = np.clip(least * (rng.uniform(0.6, 0.9) if kind == "too fast" else 1.5), 0.5, 1.2)
     u = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, round(leg / DT) + 1))[:, None]
-    return Task(robot, np.vstack((q[0] + u * (q[1] - q[0]), (q[1] + u * (q[2] - q[1]))[1:])))
+    poses = [robot.pose(x) for x in np.vstack((q[0] + u * (q[1] - q[0]), (q[1] + u * (q[2] - q[1]))[1:]))]
+    return Task(robot, np.clip(q[0], low, high), poses, [moved(a, b) / DT for a, b in pairwise(poses)])
+
+
+def moved(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(6,) the twist, for unit time, from one pose to another."""
+    return iq.log(after @ iq.inverse(before, check=False), check=False)
 
 
 def singular(robot: Any, q: np.ndarray) -> np.ndarray:
@@ -222,37 +230,38 @@ def judged(task: Task, choice: Choice) -> np.ndarray:
     stages.CALM = before if choice.calm is None else choice.calm
     try:
         loop = iq.Controller(task.robot, dt=DT, **choice.options(task.robot))
-        return run(task.robot, loop, task.path, choice.late)
+        return run(task, loop, choice.late)
     except iq.BadInput:
         return np.full(3, np.inf)
     finally:
         stages.CALM = before
 
 
-def run(robot: Any, loop: Any, path: np.ndarray, late: int) -> np.ndarray:
+def run(task: Task, loop: Any, late: int) -> np.ndarray:
     """The figures of one run."""
     rng = np.random.default_rng(SEED)
+    robot, q = task.robot, task.start
     low, high = limits(robot)
-    q = np.clip(path[0], low, high)
-    poses = [robot.pose(x) for x in path]
-    errors, velocities, queue = [], [], [np.zeros(len(q))] * late
-    for now, then in pairwise(poses):
-        ahead = iq.log(then @ np.linalg.inv(now)) / DT
+    reached, velocities, queue = [], [], [np.zeros(len(q))] * late
+    for now, ahead in zip(task.poses, task.twists, strict=False):
         read = np.clip(q + NOISE * rng.standard_normal(len(q)), low, high) if late else q
         queue.append(loop.step(read, now, ahead).velocity)
         velocities.append(queue.pop(0))
         q = np.clip(q + DT * velocities[-1], low, high)  # a late arm would be past its limits
-        here = robot.pose(q)
-        turn = iq.log(then @ np.linalg.inv(here))[:3]
-        errors.append((1e3 * np.linalg.norm(then[:3, 3] - here[:3, 3]), np.degrees(np.linalg.norm(turn))))
-    largest = np.max(errors[int(START * len(errors)) :], axis=0)
-    return np.append(largest, np.abs(np.diff(velocities, axis=0)).sum())
+        reached.append(robot.pose(q))
+    counted = slice(int(START * len(reached)), None)
+    apart = [
+        (then[:3, 3] - here[:3, 3], moved(here, then)[:3])
+        for here, then in zip(reached[counted], task.poses[1:][counted], strict=True)
+    ]
+    mm, turn = np.linalg.norm(apart, axis=2).max(axis=0)
+    return np.array((1e3 * mm, np.degrees(turn), np.abs(np.diff(velocities, axis=0)).sum()))
 
 
 def measured(number: int) -> dict[tuple[str, str], np.ndarray]:
     """All choices on one task; what is the same run is made once."""
     task = random_task(number)
-    joints = task.path.shape[1]
+    joints = len(task.start)
     runs: dict[Choice, np.ndarray] = {}
     found: dict[tuple[str, str], np.ndarray] = {}
     for title, (choices, fits) in STUDY.items():

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from invariantqp.errors import NoPseudoinverse as NoPseudoinverse
     from invariantqp.force.hybrid import HybridController as HybridController
     from invariantqp.force.hybrid_task import HybridTask as HybridTask
+    from invariantqp.force.reading import Wrench as Wrench
     from invariantqp.force.wrench import WrenchSensor as WrenchSensor
     from invariantqp.geometry.forms import pitch_form as pitch_form
     from invariantqp.geometry.forms import pitch_form_inverse as pitch_form_inverse
@@ -80,6 +81,7 @@ load_lazily(
         "invariantqp.errors": ("BadInput", "BlindSystem", "InvariantQPError", "NoProjectors", "NoPseudoinverse"),
         "invariantqp.force.hybrid": ("HybridController",),
         "invariantqp.force.hybrid_task": ("HybridTask",),
+        "invariantqp.force.reading": ("Wrench",),
         "invariantqp.force.wrench": ("WrenchSensor",),
         "invariantqp.geometry.forms": ("pitch_form", "pitch_form_inverse"),
         "invariantqp.geometry.screws": ("revolute",),

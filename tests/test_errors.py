@@ -10,6 +10,7 @@ from pkgutil import walk_packages
 import joblib
 import numpy as np
 import pytest
+from joblib.externals.loky import get_reusable_executor
 from support.workers import fail
 
 import invariantqp
@@ -106,11 +107,17 @@ def test_errors_cross_an_executor(examples):
 
 
 def test_errors_cross_joblib(examples):
-    with joblib.Parallel(n_jobs=2) as pool:
+    """Sent by joblib's own executor, as `Parallel` would start new processes after each error."""
+    with get_reusable_executor(max_workers=1) as pool:
         for error in examples.values():
-            with pytest.raises(type(error)) as caught:
-                pool([joblib.delayed(fail)(error)])
-            assert_alike(caught.value, error)
+            assert_alike(pool.submit(fail, error).exception(PATIENCE_S), error)
+
+
+def test_an_error_ends_a_parallel_call(examples):
+    error = examples["BadInput"]
+    with pytest.raises(type(error)) as caught:
+        joblib.Parallel(n_jobs=2)([joblib.delayed(fail)(error)] * 2)
+    assert_alike(caught.value, error)
 
 
 @pytest.mark.parametrize("value", [10**5000, "x" * 10_000, np.eye(300), [[1.0] * 100] * 100], ids=type)

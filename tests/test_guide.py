@@ -1,9 +1,6 @@
 """Every page of the guide runs, and prints what its comments say; every link leads somewhere."""
 
-import json
-import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,15 +11,6 @@ GUIDE = ROOT / "examples" / "guide"
 PAGES = sorted(GUIDE.glob("*.md"))
 CODE = re.compile(r"^```python\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
 PRINTED = re.compile(r"\s*print\(.*\)  # (.*)")
-# Runs a script and notes what each of its lines prints, by the line's number.
-RUN = """
-import json, sys
-said = []
-def note(*values):
-    said.append((sys._getframe(1).f_lineno, " ".join(map(str, values))))
-exec(compile(sys.stdin.read(), sys.argv[1], "exec"), {"__name__": "__main__", "print": note})
-print(json.dumps(said))
-"""
 
 
 def script(page):
@@ -35,24 +23,24 @@ def script(page):
     return lines
 
 
-def what_it_prints(page, folder):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", RUN, page.name],
-        input="\n".join(script(page)),
-        cwd=folder,
-        env={**os.environ, "MPLBACKEND": "Agg"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+def what_it_prints(page):
+    """The number of a line, and what it printed, in turn; in this process, where a warning is an error."""
+    said = []
+
+    def note(*values):
+        said.append((sys._getframe(1).f_lineno, " ".join(map(str, values))))
+
+    code = compile("\n".join(script(page)), page.name, "exec")
+    exec(code, {"__name__": "__main__", "print": note})
+    return said
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if any(script(p))], ids=lambda page: page.stem)
-def test_a_page_runs_and_prints_what_it_says(page, tmp_path):
+def test_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
     told = {i: found[1] for i, line in enumerate(script(page), 1) if (found := PRINTED.fullmatch(line))}
-    said = [(line, text) for line, text in what_it_prints(page, tmp_path) if line in told]
+    said = [(line, text) for line, text in what_it_prints(page) if line in told]
     assert said == [(line, told[line]) for line, _ in said]
     assert {line for line, _ in said} >= {line for line in told if "error" not in script(page)[line - 1]}
 

@@ -19,7 +19,8 @@ PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
 NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection Involution MethodChoice "
-    "NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation Sighting StationaryPoint Survey "
+    "NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation SensorCheck Sighting "
+    "StationaryPoint Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "

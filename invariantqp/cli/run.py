@@ -67,10 +67,11 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
     """Run TASK in closed loop, and say whether its acceptance numbers are met."""
-    from invariantqp.runs.run import run_task
     from invariantqp.runs.taskfile import load_task
 
-    problem = load_task(task)
+    problem = load_task(task)  # before the rest is imported: a wrong name is told sooner
+    from invariantqp.runs.run import run_task
+
     writable("--json", json_file)
     writable("--plot", plot, PICTURES)
     page, viewer = _watched(ctx, problem, view, quiet)

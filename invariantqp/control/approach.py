@@ -15,7 +15,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Adaptive
-from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.objective import least_squares, spectrum_of
 
 # Share of the joints' acceleration that is used to brake along the joint distances; the rest is a reserve, since joint
 # velocities vary along a straight motion of the tool.
@@ -33,7 +33,7 @@ def distances(A: Array, error: Array) -> Array:
         A: (6, n) measured joint twists.
         error: (6,) measured twist that takes the tool to its target in unit time.
     """
-    return least_squares(A, error, None, DISTANCE_DAMPING).centre()
+    return least_squares(spectrum_of(A), error, None, DISTANCE_DAMPING).centre()
 
 
 def braking_share(distance: Array, acceleration: Array, gain: float) -> float:

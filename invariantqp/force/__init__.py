@@ -11,15 +11,19 @@ from invariantqp.lazy import load_lazily
 
 if TYPE_CHECKING:
     from invariantqp.force.hybrid import HybridController as HybridController
-    from invariantqp.force.hybrid import HybridSolution as HybridSolution
     from invariantqp.force.hybrid_task import HybridTask as HybridTask
+    from invariantqp.force.reading import Wrench as Wrench
+    from invariantqp.force.solution import HybridSolution as HybridSolution
+    from invariantqp.force.wrench import SensorCheck as SensorCheck
     from invariantqp.force.wrench import WrenchSensor as WrenchSensor
 
 load_lazily(
     __name__,
     {
-        "invariantqp.force.hybrid": ("HybridController", "HybridSolution"),
+        "invariantqp.force.hybrid": ("HybridController",),
         "invariantqp.force.hybrid_task": ("HybridTask",),
-        "invariantqp.force.wrench": ("WrenchSensor",),
+        "invariantqp.force.reading": ("Wrench",),
+        "invariantqp.force.solution": ("HybridSolution",),
+        "invariantqp.force.wrench": ("SensorCheck", "WrenchSensor"),
     },
 )

@@ -1,6 +1,6 @@
 """The hybrid loop body: joint positions, a target and a wrench in, a joint velocity inside the limits out.
 
-    s = P s_motion + (I - P) C (I - P)' (W_d - W),     s_motion = gain log(T_target T^-1) + feedforward
+    s = P s_motion + (I - P) C (I - P)' (W_d - W + integral),     s_motion = gain log(T_target T^-1) + feedforward
     velocity = law(J(q), s, box(q)),                   torque = J'W_d for arms that take torques
 
 Everything is in the base frame; **wrenches are those that the tool exerts** (a `WrenchSensor` turns readings into
@@ -11,73 +11,38 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 
 from __future__ import annotations
 
+from collections import deque
 from copy import deepcopy
-from math import inf, sqrt
+from math import inf, pi
 from typing import Any
 
 import numpy as np
-from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.hybrid_task import HybridTask, Split
-from invariantqp.force.watch import HOLD, RETREAT, SLOW, Watch
-from invariantqp.force.wrench import Smoothing, WrenchSensor
+from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.place import load_at, way_out
+from invariantqp.force.push import gains_of, push
+from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
+from invariantqp.force.regulation import Regulation
+from invariantqp.force.smoothing import Smoothing
+from invariantqp.force.solution import HybridSolution
+from invariantqp.force.split import Split
+from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
+from invariantqp.force.watch import Felt, Watch, overload_of
+from invariantqp.force.wrench import WrenchSensor, load_of
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.measure import length_at
-from invariantqp.velocity.solution import VelocitySolution
 
-
-@frozen(eq=False, repr=False, slots=False)
-class HybridSolution(Compared):
-    """A joint velocity for a force/motion task, and how it was found; all twists and wrenches in the base frame.
-
-    Attributes:
-        velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "lost" or "overload", or the velocity law's own: "ok", "scaled", "guarded", "degraded", "held".
-        reason: why, in words, "" where there is nothing to report.
-        motion: (6,) the wanted twist along S, P s_motion.
-        force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
-        wrench: (6,) the measured wrench: without weight and bias, smoothed, in the base frame.
-        error: (6,) P*(W_d - W), in S*.
-        intensities: (6-k,) the measured wrench's parts in the contact's constraints; the first is the press.
-        wanted: (6,) W_d.
-        contact: the contact of this tick.
-        velocity_solution: the velocity law's answer.
-        J: (6, m) joint twists.
-    """
-
-    velocity: Array
-    status: str
-    reason: str
-    motion: Array = field(repr=False)
-    force: Array = field(repr=False)
-    wrench: Array
-    error: Array = field(repr=False)
-    intensities: Array
-    wanted: Array = field(repr=False)
-    contact: Contact = field(repr=False)
-    velocity_solution: VelocitySolution = field(repr=False)
-    J: Array = field(repr=False)
-
-    @property
-    def twist(self) -> Array:
-        """(6,) the wanted twist, motion and force together."""
-        return self.motion + self.force
-
-    @property
-    def torque(self) -> Array:
-        """(m,) J'W_d, the joint torques that exert the wanted wrench, for torque-controlled arms [N m, N]."""
-        torque: Array = self.J.T.dot(self.wanted)
-        return torque
+# The longest dead time for which ways are remembered.
+MOST_TICKS = 10_000
 
 
 class HybridController:
@@ -87,6 +52,7 @@ class HybridController:
         task: what the contact allows and what to exert on it.
         loop: the `Controller` that follows the twist of each tick inside the limits.
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
+        order: of plain numbers where there is no sensor.
         force_first: whether the force part of the twist is met exactly, so that limits slow the motion down before
             they change the force.
     """
@@ -98,6 +64,7 @@ class HybridController:
         *,
         dt: float,
         sensor: WrenchSensor | None = None,
+        order: Order | None = None,
         force_first: bool = True,
         **options: Any,
     ) -> None:
@@ -108,7 +75,8 @@ class HybridController:
             task: the force/motion task.
             dt: tick [s].
             sensor: how readings become wrenches; None takes what `step` is given as the wrench that the tool exerts, in
-                the base frame.
+                the base frame, without noise.
+            order: without a sensor, of plain (6,) numbers: "moment first" or "force first"; None refuses them.
             force_first: whether W'J x = W's are exact rows, W the constraints of the contact. They matter only where
                 the arm cannot do all of s: at limits, near singularities, with fewer than six joints.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without
@@ -121,6 +89,8 @@ class HybridController:
             raise BadInput("task", excerpt(task), "a HybridTask")
         if not (sensor is None or isinstance(sensor, WrenchSensor)):
             raise BadInput("sensor", excerpt(sensor), "a WrenchSensor, or None")
+        if sensor is not None and order is not None:
+            raise BadInput("order", f"{order!r} beside a sensor", "one of them", "Say it where the sensor is made.")
         self.task = task
         mid = middle(require_robot(robot))
         contact = task.contact_at(robot.pose(mid))
@@ -130,8 +100,16 @@ class HybridController:
         self.loop: Controller = Controller(robot, dt=dt, **options)
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
-        self._smoothing = Smoothing.of(inf if sensor is None else sensor.cutoff, self.loop.dt)
+        self.order = order_of(order)
+        cutoff = inf if sensor is None else sensor.cutoff
+        self._delay: float = options.get("delay", 0.0)
+        if self._delay > MOST_TICKS * self.loop.dt:
+            raise BadInput("delay", f"{self._delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
+        self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
+        self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self._watch = Watch()
+        self._regulation = Regulation()
+        self._ways: deque[Array] = deque([np.zeros(3)] * self._dead_ticks())
         self._split = task.split(contact.kind)
 
     @property
@@ -143,26 +121,29 @@ class HybridController:
         return deepcopy(self)  # with a loop of its own
 
     def reset(self) -> None:
-        """Forget an overload or a loss, and the readings: the state before the first touch."""
+        """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
+        self._regulation = Regulation()
+        self._ways = deque([np.zeros(3)] * self._dead_ticks())
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
         self,
         q: ArrayLike,
         target: Any,
-        wrench: ArrayLike,
+        wrench: Any,
         feedforward: ArrayLike | None = None,
         contact: Contact | None = None,
         velocity: ArrayLike | None = None,
-        wanted: ArrayLike | None = None,
+        wanted: ArrayLike | Wrench | None = None,
     ) -> HybridSolution:
         """One tick: the joint velocity to command until the next.
 
         Args:
             q: (m,) measured joint positions [rad, length].
             target: wanted tool pose, as in `Controller.step`; only its part along S counts.
-            wrench: (6,) the sensor's reading (m; f), or without a sensor the wrench that the tool exerts, base frame.
+            wrench: the sensor's reading, or without a sensor the wrench that the tool exerts, base frame: a `Wrench`, a
+                `pinocchio.Force`, a `geometry_msgs/Wrench`, or six numbers where their order was said.
             feedforward: (6,) twist of the target in the base frame; None is a target at rest.
             contact: the contact now; None takes the task's.
             velocity: as in `Controller.step`.
@@ -176,7 +157,7 @@ class HybridController:
         """
         robot, loop = self.loop.robot, self.loop
         positions = arrays.vector(q, len(robot.names), "q")
-        reading = arrays.vector(wrench, 6, "wrench")
+        reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
         if velocity is not None:
             velocity = arrays.vector(velocity, len(robot.names), "velocity")
         sighting = robot.sight(positions, target)
@@ -189,51 +170,95 @@ class HybridController:
         split = self._split_for(contact)
         exert = split.wanted(self.task.wrench)
         if wanted is not None:
-            exert = split.wanted(arrays.vector(wanted, None, "wanted"), "wanted")
+            exert = split.wanted(wanted_of(wanted, "wanted"), "wanted")
         raw, measured, smoothing = self._measure(reading, tool)
 
         # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        felt = A.T.dot(measured)
-        parts = split.intensities.dot(felt)
-        error = split.projectors.force.dot(exert - felt)
+        felt = self._felt(reading, raw, contact, tool[:3, 3], split, B.dot(exert))
+        watch = self._watch.after(self.task, felt, loop.dt)
+        regulation = self._regulated(felt, contact, watch)
+        inside = A.T.dot(measured)
+        error = split.projectors.force.dot(exert - inside)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
-        force = A.dot(split.admittance.dot(error))
-        press = (float(parts[0]), float(split.intensities[0].dot(exert))) if contact.kind.unilateral else None
-        watch = self._watch.after(self.task, press, _load(contact, raw), loop.dt)
-        verdict = watch.verdict(self.task)
 
-        where = contact.point if self._at_contact else None
-        if verdict.action == SLOW:
-            force *= self._share(contact, force)
-        if verdict.action == HOLD:
-            motion, force = np.zeros(6), np.zeros(6)
+        answer = verdict(watch, self.task, can_leave=contact.kind.out is not None)
+        press = None if felt.press is None else felt.press[1]
+        gains = gains_of(self.task, split, regulation, press, self._late, touching=watch.touching or press is None)
+        pushed = push(
+            self.task,
+            contact,
+            split,
+            gains,
+            exert,
+            error,
+            regulation.integral,
+            slow=answer.action == SLOW,
+        )
+        force, where = pushed.twist, contact.point if self._at_contact else None
+        if answer.action == HOLD:
+            motion = force = np.zeros(6)
             inner = loop.rest(positions, "", velocity, sighting)
-        elif verdict.action == RETREAT:
-            out = A.dot(np.asarray(contact.kind.out))
-            speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
-            motion, force = np.zeros(6), speed * out
-            inner = loop.follow(positions, force, velocity, self._rows(contact, sighting.J, force), sighting, where)
-            v = velocity_at(sighting.J.dot(inner.velocity), contact.point)
-            watch = watch.after_retreat(loop.dt * float(velocity_at(out, contact.point).dot(v)))
         else:
+            if answer.action == RETREAT:
+                speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
+                motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
+            elif watch.health.stale:
+                force = np.zeros(6)
             rows = self._rows(contact, sighting.J, force)
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where)
-        self._watch, self._smoothing = watch, smoothing
+        moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
+        acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not watch.health.stale
+        self._ways.append(moved)
+        self._ways.popleft()
+        self._smoothing = smoothing
+        self._watch = watch.after_motion(way_out(contact).dot(moved))
+        self._regulation = regulation.after(
+            error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
+        )
+        trouble = "" if answer.status or press is None else watch.settling.trouble(press, self._late)
+        status = inner.status if inner.status == "held" or not trouble else "degraded"
         return HybridSolution(
             velocity=inner.velocity,
-            status=verdict.status or inner.status,
-            reason="; ".join(r for r in (verdict.reason, inner.reason) if r),
+            status=answer.status or status,
+            reason="; ".join(r for r in (answer.reason, trouble, inner.reason) if r),
             motion=motion,
             force=force,
             wrench=measured.copy(),
             error=B.dot(error),
-            intensities=parts,
+            intensities=split.intensities.dot(inside),
             wanted=B.dot(exert),
             contact=contact,
             velocity_solution=inner,
             J=sighting.J,
         )
+
+    def _felt(self, reading: Array, raw: Array, contact: Contact, tool: Array, split: Split, exert: Array) -> Felt:
+        """What the raw reading tells of the contact; raw and exert (6,) in the base frame."""
+        press, noise = None, 0.0 if self.sensor is None else self.sensor.noise
+        if contact.kind.unilateral:
+            to_press = split.intensities[0].dot(se3.adjoint(contact.pose, check=False).T)
+            press = (float(to_press.dot(raw)), float(to_press.dot(exert)))
+        most = overload_of(self.task, *load_at(exert, contact.point), noise)
+        return Felt(reading, press, *load_at(raw, contact.point, tool), most, noise)
+
+    def _regulated(self, felt: Felt, contact: Contact, watch: Watch) -> Regulation:
+        """What the force law knows of the stiffness, and its caution."""
+        regulation = self._regulation
+        if self.task.stiffness is None and felt.press is not None:
+            out = way_out(contact)
+            way = self._ways[0]  # the last one whose effect has been measured
+            along = -out.dot(way)
+            moved = np.array([along, *(way + along * out)])
+            estimate = regulation.estimate.after(
+                felt.press[0], moved, felt.noise, self.loop.dt, touching=watch.touching
+            )
+            regulation = regulation._replace(estimate=estimate)
+        return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
+
+    def _dead_ticks(self) -> int:
+        """After how many ticks a command shows in the measurements."""
+        return 1 + round(self._delay / self.loop.dt)
 
     def _split_for(self, contact: Contact) -> Split:
         """The task's split for the kind of this contact, kept while the kind is the same."""
@@ -246,7 +271,7 @@ class HybridController:
         sensor = self.sensor
         if sensor is None:
             return reading, reading, self._smoothing
-        load = sensor.load(reading, tool)
+        load = load_of(sensor, reading, tool)
         smooth, after = self._smoothing.after(load)
         return sensor.in_base(load, tool), sensor.in_base(sensor.deadband(smooth), tool), after
 
@@ -258,17 +283,3 @@ class HybridController:
             return None
         W = contact.constraints
         return ExactRows(W.T.dot(J), W.T.dot(force))
-
-    def _share(self, contact: Contact, force: Array) -> float:
-        """The share, at most 1, of the force twist that keeps the contact point below the approach speed."""
-        task = self.task
-        v, w = velocity_at(force, contact.point), task.size * force[:3]
-        speed = sqrt(max(v.dot(v), w.dot(w)))
-        return min(1.0, task.approach_speed / speed) if speed > 0.0 else 1.0
-
-
-def _load(contact: Contact, wrench: Array) -> tuple[float, float]:
-    """|f| and |m| about the place of contact."""
-    f = wrench[3:]
-    m = wrench[:3] - se3.cross(contact.point, f)
-    return sqrt(f.dot(f)), sqrt(m.dot(m))

@@ -9,7 +9,8 @@ Ad C Ad'), so that no frame is preferred.
     intensities w of the constraints:   dw/dt = K W'C W (w_d - w)     on a contact of stiffness K
 
 For one stiffness k [force/length] and C = c [length/s/force] the loop is stable below dt c k = 2 and does not overshoot
-below 1; a low-pass with time constant T also needs c k T < 1/4.
+below 1; a low-pass with time constant T also needs c k T < 1/4. Without a compliance, c follows the stiffness, told or
+identified at the touch (`regulation`).
 
 Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 """
@@ -17,8 +18,7 @@ Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from attrs import evolve, field, frozen
@@ -26,55 +26,23 @@ from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.reading import Wrench, by_name, wanted_of
+from invariantqp.force.split import Split
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.contact_kinds import ContactKind
 from invariantqp.systems.contacts import Contact
-from invariantqp.systems.projectors import DualProjectors, dual_projectors
+from invariantqp.systems.projectors import dual_projectors
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
 
 # Share of the wanted press below which the contact counts as lost: above the noise of a sensor in the air.
 LOST_SHARE = 0.1
-
-
-class Split(NamedTuple):
-    """What a task needs of one kind of contact, in the contact's own frame.
-
-    Attributes:
-        kind: of contact.
-        projectors: P and P*.
-        admittance: (6, 6) (I - P) C (I - P)', from a wrench error to the twist that reduces it.
-        intensities: (6-k, 6), from a wrench to its parts in the constraints.
-    """
-
-    kind: ContactKind
-    projectors: DualProjectors
-    admittance: Array
-    intensities: Array
-
-    def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
-        """(6,) W_d in S*, from parts in the constraints or from a wrench.
-
-        Raises:
-            BadInput: neither as many numbers as constraints, nor six.
-        """
-        W = np.asarray(self.kind.constraints)
-        n, found = W.shape[1], len(wrench)
-        if found == 6:
-            whole: Array = self.projectors.force.dot(wrench)
-            return whole
-        if found != n:
-            expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
-            raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
-        if self.kind.unilateral and wrench[0] < 0.0:
-            expected = "zero or more: the contact's z is the way the tool presses"
-            raise BadInput(argument, f"a press of {wrench[0]:g}", expected, "A contact that pulls is not unilateral.")
-        parts: Array = W.dot(wrench)
-        return parts
+# The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
+UNKNOWN = 1e-3
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -88,8 +56,11 @@ class HybridTask(Value):
         complement: Z itself, (6, 6-k) in the contact's own frame, or None.
         metric: (6, 6) in the contact's own frame, or None.
         compliance: (6, 6) C, twist per wrench, in the contact's own frame.
+        adapts: whether C is scaled to the stiffness, because no compliance was given.
+        stiffness: of the contact along the press [force/length], or None where it is not known.
         size: over what length the contact spreads [length].
-        lost_below, lost_after, on_loss, approach_speed: when a contact is lost, and what is done then.
+        lost_below, lost_after, on_loss: when a contact is lost, and what is done then.
+        approach_speed, approach_distance, approach_time: how it is looked for.
         max_force, max_moment, on_overload: what is too much, and what is done then.
         retreat_speed, retreat_distance: how a contact is left.
     """
@@ -100,34 +71,42 @@ class HybridTask(Value):
     complement: Array | None = field(converter=optional(own))
     metric: Array | None = field(converter=optional(own))
     compliance: Array = field(converter=own, repr=False)
+    adapts: bool = field(repr=False)
+    stiffness: float | None
     size: float = field(repr=False)
     lost_below: float | None = field(repr=False)
     lost_after: float = field(repr=False)
     on_loss: str = field(repr=False)
     approach_speed: float = field(repr=False)
-    max_force: float = field(repr=False)
-    max_moment: float = field(repr=False)
-    on_overload: str = field(repr=False)
+    approach_distance: float = field(repr=False)
+    approach_time: float = field(repr=False)
+    max_force: float | None = field(repr=False)
+    max_moment: float | None = field(repr=False)
+    on_overload: str | None = field(repr=False)
     retreat_speed: float = field(repr=False)
     retreat_distance: float = field(repr=False)
 
     def __init__(
         self,
         contact: Contact | Callable[[Array], Contact],
-        wrench: ArrayLike,
+        wrench: ArrayLike | Wrench,
         *,
         h: float | None = None,
         complement: ArrayLike | None = None,
         metric: ArrayLike | None = None,
-        compliance: ArrayLike = 1e-3,
+        compliance: ArrayLike | None = None,
+        adapts: bool | None = None,
+        stiffness: float | None = None,
         size: float = 0.05,
         lost_below: float | None = None,
         lost_after: float = 0.1,
         on_loss: OnLoss = "approach",
         approach_speed: float = 0.02,
-        max_force: float = inf,
-        max_moment: float = inf,
-        on_overload: OnOverload = "hold",
+        approach_distance: float = 0.1,
+        approach_time: float = 20.0,
+        max_force: float | None = None,
+        max_moment: float | None = None,
+        on_overload: OnOverload | None = None,
         retreat_speed: float = 0.02,
         retreat_distance: float = 0.02,
     ) -> None:
@@ -136,23 +115,32 @@ class HybridTask(Value):
         Args:
             contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
             wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is
-                the press [N]), or a (6,) wrench (m; f) in the contact's own frame, of which the part in S* counts. Six
-                numbers are always a wrench.
+                the press [N]), or a `Wrench` in the contact's own frame, of which the part in S* counts.
             h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
             complement: Z itself, (6, 6-k) in the contact's own frame.
             metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance. With
                 none of the three, Z = C W follows from the compliance; it exists for every contact.
             compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
-                in the contact's own frame.
+                in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses
+                it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known.
+            adapts: whether C is scaled by the stiffness; None is if no compliance is given.
+            stiffness: of the contact along the press [force/length]; None identifies it at each touch, unless a
+                compliance is given. Once it is known, the force law has integral action.
             size: over what length the contact spreads, which weighs moments against forces [length].
             lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
                 it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
             approach_speed: the most that the force law moves the place of contact in the air [length/s].
-            max_force: force [N] above which the status is "overload"; inf is never.
-            max_moment: moment about the place of contact likewise [N length].
-            on_overload: "hold" or "retreat", until `HybridController.reset`.
+            approach_distance: after this way towards the contact without feeling it, stand still [length]; inf is
+                never.
+            approach_time: likewise [s].
+            max_force: force [N] above which the status is "overload"; None is twice the wanted one, 20 N where none
+                is wanted; inf is never.
+            max_moment: moment about the place of contact likewise [N length]; None is twice the wanted one, or
+                `size` times the force where that is more.
+            on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
+                is "retreat" from a contact that can be left.
             retreat_speed: along the contact's way out [length/s].
             retreat_distance: after it, stand still [length].
 
@@ -170,19 +158,25 @@ class HybridTask(Value):
         length = arrays.number(size, "size", "a length", positive=True)
         self.__attrs_init__(
             contact=contact,
-            wrench=arrays.vector(wrench, None, "wrench"),
+            wrench=wanted_of(wrench),
             h=None if h is None else finite_pitch(h),
             complement=None if complement is None else arrays.system(complement, "complement"),
             metric=None if metric is None else arrays.positive_definite(metric, 6, "metric"),
-            compliance=_compliance(compliance, length),
+            compliance=_compliance(UNKNOWN if compliance is None else compliance, length),
+            adapts=compliance is None if adapts is None else arrays.flag(adapts, "adapts"),
+            stiffness=None if stiffness is None else arrays.number(stiffness, "stiffness", "N/m", positive=True),
             size=length,
             lost_below=None if lost_below is None else arrays.not_negative(lost_below, "lost_below", "a force"),
             lost_after=arrays.not_negative(lost_after, "lost_after", "a time in seconds"),
             on_loss=arrays.choice(on_loss, "on_loss", get_args(OnLoss)),
             approach_speed=arrays.number(approach_speed, "approach_speed", "a speed", positive=True),
-            max_force=_limit(max_force, "max_force"),
-            max_moment=_limit(max_moment, "max_moment"),
-            on_overload=arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
+            approach_distance=_limit(approach_distance, "approach_distance"),
+            approach_time=_limit(approach_time, "approach_time"),
+            max_force=None if max_force is None else _limit(max_force, "max_force"),
+            max_moment=None if max_moment is None else _limit(max_moment, "max_moment"),
+            on_overload=None
+            if on_overload is None
+            else arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
             retreat_speed=arrays.number(retreat_speed, "retreat_speed", "a speed", positive=True),
             retreat_distance=arrays.number(retreat_distance, "retreat_distance", "a length", positive=True),
         )
@@ -219,7 +213,8 @@ class HybridTask(Value):
         projectors = dual_projectors(S, h=self.h, complement=complement, metric=self.metric)
         Z, F = projectors.complement, projectors.force
         parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
-        split = Split(kind, projectors, F.T.dot(C).dot(F), parts)
+        press = float(W[:, 0].dot(C).dot(W[:, 0])) if W.shape[1] else 0.0
+        split = Split(kind, projectors, F.T.dot(C).dot(F), parts, press)
         split.wanted(self.wrench)
         return split
 
@@ -237,7 +232,7 @@ class HybridTask(Value):
         return evolve(
             self,
             contact=contact.relabelled(X) if isinstance(contact, Contact) else _Relabelled(contact, X, Y),
-            wrench=B.dot(w) if len(w) == 6 else w,
+            wrench=by_name(B.dot(w)) if len(w) == 6 else w,
             complement=None if Z is None else A.dot(Z),
             metric=None if M is None else B.dot(M).dot(B.T),
             compliance=A.dot(self.compliance).dot(A.T),

@@ -1,7 +1,9 @@
-"""Contact lost or overloaded: what the hybrid controller does then, and what it remembers between ticks.
+"""Contact lost or overloaded, a sensor at fault: what the hybrid controller does then, and what it remembers.
 
-lost        unilateral contact, press < lost_below for longer than lost_after; over when it is felt again
-overload    |f| > max_force or |m about the place of contact| > max_moment; stays until `reset`
+lost        unilateral contact that is not felt (`touch`) for longer than lost_after; over when it is felt again
+            an approach that meets nothing within approach_distance or approach_time stands still until `reset`
+overload    |f| > max_force or |m about the place of contact| > max_moment; until `reset`
+fault       what the readings say of the sensor (`health`); until `reset`
 """
 
 from __future__ import annotations
@@ -10,85 +12,129 @@ from math import inf
 from typing import NamedTuple
 
 from invariantqp.errors import written
-from invariantqp.force.hybrid_task import LOST_SHARE, HybridTask
+from invariantqp.force.health import Health
+from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.settling import Settling
+from invariantqp.force.touch import Touch, loss_limit
+from invariantqp.geometry.arrays import Array
 
-# A retreat is over at this share of its distance: the rest is rounding.
-ALL_THE_WAY = 1.0 - 1e-9
-# What the controller is to do in a tick.
-FOLLOW, SLOW, HOLD, RETREAT = "follow", "slow", "hold", "retreat"
-
-
-class Verdict(NamedTuple):
-    """What to do in this tick, with which status, and why; "" is the velocity law's own status."""
-
-    action: str
-    status: str
-    reason: str
+# The overload without another word: a multiple of the wanted force, or this force where none is wanted [N].
+OVERLOAD = 2.0
+NO_FORCE = 20.0
+# Readings of a force stay within so many standard deviations of a component.
+ABOVE_NOISE = 8.0
 
 
-FINE = Verdict(FOLLOW, "", "")
+class Felt(NamedTuple):
+    """What a tick tells of the contact, raw: not smoothed.
+
+    Attributes:
+        reading: (6,) as it came.
+        press: felt and wanted [force]; None where the contact cannot be lost.
+        force, moment: about the place of contact.
+        most: force and moment that are an overload.
+        noise: standard deviation of a force component [force].
+    """
+
+    reading: Array
+    press: tuple[float, float] | None
+    force: float
+    moment: float
+    most: tuple[float, float]
+    noise: float
 
 
 class Watch(NamedTuple):
     """What is remembered from tick to tick; `after` makes the next one.
 
     Attributes:
-        airborne: for how long no contact has been felt [s]; inf before the first touch.
+        touch: whether there is contact.
+        health: of the sensor.
+        settling: of the press.
+        approached: way towards the contact since it was last felt [length].
+        waited: for how long it has not been felt [s].
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
         left: how far it has retreated [length].
     """
 
-    airborne: float = inf
+    touch: Touch = Touch()
+    health: Health = Health()
+    settling: Settling = Settling()
+    approached: float = 0.0
+    waited: float = 0.0
     leaving: str = ""
     status: str = ""
     left: float = 0.0
 
-    def after(self, task: HybridTask, press: tuple[float, float] | None, load: tuple[float, float], dt: float) -> Watch:
-        """The watch after a tick.
+    @property
+    def touching(self) -> bool:
+        """Whether there is contact, as far as is known."""
+        return self.touch.touching
 
-        Args:
-            task: its limits.
-            press: felt and wanted [force]; None where the contact cannot be lost.
-            load: force, and moment about the place of contact.
-            dt: tick [s].
-        """
-        force, moment = load
-        if self.status == "overload":
+    def after(self, task: HybridTask, felt: Felt, dt: float) -> Watch:
+        """The watch after a tick of dt [s]."""
+        if self.status in ("overload", "fault"):
             return self
-        if force > task.max_force or moment > task.max_moment:
-            what = f"{written(force)} N of {written(task.max_force)}" if force > task.max_force else ""
-            turn = f"{written(moment)} N m of {written(task.max_moment)}" if moment > task.max_moment else ""
-            return Watch(self.airborne, " and ".join(w for w in (what, turn) if w), "overload", 0.0)
-        if self.status == "lost":
-            return self
-        felt, wanted = (0.0, 0.0) if press is None else press
-        limit = max(0.0, LOST_SHARE * wanted) if task.lost_below is None else task.lost_below
-        if press is None or felt >= limit or limit == 0.0:
-            return Watch(0.0)
-        airborne = self.airborne + dt
-        if task.on_loss == "retreat" and inf > airborne > task.lost_after:
-            return Watch(airborne, f"press {written(felt)} N below {written(limit)}", "lost", 0.0)
-        return Watch(airborne)
-
-    def after_retreat(self, moved: float) -> Watch:
-        """The watch after a tick of retreat that moved the place of contact outwards by a distance [length]."""
-        return self._replace(left=self.left + max(0.0, moved))
-
-    def verdict(self, task: HybridTask) -> Verdict:
-        """What to do now."""
+        too_much = _too_much(felt)
+        if too_much:
+            return self._replace(status="overload", leaving=too_much, left=0.0)
         if self.status:
-            answer = task.on_overload if self.status == "overload" else task.on_loss
-            action = RETREAT if answer == "retreat" and self.left < ALL_THE_WAY * task.retreat_distance else HOLD
-            what = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
-            return Verdict(action, self.status, f"{self.leaving}: {what}")
-        if self.airborne <= task.lost_after:
-            return FINE
-        if self.airborne == inf:
-            return Verdict(SLOW, "lost", "no contact yet: approaching")
-        reason = f"no contact for {written(self.airborne)} s"
-        if task.on_loss == "hold":
-            return Verdict(HOLD, "lost", f"{reason}: standing still")
-        if task.on_loss == "continue":
-            return Verdict(FOLLOW, "lost", reason)
-        return Verdict(SLOW, "lost", f"{reason}: approaching")
+            return self
+        press, wanted = (0.0, 0.0) if felt.press is None else felt.press
+        limit = 0.0 if felt.press is None else loss_limit(task.lost_below, wanted, felt.noise)
+        health = self.health.after(felt.reading, felt.press, limit, felt.noise, dt)
+        if health.fault:
+            return self._replace(health=health, status="fault", leaving=health.fault, left=0.0)
+        touch = self.touch.after(press, limit, felt.noise, dt)
+        settling = self.settling.after(press, wanted, touch.touching, dt) if limit > 0.0 else self.settling
+        watch = self._replace(touch=touch, health=health, settling=settling)
+        if touch.touching:
+            return watch._replace(approached=0.0, waited=0.0)
+        why = _given_up(task, touch.airborne, self.approached, self.waited + dt)
+        return watch._replace(waited=self.waited + dt, status="lost" if why else "", leaving=why, left=0.0)
+
+    def after_motion(self, out: float) -> Watch:
+        """The watch after a tick that moved the place of contact outwards by a distance [length]."""
+        if self.status:
+            return self._replace(left=self.left + max(0.0, out))
+        return self if self.touching else self._replace(approached=self.approached + max(0.0, -out))
+
+
+def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
+    """The force and the moment that are an overload, for the size of the wanted ones.
+
+    Args:
+        task: says them, or leaves them to what is wanted.
+        force: wanted [N].
+        moment: wanted, about the place of contact [N length].
+        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
+    """
+    most, turning = task.max_force, task.max_moment
+    if most is None:
+        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
+    if turning is None:
+        turning = max(OVERLOAD * moment, moment + task.size * most)
+    return most, turning
+
+
+def _too_much(felt: Felt) -> str:
+    """What is an overload, "" for nothing."""
+    force, moment = felt.most
+    what = f"{written(felt.force)} N of {written(force)}" if felt.force > force else ""
+    turn = f"{written(felt.moment)} N m of {written(moment)}" if felt.moment > moment else ""
+    return " and ".join(w for w in (what, turn) if w)
+
+
+def _given_up(task: HybridTask, airborne: float, approached: float, waited: float) -> str:
+    """Why contact is looked for no longer, "" where it is."""
+    before = airborne == inf
+    if task.on_loss == "retreat" and not before and airborne > task.lost_after:
+        return f"no contact for {written(airborne)} s"
+    if task.on_loss == "continue" and not before:
+        return ""
+    if approached > task.approach_distance:
+        return f"no contact within {written(task.approach_distance)} of approach"
+    if waited > task.approach_time:
+        return f"no contact within {written(task.approach_time)} s of approach"
+    return ""

@@ -6,26 +6,50 @@
     deadband  soft thresholds, f max(0, 1 - d/|f|): continuous, forces and moments apart
     smooth    first-order low-pass, y += (1 - exp(-2 pi f_c dt)) (x - y)
 
-The coadjoint changes moments with the point they are about: a wrist sensor 100 mm off the tip reads moments that the
-tip does not feel. Everything but the last step happens in the sensor's frame, where the wrench of a steady press does
-not change while the tool travels.
+A reading comes with its order, its sign and its frame said: `order`, `reads`, `mount`. `WrenchSensor.check` finds all
+three from readings in free air. The coadjoint changes moments with the point they are about: a wrist sensor 100 mm
+off the tip reads moments that the tip does not feel. Everything but the last step happens in the sensor's frame,
+where the wrench of a steady press does not change while the tool travels.
 """
 
 from __future__ import annotations
 
-from math import exp, inf, pi
-from typing import Literal, NamedTuple
+from math import inf
+from typing import Any, Literal
 
 import numpy as np
 from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
+from invariantqp.errors import BadInput, written
+from invariantqp.force.free_air import SPREAD, TURNED, explained, spread
+from invariantqp.force.reading import Order, by_name, order_of, wrench_of
+from invariantqp.force.smoothing import soft
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import Value, own
+from invariantqp.geometry.fields import Compared, Value, own
 
 # Standard gravity in a base frame whose z points up [m/s^2].
 GRAVITY = (0.0, 0.0, -9.80665)
+# Standard deviation of a force component where nobody says it [N]: that of small wrist sensors.
+NOISE = 0.2
+# Readings in free air that `check` needs at least: three numbers of gravity and a bias.
+FEWEST_POSES = 3
+
+
+@frozen(eq=False, slots=False)
+class SensorCheck(Compared):
+    """What readings in free air say of a sensor.
+
+    Attributes:
+        agrees: whether they fit what the sensor is said to be.
+        found: order, sign, mass, and what disagrees, in words.
+        sensor: the same sensor with order, sign, mass, centre and bias as found; None where that is not enough.
+    """
+
+    agrees: bool
+    found: str
+    sensor: WrenchSensor | None
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -34,6 +58,8 @@ class WrenchSensor(Value):
 
     Attributes:
         mount: (4, 4) pose of the sensor's frame in the tool frame.
+        order: of plain numbers, "moment first" or "force first"; None refuses plain numbers.
+        reads: "reaction" or "action".
         mass: of everything beyond the sensor [kg].
         centre: (3,) centre of that mass in the sensor's frame [length].
         gravity: (3,) in the base frame [length/s^2].
@@ -41,11 +67,13 @@ class WrenchSensor(Value):
         cutoff: of the low-pass [Hz]; inf is none.
         force_deadband: forces below this count as zero [N].
         moment_deadband: moments below this, about `origin`, count as zero [N length].
-        reads: "reaction" or "action".
+        noise: standard deviation of a force component [N].
         origin: (3,) the point about which the moment deadband is taken, in the sensor's frame.
     """
 
     mount: Array = field(converter=own)
+    order: str | None
+    reads: str
     mass: float
     centre: Array = field(converter=own)
     gravity: Array = field(converter=own, repr=False)
@@ -53,69 +81,122 @@ class WrenchSensor(Value):
     cutoff: float
     force_deadband: float
     moment_deadband: float
-    reads: str
+    noise: float
     origin: Array = field(converter=own, repr=False)
 
     def __init__(
         self,
-        mount: ArrayLike | None = None,
+        mount: ArrayLike,
+        *,
+        order: Order | None,
+        reads: Literal["reaction", "action"],
         mass: float = 0.0,
         centre: ArrayLike = (0.0, 0.0, 0.0),
         gravity: ArrayLike = GRAVITY,
-        bias: ArrayLike = (0.0,) * 6,
+        bias: Any = None,
         cutoff: float = inf,
         force_deadband: float = 0.0,
         moment_deadband: float = 0.0,
-        reads: Literal["reaction", "action"] = "reaction",
+        noise: float = NOISE,
         origin: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        """A sensor; by default it sits in the tool frame, nothing hangs on it and nothing is filtered.
+        """A sensor. Frame, order and sign have no default: a wrong guess presses on without end.
 
         Args:
-            mount: (4, 4) pose of the sensor's frame in the tool frame; None is the identity.
+            mount: (4, 4) pose of the sensor's frame in the tool frame, `np.eye(4)` where they are the same.
+            order: of plain (6,) readings: "force first" (ROS drivers, Pinocchio's arrays, most sensors) or "moment
+                first" (as everywhere in this library); None where readings come by name: `iq.Wrench`,
+                `pinocchio.Force`, `geometry_msgs/Wrench`.
+            reads: "reaction" is what the world does to the tool: pressing on a table reads a force upwards, the weight
+                of the tool one downwards. "action" is the opposite.
             mass: of everything beyond the sensor [kg].
             centre: (3,) centre of that mass in the sensor's frame [length].
             gravity: (3,) in the base frame [length/s^2]; standard gravity against z by default.
-            bias: (6,) reading of the unloaded sensor, (m; f).
+            bias: reading of the unloaded sensor, as readings come; None is zero.
             cutoff: of the low-pass [Hz]; inf is none.
             force_deadband: forces below this count as zero [N].
             moment_deadband: moments below this, about `origin`, count as zero [N length].
-            reads: "reaction" is what the world does to the tool: pressing on a table reads a force upwards, the weight
-                of the tool one downwards. "action" is the opposite.
+            noise: standard deviation of a force component [N]. Contact and its loss are decided against it, and a
+                sensor that has noise but reads the same for long is dead; 0 for a simulated sensor without noise.
             origin: (3,) the point about which the moment deadband is taken, in the sensor's frame.
 
         Raises:
-            BadInput: NaN, shapes, a negative mass, cut-off or deadband.
+            BadInput: NaN, shapes, another word, a negative mass, noise, cut-off or deadband.
         """
+        said = order_of(order)
         self.__attrs_init__(
-            mount=np.eye(4) if mount is None else arrays.pose(mount, "mount"),
+            mount=arrays.pose(mount, "mount"),
+            order=said,
+            reads=arrays.choice(reads, "reads", ("reaction", "action")),
             mass=arrays.not_negative(mass, "mass", "a number in kg"),
             centre=arrays.vector(centre, 3, "centre"),
             gravity=arrays.vector(gravity, 3, "gravity"),
-            bias=arrays.vector(bias, 6, "bias"),
+            bias=np.zeros(6) if bias is None else wrench_of(bias, said, "bias"),
             cutoff=arrays.number(cutoff, "cutoff", "a frequency in Hz, or inf,", positive=True, infinite=True),
             force_deadband=arrays.not_negative(force_deadband, "force_deadband", "a number in N"),
             moment_deadband=arrays.not_negative(moment_deadband, "moment_deadband", "a number in N m"),
-            reads=arrays.choice(reads, "reads", ("reaction", "action")),
+            noise=arrays.not_negative(noise, "noise", "a number in N"),
             origin=arrays.vector(origin, 3, "origin"),
         )
 
     def tare(self, tool: ArrayLike) -> Array:
-        """(6,) what the sensor reads with nothing touching the tool, at a (4, 4) tool pose in the base frame."""
-        R = arrays.pose(tool, "tool")[:3, :3].dot(self.mount[:3, :3])
-        f = self.mass * R.T.dot(self.gravity)
-        weight = np.concatenate((se3.cross(self.centre, f), f))
-        reading: Array = self.bias + (weight if self.reads == "reaction" else -weight)
-        return reading
+        """(6,) what the sensor reads with nothing touching the tool, at a (4, 4) tool pose in the base frame.
 
-    def load(self, reading: ArrayLike, tool: ArrayLike) -> Array:
-        """(6,) the wrench that the tool exerts, in the sensor's frame: the reading without bias and weight.
+        The numbers come in the sensor's order, moment first where it has none.
+        """
+        unloaded = _unloaded(self, arrays.pose(tool, "tool"))
+        return np.concatenate((unloaded[3:], unloaded[:3])) if self.order == "force first" else unloaded
+
+    def load(self, reading: Any, tool: ArrayLike) -> Array:
+        """(6,) (m; f) the wrench that the tool exerts, in the sensor's frame: the reading without bias and weight.
 
         Raises:
-            BadInput: NaN, shapes.
+            BadInput: numbers without an order, NaN, shapes.
         """
-        load: Array = arrays.vector(reading, 6, "reading") - self.tare(tool)
-        return -load if self.reads == "reaction" else load
+        return load_of(self, wrench_of(reading, self.order, "reading"), arrays.pose(tool, "tool"))
+
+    def check(self, readings: ArrayLike, poses: ArrayLike) -> SensorCheck:
+        """Find order, sign, weight and mount from readings with nothing touching the tool; compare with this sensor.
+
+        Args:
+            readings: (n, 6) as the sensor gives them, n >= 3.
+            poses: (n, 4, 4) of the tool in the base frame, turned differently against gravity.
+
+        Returns:
+            SensorCheck: what was found, in words, and a sensor with it.
+
+        Raises:
+            BadInput: NaN, shapes, or poses that are turned too little.
+        """
+        R = arrays.array(readings, "readings", "an (n, 6) matrix")
+        if R.ndim != 2 or R.shape[1] != 6 or len(R) < FEWEST_POSES or not np.isfinite(R).all():
+            raise BadInput("readings", f"shape {R.shape} or NaN", f"finite (n, 6) with n >= {FEWEST_POSES}")
+        T = arrays.array(poses, "poses", "(n, 4, 4) poses")
+        if T.shape != (len(R), 4, 4):
+            raise BadInput("poses", f"shape {T.shape}", f"({len(R)}, 4, 4), one a reading")
+        tools = [arrays.pose(pose, f"poses[{k}]") for k, pose in enumerate(T)]
+        g = np.array([(tool[:3, :3].dot(self.mount[:3, :3])).T.dot(self.gravity) for tool in tools])
+        if spread(g) < SPREAD:
+            remedy = "Turn the tool by 30 degrees or more about two horizontal axes."
+            raise BadInput("poses", "tools turned almost alike against gravity", "different tilts", remedy)
+        found = explained(R, g)
+        if found is None:
+            return SensorCheck(
+                False, "no weight explains the readings: they vary too little, or something touches", None
+            )
+        wrong = found.differences(self.order, self.reads, self.mass)
+        words = [f"{found.order}, {found.reads}, {written(found.mass)} kg", *wrong]
+        sensor = None
+        if found.turn <= TURNED:
+            sensor = evolve(
+                self,
+                order=found.order,
+                reads=found.reads,
+                mass=found.mass,
+                centre=found.centre,
+                bias=by_name(found.bias),
+            )
+        return SensorCheck(not wrong, "; ".join(words), sensor)
 
     def in_base(self, wrench: ArrayLike, tool: ArrayLike) -> Array:
         """(6,) a wrench given in the sensor's frame, in the base frame, its moment about the base's origin."""
@@ -159,35 +240,20 @@ class WrenchSensor(Value):
             mount=se3.inverse(Y, check=False).dot(self.mount).dot(X),
             centre=back[:3, :3].dot(self.centre) + back[:3, 3],
             origin=back[:3, :3].dot(self.origin) + back[:3, 3],
-            bias=se3.coadjoint(back, check=False).dot(self.bias),
+            bias=by_name(se3.coadjoint(back, check=False).dot(self.bias)),
         )
 
 
-class Smoothing(NamedTuple):
-    """The state of a low-pass: its owner replaces it by what `after` returns, once in every tick.
-
-    Attributes:
-        share: of a step that one tick passes on, 1 - exp(-2 pi f_c dt).
-        value: the smoothed wrench; None before the first, which is taken as it is.
-    """
-
-    share: float
-    value: Array | None = None
-
-    @classmethod
-    def of(cls, cutoff: float, dt: float) -> Smoothing:
-        """The low-pass with a cut-off in Hz for ticks of dt seconds."""
-        return cls(1.0 - exp(-2.0 * pi * cutoff * dt))
-
-    def after(self, wrench: Array) -> tuple[Array, Smoothing]:
-        """The smoothed wrench after one more reading, and the state then."""
-        smooth = wrench if self.value is None else self.value + self.share * (wrench - self.value)
-        return smooth, self._replace(value=smooth)
+def load_of(sensor: WrenchSensor, reading: Array, tool: Array) -> Array:
+    """`WrenchSensor.load` for a reading that is checked and moment first."""
+    load: Array = reading - _unloaded(sensor, tool)
+    return -load if sensor.reads == "reaction" else load
 
 
-def soft(vector: Array, width: float) -> Array:
-    """The vector shortened by `width`, zero where it is shorter: continuous, and the same for axes of any direction."""
-    length = float(np.sqrt(vector.dot(vector)))
-    share = 1.0 - width / length if length > width else 0.0
-    shortened: Array = vector * share
-    return shortened
+def _unloaded(sensor: WrenchSensor, tool: Array) -> Array:
+    """(6,) moment first, what the sensor reads with nothing touching the tool."""
+    R = tool[:3, :3].dot(sensor.mount[:3, :3])
+    f = sensor.mass * R.T.dot(sensor.gravity)
+    weight = np.concatenate((se3.cross(sensor.centre, f), f))
+    reading: Array = sensor.bias + (weight if sensor.reads == "reaction" else -weight)
+    return reading

@@ -93,12 +93,14 @@ class ForceSpec(Section):
         examples=[[[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]],
     )
     max_force: Positive | None = Field(
-        None, description="a larger force is an overload [N]; left out: none is", examples=[40.0]
+        None, description="a larger force is an overload [N]; left out: twice the press", examples=[40.0]
     )
     max_moment: Positive | None = Field(
-        None, description="a larger moment is an overload [N m]; left out: none is", examples=[4.0]
+        None, description="a larger moment is an overload [N m]; left out: by the force", examples=[4.0]
     )
-    on_overload: Literal["hold", "retreat"] = Field("hold", examples=["retreat"])
+    on_overload: Literal["hold", "retreat"] | None = Field(
+        None, description="left out: retreat from a contact that can be left", examples=["retreat"]
+    )
     on_loss: Literal["approach", "hold", "retreat", "continue"] = Field("approach", examples=["hold"])
     approach_speed: Positive = Field(0.02, description="largest speed before contact [m/s]", examples=[0.02])
 

@@ -7,10 +7,10 @@ from math import atan2, inf
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from invariantqp.errors import BadInput
 from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.reading import Wrench
 from invariantqp.force.wrench import WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
@@ -53,8 +53,13 @@ class _Touched(NamedTuple):
     surface: Surface | None
 
 
-def scene_of(task: Task, T: Array) -> ContactScene | None:
+def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
     """The contact of a task whose tool starts at pose T (4, 4); None where the tool touches nothing.
+
+    Args:
+        task: with [contact], or without.
+        T: of the tool at the start.
+        noise: standard deviation of a force component of the plant's sensor [N].
 
     Raises:
         BadInput, NoProjectors: a contact that cannot be, or a complement Z that does not split it.
@@ -63,13 +68,13 @@ def scene_of(task: Task, T: Array) -> ContactScene | None:
     if contact is None or force is None:
         return None
     touched = (_hinge if contact.kind == "hinge" else _surface)(contact, T)
-    mount = se3.transform(Rotation.from_rotvec(sensor.mount_turn).as_matrix(), sensor.mount)
+    mount = se3.transform(se3.rotation(np.asarray(sensor.mount_turn)), sensor.mount)
     return ContactScene(
         kind=touched.contact_at(T).kind,
         springs=touched.springs,
         simulated_sensor=SimulatedSensor(mount, sensor.mass, sensor.centre),
         task=_hybrid_task(contact, force, touched),
-        sensor=_believed_sensor(sensor, mount),
+        sensor=_believed_sensor(sensor, mount, noise),
         stiffness=touched.stiffness,
         normal=touched.normal,
         surface=touched.surface,
@@ -82,40 +87,44 @@ def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> H
         touched.contact_at,
         _wanted(contact, force),
         compliance=force.rate / touched.stiffness,
+        stiffness=contact.stiffness,
         size=POINT_SIZE if contact.size is None else 0.5 * max(contact.size),
         h=force.h,
         complement=None if force.complement is None else np.array(force.complement).T,
         metric=touched.stiffness if by_stiffness else None,
-        max_force=inf if force.max_force is None else force.max_force,
-        max_moment=inf if force.max_moment is None else force.max_moment,
+        max_force=force.max_force,
+        max_moment=force.max_moment,
         on_overload=force.on_overload,
         on_loss=force.on_loss,
         approach_speed=force.approach_speed,
     )
 
 
-def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float]:
+def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float] | Wrench:
     """The press as a part in the contact's constraints, or on a hinge as a wrench."""
     if contact.kind == "hinge":
-        return [0.0, 0.0, 0.0, force.press, 0.0, 0.0]  # away from the axis
+        return Wrench(moment=[0.0, 0.0, 0.0], force=[force.press, 0.0, 0.0])  # away from the axis
     return [force.press] + [0.0] * {"point": 0, "edge": 1, "face": 2}[contact.kind]
 
 
-def _believed_sensor(sensor: SensorSpec, mount: Array) -> WrenchSensor:
+def _believed_sensor(sensor: SensorSpec, mount: Array, noise: float) -> WrenchSensor:
     return WrenchSensor(
         mount,
-        sensor.mass,
-        sensor.centre,
+        order="moment first",
+        reads="reaction",
+        mass=sensor.mass,
+        centre=sensor.centre,
         cutoff=inf if sensor.cutoff is None else sensor.cutoff,
         force_deadband=sensor.force_deadband,
         moment_deadband=sensor.moment_deadband,
+        noise=noise,
         origin=se3.inverse(mount)[:3, 3],
     )
 
 
 def _surface(contact: ContactSpec, T: Array) -> _Touched:
     """A plane or a round bar below a tool at pose T."""
-    R, tilt = T[:3, :3], Rotation.from_rotvec(contact.tilt).as_matrix()
+    R, tilt = T[:3, :3], se3.rotation(np.asarray(contact.tilt))
     n = np.array(contact.normal) / np.linalg.norm(contact.normal)
     x = np.array(contact.along) - n * n.dot(contact.along)
     if not np.linalg.norm(x) > LEAST_ARM * np.linalg.norm(contact.along):
@@ -168,7 +177,7 @@ def _hinge(contact: ContactSpec, T: Array) -> _Touched:
     a, b = (0.5 * s for s in contact.size or (POINT_SIZE, POINT_SIZE))
     R = T[:3, :3].T.dot(handle[:3, :3])
     points = np.array([R.dot([i * a, 0.0, j * b]) for i, j in CORNERS["hinge"]])
-    tilt = Rotation.from_rotvec(contact.tilt).as_matrix()
+    tilt = se3.rotation(np.asarray(contact.tilt))
     real = screws.revolute(tilt.dot(axis), p + tilt.dot(to_axis))
     stiffness = contact.stiffness * np.array([b * b, a * a + b * b, a * a, 1.0, 1.0, 1.0])
     return _Touched(HingeSprings(points, T.copy(), real, contact.stiffness), stiffness, contact_at, axis, None)

@@ -12,8 +12,6 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, StrictBool, model_validator
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import screws, se3
@@ -85,7 +83,7 @@ class CirclePath(_Path):
 
         def pose(t: float) -> Array:
             angle = 2.0 * np.pi * self.turns * eased(t / self.duration)
-            move = centre - Rotation.from_rotvec(angle * normal).apply(centre)
+            move = centre - se3.rotation(angle * normal).dot(centre)
             return _displaced(T0, move, 0.5 * (1.0 - np.cos(angle)) * rock)
 
         return pose
@@ -122,6 +120,8 @@ class JointsPath(_Path):
         Raises:
             BadInput: a waypoint for another number of joints.
         """
+        from scipy.interpolate import CubicSpline  # 0.3 s to import: only where it is needed
+
         for i, waypoint in enumerate(self.waypoints):
             if len(waypoint) != len(start):
                 found = f"{len(waypoint)} number{'s' if len(waypoint) != 1 else ''}"
@@ -167,6 +167,6 @@ def _share(u: float, there_and_back: bool) -> float:
 def _displaced(T0: Array, move: Array, turn: Array) -> Array:
     """A pose moved, and turned about its own origin, both in base axes."""
     T = T0.copy()
-    T[:3, :3] = Rotation.from_rotvec(turn).as_matrix().dot(T0[:3, :3])
+    T[:3, :3] = se3.rotation(turn).dot(T0[:3, :3])
     T[:3, 3] += move
     return T

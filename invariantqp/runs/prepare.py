@@ -68,7 +68,7 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
     n = task.ticks
     robot = task.load_robot()
     start = task.start()
-    scene = scene_of(task, robot.pose(start))
+    scene = scene_of(task, robot.pose(start), task.physics.force_noise if physics == "mujoco" else 0.0)
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     wanted = _wanted(task, robot, scene, time)
     return Setup(

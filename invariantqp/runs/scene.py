@@ -16,7 +16,6 @@ from math import sqrt
 
 import numpy as np
 from scipy.linalg import orth
-from scipy.spatial.transform import Rotation
 
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.wrench import WrenchSensor
@@ -70,7 +69,7 @@ class ContactScene:
     def motion_error(self, contact: Contact, T: Array, wanted: Array) -> tuple[float, float]:
         """Distance [m] and angle [rad] of a tool pose from a wanted one along what the contact leaves free."""
         R = np.asarray(contact.pose)[:3, :3]
-        turn = Rotation.from_matrix(wanted[:3, :3].dot(T[:3, :3].T)).as_rotvec()
+        turn = se3.rotation_vector(wanted[:3, :3].dot(T[:3, :3].T))
         turns, slides = self._free
         slid, rotated = slides.T.dot(R.T.dot(wanted[:3, 3] - T[:3, 3])), turns.T.dot(R.T.dot(turn))
         return sqrt(slid.dot(slid)), sqrt(rotated.dot(rotated))

@@ -6,7 +6,7 @@
 
 A damped direction follows the posture z_p in part, and a direction that moves nothing follows it entirely. z* is the
 answer where no limit is active; where one is, the answer minimises |K (z - z*)|, so the law is continuous as limits
-become active. Answers are computed from K, whose condition number is the square root of that of the Hessian K'K.
+become active. Answers are computed from K^-1, whose condition number is the square root of that of the Hessian K'K.
 
 [DS]'s own problem, convexified, is another objective of the same shape (`stationary`).
 """
@@ -21,6 +21,7 @@ from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Damping
+from invariantqp.velocity.qp.quadratic import Quadratic
 
 # A singular value below this share of the largest is rounding: its direction moves nothing.
 NULL_RATIO = 1e-12
@@ -59,10 +60,10 @@ class Objective(NamedTuple):
         moving = z.dot(self.V[:, : self.rank])
         return sqrt(float(moving.dot(moving)))
 
-    def root(self) -> Array:
-        """K (n, n)."""
-        K: Array = np.sqrt(self.weights)[:, None] * self.V.T
-        return K
+    def quadratic(self) -> Quadratic:
+        """The same by the inverse of K."""
+        root = np.sqrt(self.weights)
+        return Quadratic(root[:, None] * self.V.T, self.V / root, self.centre())
 
     def calmed(self, mu: float) -> Objective:
         """The same with 1/2 mu |z|^2 added."""
@@ -70,28 +71,51 @@ class Objective(NamedTuple):
         return self._replace(weights=weights, optimum=self.optimum * (self.weights / weights))
 
 
-def least_squares(
-    A: Array, b: Array, posture: Array | None, damping: Damping, largest: float | None = None
-) -> Objective:
+class Spectrum(NamedTuple):
+    """A = U diag(sigma) V', A (6, n).
+
+    Attributes:
+        U: (6, 6).
+        sigma: (k,) k = min(n, 6).
+        Vt: (n, n).
+        largest: singular value that all are compared with.
+    """
+
+    U: Array
+    sigma: Array
+    Vt: Array
+    largest: float
+
+
+def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:
+    """The spectrum of A (6, n).
+
+    Args:
+        A: measured twists of the free directions.
+        largest: with exact rows, the largest singular value of all joints; None is the largest of A.
+    """
+    if A.shape[1] == 0:
+        return Spectrum(np.eye(6), np.empty(0), np.empty((0, 0)), largest or 0.0)
+    U, sigma, Vt, info = lapack.dgesdd(A)
+    if info != 0:
+        raise np.linalg.LinAlgError(f"dgesdd returned {info}")
+    return Spectrum(U, sigma, Vt, float(sigma[0]) if largest is None else largest)
+
+
+def least_squares(spectrum: Spectrum, b: Array, posture: Array | None, damping: Damping) -> Objective:
     """The damped least-squares objective.
 
     Args:
-        A: (6, n) measured twists of the free directions.
+        spectrum: of A (6, n), the measured twists of the free directions.
         b: (6,) measured twist wanted of them.
         posture: (n,) z_p; None is zero.
         damping: the policy.
-        largest: singular value that all others are compared with: with exact rows, that of all joints; None is the
-            largest of A.
     """
-    n = A.shape[1]
+    U, singular, Vt, largest = spectrum
+    n = len(Vt)
     if n == 0:
         return Objective(np.empty((0, 0)), np.empty(0), np.empty(0))
-    U, singular, Vt, info = lapack.dgesdd(A)
-    if info != 0:
-        raise np.linalg.LinAlgError(f"dgesdd returned {info}")
     k = len(singular)
-    if largest is None:
-        largest = float(singular[0])
     wanted, sigma = np.zeros(n), np.zeros(n)
     wanted[:k] = b.dot(U[:, :k])
     sigma[:k] = singular

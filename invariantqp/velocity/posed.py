@@ -20,7 +20,7 @@ from invariantqp.velocity.exact import Reduction, reduce
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import Cone
-from invariantqp.velocity.objective import Objective, least_squares
+from invariantqp.velocity.objective import Objective, Spectrum, least_squares, spectrum_of
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.stationary import convexified
 
@@ -35,8 +35,8 @@ class Posed(NamedTuple):
         posture: (m,) y wanted where the twist leaves joints free, or None.
         reduction: the velocities that meet the exact rows, or None without rows.
         damping: the policy.
-        pitch: h of [DS]'s problem made convex, or None.
-        largest: largest singular value of A where there are exact rows, or None.
+        spectrum: of A, or of A B where there are exact rows; None for [DS]'s problem made convex.
+        pitch: h of that problem.
         J: (6, m) joint twists on y, for [DS]'s problem.
         s: (6,) the twist, likewise.
     """
@@ -47,25 +47,25 @@ class Posed(NamedTuple):
     posture: Array | None
     reduction: Reduction | None
     damping: Damping
-    pitch: float | None
-    largest: float | None
+    spectrum: Spectrum | None
+    pitch: float
     J: Array
     s: Array
 
     def objective(self, share: float) -> Objective:
         """The objective in z at a share of the speed."""
         posture = None if self.posture is None else share * self.posture
-        if self.reduction is None:
-            if self.pitch is not None:
-                return convexified(self.J, self.s, self.pitch, posture, self.damping)
-            return least_squares(self.A, self.attempt, posture, self.damping)
-        origin, B = self.reduction.origin(share), self.reduction.basis
-        if posture is not None:
-            posture = (posture - origin).dot(B)
-        if self.pitch is not None:
-            return convexified(self.J.dot(B), share * self.s - self.J.dot(origin), self.pitch, posture, self.damping)
-        wanted = share * self.attempt - self.A.dot(origin)
-        return least_squares(self.A.dot(B), wanted, posture, self.damping, self.largest)
+        wanted = share * self.attempt
+        if self.reduction is not None:
+            origin, B = self.reduction.origin(share), self.reduction.basis
+            posture = None if posture is None else (posture - origin).dot(B)
+            wanted = wanted - self.A.dot(origin)
+        if self.spectrum is not None:
+            return least_squares(self.spectrum, wanted, posture, self.damping)
+        J, s = self.J, share * self.s
+        if self.reduction is not None:
+            J, s = J.dot(B), s - J.dot(origin)
+        return convexified(J, s, self.pitch, posture, self.damping)
 
     def joint(self, z: Array, share: float) -> Array:
         """(m,) y of z."""
@@ -98,17 +98,20 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     J = demand.J if T is None else demand.J.dot(T)
     A, wanted = demand.root.dot(J), demand.root.dot(demand.s)
     posture = demand.posture if law.from_joint is None or demand.posture is None else law.from_joint.dot(demand.posture)
-    reduction, largest = None, None
+    reduction, attempt = None, wanted
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(T), demand.root, demand.row_rank)
-        largest = float(lapack.dgesdd(A, compute_uv=0)[1][0])
-    pitch = law.form.h if isinstance(law.form, PitchForm) and law.form.convexified else None
-    attempt = wanted
-    if law.form is not None and pitch is None:
+    if isinstance(law.form, PitchForm) and law.form.convexified:
+        return Posed(A, wanted, attempt, posture, reduction, damping, None, law.form.h, J, demand.s)
+    if reduction is None:
+        spectrum = spectrum_of(A)
+    else:
+        spectrum = spectrum_of(A.dot(reduction.basis), float(lapack.dgesdd(A, compute_uv=0)[1][0]))
+    if law.form is not None:
         fraction = None if law.guard is None else law.guard.fraction
         inverse_root = np.asarray(np.linalg.inv(demand.root), np.float64)
         attempt = attempted(law.form, inverse_root, A, wanted, damping, fraction)
-    return Posed(A, wanted, attempt, posture, reduction, damping, pitch, largest, J, demand.s)
+    return Posed(A, wanted, attempt, posture, reduction, damping, spectrum, 0.0, J, demand.s)
 
 
 def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Cone | None]:

@@ -30,7 +30,7 @@ from invariantqp.velocity.exact import ROW_TOLERANCE, reduce
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import minimise_in_cone
-from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.polytope import named
@@ -234,10 +234,11 @@ def _sum(
             if measure.form is not None:
                 inverse_root = np.asarray(np.linalg.inv(measure.root), np.float64)
                 b = attempted(measure.form, inverse_root, A, b, damping, None)
-            objective = least_squares(A.dot(B), share * b - A.dot(origin), None, damping, float(np.linalg.norm(A, 2)))
-            K = objective.root()
+            spectrum = spectrum_of(A.dot(B), float(np.linalg.norm(A, 2)))
+            objective = least_squares(spectrum, share * b - A.dot(origin), None, damping)
+            K = np.sqrt(objective.weights)[:, None] * objective.V.T
             roots.append(weight * K)
-            wanted.append(weight * K.dot(objective.centre()))
+            wanted.append(weight * np.sqrt(objective.weights) * objective.optimum)
         else:
             roots.append(weight * np.eye(n))
             wanted.append(weight * B.T.dot(np.linalg.solve(T, task.velocity) - origin))

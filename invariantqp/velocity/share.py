@@ -22,7 +22,7 @@ from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.qp.backends import Backend
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, Polytope
-from invariantqp.velocity.qp.quadratic import Optimum, weighted
+from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
 
 # The least nu: it makes the problem strictly convex, and the share smaller by this much, relative.
 REGULARISATION = 1e-9
@@ -43,12 +43,14 @@ class Share(NamedTuple):
         velocity: (m,) a y with that share.
         held_by: limits (indices of the polytope) that keep it from being larger.
         fast: whether a tool speed limit does.
+        multipliers: (k,) of the limits; None where none is active.
     """
 
     value: float
     velocity: Array
     held_by: list[int]
     fast: bool = False
+    multipliers: Array | None = None
 
 
 def share_of(
@@ -83,10 +85,10 @@ def share_of(
     first = (inside - start).dot(basis)
 
     def best(nu: float, near: Optimum | None = None) -> Optimum:
-        rows = np.vstack((only, np.sqrt(REGULARISATION + nu) * np.eye(n)))
-        wanted = np.zeros(len(rows))
-        wanted[0] = length
-        return minimise_in_cone(backend, weighted(rows, wanted), room, slow, first, near)
+        weights, centre = np.full(n, REGULARISATION + nu), np.zeros(n)
+        weights[0] += 1.0
+        centre[0] = length / weights[0]
+        return minimise_in_cone(backend, Quadratic.diagonal(np.sqrt(weights), centre), room, slow, first, near)
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
@@ -97,7 +99,8 @@ def share_of(
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:
         return Share(1.0, velocity, [])
-    held_by = np.flatnonzero(found.multipliers[:-1]).tolist()
+    multipliers = found.multipliers[:-1]
     fast = slow is not None and slow.speed(found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE)
     given = 1.0 - INTERIOR * (1.0 - value)
-    return Share(value * given, inside + given * (velocity - inside), held_by, fast)
+    held_by = multipliers.nonzero()[0].tolist()
+    return Share(value * given, inside + given * (velocity - inside), held_by, fast, multipliers)

@@ -74,6 +74,7 @@ class Room(NamedTuple):
     share: float
     inside: Array  # a y inside the limits with that share
     held_by: str
+    near: Optimum | None = None  # with limits that are likely to be active
 
 
 def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
@@ -135,7 +136,8 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
         "the tool's speed" if share.fast else "",
     ]
     problem = problem._replace(reduction=reduction)
-    return Room(problem, share.value, share.velocity, " and ".join(filter(None, by)))
+    near = None if share.multipliers is None else Optimum(share.velocity, share.multipliers, law.backend.name)
+    return Room(problem, share.value, share.velocity, " and ".join(filter(None, by)), near)
 
 
 def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backend) -> tuple[Reduction, Share]:
@@ -148,7 +150,7 @@ def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backen
     if inside.any():  # standing still is not allowed
         m = len(inside)
         rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
-        still = Quadratic(np.sqrt(REGULARISATION) * np.eye(m), np.zeros(m)).plus(rows, np.zeros(m))
+        still = Quadratic.diagonal(np.full(m, np.sqrt(REGULARISATION)), np.zeros(m)).plus(rows, np.zeros(m))
         inside = minimise_in_cone(backend, still, limits.polytope, limits.cone, inside).z
         reduction = reduction._replace(start=reduction.fixed(inside))
     if reduction.unmet > UNMET_TOLERANCE:  # the share tends to zero as the joints lose a direction of the rows
@@ -169,9 +171,8 @@ def _minimised(
     """The optimum inside the limits; `near` is the answer for a similar objective, to start from."""
     problem, share = room.problem, room.share
     polytope, cone = problem.limits(limits.polytope, share), problem.cone(limits.cone, share)
-    quadratic = Quadratic(objective.root(), objective.centre())
-    begin = None if near is None else near.found
-    found = minimise_in_cone(law.backend, quadratic, polytope, cone, problem.free(room.inside, share), begin)
+    inside, begin = problem.free(room.inside, share), room.near if near is None else near.found
+    found = minimise_in_cone(law.backend, objective.quadratic(), polytope, cone, inside, begin)
     troubles = limits.troubles if near is None else near.troubles
     if found.trouble:
         troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
@@ -181,7 +182,7 @@ def _minimised(
 
 def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
     problem = room.problem
-    if law.dt == 0.0 or problem.pitch is not None:
+    if law.dt == 0.0 or problem.spectrum is None:
         return 0.0
     factor = CALM if problem.reduction is None else CALM * problem.reduction.bend
     speed = answer.objective.speed(problem.free(answer.y, room.share))

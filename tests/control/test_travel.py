@@ -9,6 +9,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from support.workers import steps
+from support.wrist import wrist
 
 import invariantqp as iq
 
@@ -91,7 +92,7 @@ def test_what_a_tick_returned_may_be_written_to(panda):
 
 def hybrid(robot, contact):
     task = iq.HybridTask(contact, [5.0], max_force=50.0)
-    return iq.HybridController(robot, task, dt=DT, sensor=iq.WrenchSensor(cutoff=20.0, mass=0.3), gain=5.0)
+    return iq.HybridController(robot, task, dt=DT, sensor=wrist(cutoff=20.0, mass=0.3), gain=5.0)
 
 
 @pytest.mark.parametrize("way", TRAVELS)
@@ -125,7 +126,7 @@ VALUES = {
     "plane": lambda: iq.control.ExactPlane([1, 2, 3], [0, 0, 1]),
     "joints": lambda: iq.control.ExactJoints(np.eye(3)),
     "shared": lambda: iq.control.SharedTask(np.eye(6)[:, :2], np.eye(6)[:, 2:]),
-    "sensor": lambda: iq.WrenchSensor(UP, 0.3, [0, 0, 0.1]),
+    "sensor": lambda: wrist(UP, mass=0.3, centre=[0, 0, 0.1]),
     "chain": lambda: iq.robots.Chain(np.eye(6), np.eye(4)),
 }
 
@@ -150,9 +151,9 @@ def test_values_compare_hash_and_show_themselves(name):
 
 def test_values_keep_their_own_arrays():
     point, normal, mount = np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, 1.0]), np.eye(4)
-    plane, sensor = iq.control.ExactPlane(normal, point), iq.WrenchSensor(mount)
+    plane, sensor = iq.control.ExactPlane(normal, point), wrist(mount)
     point[:], normal[:], mount[:] = 7.0, 7.0, 7.0
     assert plane == iq.control.ExactPlane([0, 0, 1], [1, 2, 3])
-    assert sensor == iq.WrenchSensor()
+    assert sensor == wrist()
     with pytest.raises(ValueError, match="read-only"):
         plane.point[0] = 7.0

@@ -20,8 +20,9 @@ def so101():
 @pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])
 def test_neither_part_touches_the_other_in_any_tick(panda, rule):
     """Joint velocities, limits not met: a step in force adds nothing along S, one in motion nothing in S*."""
-    bench = Bench(panda, PANDA, pen(**rule), depth=3e-4)
-    other = iq.HybridController(panda, pen(**rule), dt=DT)
+    task = pen(compliance=1e-3, **rule)  # a gain that depends on nothing that was felt before
+    bench = Bench(panda, PANDA, task, depth=3e-4)
+    other = iq.HybridController(panda, task, dt=DT, order="moment first")
     path = circle(bench.start, 0.03, 2.0)
     for k in range(100):
         q, W = bench.q.copy(), bench.wrench()
@@ -42,8 +43,9 @@ def test_neither_part_touches_the_other_in_any_tick(panda, rule):
 def test_five_joints_keep_the_two_apart_at_the_tip(so101):
     """All six freedoms are not to be had with five joints; where the tip goes and how it presses are."""
     options = {"dt": 5e-3, "exact": "position"}
-    bench = Bench(so101, SO101, pen(2.0), stiffness=2e3, **options)
-    other = iq.HybridController(so101, pen(2.0), **options)
+    task = pen(2.0, compliance=1e-3)
+    bench = Bench(so101, SO101, task, stiffness=2e3, **options)
+    other = iq.HybridController(so101, task, order="moment first", **options)
     path = circle(bench.start, 0.02, 3.0)
     for k in range(60):
         q, W, (target, ahead) = bench.q.copy(), bench.wrench(), path(k * 5e-3)

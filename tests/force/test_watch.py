@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.wrist import wrist
 
 import invariantqp as iq
 
@@ -22,7 +23,7 @@ def surface(tool):
 def fed(robot, presses, task=None, **options):
     """The solutions of a loop that is fed with presses, whatever it does; the arm moves."""
     task = iq.HybridTask(surface, [5.0], **options) if task is None else task
-    loop, q, solutions = iq.HybridController(robot, task, dt=DT), READY.copy(), []
+    loop, q, solutions = iq.HybridController(robot, task, dt=DT, order="moment first"), READY.copy(), []
     start = robot.pose(q)
     for press in presses:
         p = robot.pose(q)[:3, 3]
@@ -126,14 +127,14 @@ def test_a_moment_is_counted_about_the_place_of_contact(panda):
     p = panda.pose(READY)[:3, 3]
     turned = np.array([0.2, 0.0, 0.0, 0.0, 0.0, -5.0])
     turned[:3] += np.cross(p, turned[3:])
-    solution = iq.HybridController(panda, task, dt=DT).step(READY, panda.pose(READY), turned)
+    solution = iq.HybridController(panda, task, dt=DT, order="moment first").step(READY, panda.pose(READY), turned)
     assert solution.status == "overload"
     assert "0.2 N m of 0.1" in solution.reason
 
 
 def test_an_overload_is_seen_through_the_low_pass(panda):
     task = iq.HybridTask(surface, [5.0], max_force=20.0)
-    sensor = iq.WrenchSensor(cutoff=0.1, reads="action", force_deadband=40.0)
+    sensor = wrist(cutoff=0.1, reads="action", force_deadband=40.0)
     loop = iq.HybridController(panda, task, dt=DT, sensor=sensor)
     loop.step(READY, panda.pose(READY), np.zeros(6))
     hit = loop.step(READY, panda.pose(READY), [0, 0, 0, 0, 0, 30.0])
@@ -143,10 +144,12 @@ def test_an_overload_is_seen_through_the_low_pass(panda):
 
 def test_standing_still_is_inside_the_limits_even_outside_them(panda):
     """A joint beyond its position limit goes back, overload or not."""
-    task = iq.HybridTask(surface, [5.0], max_force=20.0)
+    task = iq.HybridTask(surface, [5.0], max_force=20.0, on_overload="hold")
     q = READY.copy()
     q[3] = panda.position_upper[3] + 0.01
-    solution = iq.HybridController(panda, task, dt=DT).step(q, panda.pose(q), [0, 0, 0, 0, 0, -30.0])
+    solution = iq.HybridController(panda, task, dt=DT, order="moment first").step(
+        q, panda.pose(q), [0, 0, 0, 0, 0, -30.0]
+    )
     assert solution.status == "overload"
     assert solution.velocity[3] < 0.0
     assert not np.delete(solution.velocity, 3).any()
@@ -155,8 +158,10 @@ def test_standing_still_is_inside_the_limits_even_outside_them(panda):
 def test_standing_still_keeps_the_tools_speed_on_the_way_back(panda):
     q = READY.copy()
     q[0] = panda.position_upper[0] + 0.02
-    task = iq.HybridTask(surface, [5.0], max_force=20.0)
-    solution = iq.HybridController(panda, task, dt=0.01, tool_speed=0.1).step(q, panda.pose(q), [0, 0, 0, 0, 0, -30.0])
+    task = iq.HybridTask(surface, [5.0], max_force=20.0, on_overload="hold")
+    solution = iq.HybridController(panda, task, dt=0.01, order="moment first", tool_speed=0.1).step(
+        q, panda.pose(q), [0, 0, 0, 0, 0, -30.0]
+    )
     assert solution.status == "overload"
     assert solution.velocity[0] < 0.0
     twist = solution.J @ solution.velocity
@@ -171,7 +176,7 @@ def test_a_retreat_leads_out_by_its_distance_and_no_further(name, q, speed):
     """Five joints cannot leave straight and keep their orientation: the way out goes first."""
     robot, dt = iq.load_robot(name), 0.005
     task = iq.HybridTask(surface, [5.0], max_force=20.0, on_overload="retreat", retreat_speed=speed)
-    loop = iq.HybridController(robot, task, dt=dt)
+    loop = iq.HybridController(robot, task, dt=dt, order="moment first")
     q = np.array(q)
     start = robot.pose(q)
     for tick in range(400):
@@ -185,14 +190,16 @@ def test_a_retreat_leads_out_by_its_distance_and_no_further(name, q, speed):
 
 def test_what_is_no_task_sensor_contact_or_press_is_told(panda):
     with pytest.raises(iq.BadInput, match="task: found 'x'"):
-        iq.HybridController(panda, "x", dt=DT)
+        iq.HybridController(panda, "x", dt=DT, order="moment first")
     task = iq.HybridTask(surface, [5.0])
     with pytest.raises(iq.BadInput, match="sensor: found 'x'"):
         iq.HybridController(panda, task, dt=DT, sensor="x")
     with pytest.raises(iq.BadInput, match="contact: found 'x'"):
-        iq.HybridController(panda, task, dt=DT).step(READY, panda.pose(READY), np.zeros(6), contact="x")
+        iq.HybridController(panda, task, dt=DT, order="moment first").step(
+            READY, panda.pose(READY), np.zeros(6), contact="x"
+        )
     with pytest.raises(iq.BadInput, match="a press of -5"):
-        iq.HybridController(panda, iq.HybridTask(surface, [-5.0]), dt=DT)
+        iq.HybridController(panda, iq.HybridTask(surface, [-5.0]), dt=DT, order="moment first")
     with pytest.raises(iq.BadInput, match="unilateral"):
         iq.contacts.ContactKind("free", np.eye(6), unilateral=True)
     with pytest.raises(iq.BadInput, match="robot: found 'panda'"):

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.random_systems import motion
+from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.force.wrench import Smoothing, soft
+from invariantqp.force.smoothing import Smoothing, soft
 
 G = np.array([0.0, 0.0, -9.80665])
 
@@ -31,7 +32,7 @@ def test_weight_bias_and_transport_against_pinocchio(seed, opposite):
     rng = np.random.default_rng(seed)
     tool, mount, centre, bias = motion(rng), motion(rng, 0.2), 0.1 * rng.normal(size=3), rng.normal(size=6)
     world = pin.Force(rng.normal(size=3) * 10, rng.normal(size=3))
-    sensor = iq.WrenchSensor(
+    sensor = wrist(
         mount=mount,
         mass=1.3,
         centre=centre,
@@ -49,7 +50,7 @@ def test_moments_are_carried_along():
     """100 mm off the tip, 5 N across make half a newton metre that the tip does not feel."""
     mount = iq.transform(translation=[0.0, 0.0, -0.1])  # the tool frame is the tip
     reading = np.array([0.0, 0.5, 0.0, 5.0, 0.0, 0.0])  # m = c x f with c = (0, 0, 0.1)
-    measured = iq.WrenchSensor(mount=mount).wrench(reading, np.eye(4))
+    measured = wrist(mount=mount).wrench(reading, np.eye(4))
     np.testing.assert_allclose(measured, [0.0, 0.0, 0.0, -5.0, 0.0, 0.0], atol=1e-15)
 
 
@@ -58,7 +59,7 @@ def test_moments_are_carried_along():
 def test_another_name_for_the_frames_changes_nothing(seed):
     rng = np.random.default_rng(seed)
     tool, mount, X, Y = motion(rng), motion(rng, 0.2), motion(rng, 0.2), motion(rng, 0.2)
-    sensor = iq.WrenchSensor(
+    sensor = wrist(
         mount=mount,
         mass=0.8,
         centre=[0.01, 0.02, 0.05],
@@ -83,7 +84,7 @@ def test_the_deadband_is_soft_continuous_and_keeps_direction(numbers, width):
 
 
 def test_forces_and_moments_have_deadbands_of_their_own():
-    sensor = iq.WrenchSensor(force_deadband=1.0, moment_deadband=0.1, reads="action")
+    sensor = wrist(force_deadband=1.0, moment_deadband=0.1, reads="action")
     measured = sensor.wrench([0.3, 0, 0, 0, 0.9, 0], np.eye(4))
     np.testing.assert_allclose(measured, [0.2, 0, 0, 0, 0, 0], atol=1e-15)
     measured = sensor.wrench([0.05, 0, 0, 0, 3.0, 0], np.eye(4))
@@ -128,12 +129,12 @@ def test_the_first_reading_is_taken_as_it_is_and_no_cutoff_is_none():
 )
 def test_sensors_that_cannot_be(options, argument):
     with pytest.raises(iq.BadInput) as caught:
-        iq.WrenchSensor(**options)
+        wrist(**options)
     assert caught.value.argument == argument
 
 
 def test_a_reading_that_is_none():
-    sensor = iq.WrenchSensor()
+    sensor = wrist()
     for bad in (np.full(6, np.nan), np.ones(5), "word"):
         with pytest.raises(iq.BadInput, match="reading"):
             sensor.wrench(bad, np.eye(4))

@@ -23,7 +23,9 @@ def imports(monkeypatch):
 
     def watched(name, *arguments, **options):
         file = sys._getframe(1).f_code.co_filename
-        if depth[0] and (file.startswith(OURS) or name not in sys.modules):
+        # NumPy's C code looks up its own loaded modules this way, once in a process, in whatever file calls it first.
+        ours = file.startswith(OURS) and not name.startswith("numpy._core.")
+        if depth[0] and (ours or name not in sys.modules):
             seen.add((name, file))
         return really(name, *arguments, **options)
 

@@ -84,6 +84,15 @@ def test_an_operator_moves_on_the_plane_and_cannot_leave_it(physics):
     limit = {"ideal": 1e-5, "mujoco": 1e-3}[physics]
     assert np.abs(heights).max() < limit  # though 50 mm/s were pushed off the plane
     assert max(np.hypot(*T[:2, 3] - poses[0][:2, 3]) for T in poses) > 0.1
+
+
+@pytest.mark.parametrize("physics", ["ideal", "mujoco"])
+def test_neither_a_frame_nor_a_push_off_the_plane_changes_what_the_operator_does(physics):
+    if physics == "mujoco":
+        pytest.importorskip("mujoco")
+    task = iq.load_task("shared_surface")
+    task = task.model_copy(update={"path": task.path.model_copy(update={"duration": 1.5})})
+    trace = iq.run_task(task, physics=physics)
     if physics == "ideal":
         moved = run_displaced(task, motion(np.random.default_rng(0), 0.25))
         np.testing.assert_allclose(moved.q, trace.q, atol=1e-9)
@@ -151,7 +160,7 @@ def test_displaced_frames_change_nothing_of_ours_and_much_of_the_textbooks():
     ours, textbook = iq.compare.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
     assert 0.0 < ours.change < 1e-9
     assert ours.displaced_force_error == pytest.approx(ours.force_error, rel=1e-6)
-    assert textbook.force_error == pytest.approx(ours.force_error, rel=0.1)  # as told it is as good
+    assert 0.5 < textbook.force_error / ours.force_error < 2.0  # as told it is as good, but for the integral
     assert textbook.change > 1e-2
     assert textbook.displaced_error_mm > 10.0 * textbook.error_mm
     assert textbook.displaced_force_error > 5.0 * textbook.force_error

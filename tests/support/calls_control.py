@@ -7,6 +7,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
 from support.calls_algebra import AXIS, POINT, TWIST, H, J, Q, S, T, contact
+from support.wrist import wrist
 
 
 @cache
@@ -30,7 +31,7 @@ def task():
 
 @cache
 def hybrid():
-    return iq.HybridController(ur5(), task(), dt=0.01, form=H)
+    return iq.HybridController(ur5(), task(), dt=0.01, order="moment first", form=H)
 
 
 @cache
@@ -65,8 +66,11 @@ def pose_options():
     return {"form": None, "exact": None, "tolerance": 1e-6, "time_limit": 0.01, "restarts": 0, "seed": 0}
 
 
+TILTS = [iq.exp([0.6 * np.cos(k), 0.6 * np.sin(k), 0.0, 0.0, 0.0, 0.0]) for k in range(5)]
+
+
 def sensor():
-    return iq.WrenchSensor(mass=0.5)
+    return wrist(mass=0.5)
 
 
 def shared():
@@ -147,11 +151,15 @@ CONTROL = {
             "complement": None,
             "metric": None,
             "compliance": 1e-3,
+            "adapts": None,
+            "stiffness": None,
             "size": 0.05,
             "lost_below": None,
             "lost_after": 0.1,
             "on_loss": "approach",
             "approach_speed": 0.02,
+            "approach_distance": 0.1,
+            "approach_time": 20.0,
             "max_force": 60.0,
             "max_moment": 10.0,
             "on_overload": "hold",
@@ -164,7 +172,14 @@ CONTROL = {
     "HybridTask.split": lambda: (task().split, {"kind": contact().kind}),
     "HybridController": lambda: (
         iq.HybridController,
-        {"robot": ur5(), "task": task(), "sensor": None, "force_first": True, **loop_options()},
+        {
+            "robot": ur5(),
+            "task": task(),
+            "sensor": None,
+            "order": "moment first",
+            "force_first": True,
+            **loop_options(),
+        },
     ),
     "HybridController.step": lambda: (
         hybrid().step,
@@ -182,6 +197,7 @@ CONTROL = {
         iq.WrenchSensor,
         {
             "mount": T,
+            "order": "force first",
             "mass": 0.5,
             "centre": POINT,
             "gravity": [0, 0, -9.81],
@@ -189,6 +205,7 @@ CONTROL = {
             "cutoff": 50.0,
             "force_deadband": 0.1,
             "moment_deadband": 0.1,
+            "noise": 0.2,
             "reads": "reaction",
             "origin": POINT,
         },
@@ -196,6 +213,11 @@ CONTROL = {
     "WrenchSensor.tare": lambda: (sensor().tare, {"tool": T}),
     "WrenchSensor.load": lambda: (sensor().load, {"reading": TWIST, "tool": T}),
     "WrenchSensor.wrench": lambda: (sensor().wrench, {"reading": TWIST, "tool": T}),
+    "WrenchSensor.check": lambda: (
+        sensor().check,
+        {"readings": np.array([sensor().tare(pose) for pose in TILTS]), "poses": np.array(TILTS)},
+    ),
+    "Wrench": lambda: (iq.Wrench, {"moment": POINT, "force": POINT}),
     "WrenchSensor.in_base": lambda: (sensor().in_base, {"wrench": TWIST, "tool": T}),
     "WrenchSensor.deadband": lambda: (sensor().deadband, {"wrench": TWIST}),
     "WrenchSensor.relabelled": lambda: (sensor().relabelled, {"offset": T, "tool_offset": T}),

@@ -59,6 +59,8 @@ class Bench:
 
     def __init__(self, robot, q, task, *, stiffness=1e4, depth=0.0, half=0.0, dt=DT, **options):
         self.robot, self.q, self.dt = robot, np.array(q), dt
+        if "sensor" not in options:
+            options["order"] = "moment first"
         self.loop = iq.HybridController(robot, task, dt=dt, **options)
         self.start = robot.pose(q)
         self.stiffness, self.half = stiffness, half

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.random_systems import CLASSES, admits, distance, motion, reciprocal_of, sample
+from support.repeats import repeats
 
 import invariantqp as iq
 from invariantqp.systems.classification import CLASS_TOLERANCE, NEAR_BORDER
@@ -38,11 +39,11 @@ def test_four_and_five_systems_are_named_by_their_reciprocals(key):
     assert kind.admits_pseudoinverse is admits(key[1])
 
 
-def test_ten_thousand_noisy_moved_mixed_systems():
+def test_noisy_moved_mixed_systems():
     rng = np.random.default_rng(20161)
     cases = [(key, False) for key in CLASSES] + [(key, True) for key in CLASSES if key[0] < 3]
     wrong = []
-    for i in range(10_000):
+    for i in range(repeats(10_000, 2500)):
         key, upper = cases[i % len(cases)]
         J, values = sample(rng, key, upper=upper, noise=1e-9, extra=(i // len(cases)) % 3)
         kind = iq.gibson_hunt(J)
@@ -138,8 +139,8 @@ def name_at(J, kind, tolerance):
 def test_the_next_name_is_found_just_past_the_border():
     """Over noisy systems of every type: with the tolerance a hundredth past the nearest border, in the whole system."""
     rng = np.random.default_rng(1381)
-    near = 0
-    for i in range(3000):
+    near, systems = 0, repeats(3000, 1000)
+    for i in range(systems):
         key = CLASSES[i % len(CLASSES)]
         upper = key[0] < 3 and bool(rng.integers(2))
         J, _ = sample(rng, key, upper=upper, noise=10.0 ** rng.uniform(-9.0, -5.0), extra=int(rng.integers(3)))
@@ -149,7 +150,7 @@ def test_the_next_name_is_found_just_past_the_border():
             border = kind.borders[0]
             past = border.value * (0.99 if border.vanishes else 1.01)
             assert kind.next == name_at(J, kind, past) != str(kind)
-    assert near > 1000
+    assert near > systems // 3
 
 
 def test_a_number_that_is_seen_twice_is_one_border():

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.random_systems import distance, motion
+from support.repeats import repeats
 
 import invariantqp as iq
 
@@ -82,11 +83,11 @@ def random_split(rng, S):
     return iq.dual_projectors(S, metric=R @ R.T + 0.1 * np.eye(6))
 
 
-def test_no_power_leaks_over_ten_thousand_random_contacts_and_frames():
+def test_no_power_leaks_over_random_contacts_and_frames():
     """W'Ps = 0 for whatever twist, in whatever frame the contact is seen from."""
     rng = np.random.default_rng(0)
-    worst, seen = 0.0, 0
-    for _ in range(1000):
+    worst = 0.0
+    for _ in range(repeats(1000, 250)):
         contact = random_contact(rng)
         split = random_split(rng, contact.freedoms)
         for _ in range(10):
@@ -95,8 +96,6 @@ def test_no_power_leaks_over_ten_thousand_random_contacts_and_frames():
             power, terms = np.abs(W.T @ (P @ s)), np.abs(W).T @ np.abs(P) @ np.abs(s)
             assert (power <= 1e-12 * terms).all()
             worst = max(worst, float((power[terms > 0.0] / terms[terms > 0.0]).max(initial=0.0)))
-            seen += 1
-    assert seen == 10_000
     assert worst > 0.0  # rounding, not a comparison that cannot fail
 
 

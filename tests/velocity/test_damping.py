@@ -6,7 +6,7 @@ from support.velocity_reference import UNLIMITED, regular_problem, root_of
 
 import invariantqp as iq
 from invariantqp.velocity.damping import damping_of
-from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.objective import least_squares, spectrum_of
 
 
 def test_adaptive_damping_is_nothing_until_the_threshold_and_continuous_there():
@@ -89,7 +89,7 @@ def test_no_policy_gains_or_turns_back(policy):
         A, b = rng.normal(size=(6, m)), rng.normal(size=6)
         if k % 3 == 0:
             A[:, -1] = 1e-4 * A[:, -1] + A[:, 0] * (m > 1)
-        objective = least_squares(A, b, None, policy)
+        objective = least_squares(spectrum_of(A), b, None, policy)
         pull = objective.V.T @ (A.T @ b)
         sizes = ((A @ objective.V) ** 2).sum(axis=0)
         asked = sizes > 1e-12 * sizes.max()
@@ -104,9 +104,9 @@ def test_selective_damping_holds_every_direction_to_its_speed():
     for _ in range(300):
         A, b = rng.normal(size=(6, 5)), 10.0 * rng.normal(size=6)
         A[:, 4] = A[:, 0] + 1e-5 * A[:, 4]
-        fast = least_squares(A, b, None, iq.velocity.Selective(0.4))
+        fast = least_squares(spectrum_of(A), b, None, iq.velocity.Selective(0.4))
         assert np.abs(fast.optimum).max() <= 0.4 * (1.0 + 1e-9)
-        slow = least_squares(A, 1e-4 * b, None, iq.velocity.Selective(0.4))
+        slow = least_squares(spectrum_of(A), 1e-4 * b, None, iq.velocity.Selective(0.4))
         U, sigma, _ = np.linalg.svd(A)
         free = sigma > 0.1 * sigma[0]
         np.testing.assert_allclose(np.abs(slow.optimum[free]), np.abs(1e-4 * b @ U[:, :5] / sigma)[free], rtol=1e-9)

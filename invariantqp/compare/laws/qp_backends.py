@@ -20,7 +20,7 @@ from invariantqp.compare.names import DAQP, LEAST_SQUARES, TOLD_LEAST_SQUARES
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.qp.backends import Backend, Daqp, Osqp, QpSolvers
 from invariantqp.velocity.qp.cones import Cvxpy
 from invariantqp.velocity.qp.scaling import BoxQP, scaled
@@ -40,11 +40,11 @@ def _by(make_backend: Callable[[], Backend]) -> Callable[[Setting], Solve]:
         backend, damping, root = make_backend(), Adaptive(), root_at(setting.point, setting.length)
 
         def velocity(J: Array, s: Array, lower: Array, upper: Array) -> Array:
-            objective = least_squares(root.dot(J), root.dot(s), None, damping)
+            objective = least_squares(spectrum_of(root.dot(J)), root.dot(s), None, damping)
             centre = objective.centre()
             if (centre >= lower).all() and (centre <= upper).all():
                 return centre
-            qp, _, size = scaled(objective.root(), None, lower - centre, upper - centre)
+            qp, size = scaled(objective.quadratic().K, None, lower - centre, upper - centre)
             return centre + size * backend.solve(qp)
 
         return velocity

@@ -17,7 +17,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.gram import gram_matrix
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.objective import least_squares
+from invariantqp.velocity.objective import least_squares, spectrum_of
 
 SORTS = ("free", "limited", "singular")
 # Standard deviation of each component of the wanted twists [rad/s, m/s].
@@ -105,7 +105,7 @@ def _state(robot: Robot, q: Array, s_tool: Array, kind: str, uneven: Array, sett
     Q = gram_matrix(np.eye(6), setting.pitch)
     stationary = np.linalg.lstsq(J.T.dot(Q).dot(J), J.T.dot(Q).dot(s), rcond=None)[0]
     root = root_at(setting.point, setting.length)
-    ours = least_squares(root.dot(to_tool.dot(J)), root.dot(s_tool), None, Adaptive()).centre()
+    ours = least_squares(spectrum_of(root.dot(to_tool.dot(J))), root.dot(s_tool), None, Adaptive()).centre()
     answers = (np.linalg.pinv(to_tool.dot(J)).dot(s_tool), stationary, ours)
     sizes = [float(np.abs(x).max()) for x in answers]
     reach = uneven * (NARROW * min(sizes) if kind == "limited" else WIDE * max(sizes))

@@ -55,7 +55,7 @@ def relaxed(rows: LimitRows, lower: Array, upper: Array) -> Relaxed:
     C = np.asarray(rows.C)
     k, m = C.shape
     size = float(np.abs(C).max()) or 1.0
-    K = np.diag(np.concatenate((np.full(m, np.sqrt(REGULARISATION) * size), np.ones(k))))
+    root = np.concatenate((np.full(m, np.sqrt(REGULARISATION) * size), np.ones(k)))
     free = np.full(k, np.inf)
     apart = LimitRows(np.hstack((C, -np.eye(k))), rows.lower, rows.upper)
     limits = apart.with_box(np.concatenate((lower, -free)), np.concatenate((upper, free)))
@@ -63,7 +63,7 @@ def relaxed(rows: LimitRows, lower: Array, upper: Array) -> Relaxed:
     apart_by = np.minimum(np.maximum(C.dot(start), rows.lower), rows.upper) - C.dot(start)
     z, centre = np.concatenate((start, -apart_by)), np.zeros(m + k)
     for _ in range(2):
-        found = minimise(Daqp(), Quadratic(K, centre), limits, z)
+        found = minimise(Daqp(), Quadratic.diagonal(root, centre), limits, z)
         z, centre = found.z, np.concatenate((found.z[:m], np.zeros(k)))
     x = np.minimum(np.maximum(z[:m], lower), upper)
     violation = rows.excess(x)
@@ -93,7 +93,7 @@ def slowed(cone: Cone, limits: Polytope, inside: Array) -> Slowed:
     """
     m = cone.J.shape[1]
     size = float(np.abs(cone.J).max()) or 1.0
-    still = Quadratic(np.sqrt(REGULARISATION) * size * np.eye(m), np.zeros(m)).plus(cone.J, -cone.start)
+    still = Quadratic.diagonal(np.full(m, np.sqrt(REGULARISATION) * size), np.zeros(m)).plus(cone.J, -cone.start)
     slowest = minimise(Daqp(), still, limits, inside).z
     least = cone.speed(slowest)
     return Slowed(cone if least <= cone.limit else cone._replace(limit=least * (1.0 + FASTER)), slowest)

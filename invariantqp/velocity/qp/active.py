@@ -1,54 +1,68 @@
-"""The least |K d| on a set of active limits, by orthogonal factors of the root K, and its multipliers.
+"""The shortest e on a set of active limits, N_a e = b_a, and their multipliers: a least-distance problem.
 
-K'K d + A'y = 0,   y > 0 at an upper limit, y < 0 at a lower one: loosening limit i by e improves the objective by
-|y_i| e
+e + N_a'y = 0,   y > 0 at an upper limit, y < 0 at a lower one: loosening limit i by d improves the objective by |y_i| d
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.scaling import ROW_TOLERANCE
 
 Sides = NDArray[np.intp]
 
 # A multiplier of the wrong sign by less than this share of the largest is rounding.
 WRONG_SIGN = 1e-9
+# An active row that leaves less than this share of the longest beside the others depends on them.
+DEPENDENT = 1e-12
 
 
-def least(K: Array, wanted: Array) -> Array:
-    """The z of least |K z - wanted|, K (k, n) of full column rank."""
-    if K.shape[1] == 0:
-        return np.empty(0)
-    _, z, info = lapack.dgels(K, wanted)
-    if info != 0:
-        raise np.linalg.LinAlgError(f"dgels returned {info}")
-    found: Array = z[: K.shape[1]]
-    return found
+class Face(NamedTuple):
+    """The e with N_a e = b_a.
 
-
-def factored(A: Array) -> tuple[Array, Array]:
-    """Q (n, n) orthonormal and R (k, k) upper triangular with A = Q[:, :k] R, A (n, k), k <= n.
-
-    Only the upper triangle of R is R; LAPACK's own calls, since NumPy's take three times as long at this size.
+    Attributes:
+        at: (k,) the active limits.
+        above: (k,) whether they are upper ones.
+        Q: (n, k) orthonormal.
+        R: (k, k) upper triangular (what is below the diagonal means nothing), N_a' = Q R.
+        e: (n,) the shortest e.
     """
-    n, k = A.shape
-    packed, tau, _, _ = lapack.dgeqrf(A)
-    whole = np.zeros((n, n), order="F")
-    whole[:, :k] = packed
-    Q, _, _ = lapack.dorgqr(whole, tau)
-    return Q, packed[:k]
+
+    at: Sides
+    above: NDArray[np.bool_]
+    Q: Array
+    R: Array
+    e: Array
+
+    def shortest(self, b: Array) -> Array:
+        """(n,) the shortest e with N_a e = b (k,)."""
+        e: Array = self.Q.dot(lapack.dtrtrs(self.R, b, trans=1)[0])
+        return e
+
+    def along(self, M: Array) -> Array:
+        """(k, n) rows of M (k, n) without their parts that would move an active limit."""
+        free = M
+        for _ in range(2):  # twice, since the first time leaves rounding of M
+            free = free - free.dot(self.Q).dot(self.Q.T)
+        return free
+
+    def multipliers(self, pull: Array, count: int) -> Array:
+        """(count,) y with pull + N_a'y = 0 on the active limits, zero for the others."""
+        y = np.zeros(count)
+        if len(self.at):
+            y[self.at] = lapack.dtrtrs(self.R, -pull.dot(self.Q))[0]
+        return y
 
 
-def on_active(K: Array, A: Array | None, lower: Array, upper: Array, side: Sides) -> tuple[Array, Array]:
-    """The d of least |K d| on the active limits, and the multipliers (r,).
+def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
+    """The face on which the limits with a side are active.
 
     Args:
-        K: (k, n) root.
-        A: (r, n) rows, or None for the identity.
+        N: (r, n) rows.
         lower: (r,).
         upper: (r,).
         side: (r,) 1 for limits active above, -1 for those below, 0 for the others.
@@ -56,38 +70,19 @@ def on_active(K: Array, A: Array | None, lower: Array, upper: Array, side: Sides
     Raises:
         numpy.linalg.LinAlgError: the active rows depend on each other.
     """
-    at = np.flatnonzero(side)
-    bound = np.where(side[at] > 0, upper[at], lower[at])
-    d, y = _boxed(K, at, bound) if A is None else _rowed(K, A[at], bound)
-    multipliers = np.zeros(len(side))
-    multipliers[at] = y
-    return d, multipliers
-
-
-def _boxed(K: Array, at: Sides, bound: Array) -> tuple[Array, Array]:
-    n = K.shape[1]
-    d = np.zeros(n)
-    if not len(at):
-        return d, bound
-    d[at] = bound
-    free = np.ones(n, dtype=bool)
-    free[at] = False
-    d[free] = least(K[:, free], -K[:, at].dot(bound))
-    return d, -K.dot(d).dot(K[:, at])
-
-
-def _rowed(K: Array, A: Array, bound: Array) -> tuple[Array, Array]:
-    k, n = A.shape
+    n = N.shape[1]
+    at = side.nonzero()[0]
+    above = side[at] > 0
+    k = len(at)
+    if k == 0:
+        return Face(at, above, np.empty((n, 0)), np.empty((0, 0)), np.zeros(n))
     if k > n:
         raise np.linalg.LinAlgError("more active rows than unknowns")
-    if k == 0:
-        return np.zeros(n), bound
-    Q, R = factored(A.T)
-    size = np.abs(R.diagonal())
-    if size.min() <= ROW_TOLERANCE * size.max():
+    packed, tau, _, _ = lapack.dgeqrf(N[at].T)
+    R = packed[:k]
+    sizes = np.abs(R.diagonal())
+    if sizes.min() <= DEPENDENT * sizes.max():
         raise np.linalg.LinAlgError("active rows depend on each other")
-    w, _ = lapack.dtrtrs(R, bound, trans=1)
-    fixed = Q[:, :k].dot(w)
-    d = fixed + Q[:, k:].dot(least(K.dot(Q[:, k:]), -K.dot(fixed)))
-    y, _ = lapack.dtrtrs(R, -K.dot(d).dot(K).dot(Q[:, :k]))
-    return d, y
+    Q, _, _ = lapack.dorgqr(packed, tau)
+    face = Face(at, above, Q, R, np.empty(0))
+    return face._replace(e=face.shortest(np.where(above, upper[at], lower[at])))

@@ -11,6 +11,8 @@ from invariantqp.geometry.arrays import Array
 
 # A limit this close, relative to its value (or 1), is at it.
 ACTIVE_TOLERANCE = 1e-6
+# A row shorter than this share of the longest is rounding: no z moves it.
+ROW_TOLERANCE = 1e-12
 
 
 class Polytope(NamedTuple):
@@ -29,6 +31,13 @@ class Polytope(NamedTuple):
     def value(self, z: Array) -> Array:
         """(k,) A z."""
         return z if self.A is None else self.A.dot(z)
+
+    def moving(self) -> NDArray[np.intp]:
+        """The limits that some z moves."""
+        if self.A is None:
+            return np.arange(len(self.lower))
+        square = (self.A * self.A).sum(axis=1)
+        return np.flatnonzero(square > ROW_TOLERANCE**2 * square.max(initial=0.0))
 
     def at(self, z: Array) -> NDArray[np.bool_]:
         """(k,) which limits z is at."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import WRONG_SIGN, on_active
+from invariantqp.velocity.qp.active import WRONG_SIGN, face_of
 
 # Steps for each limit, at most; then the point reached is the answer.
 STEPS = 10
@@ -19,40 +19,40 @@ STEPS = 10
 PARALLEL = 1e-9
 
 
-def from_inside(K: Array, A: Array | None, lower: Array, upper: Array, d: Array) -> tuple[Array, Array]:
-    """The d of least |K d| with lower <= A d <= upper, and its multipliers, from a d that is inside.
+def from_inside(N: Array, lower: Array, upper: Array, e: Array) -> tuple[Array, Array]:
+    """The shortest e with lower <= N e <= upper, and its multipliers, from an e that is inside.
 
     Args:
-        K: (k, n) root, full column rank.
-        A: (r, n) rows, or None for the identity.
+        N: (r, n) rows.
         lower: (r,).
         upper: (r,).
-        d: (n,) inside, but for rounding.
+        e: (n,) inside, but for rounding.
     """
     side: NDArray[np.intp] = np.zeros(len(lower), dtype=np.intp)
-    length = np.ones(len(lower)) if A is None else np.sqrt((A * A).sum(axis=1))
+    length = np.sqrt((N * N).sum(axis=1))
     y = np.zeros(len(lower))
     for count in range(STEPS * len(lower)):
         try:
-            best, y = on_active(K, A, lower, upper, side)
-        except np.linalg.LinAlgError:  # nearly dependent rows meet at d
+            face = face_of(N, lower, upper, side)
+        except np.linalg.LinAlgError:  # nearly dependent rows meet at e
             break
-        step = best - d
-        change, value = (step, d) if A is None else (A.dot(step), A.dot(d))
+        y = face.multipliers(face.e, len(lower))
+        step = face.e - e
+        change, value = N.dot(step), N.dot(e)
         moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(step)))
         room = np.where(change > 0.0, upper - value, lower - value)
         share = np.full(len(lower), np.inf)
         np.divide(room, change, out=share, where=moving)
         first = int(share.argmin())
         if share[first] < 1.0:
-            d = d + max(0.0, float(share[first])) * step
+            e = e + max(0.0, float(share[first])) * step
             side[first] = 1 if change[first] > 0.0 else -1
             continue
-        d = best
+        e = face.e
         pull = y * side
         wrong = np.flatnonzero(pull < -WRONG_SIGN * np.abs(y).max(initial=0.0))
         if not len(wrong):
             break
         # The most wrong one; after many steps the first one (Bland's rule), so that no active set repeats.
         side[wrong[0] if count > 2 * len(lower) else wrong[pull[wrong].argmin()]] = 0
-    return d, np.where(y * side > 0.0, y, 0.0)
+    return e, np.where(y * side > 0.0, y, 0.0)

@@ -1,11 +1,11 @@
-"""A convex quadratic inside limits: the active set is a solver's, the numbers are computed from the root.
+"""A convex quadratic inside limits: the active set is a solver's, the numbers are computed on it.
 
-    minimise 1/2 |K (z - z*)|^2   over   lower <= A z <= upper
+    minimise 1/2 |e|^2   over   lower <= A z <= upper,   |v_p| <= limit,   z = z* + T e
 
-Solvers work on the Hessian K'K and stop at tolerances of their own; K has the square root of its condition. So the
-solver is only used for the active set. The optimum on that is computed by orthogonal factors of K and checked: it must
-be inside the other limits, with multipliers of the right sign. A limit that fails the check joins or leaves the set. So
-the answer depends on solver and frame only by rounding times the condition number of K.
+T is the inverse of a root of the Hessian, so this is the point of a polytope nearest to e = 0. Solvers stop at
+tolerances of their own, so one is only used for the active set. The shortest e on that is computed by orthogonal
+factors and checked: it must be inside the other limits, with multipliers of the right sign. A limit that fails the
+check joins or leaves the set. So the answer depends on solver and frame only by rounding times the condition of T.
 """
 
 from __future__ import annotations
@@ -15,35 +15,50 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import WRONG_SIGN, Sides, factored, least, on_active
+from invariantqp.velocity.qp.active import WRONG_SIGN, Face, Sides, face_of
 from invariantqp.velocity.qp.backends import Backend, SolverFailure, solved
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.primal import from_inside
 from invariantqp.velocity.qp.scaling import BoxQP, scaled
+from invariantqp.velocity.qp.slow import Slow
 
 # A limit this close to the solver's answer, on the scaled problem, is taken to be active until the check.
 CLOSE = 1e-7
 # How far an answer may be outside a limit, relative to the limit; it is clipped.
 FEASIBLE = 1e-9
 # Corrections of the active set of a similar problem that are tried before a solver is called.
-CORRECTIONS = 3
+CORRECTIONS = 6
 
 
 class Quadratic(NamedTuple):
-    """1/2 |K (z - centre)|^2, K (k, n) of full column rank, centre (n,)."""
+    """1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e, K and T = K^-1 (n, n), centre (n,)."""
 
     K: Array
+    T: Array
     centre: Array
+
+    @classmethod
+    def diagonal(cls, root: Array, centre: Array) -> Quadratic:
+        """1/2 |e|^2 with K = diag(root), root (n,)."""
+        return cls(np.diag(root), np.diag(1.0 / root), centre)
 
     def plus(self, root: Array, wanted: Array) -> Quadratic:
         """The same with 1/2 |root z - wanted|^2 added."""
-        K = np.vstack((self.K, root))
-        return Quadratic(K, least(K, np.concatenate((self.K.dot(self.centre), wanted))))
+        n = len(self.centre)
+        U, sizes, Wt = np.linalg.svd(root.dot(self.T))
+        size, pull = np.zeros(n), np.zeros(n)
+        size[: len(sizes)] = sizes
+        pull[: len(sizes)] = (wanted - root.dot(self.centre)).dot(U[:, : len(sizes)])
+        more = np.sqrt(1.0 + size * size)
+        T = self.T.dot(Wt.T) / more
+        return Quadratic(more[:, None] * Wt.dot(self.K), T, self.centre + T.dot(size * pull / more))
 
 
 def weighted(root: Array, wanted: Array) -> Quadratic:
-    """1/2 |root z - wanted|^2, but for a constant."""
-    return Quadratic(root, least(root, wanted))
+    """1/2 |root z - wanted|^2 but for a constant, root (k, n) of full column rank."""
+    U, sizes, Vt = np.linalg.svd(root, full_matrices=False)
+    T = Vt.T / sizes
+    return Quadratic(sizes[:, None] * Vt, T, T.dot(wanted.dot(U)))
 
 
 class Optimum(NamedTuple):
@@ -84,57 +99,119 @@ def minimise(
     Raises:
         SolverFailure: no answer was found; `.infeasible` when a solver says that there is none.
     """
-    K, centre = problem
-    value = limits.value(centre)
-    lower, upper = limits.lower - value, limits.upper - value
-    if (lower <= 0.0).all() and (upper >= 0.0).all():
-        return Optimum(centre, np.zeros(len(value)))
-    if not len(centre):
-        _check_constant(lower, upper, np.abs(limits.lower) + np.abs(limits.upper))
-        return Optimum(centre, np.zeros(len(value)))
+    room = centred(problem, limits)
+    count = len(room.lower)
+    if (room.lower <= 0.0).all() and (room.upper >= 0.0).all():
+        return Optimum(problem.centre, np.zeros(count))
     if near is not None and near.multipliers.any():
-        side = np.sign(near.multipliers).astype(np.intp)
-        answer = _checked(K, limits.A, lower, upper, side, CORRECTIONS)
+        answer = corrected(problem, limits, room, sides_of(near), CORRECTIONS)
         if answer is not None:
-            return Optimum(centre + answer[0], answer[1], near.backend)
-    qp, rows, size = scaled(K, limits.A, lower, upper)
-    if len(rows) < len(value):
-        still = np.ones(len(value), dtype=bool)
+            return answer._replace(backend=near.backend)
+    rows = limits.moving()
+    if len(rows) < count:
+        still = np.ones(count, dtype=bool)
         still[rows] = False
-        _check_constant(lower[still], upper[still], size)
+        _check_constant(room.lower[still], room.upper[still])
+        if not len(rows):
+            return Optimum(problem.centre, np.zeros(count))
     A = None if limits.A is None else limits.A[rows]
-    lower, upper = lower[rows], upper[rows]
-    multipliers = np.zeros(len(value))
+    qp, size = scaled(problem.K, A, room.lower[rows], room.upper[rows])
     try:
         found = solved(backend, qp)
     except SolverFailure as failure:
         if inside is None:
             raise
-        d, multipliers[rows] = from_inside(K, A, lower, upper, inside - centre)
-        trouble = "" if failure.infeasible else str(failure)
-        return Optimum(centre + d, multipliers, "active set", trouble)
-    answer = _checked(K, A, lower, upper, _sides(qp, found.z), len(rows))
+        answer = _from_inside(problem, room, inside)
+        return answer._replace(backend="active set", trouble="" if failure.infeasible else str(failure))
+    side = np.zeros(count, dtype=np.intp)
+    side[rows] = _sides(qp, found.z)
+    answer = corrected(problem, limits, room, side, len(rows))
     if answer is None and inside is not None:
-        answer = from_inside(K, A, lower, upper, inside - centre)
+        answer = _from_inside(problem, room, inside)
     if answer is None:
-        return Optimum(centre + size * found.z, multipliers, found.backend, found.trouble)
-    d, multipliers[rows] = answer
-    return Optimum(centre + d, multipliers, found.backend, found.trouble)
+        answer = Optimum(problem.centre + size * found.z, np.zeros(count))
+    return answer._replace(backend=found.backend, trouble=found.trouble)
 
 
-def face(limits: Polytope, multipliers: Array, n: int) -> Array:
-    """(n, f) orthonormal directions along which all limits with a multiplier stay active."""
-    at = np.flatnonzero(multipliers)
-    if limits.A is None:
-        return np.delete(np.eye(n), at, axis=1)
-    if not len(at):
-        return np.eye(n)
-    directions: Array = factored(limits.A[at].T)[0][:, len(at) :]
-    return directions
+def _from_inside(problem: Quadratic, room: Centred, inside: Array) -> Optimum:
+    e, multipliers = from_inside(room.N, room.lower, room.upper, problem.K.dot(inside - problem.centre))
+    return Optimum(problem.centre + problem.T.dot(e), multipliers)
 
 
-def _check_constant(lower: Array, upper: Array, size: Array | float) -> None:
+class Centred(NamedTuple):
+    """lower <= N e <= upper, the limits on e."""
+
+    N: Array
+    lower: Array
+    upper: Array
+
+
+def centred(problem: Quadratic, limits: Polytope) -> Centred:
+    """The limits on e."""
+    value = limits.value(problem.centre)
+    N = problem.T if limits.A is None else limits.A.dot(problem.T)
+    return Centred(N, limits.lower - value, limits.upper - value)
+
+
+def sides_of(optimum: Optimum) -> Sides:
+    """(k,) 1 at an active upper limit, -1 at an active lower one, 0 elsewhere."""
+    return np.sign(optimum.multipliers).astype(np.intp)
+
+
+def corrected(
+    problem: Quadratic, limits: Polytope, room: Centred, side: Sides, tries: int, slow: Slow | None = None
+) -> Optimum | None:
+    """The optimum, from a guess at its active set that is corrected where necessary; None where that fails.
+
+    Args:
+        problem: what is minimised.
+        limits: on z.
+        room: the same on e.
+        side: (k,) the guess; it is changed.
+        tries: of active sets, at most.
+        slow: a speed limit beside them.
+    """
+    N, lower, upper = room
+    edge = FEASIBLE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
+    low, high = lower - edge, upper + edge
+    for _ in range(tries):
+        try:
+            face = face_of(N, lower, upper, side)
+        except np.linalg.LinAlgError:
+            return None
+        e, pull, nu = (face.e, face.e, 0.0) if slow is None or slow.allows(face.e) else slow.on(face)
+        value = N.dot(e)
+        outside = np.maximum(value - high, low - value)
+        outside[face.at] = -1.0
+        worst = int(outside.argmax())
+        if outside[worst] > 0.0:
+            side[worst] = 1 if value[worst] > upper[worst] else -1
+            continue
+        multipliers = face.multipliers(pull, len(lower))
+        signed = multipliers * side
+        weakest = int(signed.argmin())
+        if signed[weakest] < -WRONG_SIGN * max(float(signed.max()), -float(signed[weakest])):
+            side[weakest] = 0
+            continue
+        if slow is not None and not slow.allows(e, FEASIBLE):
+            return None
+        return Optimum(_precise(problem, limits, face, e), multipliers, nu=nu)
+    return None
+
+
+def _precise(problem: Quadratic, limits: Polytope, face: Face, e: Array) -> Array:
+    """(n,) z of an e on a face, on its active limits to rounding in z, whatever the condition of T."""
+    z: Array = problem.centre + problem.T.dot(e)
+    at = face.at
+    if len(at):
+        value = z[at] if limits.A is None else limits.A[at].dot(z)
+        z = z + problem.T.dot(face.shortest(np.where(face.above, limits.upper[at], limits.lower[at]) - value))
+    return z
+
+
+def _check_constant(lower: Array, upper: Array) -> None:
     """Check rows that do not depend on z."""
+    size = sum(np.where(np.isfinite(limit), np.abs(limit), 0.0) for limit in (lower, upper))
     if (np.maximum(lower, -upper) > FEASIBLE * (1.0 + size)).any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
 
@@ -143,27 +220,3 @@ def _sides(qp: BoxQP, z: Array) -> Sides:
     """(k,) 1 at an upper limit, -1 at a lower one, 0 away from both, of the scaled problem."""
     value = z if qp.C is None else qp.C.dot(z)
     return np.where(value >= qp.upper - CLOSE, 1, np.where(value <= qp.lower + CLOSE, -1, 0))
-
-
-def _checked(
-    K: Array, A: Array | None, lower: Array, upper: Array, side: Sides, tries: int
-) -> tuple[Array, Array] | None:
-    """The optimum d and its multipliers, after correcting the active set where necessary; None where that fails."""
-    edge = FEASIBLE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
-    for _ in range(tries):
-        try:
-            d, y = on_active(K, A, lower, upper, side)
-        except np.linalg.LinAlgError:
-            return None
-        value = d if A is None else A.dot(d)
-        outside = np.where(side == 0, np.maximum(value - upper, lower - value) - edge, -1.0)
-        worst = int(outside.argmax())
-        if outside[worst] > 0.0:
-            side[worst] = 1 if value[worst] > upper[worst] else -1
-            continue
-        pull = y * side
-        weakest = int(pull.argmin())
-        if pull[weakest] >= -WRONG_SIGN * np.abs(y).max():
-            return d, y
-        side[weakest] = 0
-    return None

@@ -8,14 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 
 # Stand-in for infinity in the scaled problem.
 UNBOUNDED = 1e30
-# A row shorter than this share of the longest is rounding: no d moves it.
-ROW_TOLERANCE = 1e-12
 
 
 class BoxQP(NamedTuple):
@@ -37,16 +34,9 @@ class BoxQP(NamedTuple):
 
 
 class Scaled(NamedTuple):
-    """A problem in its own units.
-
-    Attributes:
-        qp: the problem.
-        rows: which rows of the caller's are in it; the others are moved by no d.
-        size: d = size z for its answer z.
-    """
+    """A problem in its own units: d = size z for its answer z."""
 
     qp: BoxQP
-    rows: NDArray[np.intp]
     size: float
 
 
@@ -54,18 +44,15 @@ def scaled(K: Array, A: Array | None, lower: Array, upper: Array) -> Scaled:
     """1/2 |K d|^2 inside lower <= A d <= upper, where d = 0 is outside, in units of how far outside it is.
 
     Args:
-        K: (k, n) root.
-        A: (r, n) rows, or None for the identity.
+        K: (n, n) root.
+        A: (r, n) rows, none of them zero, or None for the identity.
         lower: (r,).
         upper: (r,).
     """
-    n = K.shape[1]
-    length = np.ones(n) if A is None else np.sqrt((A * A).sum(axis=1))
-    rows = np.flatnonzero(length > ROW_TOLERANCE * length.max(initial=0.0))
-    length = length[rows]
-    low, high = lower[rows] / length, upper[rows] / length
+    length = np.ones(len(lower)) if A is None else np.sqrt((A * A).sum(axis=1))
+    low, high = lower / length, upper / length
     size = float(np.maximum(low, -high).max(initial=0.0)) or 1.0
     H = K.T.dot(K)
-    C = None if A is None else A[rows] / length[:, None]
+    C = None if A is None else A / length[:, None]
     low, high = np.maximum(low / size, -UNBOUNDED), np.minimum(high / size, UNBOUNDED)
-    return Scaled(BoxQP(H / H.diagonal().max(), np.zeros(n), low, high, C), rows, size)
+    return Scaled(BoxQP(H / H.diagonal().max(), np.zeros(K.shape[1]), low, high, C), size)

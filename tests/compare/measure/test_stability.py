@@ -20,9 +20,17 @@ def few(monkeypatch):
     monkeypatch.setattr(stability, "cases", lambda: FEW)
 
 
-def test_every_law_runs_every_case_it_can_have(few):
+@pytest.fixture(scope="module")
+def compared():
+    """The outcomes of the few cases, and the progress that was told."""
     seen = []
-    outcomes = compare_stability(lambda k, n: seen.append((k, n)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stability, "cases", lambda: FEW)
+        return compare_stability(lambda k, n: seen.append((k, n))), seen
+
+
+def test_every_law_runs_every_case_it_can_have(compared):
+    outcomes, seen = compared
     table = {(run.case, run.law): run for run in outcomes}
     laws = set(stability.laws())
     assert {law for case, law in table if case == "jump, NaN in target"} == laws
@@ -46,7 +54,8 @@ def test_missing_robot_models_are_told_before_the_first_run(few, monkeypatch):
         compare_stability()
 
 
-def test_the_command_prints_a_table_and_writes_every_figure(few, tmp_path):
+def test_the_command_prints_a_table_and_writes_every_figure(compared, monkeypatch, tmp_path):
+    monkeypatch.setattr(stability, "compare_stability", lambda _: compared[0])
     file = tmp_path / "stability.json"
     result = CliRunner().invoke(app, ["compare", "--stability", "--json", str(file)])
     assert result.exit_code == 0, result.output

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from support.random_systems import motion
+from support.wrist import wrist
 
 import invariantqp as iq
 from invariantqp.geometry.surfaces import Cylinder, Plane
@@ -94,9 +95,9 @@ def test_the_wrench_is_the_gradient_of_the_springs_energy():
 def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
     robot = iq.load_robot("panda")
     T = robot.pose(READY)
-    wrist = SimulatedSensor(motion(np.random.default_rng(1), 0.1), 0.4, (0.01, 0.02, 0.03))
+    real = SimulatedSensor(motion(np.random.default_rng(1), 0.1), 0.4, (0.01, 0.02, 0.03))
     plant = IdealPlant(
-        robot, READY, 0.002, SurfaceSprings("point", np.zeros((1, 3)), Plane(T[:3, 3] + 1e-3 * UP, UP), 2e4), wrist
+        robot, READY, 0.002, SurfaceSprings("point", np.zeros((1, 3)), Plane(T[:3, 3] + 1e-3 * UP, UP), 2e4), real
     )
     velocity = np.linspace(-0.1, 0.1, 7)
     for _ in range(3):
@@ -105,7 +106,7 @@ def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
     np.testing.assert_allclose(now.q, READY + 0.006 * velocity, atol=1e-15)
     np.testing.assert_array_equal(now.pose, robot.pose(now.q))
     assert np.linalg.norm(now.wrench[3:]) > 10.0
-    task_sensor = iq.WrenchSensor(wrist.mount, wrist.mass, wrist.centre)  # what a controller makes of the reading
+    task_sensor = wrist(real.mount, mass=real.mass, centre=real.centre)  # what a controller makes of the reading
     measured = plant.measure()
     np.testing.assert_array_equal(measured.q, now.q)
     np.testing.assert_allclose(task_sensor.wrench(measured.wrench, now.pose), -now.wrench, atol=1e-10)

@@ -1,0 +1,35 @@
+"""Sizes at the place of contact: loads about it, the way out, and how fast a twist moves it."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.contacts import Contact
+
+TINY = float(np.finfo(float).tiny)
+
+
+def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
+    """|f|, and |m| about that of the places where it is least: a handle is held far from its hinge."""
+    m, f = wrench[:3], wrench[3:]
+    moments = [m - se3.cross(place, f) for place in places]
+    return sqrt(f.dot(f)), sqrt(min(moment.dot(moment) for moment in moments))
+
+
+def way_out(contact: Contact) -> Array:
+    """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be."""
+    if contact.kind.out is None:
+        return np.zeros(3)
+    out = velocity_at(se3.adjoint(contact.pose, check=False).dot(np.asarray(contact.kind.out)), contact.point)
+    return out / max(sqrt(out.dot(out)), TINY)
+
+
+def speed_at(contact: Contact, twist: Array, size: float) -> float:
+    """How fast a twist moves the place of contact, turning counted by the contact's size [length/s]."""
+    v, w = velocity_at(twist, contact.point), size * twist[:3]
+    return max(sqrt(max(v.dot(v), w.dot(w))), TINY)

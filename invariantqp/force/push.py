@@ -1,0 +1,94 @@
+"""The force part of a tick's twist.
+
+touching        factor (I - P) C (I - P)' (e + integral)
+in the air      along the wanted wrench, so slowly that the touch is gentle, whatever the noise says
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.place import speed_at
+from invariantqp.force.regulation import Regulation
+from invariantqp.force.split import Split
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.systems.contacts import Contact
+
+
+class Gains(NamedTuple):
+    """The force law's gains in a tick.
+
+    Attributes:
+        factor: on the compliance.
+        rate: of the integral [1/s]; None without one.
+        gentle: speed at which contact is looked for [length/s]; None where the force error says it.
+    """
+
+    factor: float
+    rate: float | None
+    gentle: float | None
+
+
+class Push(NamedTuple):
+    """The force part: twist (6,) in the base frame, and whether the law acts in full, so that its integral may grow."""
+
+    twist: Array
+    free: bool
+
+
+def gains_of(
+    task: HybridTask, split: Split, regulation: Regulation, press: float | None, late: float, *, touching: bool
+) -> Gains:
+    """The gains for what is known of the stiffness.
+
+    Args:
+        task: says them, or lets them follow the stiffness.
+        split: of the contact.
+        regulation: what is known.
+        press: wanted [force]; None where the contact cannot be lost.
+        late: sum of tick, delay and low-pass [s].
+        touching: whether there is contact.
+    """
+    factor, gentle = 1.0, None
+    if task.adapts and split.compliance > 0.0:
+        factor = regulation.factor(split.compliance, task.stiffness, late)
+        if press is not None:
+            gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, late))
+    k = regulation.known(task.stiffness) if task.adapts else task.stiffness
+    return Gains(factor, factor * split.compliance * k if k is not None and touching else None, gentle)
+
+
+def push(
+    task: HybridTask,
+    contact: Contact,
+    split: Split,
+    gains: Gains,
+    exert: Array,
+    error: Array,
+    integral: Array,
+    *,
+    slow: bool,
+) -> Push:
+    """The force part of the twist.
+
+    Args:
+        task: its approach speed and size.
+        contact: in the base frame.
+        split: of its kind.
+        gains: of this tick.
+        exert: (6,) W_d in the contact's frame.
+        error: (6,) of the wrench, likewise.
+        integral: (6,) likewise.
+        slow: whether contact is looked for.
+    """
+    A = se3.adjoint(contact.pose, check=False)
+    if slow and gains.gentle is not None:
+        ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
+        return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)
+    twist = gains.factor * A.dot(split.admittance.dot(error + integral))
+    share = min(1.0, task.approach_speed / speed_at(contact, twist, task.size)) if slow else 1.0
+    return Push(np.asarray(share * twist), not slow)

@@ -1,0 +1,128 @@
+"""A wrench whose order is said: moments and forces by name, or an array with the word that says which come first.
+
+Six plain numbers do not tell. Read the wrong way round, a press of 5 N is one of 0.1 N, and the controller presses on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
+
+import numpy as np
+from attrs import field, frozen
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
+
+Order = Literal["moment first", "force first"]
+ORDERS: tuple[str, ...] = get_args(Order)
+
+# What the parts are called: here, in ROS (geometry_msgs/Wrench), in Pinocchio.
+MOMENT_NAMES = ("moment", "torque", "angular")
+FORCE_NAMES = ("force", "linear")
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Wrench(Value):
+    """A moment about the origin of a frame and a force.
+
+    Attributes:
+        moment: (3,) [N length].
+        force: (3,) [N].
+    """
+
+    moment: Array = field(converter=own)
+    force: Array = field(converter=own)
+
+    def __init__(self, *, moment: ArrayLike, force: ArrayLike) -> None:
+        """A wrench.
+
+        Args:
+            moment: (3,) about the frame's origin [N length].
+            force: (3,) [N].
+
+        Raises:
+            BadInput: NaN, shapes.
+        """
+        self.__attrs_init__(arrays.vector(moment, 3, "moment"), arrays.vector(force, 3, "force"))
+
+
+def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
+    """(6,) moment first, from a reading whose order is said by names or by a word.
+
+    Args:
+        reading: a `Wrench`, a `pinocchio.Force`, a `geometry_msgs/Wrench` or what carries one in `.wrench`, a mapping
+            with the same names, or (6,) numbers in `order`.
+        order: of plain numbers; None refuses them.
+        argument: how the caller calls it.
+
+    Raises:
+        BadInput: numbers without an order, NaN, shapes.
+    """
+    if isinstance(reading, (np.ndarray, list, tuple)):
+        numbers = arrays.vector(reading, 6, argument)
+        if order is None:
+            raise BadInput(
+                argument,
+                "six numbers whose order is not said",
+                'a sensor with order="moment first" or order="force first", or iq.Wrench(moment=..., force=...)',
+                "ROS, Pinocchio's arrays and most sensors have forces first.",
+            )
+        return numbers if order == "moment first" else np.concatenate((numbers[3:], numbers[:3]))
+    if isinstance(reading, Wrench):
+        return np.concatenate((reading.moment, reading.force))
+    whole = _part(reading, ("wrench",))
+    named = reading if whole is None else whole
+    moment, force = _part(named, MOMENT_NAMES), _part(named, FORCE_NAMES)
+    if moment is None or force is None:
+        expected = (
+            "iq.Wrench(moment=..., force=...), pinocchio.Force, a geometry_msgs/Wrench, or six numbers in an order"
+        )
+        raise BadInput(argument, excerpt(reading), expected)
+    return np.concatenate((_vector(moment, argument), _vector(force, argument)))
+
+
+def by_name(wrench: Array) -> Wrench:
+    """A `Wrench` from (6,) moment first."""
+    return Wrench(moment=wrench[:3], force=wrench[3:])
+
+
+def wanted_of(wrench: Any, argument: str = "wrench") -> Array:
+    """(6,) (m; f) of a `Wrench` or what `wrench_of` takes by name, or (n,) parts in a contact's constraints.
+
+    Raises:
+        BadInput: NaN, shapes; whether six numbers are parts or a wrench, and in which order, is not said.
+    """
+    if isinstance(wrench, (np.ndarray, list, tuple)):
+        parts = arrays.vector(wrench, None, argument)
+        if len(parts) == 6:
+            wrench_of(parts, None, argument)
+        return parts
+    return wrench_of(wrench, None, argument)
+
+
+def order_of(order: str | None, argument: str = "order") -> str | None:
+    """A checked order: one of ORDERS, or None where wrenches come by name.
+
+    Raises:
+        BadInput: another word.
+    """
+    return None if order is None else arrays.choice(order, argument, ORDERS)
+
+
+def _part(value: Any, names: tuple[str, ...]) -> Any:
+    """The part of one of these names, of a mapping or an object; None where it has none."""
+    for name in names:
+        part = value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
+        if part is not None:
+            return part
+    return None
+
+
+def _vector(part: Any, argument: str) -> Array:
+    """(3,) from numbers, or from x, y, z by name."""
+    by_name = [_part(part, (axis,)) for axis in "xyz"]
+    return arrays.vector(part if None in by_name else by_name, 3, argument)

@@ -1,0 +1,91 @@
+"""The force law's gain and its integral action.
+
+    twist = factor (I - P) C (I - P)' (e + 1/T_i integral of e)       e the wrench error
+
+On a contact of stiffness k the loop is a first-order lag of rate c k, stable with dead time d below c k d = pi / 2. The
+rate is at most RATE, and a quarter of 1 / (dt + delay + time constant of the low-pass), from which on no overshoot is
+visible. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
+damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral,
+since a too fast one oscillates.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.force.place import TINY
+from invariantqp.force.stiffness import StiffnessEstimate
+from invariantqp.geometry.arrays import Array
+
+# How fast a force error is corrected where nothing else is asked for [1/s].
+RATE = 40.0
+# The largest rate times what is late: tick, delay and low-pass.
+LATE_SHARE = 0.25
+# c k T_i.
+OVERDAMPED = 6.0
+# Stiffness of a contact of which nothing is known yet [N/m]: for the speed of the approach that of metal on a stiff
+# arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
+STIFF = 1e5
+USUAL = 2e4
+# An error above this share of the wanted press counts as this much in the integral.
+INTEGRATED = 0.2
+# After the contact was lost again and again the rate is reduced by this factor, each time.
+SLOWER = 0.5
+LEAST_CAUTION = 1.0 / 64.0
+
+
+class Regulation(NamedTuple):
+    """What the force law remembers, in the contact's frame.
+
+    Attributes:
+        estimate: of the contact's stiffness.
+        integral: (6,) of the wrench error [force s].
+        caution: share of the rate, less than 1 after chatter.
+    """
+
+    estimate: StiffnessEstimate = StiffnessEstimate()
+    integral: Array = np.zeros(6)
+    caution: float = 1.0
+
+    def rate(self, late: float) -> float:
+        """c k [1/s] to aim at, `late` [s] being the sum of tick, delay and low-pass."""
+        return self.caution * min(RATE, LATE_SHARE / late)
+
+    def factor(self, compliance: float, stiffness: float | None, late: float) -> float:
+        """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told."""
+        return self.rate(late) / (compliance * (self.known(stiffness) or USUAL))
+
+    def approach_speed(self, press: float, stiffness: float | None, late: float) -> float:
+        """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness."""
+        return press / ((self.known(stiffness) or STIFF) * late)
+
+    def known(self, stiffness: float | None) -> float | None:
+        """The stiffness that was told, or that is known from the last touch."""
+        return self.estimate.value if stiffness is None else stiffness
+
+    def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
+        """The integral after a tick.
+
+        Args:
+            error: (6,) of the wrench.
+            rate: c k [1/s]; None forgets the integral.
+            dt: tick [s].
+            share: of the error that counts; 0 where limits keep the force law from acting.
+        """
+        if rate is None:
+            return self._replace(integral=np.zeros(6))
+        return self._replace(integral=self.integral + share * dt * rate / OVERDAMPED * error)
+
+    @staticmethod
+    def integrated(press: tuple[float, float] | None) -> float:
+        """The share of an error that the integral counts, for a press felt and wanted: little of a touch's rise."""
+        if press is None:
+            return 1.0
+        felt, wanted = press
+        return min(1.0, INTEGRATED * wanted / max(abs(wanted - felt), INTEGRATED * wanted, TINY))
+
+    def slower(self) -> Regulation:
+        """The same, more cautious."""
+        return self._replace(caution=max(LEAST_CAUTION, SLOWER * self.caution), integral=np.zeros(6))

@@ -1,0 +1,90 @@
+"""A speed limit on a face of the polytope: |start + M e| <= limit with the active limits kept, by its one multiplier.
+
+    minimise 1/2 |e|^2 + 1/2 nu |v|^2,  v = start + M e,  on the face,   nu >= 0 such that |v| = limit
+
+F = U S V' is M without what would move an active limit, e0 the shortest e of the face and v0 the velocity there:
+U'v(nu) = (I + nu S S')^-1 U'v0, so that nu is the root of one scalar equation.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lapack
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.qp.active import Face
+
+# Newton's steps for the multiplier: |v(nu)|^-1 is nearly linear in nu, a few reach rounding.
+NEWTON_STEPS = 20
+
+
+class Slower(NamedTuple):
+    """The optimum on a face at the limit's speed.
+
+    Attributes:
+        e: (n,).
+        pull: (n,) the gradient e + nu M'v there.
+        nu: the multiplier; the largest one where the whole face is too fast.
+    """
+
+    e: Array
+    pull: Array
+    nu: float
+
+
+class Slow(NamedTuple):
+    """|start + M e| <= limit, start (3,), M (3, n); `most` is the largest multiplier tried."""
+
+    M: Array
+    start: Array
+    limit: float
+    most: float
+
+    def velocity(self, e: Array) -> Array:
+        """(3,) of the point."""
+        v: Array = self.start + self.M.dot(e)
+        return v
+
+    def allows(self, e: Array, tolerance: float = 0.0) -> bool:
+        """Whether the point is slow enough, give or take a relative tolerance."""
+        v = self.velocity(e)
+        return sqrt(float(v.dot(v))) <= self.limit * (1.0 + tolerance)
+
+    def on(self, face: Face) -> Slower:
+        """The optimum on a face whose shortest e is too fast.
+
+        Where the whole face is, its slowest e: the multipliers then tell which limit has to be left.
+        """
+        axes, sizes, ways, _ = lapack.dgesdd(face.along(self.M))
+        k = len(sizes)
+        along = self.velocity(face.e).dot(axes)
+        gains = [*(sizes * sizes).tolist(), 0.0, 0.0][:3]
+        nu = _multiplier(gains, (along * along).tolist(), self.limit, self.most)
+        e = face.e - (nu * sizes * along[:k] / (1.0 + nu * sizes * sizes)).dot(ways[:k])
+        return Slower(e, e + nu * self.velocity(e).dot(self.M), nu)
+
+
+def _multiplier(gains: list[float], squares: list[float], limit: float, most: float) -> float:
+    """nu with sum of squares / (1 + nu gain)^2 = limit^2, or `most` where that is larger."""
+    nu, wanted = 0.0, limit * limit
+    for _ in range(NEWTON_STEPS):
+        square = slope = 0.0
+        for gain, start in zip(gains, squares, strict=True):
+            shrunk = start / (1.0 + nu * gain) ** 2
+            square += shrunk
+            slope += shrunk * gain / (1.0 + nu * gain)
+        if square <= wanted:
+            break
+        if slope <= 0.0:
+            return most
+        # Newton on 1 / |v|: from below, it never overshoots.
+        ahead = square / slope * (sqrt(square) / limit - 1.0)  # the square of a tiny limit is zero
+        nu += ahead
+        if nu > most:
+            return most
+        if ahead <= np.finfo(float).eps * nu:
+            break
+    return nu

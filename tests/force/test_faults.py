@@ -1,0 +1,71 @@
+"""Each fault of a sensor at each phase: told, stopped, and never pressed on."""
+
+import numpy as np
+import pytest
+from support.noisy_plane import press_on_plane
+
+PHASES = {"at the start": 0.0, "in the air": 0.2, "just after touch": 0.54, "settled": 1.5}
+PRESS = 10.0
+
+
+class Dead:
+    """A sensor that repeats its last reading."""
+
+    def __init__(self):
+        self.last = None
+
+    def __call__(self, reading, normal):
+        self.last = reading if self.last is None else self.last
+        return self.last
+
+
+FAULTS = {
+    "dead": (Dead, "fault", "has not changed"),
+    "unplugged": (lambda: lambda reading, normal: np.zeros(6), "fault", "has not changed"),
+    "order": (lambda: lambda reading, normal: np.roll(reading, 3), "overload", "N m of"),
+    "sign": (lambda: lambda reading, normal: -reading, "fault", "pulls with"),
+    "falls by 12 N": (lambda: lambda reading, normal: reading - np.r_[0, 0, 0, 12 * normal], "fault", "pulls with"),
+    "rises by 30 N": (lambda: lambda reading, normal: reading + np.r_[0, 0, 0, 30 * normal], "overload", "N of 20"),
+}
+
+
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_told_and_nothing_presses_on(name, phase):
+    make, status, said = FAULTS[name]
+    run = press_on_plane(PRESS, fault=make(), since=PHASES[phase], seconds=max(PHASES[phase], 0.6) + 0.3)
+    stop = run.stopped()
+    assert run.solutions[stop].status == status
+    assert said in run.solutions[stop].reason
+    # Twice the press, and what the approach adds while readings that do not change are waited for.
+    assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.012 * 1e4
+    assert set(run.statuses(stop)) == {status}
+    assert run.press[-1] == 0.0  # left
+    assert run.height[-1] > run.height[stop] + 1e-3
+    assert "retreating" in run.solutions[-1].reason
+
+
+def test_a_jump_below_the_press_leaves_less_than_twice_the_press():
+    run = press_on_plane(PRESS, fault=lambda reading, normal: reading - np.r_[0, 0, 0, 6 * normal], since=1.5)
+    assert run.press.max() <= 2.0 * PRESS
+    assert run.press[-1] == pytest.approx(16.0, rel=0.05)  # no reading tells; the true press is off by the jump
+
+
+def test_an_approach_that_meets_nothing_ends():
+    for limits, said in (
+        ({"approach_distance": 0.005}, "no contact within 0.005 of approach: standing still until reset"),
+        ({"approach_time": 0.3}, "no contact within 0.3 s of approach: standing still until reset"),
+    ):
+        run = press_on_plane(PRESS, gap=0.5, seconds=1.0, **limits)
+        assert run.solutions[-1].status == "lost"
+        assert run.solutions[-1].reason == said
+        assert not run.solutions[-1].velocity.any()
+        assert run.height[0] - run.height[-1] < 0.0065
+
+
+def test_without_another_word_an_overload_is_finite():
+    """A spring that is wound up: the tool is pushed from outside."""
+    run = press_on_plane(PRESS, fault=lambda reading, normal: reading + np.r_[0, 0, 0, 15 * normal], since=1.5)
+    assert "N of 20" in run.solutions[run.stopped()].reason
+    turned = press_on_plane(PRESS, fault=lambda reading, normal: reading + np.r_[1.5, 0, 0, 0, 0, 0], since=1.5)
+    assert "N m of 1" in turned.solutions[turned.stopped()].reason

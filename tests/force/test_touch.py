@@ -1,0 +1,116 @@
+"""Contact is decided against the noise, the gain follows the stiffness, and what does not settle is told."""
+
+import numpy as np
+import pytest
+from support.noisy_plane import press_on_plane
+
+from invariantqp.force.settling import Settling
+from invariantqp.force.stiffness import StiffnessEstimate
+from invariantqp.force.touch import CERTAIN, Touch, loss_limit
+
+
+def rms(run, wanted, since):
+    settled = run.press[round(since / run.dt) :]
+    return float(np.sqrt(np.mean((settled / wanted - 1.0) ** 2)))
+
+
+@pytest.mark.parametrize("press", [1.0, 5.0, 20.0])
+def test_noise_in_the_air_is_no_contact(press):
+    """At most one wrong decision in a million ticks is stated: none in 100 000."""
+    rng, touch = np.random.default_rng(0), Touch()
+    limit = loss_limit(None, press, 1.0)
+    for x in rng.normal(size=100_000):
+        touch = touch.after(x, limit, 1.0, 0.002)
+        assert not touch.touching
+
+
+@pytest.mark.parametrize("press", [1.0, 5.0, 20.0])
+def test_a_press_in_noise_is_contact_and_stays_so(press):
+    rng, touch = np.random.default_rng(1), Touch()
+    limit, found = loss_limit(None, press, 1.0), None
+    for k, x in enumerate(press + rng.normal(size=100_000)):
+        touch = touch.after(x, limit, 1.0, 0.002)
+        found = k if found is None and touch.touching else found
+        assert found is None or touch.touching
+    assert found < {1.0: 200, 5.0: 20, 20.0: 3}[press]
+
+
+def test_without_noise_one_reading_decides():
+    touch = Touch().after(5.0, 0.5, 0.0, 0.01)
+    assert touch == Touch(CERTAIN, touching=True, airborne=0.0)
+    assert not touch.after(0.0, 0.5, 0.0, 0.01).touching
+
+
+@pytest.mark.parametrize(("press", "noise"), [(5.0, 1.0), (5.0, 0.2), (20.0, 1.0)])
+def test_before_the_touch_it_is_never_ok_and_never_faster_than_told(press, noise):
+    run = press_on_plane(press, noise=noise, seconds=1.5)
+    touch = run.touch()
+    assert 0 < touch < len(run.press)
+    assert set(run.statuses()[:touch]) == {"lost"}
+    assert -np.diff(run.height[:touch]).min() / run.dt <= 0.02 * (
+        1.0 + 1e-3
+    )  # held for a tick, a joint velocity moves the tip on an arc
+    assert set(run.statuses()[-100:]) == {"ok"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_surface_that_is_gone_is_told_before_the_tool_sinks(seed):
+    run = press_on_plane(5.0, noise=1.0, removed=1.5, seconds=2.5, seed=seed, on_loss="hold")
+    gone = round(1.5 / run.dt)
+    lost = run.statuses(gone).index("lost")
+    assert lost * run.dt < 0.2
+    assert set(run.statuses(gone + lost)) == {"lost"}
+    assert run.height[gone] - run.height[-1] < 2.5e-3
+
+
+@pytest.mark.parametrize("stiffness", [500.0, 1e4, 1e5])
+def test_the_gain_follows_the_stiffness(stiffness):
+    run = press_on_plane(5.0, stiffness=stiffness, seconds=4.0)
+    assert rms(run, 5.0, 3.0) < 0.02
+    assert run.press.max() < 7.0
+    assert set(run.statuses()[-200:]) == {"ok"}
+
+
+def test_a_normal_told_wrong_by_five_degrees_costs_little():
+    """A proportional law is off by v sin(5 deg) / c: more than half of the press here."""
+    tilted = press_on_plane(5.0, tilt=np.radians(5.0), seconds=6.0, period=12.0)
+    assert rms(tilted, 5.0, 3.0) < 0.02
+    proportional = press_on_plane(5.0, tilt=np.radians(5.0), seconds=6.0, period=12.0, compliance=1e-3)
+    assert rms(proportional, 5.0, 3.0) > 0.1
+
+
+def test_a_told_delay_is_allowed_for():
+    run = press_on_plane(5.0, stiffness=1e5, delay=0.016, told_delay=0.016, dt=0.004, gap=0.002, seconds=6.0)
+    assert rms(run, 5.0, 4.0) < 0.2  # ten micrometres of path are a newton
+    assert run.press.max() < 10.0
+    assert not (run.press[run.touch() + 250 :] == 0.0).any()
+
+
+def test_chatter_and_a_force_not_reached_are_told():
+    fast = press_on_plane(
+        5.0, stiffness=1e5, delay=0.016, dt=0.004, gap=0.0, seconds=3.0, compliance=2e-3, max_force=1e3, max_moment=1e2
+    )
+    assert any("contact lost 4 times in 1 s: the force gain is too high" in s.reason for s in fast.solutions)
+    assert "ok" not in fast.statuses()[-250:]
+    slow = press_on_plane(5.0, tilt=np.radians(5.0), gap=0.0, compliance=2e-4, seconds=3.0, period=6.0, max_force=50.0)
+    assert any("the force is not reached: " in s.reason and s.status == "degraded" for s in slow.solutions)
+
+
+def test_a_press_that_slowly_leaves_is_no_chatter():
+    settling = Settling()
+    for k in range(600):
+        settling = settling.after(max(0.0, 5.0 - 0.05 * (k % 100)), 5.0, k % 100 < 95, 0.01)
+    assert settling.losses == ()
+
+
+@pytest.mark.parametrize("sliding", [0.0, 5.0])
+def test_stiffness_is_told_apart_from_a_slope(sliding):
+    """The press grows by moving in and, on a slope, by moving along; only the first is stiffness."""
+    rng, estimate, x, u = np.random.default_rng(0), StiffnessEstimate(), 0.0, 0.0
+    for k in range(250):
+        step = 2e-5 * np.exp(-k / 60)
+        x, u = x + step, u + 1e-4
+        moved = np.array([step, 1e-4, 0.0, 0.0])
+        estimate = estimate.after(1e4 * x + 1e2 * sliding * u + 0.05 * rng.normal(), moved, 0.05, 0.002, touching=True)
+    assert estimate.value == pytest.approx(1e4, rel=0.1)
+    assert StiffnessEstimate().after(1.0, np.zeros(4), 0.1, 0.01, touching=True).value is None

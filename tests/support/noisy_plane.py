@@ -1,0 +1,70 @@
+"""A pen on a spring plane as a robot's cell is: a noisy sensor, dead time, a normal told wrong, faults."""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+import invariantqp as iq
+from support.spring_plane import PANDA, circle, exerted
+from support.wrist import wrist
+
+
+class Run(NamedTuple):
+    """Ticks of a run: the true press [N], the tip's height [m], solutions."""
+
+    press: np.ndarray
+    height: np.ndarray
+    solutions: list
+    dt: float
+
+    def statuses(self, start=0):
+        return [s.status for s in self.solutions[start:]]
+
+    def touch(self):
+        return int(np.argmax(self.press > 0.0)) if self.press.max() > 0.0 else len(self.press)
+
+    def stopped(self):
+        """The tick from which the tool stands still or retreats until reset."""
+        return next((k for k, s in enumerate(self.solutions) if s.status in ("overload", "fault")), None)
+
+
+def press_on_plane(
+    press=10.0,
+    *,
+    stiffness=1e4,
+    noise=0.2,
+    dt=0.002,
+    seconds=3.0,
+    gap=0.01,
+    tilt=0.0,
+    delay=0.0,
+    told_delay=0.0,
+    removed=np.inf,
+    fault=None,
+    since=np.inf,
+    period=3.0,
+    seed=0,
+    **task,
+):
+    """A Panda draws a circle with a pen; `fault` changes readings (6,) from `since` on, given the outward normal."""
+    rng, robot, q = np.random.default_rng(seed), iq.load_robot("panda"), PANDA.copy()
+    start = robot.pose(q)
+    normal = [0.0, np.sin(tilt), np.cos(tilt)]
+    made = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal), [press], **task)
+    sensor = wrist(noise=noise, cutoff=50.0)
+    loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told_delay)
+    path, late = circle(start, 0.03, period), deque([np.zeros(7)] * round(delay / dt))
+    presses, heights, solutions = [], [], []
+    for k in range(round(seconds / dt)):
+        t, pose = k * dt, robot.pose(q)
+        exerts = exerted([pose[:3, 3]], start[2, 3] - gap - (0.05 if t >= removed else 0.0), stiffness)
+        reading = -iq.coadjoint(iq.inverse(pose)) @ exerts + noise * rng.normal(size=6) * np.repeat((0.03, 1.0), 3)
+        if fault is not None and t >= since:
+            reading = fault(reading, pose[:3, :3].T @ [0.0, 0.0, 1.0])
+        solutions.append(loop.step(q, path(t)[0], reading, path(t)[1]))
+        presses.append(-exerts[5])
+        heights.append(pose[2, 3])
+        late.append(solutions[-1].velocity)
+        q = q + dt * late.popleft()
+    return Run(np.array(presses), np.array(heights), solutions, dt)
