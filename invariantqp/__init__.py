@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from invariantqp import view as view
     from invariantqp.control.controller import Controller as Controller
     from invariantqp.control.measure import tool_metric as tool_metric
+    from invariantqp.control.path_follower import PathFollower as PathFollower
     from invariantqp.errors import BadInput as BadInput
     from invariantqp.errors import BlindSystem as BlindSystem
     from invariantqp.errors import InvariantQPError as InvariantQPError
@@ -77,6 +78,7 @@ load_lazily(
     {
         "invariantqp.control.controller": ("Controller",),
         "invariantqp.control.measure": ("tool_metric",),
+        "invariantqp.control.path_follower": ("PathFollower",),
         "invariantqp.errors": ("BadInput", "BlindSystem", "InvariantQPError", "NoProjectors", "NoPseudoinverse"),
         "invariantqp.force.hybrid": ("HybridController",),
         "invariantqp.force.hybrid_task": ("HybridTask",),

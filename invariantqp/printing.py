@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from invariantqp.analysis.inspection import Inspection
     from invariantqp.compare.measure.stability import StabilityOutcome
+    from invariantqp.runs.pathlog import PathTrace
     from invariantqp.runs.taskfile import Task
     from invariantqp.runs.trace import Trace
 
@@ -87,6 +88,8 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
             f"{_percent(trace.force_error or 0.0)} rms of the wanted force, {_percent(read)} as the controller read it"
         )
         yield f"force error: {error}; counted from {trace.time[trace.counted_from]:g} s on, after contact has settled"
+    if trace.along is not None:
+        yield from _path_lines(trace.along, figures)
     yield f"{figures['ticks']} ticks; a limit was active in {_percent(figures['limits_active'])} of them"
     excess, speed = figures["limit_violation"], figures["peak_speed"]
     yield f"largest excess over a limit: {excess:.1e}; largest joint speed: {speed:.3g} (SI units)"
@@ -96,6 +99,16 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
     for warning in figures["warnings"]:
         yield f"[yellow]note:[/yellow] {escape(warning)}"
     yield "[green]accepted[/green]" if figures["passed"] else "[red]not accepted[/red]"
+
+
+def _path_lines(along: PathTrace, figures: dict[str, Any]) -> Iterator[str]:
+    end = "arrived" if along.status == "done" else "stopped"
+    yield (
+        f"path: {end} {figures['path_lag']:.3g} s late; speed along it {figures['path_speed']['median']:.2g} of its "
+        f"timing's in the median, {along.speed.min():.2g} to {along.speed.max():.2g}"
+    )
+    slowed = ", ".join(f"{name} {_percent(share)}" for name, share in along.slowed.items())
+    yield f"slowed down by: {slowed or 'nothing'}"
 
 
 def print_inspection(found: Inspection) -> None:

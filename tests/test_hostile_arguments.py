@@ -19,7 +19,8 @@ PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
 NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection Involution MethodChoice "
-    "NullPlane PenroseConditions PointMotion PoseSolution Recommendation SensorCheck Sighting StationaryPoint Survey "
+    "NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation SensorCheck Sighting "
+    "StationaryPoint Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
@@ -33,6 +34,7 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
+    "Controller.posture_pull "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
@@ -44,7 +46,7 @@ ALSO_CALLED = {
     ("InvariantFrameTask", "h"): "form",
 }
 # Arguments that may be functions; what a function of the user's raises is the user's.
-FUNCTIONS = {"damping", "progress", "normal", "implicit", "contact", "rows"}
+FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "contact", "rows"}
 
 
 def words(table):

@@ -19,7 +19,7 @@ from invariantqp.control.approach import braking_share, distances, same_turn
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import Convergence, slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.joint_rows import PinkLimit, Rows, joint_rows
+from invariantqp.control.joint_rows import JointRows, PinkLimit, Rows, joint_rows
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.posture import joint_gains, posture_gain
 from invariantqp.control.tracking import tracking_gain, tracking_twist
@@ -57,6 +57,11 @@ class Controller:
         gain: [1/s].
         posture_gain: [1/s], 0 where the null space has no posture.
         exact: what is met exactly.
+        row_rank: how many independent rows of it the arm can keep in its best state; None is all.
+        box: position and velocity limits.
+        braking: the same with acceleration limits, or None.
+        tool_speed: the speed limit of a point of the tool, or None.
+        joint_rows: limits on combinations of joint velocities, or None.
     """
 
     def __init__(
@@ -125,7 +130,7 @@ class Controller:
         if self.gain * self.dt > WHOLE_ERROR:
             raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
-        self._row_rank = row_rank(self.exact, robot) if self.exact else None
+        self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
         seen = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
         chosen = form_of(form)
@@ -144,14 +149,14 @@ class Controller:
         self._middle = mid
         self._pull = joint_gains(robot, self.posture_gain)
         margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
-        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
-        self._braking: BrakingBox | None = None
+        self.box: JointBox = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
+        self.braking: BrakingBox | None = None
         if acceleration_limit is not None:
-            self._braking = BrakingBox(self._box, accelerations(acceleration_limit, m))
-        self._joint_rows = joint_rows(robot, rows, limits, self.dt)
+            self.braking = BrakingBox(self.box, accelerations(acceleration_limit, m))
+        self.joint_rows: JointRows | None = joint_rows(robot, rows, limits, self.dt)
         if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
             tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
-        self._tool_speed = tool_speed
+        self.tool_speed: ToolSpeed | None = tool_speed
         fast = None if tool_speed is None else tool_speed.point
         self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
         self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
@@ -207,7 +212,7 @@ class Controller:
         ahead = None if feedforward is None else s - self.gain * error
         root = self.measure.root(self.robot, sighting, target)
         share = 1.0
-        if self._braking is not None:
+        if self.braking is not None:
             share = self._braking_share(sighting.J, error, root)
             s -= (1.0 - share) * self.gain * error
         state = _Observed(positions, sighting, target, root, before)
@@ -226,6 +231,7 @@ class Controller:
         rows: ExactRows | None = None,
         sighting: Sighting | None = None,
         at: ArrayLike | None = None,
+        posture: ArrayLike | None = None,
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
@@ -236,6 +242,7 @@ class Controller:
             rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
             sighting: what `robot.sight` returned at q, if it was called in this tick already.
             at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
+            posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -248,7 +255,8 @@ class Controller:
         if rows is not None:
             require_rows(rows, len(self._middle))
         where = None if at is None else arrays.vector(at, 3, "at")
-        return self._tick(self._here(positions, sighting, self._last(velocity), where), s, 0.0, s, rows)
+        free = None if posture is None else arrays.vector(posture, len(self._middle), "posture")
+        return self._tick(self._here(positions, sighting, self._last(velocity), where), s, 0.0, s, rows, posture=free)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -270,6 +278,10 @@ class Controller:
         state = self._here(positions, sighting, self._last(velocity), None)
         return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
 
+    def posture_pull(self, q: Array) -> Array | None:
+        """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
+        return (self._middle - q) * self._pull if self.posture_gain else None
+
     def _here(self, positions: Array, sighting: Sighting | None, before: Array, at: Array | None) -> _Observed:
         """The state of an arm whose target is where its tool is now."""
         if sighting is None:
@@ -285,12 +297,12 @@ class Controller:
 
     def _braking_share(self, J: Array, error: Array, root: Array) -> float:
         """The share of the gain from which the joints can still brake before the target."""
-        if self._braking is None or isinstance(self.law.damping, PaperLambda):
+        if self.braking is None or isinstance(self.law.damping, PaperLambda):
             return 1.0
         T = self.law.to_joint
         A = root.dot(J) if T is None else root.dot(J).dot(T)
         distance = distances(A, root.dot(error))
-        return braking_share(distance if T is None else T.dot(distance), self._braking.acceleration, self.gain)
+        return braking_share(distance if T is None else T.dot(distance), self.braking.acceleration, self.gain)
 
     def _tick(
         self,
@@ -300,6 +312,7 @@ class Controller:
         ahead: Array | None,
         more: ExactRows | None = None,
         stand: str | None = None,
+        posture: Array | None = None,
     ) -> VelocitySolution:
         """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`.
 
@@ -307,24 +320,24 @@ class Controller:
         """
         positions, sighting, target, root, before = state
         strained: tuple[tuple[int, str], ...] = ()
-        if self._braking is None:
-            lower, upper = self._box.at(positions)
+        if self.braking is None:
+            lower, upper = self.box.at(positions)
         else:
-            lower, upper, strained = self._braking.at(positions, before)
-        posture = (self._middle - positions) * self._pull if self.posture_gain else None
+            lower, upper, strained = self.braking.at(positions, before)
+        posture = self.posture_pull(positions) if posture is None else posture
         exact = more
         if self.exact:
             twist = np.zeros(6) if ahead is None else ahead
             exact = rows_of(self.exact, View(self.robot, sighting, target, gain, twist))
             exact = exact if more is None else exact.with_rows(more)
         demand = Demand(
-            sighting.J, s, root, lower, upper, exact, posture, row_rank=None if more is not None else self._row_rank
+            sighting.J, s, root, lower, upper, exact, posture, row_rank=None if more is not None else self.row_rank
         )
-        if self._tool_speed is not None:
+        if self.tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
-            demand = demand._replace(cone=self._tool_speed.cone(sighting.J, fast))
-        if self._joint_rows is not None:
-            rows, trouble = self._joint_rows.at(positions, before)
+            demand = demand._replace(cone=self.tool_speed.cone(sighting.J, fast))
+        if self.joint_rows is not None:
+            rows, trouble = self.joint_rows.at(positions, before)
             demand, stand = demand._replace(rows=rows), trouble or stand
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
         self._memory = self._memory._replace(velocity=solution.velocity.copy())

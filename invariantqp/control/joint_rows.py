@@ -107,6 +107,14 @@ class JointRows:
         C, lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
         return TickRows(LimitRows(C, lower, upper))
 
+    def own(self, q: Array) -> LimitRows | None:
+        """The user's rows at joint positions q (m,), None where there are none or they cannot be used."""
+        try:
+            part = next(self._own(q), None)
+        except _Unusable:
+            return None
+        return None if part is None else LimitRows(*part)
+
     def _own(self, q: Array) -> Iterator[_Part]:
         own = self._rows
         if own is not None and not isinstance(own, LimitRows):

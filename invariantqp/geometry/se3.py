@@ -132,8 +132,23 @@ def bracket(first: ArrayLike, second: ArrayLike) -> Array:
 
     Reference: [DS] (2.4).
     """
-    a, b = arrays.twist(first, "first"), arrays.twist(second, "second")
-    return np.concatenate((np.cross(a[:3], b[:3]), np.cross(a[:3], b[3:]) + np.cross(a[3:], b[:3])))
+    return lie(arrays.twist(first, "first"), arrays.twist(second, "second"))
+
+
+def lie(a: Array, b: Array) -> Array:
+    """`bracket` of two (6,) twists that are not checked."""
+    w1, w2, w3, v1, v2, v3 = a.tolist()
+    x1, x2, x3, y1, y2, y3 = b.tolist()
+    return np.array(
+        (
+            w2 * x3 - w3 * x2,
+            w3 * x1 - w1 * x3,
+            w1 * x2 - w2 * x1,
+            w2 * y3 - w3 * y2 + v2 * x3 - v3 * x2,
+            w3 * y1 - w1 * y3 + v3 * x1 - v1 * x3,
+            w1 * y2 - w2 * y1 + v1 * x2 - v2 * x1,
+        )
+    )
 
 
 def exp(twist: ArrayLike, *, check: bool = True) -> Array:

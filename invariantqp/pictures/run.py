@@ -6,6 +6,7 @@ every joint; velocities are divided by the joint's velocity limit.
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.contact import contact_picture
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import COLOURS, RULE, SHADE
+from invariantqp.runs.pathlog import PathTrace
 from invariantqp.runs.trace import Trace
 
 # The error axis is logarithmic and has no zero: smaller errors [mm, deg] are drawn at this value.
@@ -41,15 +43,18 @@ def picture(trace: Trace, path: Path | str) -> Path:
     if trace.contact is not None:
         return contact_picture(trace, trace.contact, path)
     style = {"axes.prop_cycle": cycler(color=COLOURS), "font.size": 9, "axes.grid": True}
-    with figure_file(path, (7.5, 8.0), style) as figure:
-        error, position, velocity = figure.subplots(3, 1, sharex=True)
+    rows = 3 if trace.along is None else 4
+    with figure_file(path, (7.5, 2.7 * rows), style) as figure:
+        error, position, velocity, *progress = figure.subplots(rows, 1, sharex=True)
         _errors(error, trace)
         _positions(position, trace)
         _velocities(velocity, trace)
         for axes in (error, position, velocity):
             axes.grid(alpha=0.25)
             _shade(axes, trace)
-        velocity.set_xlabel("time [s]")
+        if trace.along is not None:
+            _progress(progress[0], trace.time[1:], trace.along)
+        (progress or [velocity])[-1].set_xlabel("time [s]")
         figure.suptitle(_title(trace), fontsize=10)
     return Path(path)
 
@@ -90,6 +95,22 @@ def _velocities(axes: Axes, trace: Trace) -> None:
         axes.axhline(edge, color=RULE, linestyle="--", linewidth=0.8)
     axes.set_ylim(-1.1, 1.1)
     axes.set_ylabel("velocity / limit")
+
+
+def _progress(axes: Axes, time: Array, along: PathTrace) -> None:
+    """The speed along the path over that of its timing, shaded in the colour of the limit that rules it."""
+    inside = axes.get_xaxis_transform()
+    ruling = np.array(along.ruling)
+    for name, colour in zip(along.slowed, cycle(COLOURS[1:]), strict=False):
+        axes.fill_between(
+            time, 0, 1, where=ruling == name, transform=inside, color=colour, alpha=0.3, lw=0, step="pre", label=name
+        )
+    axes.plot(time, along.speed, color=COLOURS[0], linewidth=1.3)
+    axes.axhline(1.0, color=RULE, linestyle="--", linewidth=0.8)
+    axes.set_ylabel("path speed / timing")
+    axes.grid(alpha=0.25)
+    if along.slowed:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
 
 
 def _shade(axes: Axes, trace: Trace) -> None:

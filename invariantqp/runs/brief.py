@@ -44,6 +44,7 @@ class Brief:
         contact_task: what to do at a contact; None without one.
         sensor: what is known of the force sensor; None without contact.
         operator: the person who moves the tool too; None without one.
+        elastic: (m,) joint positions at the start of a path that may be late; None keeps its timing.
     """
 
     robot: Robot
@@ -54,6 +55,7 @@ class Brief:
     contact_task: HybridTask | None = None
     sensor: WrenchSensor | None = None
     operator: OperatorSpec | None = None
+    elastic: Array | None = None
 
     def goals(self) -> list[Goal]:
         """What is asked for, tick by tick."""

@@ -34,8 +34,12 @@ class Record(NamedTuple):
     read: Array
 
 
+# An elastic path may take this many times as long as its timing says.
+LONGEST = 10
+
+
 def loop(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer: Observer | None = None) -> Record:
-    """Run all ticks of a setup.
+    """Run all ticks of a setup; an elastic path ends when the pilot is done.
 
     Args:
         setup: from `prepare`; its plant moves.
@@ -45,19 +49,22 @@ def loop(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer:
     """
     plant, goals = setup.plant, setup.brief.goals()
     states, solutions = [plant.state()], []
-    tick_ns, read = np.empty(len(goals)), np.empty((len(goals), 6))
-    for k, goal in enumerate(goals):
+    n = len(goals)
+    tick_ns, read = [], []
+    for k in range(n if setup.brief.elastic is None else LONGEST * n):
         measured = plant.measure()
-        measured = measured._replace(q=measured.q + setup.noise[k])
+        measured = measured._replace(q=measured.q + setup.noise[k % n])
         before = perf_counter_ns()
-        solution = pilot.step(measured, goal)
-        tick_ns[k] = perf_counter_ns() - before
-        read[k] = pilot.wrench
+        solution = pilot.step(measured, goals[min(k, n - 1)])
+        tick_ns.append(perf_counter_ns() - before)
+        read.append(pilot.wrench)
         plant.command(solution.velocity)
         solutions.append(solution)
         states.append(plant.state())
         if observer is not None:
             observer(k, states[-1], solution)
         if progress is not None:
-            progress(k + 1, len(goals))
-    return Record(states, solutions, tick_ns, read)
+            progress(min(k + 1, n), n)
+        if pilot.done:
+            break
+    return Record(states, solutions, np.array(tick_ns), np.array(read))

@@ -30,6 +30,11 @@ def eased(u: float) -> float:
 
 class _Path(Section):
     duration: Positive = Field(description="[s]", examples=[4.0])
+    timing: Literal["fixed", "elastic"] = Field(
+        "fixed",
+        description='"elastic": where limits bind the tool stays on the path and is late, and the run takes longer',
+        examples=["elastic"],
+    )
     jumps: ClassVar[bool] = False  # whether the target jumps, and so has no velocity to feed forward
 
 
@@ -138,6 +143,8 @@ class HoldPath(_Path):
 
     @model_validator(mode="after")
     def _in_order(self) -> HoldPath:
+        if self.timing == "elastic":
+            raise ValueError('timing = "elastic" is for paths along which the target moves')
         if self.end is not None and self.end <= self.begin:
             raise ValueError(f"end = {self.end:g} is not after begin = {self.begin:g}")
         return self

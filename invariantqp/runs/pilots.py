@@ -13,6 +13,8 @@ import numpy as np
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.controls import Controls
+from invariantqp.control.path_follower import PathFollower
+from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput
@@ -25,7 +27,10 @@ from invariantqp.runs.controllers import MakeController, our_controller, our_hyb
 from invariantqp.runs.plants.plant import Measurement
 from invariantqp.systems.contacts import face_contact
 from invariantqp.velocity.forms import Form
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import VelocitySolution, with_trouble
+
+# Poses by which an elastic path is known: more than a plot could show.
+PATH_SAMPLES = 1500
 
 
 class Pilot(Protocol):
@@ -41,6 +46,11 @@ class Pilot(Protocol):
         """(6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read."""
         ...
 
+    @property
+    def done(self) -> bool:
+        """Whether the run may end before its time."""
+        ...
+
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
         ...
@@ -48,6 +58,8 @@ class Pilot(Protocol):
 
 class PathPilot:
     """A velocity controller that follows the path."""
+
+    done = False
 
     def __init__(self, loop: Controls) -> None:
         self._loop = loop
@@ -59,8 +71,39 @@ class PathPilot:
         return self._loop.step(measured.q, goal.target, goal.feedforward)
 
 
+class ElasticPilot:
+    """A path follower: it stays on the path, and is late where limits bind."""
+
+    def __init__(self, loop: Controller, brief: Brief, q: Array) -> None:
+        """The loop's fixed part.
+
+        Args:
+            loop: the velocity controller.
+            brief: with the path and its timing.
+            q: (m,) joint positions at the start.
+        """
+        n = len(brief.poses)
+        kept = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
+        self.follower: PathFollower = PathFollower(loop, brief.poses[kept], times=brief.time[kept], rate=1.0)
+        self.follower.prepare(q)
+        self.form: Form | None = loop.law.form
+        self.wrench: Array = np.zeros(6)
+        self.done = False
+        self.followed: list[PathSolution] = []
+
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:  # noqa: ARG002 (the path has its own time)
+        """One tick."""
+        solution = self.follower.step(measured.q)
+        self.followed.append(solution)
+        self.done = solution.status in ("done", "blocked")
+        answer = solution.velocity_solution
+        return answer if solution.status != "blocked" else with_trouble(answer, solution.reason)
+
+
 class ContactPilot:
     """The hybrid controller."""
+
+    done = False
 
     def __init__(self, loop: HybridController) -> None:
         self._loop = loop
@@ -78,6 +121,8 @@ class ContactPilot:
 
 class OperatorPilot:
     """An operator who moves the tool on a plane, leaving it now and then, and the robot that keeps it there."""
+
+    done = False
 
     def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
         """The loop's fixed part.
@@ -125,6 +170,13 @@ def pilot_of(brief: Brief, controller: MakeController | None = None) -> Pilot:
             raise BadInput("controller", found, "a task without [contact]", "A contact needs a hybrid controller.")
         return ContactPilot(our_hybrid(robot, law, brief.contact_task, brief.sensor))
     loop = (controller or our_controller)(robot, law)
+    if brief.elastic is not None:
+        if not isinstance(loop, Controller):
+            expected = "ours, or none"
+            raise BadInput(
+                "controller", f"{type(loop).__name__} on an elastic path", expected, "Others keep its timing."
+            )
+        return ElasticPilot(loop, brief, brief.elastic)
     if brief.operator is not None and isinstance(loop, Controller):
         return OperatorPilot(loop, brief.operator, np.array(law.point))
     return PathPilot(loop)

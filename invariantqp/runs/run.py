@@ -16,7 +16,8 @@ from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.log import contact_trace, errors
 from invariantqp.runs.loop import Observer, Record, loop
 from invariantqp.runs.notes import notes
-from invariantqp.runs.pilots import Pilot, pilot_of
+from invariantqp.runs.pathlog import path_trace
+from invariantqp.runs.pilots import ElasticPilot, Pilot, pilot_of
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
@@ -68,12 +69,16 @@ def run(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer: 
 def trace_of(setup: Setup, pilot: Pilot, record: Record) -> Trace:
     """What happened in a run, with its errors."""
     robot, solutions, after = setup.robot, record.solutions, record.states[1:]
+    along = path_trace(pilot.follower, pilot.followed) if isinstance(pilot, ElasticPilot) else None
+    wanted, time = setup.wanted, setup.brief.time
+    if along is not None:
+        wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(record.states)), np.float64)
     q = np.array([state.q for state in record.states])
-    position_error, orientation_error = errors(setup.scene, after, setup.wanted[1:]).T
+    position_error, orientation_error = errors(setup.scene, after, wanted[1:]).T
     return Trace(
         task=setup.task,
         names=robot.names,
-        time=setup.brief.time,
+        time=time,
         q=q,
         velocity=np.array([s.velocity for s in solutions]),
         position_error=position_error,
@@ -84,10 +89,11 @@ def trace_of(setup: Setup, pilot: Pilot, record: Record) -> Trace:
         statuses=[s.status for s in solutions],
         limit_active=[bool(s.active) for s in solutions],
         tick_ns=record.tick_ns,
-        wanted=setup.wanted,
+        wanted=wanted,
         form="" if pilot.form is None else pilot.form.describe(),
         warnings=notes(robot, pilot.form, q, solutions),
         physics=setup.physics,
         counted_from=setup.counted_from,
         contact=contact_trace(setup.scene, after, record.read, setup.wanted[1:]) if setup.scene is not None else None,
+        along=along,
     )

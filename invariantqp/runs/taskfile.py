@@ -146,6 +146,8 @@ class Task(Section):
             raise ValueError("[contact] and [force] go together")
         if self.operator is not None and self.contact is not None:
             raise ValueError("[operator] is for a tool that touches nothing; leave out [contact] and [force]")
+        if self.path.timing == "elastic" and (self.contact is not None or self.operator is not None):
+            raise ValueError('timing = "elastic" is for a path alone; leave out [contact] and [operator]')
         return self
 
     @property

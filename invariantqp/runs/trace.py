@@ -10,6 +10,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.log import ContactTrace
+from invariantqp.runs.pathlog import PathTrace
 from invariantqp.runs.taskfile import Task
 
 
@@ -37,6 +38,7 @@ class Trace:
         physics: the plant, "ideal" or "mujoco".
         counted_from: the first tick whose errors count; 0 without contact.
         contact: forces and the curve drawn; None without contact.
+        along: progress on an elastic path; None where the path keeps its timing.
     """
 
     task: Task
@@ -58,6 +60,7 @@ class Trace:
     physics: str = "ideal"
     counted_from: int = 0
     contact: ContactTrace | None = None
+    along: PathTrace | None = None
 
     @property
     def limit_violation(self) -> float:
@@ -90,11 +93,13 @@ class Trace:
             ("limit violation", self.limit_violation, accept.limit_violation, "rad, m, rad/s or m/s"),
             ("rms force error", self.force_error or 0.0, accept.force_error, "of the wanted force"),
         ]
-        return [
+        missed = [
             f"{what} {got:.3g} {unit}, at most {limit:g} {unit} accepted"
             for what, got, limit, unit in asked
             if limit is not None and not got <= limit
         ]
+        unfinished = self.along is not None and self.along.status != "done"
+        return [*missed, "the path was not finished"] if unfinished else missed
 
     @property
     def force_error(self) -> float | None:
@@ -135,6 +140,9 @@ class Trace:
             "tick_us": _spread(1e-3 * self.tick_ns),
             "force_error_relative_rms": self.force_error,
             "force_error_relative_rms_measured": felt,
+            "path_lag": None if self.along is None else float(self.along.lag[-1]),
+            "path_speed": None if self.along is None else _spread(self.along.speed),
+            "slowed_by": None if self.along is None else self.along.slowed,
             "shortfalls": self.shortfalls,
             "warnings": self.warnings,
         }

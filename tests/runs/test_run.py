@@ -186,3 +186,14 @@ def test_motion_starts_and_ends_at_rest():
     rate = np.gradient(sigma, u)
     assert abs(rate[np.abs(u).argmin()]) < 1e-4
     assert abs(rate[np.abs(u - 1.0).argmin()]) < 1e-4
+
+
+def test_an_elastic_path_is_late_and_not_off():
+    task = iq.load_task("ur5_elastic")
+    trace = iq.run_task(task)
+    assert trace.passed, trace.shortfalls
+    figures = trace.summary()
+    assert figures["path_lag"] == pytest.approx(0.001 * figures["ticks"] - task.path.duration, abs=0.002)
+    assert figures["path_lag"] > 0.1
+    assert any(name.startswith("velocity of joint") for name in figures["slowed_by"])
+    assert 0.0 < figures["path_speed"]["median"] < 1.0

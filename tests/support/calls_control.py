@@ -34,6 +34,12 @@ def hybrid():
     return iq.HybridController(ur5(), task(), dt=0.01, order="moment first", form=H)
 
 
+@cache
+def follower():
+    start = ur5().pose(Q)
+    return iq.PathFollower(controller(), [start, iq.transform(translation=[0.01, 0.0, 0.0]) @ start])
+
+
 def loop_options():
     return {
         "dt": 0.01,
@@ -104,9 +110,25 @@ CONTROL = {
     "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q}),
     "Controller.follow": lambda: (
         controller().follow,
-        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None, "at": POINT},
+        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None, "at": POINT, "posture": Q},
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
+    "PathFollower": lambda: (
+        iq.PathFollower,
+        {
+            "controller": controller(),
+            "path": [T, T @ iq.exp(TWIST)],
+            "end": 1.0,
+            "times": None,
+            "rate": None,
+            "acceleration": None,
+            "jerk": None,
+            "blocked": "stop",
+        },
+    ),
+    "PathFollower.prepare": lambda: (follower().prepare, {"q": Q}),
+    "PathFollower.step": lambda: (follower().step, {"q": Q, "velocity": Q, "override": 1.0}),
+    "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),

@@ -67,6 +67,7 @@ class Textbook:
     """
 
     form = None
+    done = False
 
     def __init__(self, setup: Setup, tool: Array | None = None) -> None:
         """For a run described in displaced frames.

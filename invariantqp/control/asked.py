@@ -1,0 +1,47 @@
+"""What of a twist is asked of an arm: its exact rows, or what its joints can do, or all of it.
+
+|R s|     the size, in the measure, of the part of a twist s that the arm is to do
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from invariantqp.control.controller import Controller
+from invariantqp.control.demands import View, rows_of
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Sighting
+from invariantqp.velocity.exact import ExactRows
+
+# Rows of the twist that are dependent but for this share are one.
+ROW_RATIO = 1e-10
+
+
+def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
+    """(k, 6) R, orthonormal rows in the measure.
+
+    With exact demands it is their part of the twist; the rest is least squares, and may stray. Fewer than six joints
+    are asked for the twists that they can do.
+
+    Args:
+        controller: with the demands.
+        sighting: the arm now.
+        root: (6, 6) of the measure.
+    """
+    if controller.exact:
+        view = View(controller.robot, sighting, sighting.pose, 0.0, np.zeros(6))
+        return measured_rows(rows_of(controller.exact, view), root)
+    if sighting.J.shape[1] >= 6:
+        return root
+    # All of them, however weak: at the edge of its reach an arm is still asked to go on.
+    R: Array = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
+    return R
+
+
+def measured_rows(rows: ExactRows, root: Array) -> Array:
+    """(k, 6) the part of a twist that exact rows ask for; joint rows ask for none."""
+    if rows.of_twist is None:
+        return np.zeros((0, 6))
+    _, sigma, Vt = np.linalg.svd(np.linalg.solve(root.T, rows.of_twist.T).T, full_matrices=False)
+    R: Array = Vt[sigma > ROW_RATIO * max(float(sigma[0]), np.finfo(float).tiny)].dot(root)
+    return R

@@ -1,0 +1,185 @@
+"""A path of the tool as a curve in SE(3): a pose and a tangent at every value of its parameter.
+
+    P(at) = exp(u c1 + u^2 c2 + u^3 c3) P_i,   u = (at - at_i) / (at_i+1 - at_i)        between knots i and i + 1
+    tangent = dP/d(at) P^-1 as a twist, base frame
+
+The cubics have the pose and the tangent of the path at both of their knots: at a knot the curve is exact, between two
+its error falls with the fourth power of their distance. It is the same curve for every frame of base and tool.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+
+PoseAt = Callable[[float], Array]
+SizeAt = Callable[[Array, Array], float]
+
+# A function is followed to this share of the measure's length: a micrometre for an arm that reaches a metre.
+SHAPE = 1e-6
+# A function is sampled at so many intervals at least, and halved until the shape is met or an interval is this share
+# of the whole: a corner is then rounded within that share of the path.
+LEAST_INTERVALS = 128
+FINEST = 1e-6
+# Tangents of a function are differences over this share of its range: as far from rounding as from the truth.
+DIFFERENCE = 1e-4
+
+
+class Curve(NamedTuple):
+    """Cubics between knots.
+
+    Attributes:
+        at: (n + 1,) the parameter at the knots, increasing.
+        poses: (n + 1, 4, 4) poses there.
+        cubics: (n, 3, 6) c1, c2, c3 of each piece.
+        knots: `at` as a list, in which a place is found faster.
+    """
+
+    at: Array
+    poses: Array
+    cubics: Array
+    knots: list[float]
+
+    @property
+    def end(self) -> float:
+        """The parameter at the last knot."""
+        return self.knots[-1]
+
+    def piece(self, at: float) -> int:
+        """The number of the piece at a place; the ends belong to the first and the last."""
+        return min(max(bisect_right(self.knots, at) - 1, 0), len(self.knots) - 2)
+
+    def pose(self, at: float) -> Array:
+        """(4, 4) the pose at a place."""
+        i = self.piece(at)
+        u = (at - self.knots[i]) / (self.knots[i + 1] - self.knots[i])
+        T: Array = se3.exp(np.array((u, u * u, u * u * u)).dot(self.cubics[i]), check=False).dot(self.poses[i])
+        return T
+
+    def tangent(self, at: float) -> Array:
+        """(6,) the twist per unit of the parameter at a place, base frame."""
+        i = self.piece(at)
+        h = self.knots[i + 1] - self.knots[i]
+        u = (at - self.knots[i]) / h
+        (there, rate) = np.array(((u, u * u, u * u * u), (1.0 / h, 2.0 * u / h, 3.0 * u * u / h))).dot(self.cubics[i])
+        # The derivative of exp: the sum of ad^k / (k + 1)!, of which a piece needs no more.
+        once = se3.lie(there, rate)
+        twice = se3.lie(there, once)
+        tangent: Array = rate + 0.5 * once + twice / 6.0 + se3.lie(there, twice) / 24.0
+        return tangent
+
+
+def curve_through(at: Array, poses: Array, tangents: Array) -> Curve:
+    """The curve with given poses and tangents at its knots.
+
+    Args:
+        at: (n + 1,) increasing.
+        poses: (n + 1, 4, 4).
+        tangents: (n + 1, 6) twists per unit of the parameter, base frame.
+    """
+    cubics = np.empty((len(at) - 1, 3, 6))
+    for i, h in enumerate(np.diff(at).tolist()):
+        d = se3.log(poses[i + 1].dot(se3.inverse(poses[i], check=False)), check=False)
+        first, last = h * tangents[i], h * tangents[i + 1]
+        # The inverse of the derivative of exp, at the far end of the piece.
+        once = se3.lie(d, last)
+        last = last - 0.5 * once + se3.lie(d, once) / 12.0
+        cubics[i] = first, 3.0 * d - 2.0 * first - last, first + last - 2.0 * d
+    return Curve(at, poses, cubics, at.tolist())
+
+
+def curve_of_samples(at: Array, poses: Array) -> Curve:
+    """The curve through poses; the tangent at each is that of the parabola through it and its neighbours."""
+    n = len(at)
+    h = np.diff(at)
+    d = np.array([se3.log(poses[i + 1].dot(se3.inverse(poses[i], check=False)), check=False) for i in range(n - 1)])
+    mean = d / h[:, None]  # each piece's mean twist, which is that of its middle
+    tangents = np.empty((n, 6))
+    if n == 2:
+        tangents[:] = mean[0]
+    else:
+        tangents[1:-1] = (h[1:, None] * mean[:-1] + h[:-1, None] * mean[1:]) / (h[:-1] + h[1:])[:, None]
+        tangents[0] = mean[0] + (mean[0] - mean[1]) * h[0] / (h[0] + h[1])
+        tangents[-1] = mean[-1] + (mean[-1] - mean[-2]) * h[-1] / (h[-1] + h[-2])
+    return curve_through(at, poses, tangents)
+
+
+def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
+    """The curve of a function on [0, end], as close to it as SHAPE says.
+
+    Args:
+        pose: the pose (4, 4) at a place.
+        end: of its range.
+        size: how large a twist (6,) of a tool at a pose (4, 4) is, in the measure.
+        length: L of the measure.
+    """
+    step, finest, tolerance = DIFFERENCE * end, FINEST * end, SHAPE * length
+    knots: dict[float, tuple[Array, Array]] = {}
+
+    def knot(t: float) -> tuple[Array, Array]:
+        if t not in knots:
+            knots[t] = pose(t), _tangent(pose, t, step, end)
+        return knots[t]
+
+    open_pieces = [(end * i / LEAST_INTERVALS, end * (i + 1) / LEAST_INTERVALS) for i in range(LEAST_INTERVALS)]
+    while open_pieces:
+        a, b = open_pieces.pop()
+        (A, s), (B, t) = knot(a), knot(b)
+        middle = 0.5 * (a + b)
+        truth = knot(middle)[0]
+        guess = curve_through(np.array((a, b)), np.array((A, B)), np.array((s, t))).pose(middle)
+        off = se3.log(guess.dot(se3.inverse(truth, check=False)), check=False)
+        if size(off, truth) > tolerance and b - a > finest:
+            open_pieces += [(a, middle), (middle, b)]
+    at = np.array(sorted(knots))
+    poses, tangents = zip(*(knots[t] for t in at.tolist()), strict=True)
+    return curve_through(at, np.array(poses), np.array(tangents))
+
+
+def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
+    """The same curve with its length in the measure as parameter, and the old parameter at its knots.
+
+    Pieces on which the tool stands still are left out.
+
+    Args:
+        curve: with any parameter.
+        size: as in `curve_of`.
+    """
+    tangents = np.array([curve.tangent(t) for t in curve.knots])
+    speed = np.array([size(s, T) for s, T in zip(tangents, curve.poses, strict=True)])
+    middle = [0.5 * (a + b) for a, b in zip(curve.knots, curve.knots[1:], strict=False)]
+    speed_between = np.array([size(curve.tangent(t), curve.pose(t)) for t in middle])
+    # Simpson's rule on each piece.
+    lengths = np.diff(curve.at) * (speed[:-1] + 4.0 * speed_between + speed[1:]) / 6.0
+    total = float(lengths.sum())
+    kept = np.append(True, lengths > FINEST * FINEST * total)
+    at = np.append(0.0, np.cumsum(lengths))[kept]
+    # Where the old parameter stands still the tangent is the direction in which the tool sets out or arrives.
+    slow = speed <= 1e-6 * speed.max()
+    nearest = np.where(np.arange(len(speed)) < len(speed) - 1, 1, -1)
+    for i in np.flatnonzero(slow & kept).tolist():
+        j = min(max(i + int(nearest[i]), 0), len(speed) - 1)
+        tangents[i] = np.sign(nearest[i]) * se3.log(
+            curve.poses[j].dot(se3.inverse(curve.poses[i], check=False)), check=False
+        )
+        speed[i] = size(tangents[i], curve.poses[i])
+    tangents = tangents / np.where(speed > 0.0, speed, 1.0)[:, None]
+    return curve_through(at, curve.poses[kept], tangents[kept]), curve.at[kept]
+
+
+def _tangent(pose: PoseAt, t: float, step: float, end: float) -> Array:
+    """(6,) the derivative of a function of poses, by differences of second order."""
+    if t - step >= 0.0 and t + step <= end:
+        return se3.log(pose(t + step).dot(se3.inverse(pose(t - step), check=False)), check=False) / (2.0 * step)
+    if t + 2.0 * step > end:
+        step = -step
+    back = se3.inverse(pose(t), check=False)
+    near, far = (se3.log(pose(t + k * step).dot(back), check=False) for k in (1, 2))
+    tangent: Array = (4.0 * near - far) / (2.0 * step)
+    return tangent

@@ -1,0 +1,195 @@
+"""A joint motion along a path and how fast it may be driven: what a follower looks up in every tick.
+
+Forward, v^2 at a knot is at most what lets every later knot be driven and the tool stop at the end (`path_speed`);
+backward it is the same towards the start. Between knots v^2 is linear and the joint motion a cubic.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.control.controller import Controller
+from invariantqp.control.joint_path import AT_LIMIT, SHORTEST, JointPath
+from invariantqp.control.path_speed import drivable, top_speed
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.velocity.limits.braking import braking_speed
+
+# Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
+VELOCITY_SHARE = 0.998
+ACCELERATION_SHARE = 0.97
+# Below this share of its top speed, what rules at a knot is the acceleration needed elsewhere.
+RULED = 1.0 - 1e-6
+ACCELERATION = "acceleration"
+
+
+class PathPlan(NamedTuple):
+    """A joint motion along a path, from a start to where it ends or is blocked.
+
+    Attributes:
+        at: the path's parameter at the knots, as a list.
+        q: (n, m) joint positions there.
+        slopes: (n, m) q'.
+        forward: the largest v^2 at each knot, driven forward, as a list.
+        backward: the same, driven backward.
+        ruling: (n,) what limits the speed at each knot, in words.
+        off: (n,) how far the tool is off the path, in the measure.
+        ratio: (n,) how far from a singularity the arm is, as in `Knot`.
+        blocked: why the path ends at the last knot, in words; "" where it does not.
+        braking: the least path acceleration of which the joints are capable anywhere.
+    """
+
+    at: list[float]
+    q: Array
+    slopes: Array
+    forward: list[float]
+    backward: list[float]
+    ruling: list[str]
+    off: Array
+    ratio: Array
+    blocked: str
+    braking: float
+
+    @property
+    def end(self) -> float:
+        """Where it ends."""
+        return self.at[-1]
+
+    def piece(self, at: float) -> int:
+        """The number of the piece at a place."""
+        return min(max(bisect_right(self.at, at) - 1, 0), len(self.at) - 2)
+
+    def nearest(self, at: float) -> int:
+        """The number of the knot nearest a place."""
+        i = self.piece(at)
+        return i if at - self.at[i] < self.at[i + 1] - at else i + 1
+
+    def joints(self, at: float) -> tuple[Array, Array]:
+        """Joint positions (m,) and their slope (m,) at a place."""
+        i = self.piece(at)
+        h = self.at[i + 1] - self.at[i]
+        u = (at - self.at[i]) / h
+        near, far = self.slopes[i], self.slopes[i + 1]
+        step = self.q[i + 1] - self.q[i]
+        q = self.q[i] + u * u * (3.0 - 2.0 * u) * step + h * u * (1.0 - u) * ((1.0 - u) * near - u * far)
+        slope = (6.0 * u * (1.0 - u) / h) * step + (1.0 - u) * (1.0 - 3.0 * u) * near + u * (3.0 * u - 2.0) * far
+        return q, slope
+
+    def speeds(self, at: Array, *, back: bool = False) -> Array:
+        """The largest speeds at places (k,); zero beyond the ends."""
+        squares = np.interp(at, self.at, self.backward if back else self.forward, left=0.0, right=0.0)
+        speeds: Array = np.sqrt(squares)
+        return speeds
+
+    def speed(self, at: float, dt: float, share: float = 1.0, *, back: bool = False) -> float:
+        """The largest speed for a tick of dt [s] from a place on: what it lands on still allows it.
+
+        Args:
+            at: the place.
+            dt: tick [s].
+            share: of that speed.
+            back: whether the path is driven backward.
+        """
+        knots, squares, sign = (self.at, self.backward, -1.0) if back else (self.at, self.forward, 1.0)
+        i, v, part = self.piece(at), inf, share * share
+        while True:
+            rate = sign * part * (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i])
+            here = part * squares[i] + sign * rate * (at - knots[i])
+            root = rate * rate * dt * dt + 4.0 * here
+            # v^2 = here + rate v dt
+            v = min(v, 0.5 * (rate * dt + sqrt(root)) if root > 0.0 else 0.0)
+            j = i if back else i + 1
+            if j in (0, len(knots) - 1) or v * dt <= sign * (knots[j] - at):
+                break
+            v = min(v, max(share * sqrt(squares[j]), sign * (knots[j] - at) / dt))
+            i += -1 if back else 1
+        return max(0.0, min(v, sign * ((knots[0] if back else knots[-1]) - at) / dt))
+
+
+def plan_of(path: JointPath, fastest: float = inf) -> PathPlan:
+    """The plan of the knots found so far; the tool stops at the last of them.
+
+    Args:
+        path: with a knot or more.
+        fastest: the largest v that will be asked for.
+    """
+    controller, knots = path.controller, path.knots
+    if len(knots) == 1:  # blocked from the start on
+        knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * path.curve.end)]
+    acceleration = accelerations_of(controller)
+    at = np.array([k.at for k in knots])
+    q = np.array([k.q for k in knots])
+    slopes = np.array([k.slope for k in knots])
+    top, ruling = _top(path, at, q, slopes, acceleration)
+    top = np.minimum(top, fastest)
+    final = 0.0 if np.isfinite(acceleration).any() else inf
+    forward = drivable(at, q, slopes, top, acceleration, final)
+    backward = drivable(at[-1] - at[::-1], q[::-1], -slopes[::-1], top[::-1], acceleration, final)[::-1]
+    for i in np.flatnonzero(np.sqrt(forward) < RULED * top).tolist():
+        ruling[i] = ACCELERATION
+    with np.errstate(divide="ignore"):
+        braking = float(np.where(slopes != 0.0, acceleration / np.abs(slopes), inf).min())
+    return PathPlan(
+        at=at.tolist(),
+        q=q,
+        slopes=slopes,
+        forward=forward.tolist(),
+        backward=backward.tolist(),
+        ruling=ruling,
+        off=np.array([k.off for k in knots]),
+        ratio=np.array([k.ratio for k in knots]),
+        blocked=path.blocked,
+        braking=braking,
+    )
+
+
+def accelerations_of(controller: Controller) -> Array:
+    """(m,) what a path may ask of the joints' acceleration, inf where there is no limit."""
+    if controller.braking is None:
+        return np.full(len(controller.robot.names), inf)
+    acceleration: Array = ACCELERATION_SHARE * controller.braking.acceleration
+    return acceleration
+
+
+def _top(path: JointPath, at: Array, q: Array, slopes: Array, acceleration: Array) -> tuple[Array, list[str]]:
+    """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
+    controller = path.controller
+    robot, names = controller.robot, controller.robot.names
+    limit = np.broadcast_to(VELOCITY_SHARE * robot.velocity_limit, slopes.shape)
+    words = [f"velocity of joint {i} ({name})" for i, name in enumerate(names)]
+    top, which = top_speed(slopes, limit)
+    ruling = [words[i] for i in which.tolist()]
+
+    def slower(speed: Array, cause: list[str]) -> None:
+        for i in np.flatnonzero(speed < top).tolist():
+            top[i], ruling[i] = speed[i], cause[i]
+
+    if controller.braking is not None:
+        rooms = [np.maximum(controller.box.room(x), 0.0) + AT_LIMIT for x in q]
+        room = np.where(slopes > 0.0, [r[0] for r in rooms], [r[1] for r in rooms])
+        speed, which = top_speed(slopes, np.array([braking_speed(r, acceleration, controller.dt) for r in room]))
+        slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
+    if controller.tool_speed is not None:
+        point = np.append(np.zeros(3) if controller.tool_speed.point is None else controller.tool_speed.point, 1.0)
+        fast = [velocity_at(path.curve.tangent(t), path.curve.pose(t).dot(point)[:3]) for t in at.tolist()]
+        speed, _ = top_speed(np.linalg.norm(fast, axis=1)[:, None], VELOCITY_SHARE * controller.tool_speed.limit)
+        slower(speed, ["the tool's speed"] * len(top))
+    if controller.joint_rows is not None:
+        rows = [controller.joint_rows.own(x) for x in q]
+        shares = [
+            inf if r is None else VELOCITY_SHARE * _rows_allow(np.asarray(r.C).dot(s), r.lower, r.upper)
+            for r, s in zip(rows, slopes, strict=True)
+        ]
+        slower(np.array(shares), ["rows"] * len(top))
+    return top, ruling
+
+
+def _rows_allow(y: Array, lower: Array, upper: Array) -> float:
+    """The largest v with lower <= v y <= upper; rows that standing still violates are ignored."""
+    limit = np.where(y > 0.0, np.where(upper >= 0.0, upper, inf), np.where(lower <= 0.0, -lower, inf))
+    moving = y != 0.0
+    return float((limit[moving] / np.abs(y[moving])).min()) if moving.any() else inf

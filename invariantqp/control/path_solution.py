@@ -1,0 +1,38 @@
+"""The result of a tick along a path."""
+
+from __future__ import annotations
+
+from attrs import field, frozen
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
+from invariantqp.velocity.solution import VelocitySolution
+
+
+@frozen(eq=False, repr=False, slots=False)
+class PathSolution(Compared):
+    """A joint velocity of a tick along a path, and where on the path the tool is.
+
+    Attributes:
+        velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
+        status: "waiting" (on the way to the path's start, or planning), "moving", "slowed" (limits rule the speed),
+            "paused", "left" (the path cannot be had here, and is passed by the least), "blocked" (it cannot be had, and
+            the tool has stopped before it), "done".
+        reason: why, in words, "" where there is nothing to report.
+        place: the path's parameter where the tool is.
+        speed: of the place [1/s], negative backward.
+        ruling: the limit that rules the speed, in words.
+        lag: how late the tool is [s]; None where no rate is asked for.
+        across: how far the tool is off the path, in the measure [length].
+        velocity_solution: the velocity law's answer.
+    """
+
+    velocity: Array
+    status: str
+    reason: str
+    place: float
+    speed: float
+    ruling: str
+    lag: float | None
+    across: float
+    velocity_solution: VelocitySolution = field(repr=False)

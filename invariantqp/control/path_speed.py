@@ -1,0 +1,84 @@
+"""How fast a path may be driven at each of its knots, so that a tool that obeys the limits there can stay on it.
+
+    top speed       |q' v| <= velocity limits, and whatever else limits the joint velocity q' v at a knot
+    from behind     the largest speed from which every later one can still be reached, at most a joint's acceleration:
+                    x = v^2 is linear between knots, q' v changes at most at the rate a at both ends of each piece:
+                    |q'' x_i + q'_i u| <= a,  |q'' x_i+1 + q'_i+1 u| <= a,  u = (x_i+1 - x_i) / 2h
+
+The set of speeds from which the rest can be driven is an interval from zero, known by its upper end.
+
+Reference: Pham & Pham 2018, A new approach to time-optimal path parameterization based on reachability analysis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invariantqp.geometry.arrays import Array
+
+# Stands for an infinite speed, whose square is still a number.
+BOUNDLESS = 1e30
+
+
+def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.intp]]:
+    """(n,) the largest v with |q'_i v| <= limits_i at each knot, inf at rest; and (n,) the joint that rules.
+
+    Args:
+        slopes: (n, m) q'.
+        limits: (n, m), or one number, positive or zero.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.where(slopes != 0.0, limits / np.abs(slopes), np.inf)
+    which = speed.argmin(axis=1)
+    return np.take_along_axis(speed, which[:, None], axis=1)[:, 0], which
+
+
+def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array, final: float = 0.0) -> Array:
+    """(n,) the largest v^2 at each knot from which all later ones can be driven.
+
+    Args:
+        at: (n,) the parameter at the knots.
+        positions: (n, m) q there.
+        slopes: (n, m) q' there.
+        top: (n,) top speed.
+        acceleration: (m,) of the joints, inf where there is none.
+        final: largest v at the last knot.
+    """
+    n = len(at)
+    h = np.diff(at)
+    most = np.minimum(top, BOUNDLESS) ** 2
+    squares = np.append(most[:-1], min(float(most[-1]), final * final))
+    limited = np.isfinite(acceleration)
+    if not limited.any() or n < 2:
+        return squares
+    a = acceleration[limited]
+    q = slopes[:, limited]
+    # q'' at both ends of a piece, of the cubic with these positions and slopes.
+    mean = (positions[1:] - positions[:-1])[:, limited] / h[:, None]
+    first = (6.0 * mean - 4.0 * q[:-1] - 2.0 * q[1:]) / h[:, None]
+    last = (2.0 * q[:-1] + 4.0 * q[1:] - 6.0 * mean) / h[:, None]
+    half = 0.5 / h[:, None]
+    # Rows alpha x + beta y <= gamma on the squares x, y at the two ends of a piece: two ends, two signs.
+    alpha = np.hstack((first - q[:-1] * half, -q[1:] * half))
+    beta = np.hstack((q[:-1] * half, last + q[1:] * half))
+    alpha, beta, gamma = np.hstack((alpha, -alpha)), np.hstack((beta, -beta)), np.tile(a, 4)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        least = np.where(beta < 0.0, gamma / -beta, np.inf), np.where(beta < 0.0, alpha / -beta, 0.0)
+        largest = np.where(beta > 0.0, gamma / beta, np.inf), np.where(beta > 0.0, alpha / beta, 0.0)
+    # y >= x least[1] - least[0],  y <= largest[0] - x largest[1],  0 <= y <= squares of the next knot
+    slope = least[1][:, :, None] + largest[1][:, None, :]
+    room = least[0][:, :, None] + largest[0][:, None, :]
+    alone = np.minimum(_most(slope, room).min(axis=(1, 2)), _most(largest[1], largest[0]).min(axis=1))
+    alone = np.minimum(alone, _most(np.where(beta == 0.0, alpha, 0.0), gamma).min(axis=1))
+    for i in range(n - 2, -1, -1):
+        reach = _most(least[1][i], least[0][i] + squares[i + 1]).min()
+        squares[i] = min(squares[i], alone[i], reach)
+    return squares
+
+
+def _most(slope: Array, room: Array) -> Array:
+    """The largest x with slope x <= room, room >= 0; inf where slope is not positive."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x: Array = np.where(slope > 0.0, room / slope, np.inf)
+    return x

@@ -1,0 +1,377 @@
+"""A follower keeps its tool on the path: limits make it late, not off."""
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+import invariantqp as iq
+from invariantqp.geometry import se3
+from invariantqp.runs.log import distance
+
+DT = 0.002
+RISE = 0.2
+ARMS = ("ur5", "panda", "so101", "z1")
+MM, RAD = 5e-5, np.radians(0.01)
+
+
+def speeds(robot):
+    return np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2.0)
+
+
+def joint_path(robot, seed, reach=0.5):
+    rng = np.random.default_rng(seed)
+    low = np.where(np.isfinite(robot.position_lower), robot.position_lower, -3.0)
+    high = np.where(np.isfinite(robot.position_upper), robot.position_upper, 3.0)
+    mid, half = 0.5 * (low + high), 0.5 * (high - low)
+    q = [mid + half * rng.uniform(-0.5, 0.5, len(mid))]
+    for _ in range(2):
+        q.append(np.clip(q[-1] + rng.uniform(-reach, reach, len(mid)), mid - 0.8 * half, mid + 0.8 * half))
+    return CubicSpline([0.0, 0.5, 1.0], q)
+
+
+def follower_on(robot, pose, *, limit=True, dt=DT, options=None, **given):
+    loop = iq.Controller(robot, dt=dt, acceleration_limit=speeds(robot) / RISE if limit else None, **(options or {}))
+    return iq.PathFollower(loop, pose, **given)
+
+
+def drive(follower, q, ticks=6000, during=None, override=None):
+    """Solutions, joint positions and velocities until the path ends."""
+    solutions, positions = [], [q]
+    for k in range(ticks):
+        if during is not None:
+            during(k, follower)
+        solutions.append(follower.step(positions[-1], override=1.0 if override is None else override(k)))
+        positions.append(positions[-1] + follower.controller.dt * solutions[-1].velocity)
+        if solutions[-1].status in ("done", "blocked"):
+            break
+    return solutions, np.array(positions), np.array([s.velocity for s in solutions])
+
+
+def largest_error(robot, pose, solutions, positions, radian=0.5):
+    """How far the tool is from the path: from the pose nearest it, near the place that the solutions tell."""
+    size = np.array([radian, radian, radian, 1.0, 1.0, 1.0])
+
+    def error(T, u):
+        W = pose(u)
+        return size * np.append(iq.log(T @ iq.inverse(W))[:3], T[:3, 3] - W[:3, 3])
+
+    worst = np.zeros(2)
+    for s, q in zip(solutions, positions[1:], strict=True):
+        T, u = robot.pose(q), min(s.place, 1.0)
+        a, b = max(u - 1e-5, 0.0), min(u + 1e-5, 1.0)
+        along = (error(T, b) - error(T, a)) / (b - a)
+        near = np.clip(u - along.dot(error(T, u)) / along.dot(along), 0.0, 1.0)
+        worst = np.maximum(worst, min((distance(T, pose(v)) for v in (u, near)), key=sum))
+    return worst
+
+
+def acceleration_share(robot, velocities, dt=DT):
+    jumps = np.diff(velocities, axis=0, prepend=np.zeros((1, velocities.shape[1])))
+    return float((np.abs(jumps) / dt * RISE / speeds(robot)).max())
+
+
+@settings(max_examples=6, deadline=None)
+@given(name=st.sampled_from(ARMS), seed=st.integers(0, 10_000))
+def test_the_tool_stays_on_the_path_at_the_limits(name, seed):
+    robot = iq.load_robot(name)
+    joints = joint_path(robot, seed)
+    if min(np.linalg.cond(robot.jacobian(joints(u))[:, :6]) for u in np.linspace(0.0, 1.0, 20)) > 200.0:
+        return
+
+    def pose(u):
+        return robot.pose(joints(u))
+
+    follower = follower_on(robot, pose, dt=0.001)
+    follower.prepare(joints(0.0))
+    solutions, q, x = drive(follower, joints(0.0))
+    assert solutions[-1].status == "done"
+    assert (largest_error(robot, pose, solutions, q) < (MM, RAD)).all()
+    assert (np.abs(x) <= robot.velocity_limit + 1e-9).all()
+    assert acceleration_share(robot, x, 0.001) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_it_takes_little_longer_than_the_optimal_time(seed):
+    toppra = pytest.importorskip("toppra")
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+
+    toppra.setup_logging("ERROR")
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, seed)
+    follower = follower_on(robot, lambda u: robot.pose(joints(u)))
+    follower.prepare(joints(0.0))
+    _, _, x = drive(follower, joints(0.0))
+    v = speeds(robot)
+    limits = [JointVelocityConstraint(np.c_[-v, v]), JointAccelerationConstraint(np.c_[-v, v] / RISE)]
+    grid = np.linspace(0.0, 1.0, 201)
+    way = toppra.SplineInterpolator(grid, joints(grid))
+    optimal = TOPPRA(limits, way, gridpoints=np.linspace(0.0, 1.0, 401)).compute_trajectory().duration
+    assert optimal * 0.99 < DT * len(x) < optimal * 1.1
+
+
+def test_a_corner_is_not_cut():
+    robot = iq.load_robot("ur5")
+    q = np.array(
+        [[0.0, -1.4, 1.6, -1.8, -1.57, 0.0], [0.3, -1.2, 1.4, -1.7, -1.3, 0.2], [0.4, -1.5, 1.7, -1.6, -1.6, 0]]
+    )
+
+    def pose(u):
+        return robot.pose([np.interp(2.0 * u, (0, 1, 2), c) for c in q.T])
+
+    follower = follower_on(robot, pose)
+    follower.prepare(q[0])
+    solutions, positions, x = drive(follower, q[0])
+    assert solutions[-1].status == "done"
+    assert (largest_error(robot, pose, solutions, positions) < (MM, RAD)).all()
+    assert acceleration_share(robot, x) <= 1.0 + 1e-9
+    slowest = min(np.abs(v).max() for s, v in zip(solutions, x, strict=True) if 0.4 < s.place < 0.6)
+    assert slowest < 0.1 * np.abs(x).max()
+
+
+def test_the_same_motion_in_another_frame_of_the_tool():
+    robot = iq.load_robot("panda")
+    joints = joint_path(robot, 3)
+    offset = se3.exp([0.3, -0.2, 0.5, 0.1, 0.05, -0.2])
+    moved = robot.with_tool(offset)
+    point = np.array([0.0, 0.0, 0.05])
+    there = np.linalg.inv(offset).dot([*point, 1.0])[:3]
+    runs = []
+    for arm, at in ((robot, point), (moved, there)):
+        follower = follower_on(arm, lambda u, arm=arm: arm.pose(joints(u)), options={"point": at})
+        follower.prepare(joints(0.0))
+        runs.append(drive(follower, joints(0.0), 400)[1])
+    assert np.abs(runs[0] - runs[1]).max() < 1e-10
+
+
+def test_the_same_motion_in_another_frame_of_the_base():
+    base = se3.exp([0.4, 0.1, -0.7, 0.3, -0.5, 0.2])
+    robot = iq.load_robot("ur5")
+    q0 = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    home, screws = robot.pose(q0), robot.jacobian(q0)
+    joints = CubicSpline([0.0, 0.5, 1.0], [np.zeros(6), np.full(6, 0.3), [0.5, 0.1, 0.2, 0.4, 0.0, 0.3]])
+    runs = []
+    for frame in (np.eye(4), base):
+        arm = iq.robots.Chain(iq.adjoint(frame) @ screws, frame @ home, velocity_limit=2.0)
+        follower = follower_on(arm, lambda u, arm=arm: arm.pose(joints(u)))
+        follower.prepare(np.zeros(6))
+        runs.append(drive(follower, np.zeros(6), 400)[1])
+    assert np.abs(runs[0] - runs[1]).max() < 1e-10
+
+
+@pytest.mark.parametrize("name", ["ur5", "five joints"])
+def test_it_stops_before_a_position_limit(name):
+    robot = iq.load_robot("ur5" if name == "ur5" else "so101")
+    joints = joint_path(robot, 5, 0.3)
+    start = joints(0.0)
+    beyond = start.copy()
+    beyond[1] = robot.position_upper[1] + 0.3
+    start = start.copy()
+    start[1] = robot.position_upper[1] - 0.3
+
+    def pose(u):
+        return robot.pose(start + u * (beyond - start))
+
+    follower = follower_on(robot, pose)
+    follower.prepare(start)
+    solutions, q, x = drive(follower, start)
+    last = solutions[-1]
+    assert last.status == "blocked"
+    assert f"joint 1 ({robot.names[1]}) is at its upper position limit" in last.reason
+    assert 0.45 < last.place < 0.51  # other joints carry the tool a little farther
+    assert (q <= robot.position_upper + 1e-9).all()
+    assert np.abs(x[-1]).max() < 1e-2
+    assert acceleration_share(robot, x) <= 1.0 + 1e-9
+    assert (largest_error(robot, pose, solutions, q) < (MM, RAD)).all()
+
+
+def test_it_leaves_what_is_out_of_reach_and_comes_back():
+    robot = iq.load_robot("ur5")
+    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    T0 = robot.pose(q)
+
+    def pose(u):  # half a metre outwards and back: beyond the arm's reach
+        T = T0.copy()
+        T[:3, 3] += 0.6 * np.sin(np.pi * u) * T0[:3, 3] / np.linalg.norm(T0[:3, 3]) + [0.0, 0.2 * u, 0.0]
+        return T
+
+    stops, leaves = (follower_on(robot, pose, blocked=way) for way in ("stop", "leave"))
+    stops.prepare(q)
+    assert drive(stops, q)[0][-1].status == "blocked"
+    leaves.prepare(q)
+    solutions, positions, x = drive(leaves, q, 15000)
+    assert solutions[-1].status == "done"
+    assert any(s.status == "left" for s in solutions)
+    assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
+    assert (np.abs(x) <= robot.velocity_limit + 1e-9).all()
+    assert acceleration_share(robot, x) <= 1.0 + 1e-9
+
+
+def test_a_push_off_the_path_is_taken_back():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 7)
+
+    def pose(u):
+        return robot.pose(joints(u))
+
+    follower = follower_on(robot, pose)
+    follower.prepare(joints(0.0))
+    _, before, _ = drive(follower, joints(0.0), 150)
+    pushed, q, _ = drive(follower, before[-1] + 2e-3 * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]), 100)
+    assert pushed[0].across > 1e-3
+    assert largest_error(robot, pose, pushed[-1:], q[-2:])[0] < MM
+
+
+def test_pause_turn_and_override_keep_the_path():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 7)
+    calls = {100: "pause", 250: "resume", 330: "reverse", 500: "reverse"}
+
+    def pose(u):
+        return robot.pose(joints(u))
+
+    def during(k, follower):
+        if k in calls:
+            getattr(follower, calls[k])()
+
+    follower = follower_on(robot, pose)
+    follower.prepare(joints(0.0))
+    solutions, q, x = drive(follower, joints(0.0), during=during, override=lambda k: 0.3 if 600 <= k < 700 else 1.5)
+    assert solutions[-1].status == "done"
+    assert solutions[240].status == "paused"
+    assert np.abs(x[240]).max() < 1e-3
+    assert min(s.speed for s in solutions) < 0.0
+    assert (largest_error(robot, pose, solutions, q) < (MM, RAD)).all()
+    assert acceleration_share(robot, x) <= 1.0 + 1e-9
+
+
+def test_the_speed_has_the_jerk_that_is_asked_for():
+    robot = iq.load_robot("ur5")
+    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    T0 = robot.pose(q)
+    acceleration, jerk = 0.2, 1.0
+    follower = follower_on(
+        robot,
+        lambda u: iq.transform(T0[:3, :3], T0[:3, 3] + [0.0, 0.2 * u, 0.0]),
+        acceleration=acceleration,
+        jerk=jerk,
+    )
+    follower.prepare(q)
+    solutions, _, _ = drive(follower, q, during=lambda k, f: {300: f.pause, 900: f.resume}.get(k, int)())
+    assert solutions[-1].status == "done"
+    v = 0.2 * np.array([s.speed for s in solutions])[:-5]
+    a = np.diff(v) / DT
+    assert np.abs(a).max() <= acceleration * (1.0 + 1e-6)
+    assert np.abs(np.diff(a)).max() / DT <= jerk * 1.05
+
+
+def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_told():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 7)
+    slow = follower_on(robot, lambda t: robot.pose(joints(t / 20.0)), end=20.0, rate=1.0)
+    slow.prepare(joints(0.0))
+    on_time = drive(slow, joints(0.0), 400)[0]
+    assert on_time[-1].lag < 0.2
+    assert on_time[-1].ruling == "the rate asked for"
+    fast = follower_on(robot, lambda t: robot.pose(joints(t / 0.4)), end=0.4, rate=1.0)
+    fast.prepare(joints(0.0))
+    late, _, x = drive(fast, joints(0.0))
+    assert late[-1].status == "done"
+    assert late[-1].lag == pytest.approx(DT * len(x) - 0.4, abs=2 * DT)
+    assert {s.status for s in late} == {"slowed", "moving", "done"} or {s.status for s in late} == {"slowed", "done"}
+
+
+def test_an_exact_point_is_what_stays_on_the_path():
+    robot = iq.load_robot("so101")
+    joints = joint_path(robot, 11, 0.3)
+
+    def pose(u):  # an orientation that five joints cannot have
+        T = robot.pose(joints(u))
+        T[:3, :3] = se3.exp([0.2 * u, 0.3 * u, 0.0, 0.0, 0.0, 0.0])[:3, :3] @ T[:3, :3]
+        return T
+
+    follower = follower_on(robot, pose, options={"exact": "position"})
+    follower.prepare(joints(0.0))
+    solutions, q, _ = drive(follower, joints(0.0))
+    assert solutions[-1].status == "done"
+    assert largest_error(robot, pose, solutions, q, radian=0.0)[0] < MM
+
+
+def test_tool_speed_and_rows_slow_it_down():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 13)
+    row = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
+
+    def pose(u):
+        return robot.pose(joints(u))
+
+    rows = iq.limits.LimitRows(row, [-0.2], [0.2])
+    follower = follower_on(robot, pose, options={"tool_speed": 0.1, "rows": rows})
+    follower.prepare(joints(0.0))
+    solutions, q, x = drive(follower, joints(0.0))
+    assert solutions[-1].status == "done"
+    assert (largest_error(robot, pose, solutions, q) < (MM, RAD)).all()
+    tool = np.linalg.norm(np.diff([robot.pose(p)[:3, 3] for p in q], axis=0), axis=1) / DT
+    assert tool.max() < 0.1 * 1.001
+    assert np.abs(x @ row[0]).max() <= 0.2 + 1e-9
+    assert {"the tool's speed", "rows"} & {s.ruling for s in solutions}
+
+
+def test_without_acceleration_limits_it_drives_at_the_velocity_limit():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 2)
+
+    def pose(u):
+        return robot.pose(joints(u))
+
+    follower = follower_on(robot, pose, limit=False)
+    follower.prepare(joints(0.0))
+    solutions, q, x = drive(follower, joints(0.0))
+    assert solutions[-1].status == "done"
+    assert (largest_error(robot, pose, solutions, q) < (MM, RAD)).all()
+    busy = np.abs(x[5:-5] / robot.velocity_limit).max(axis=1)
+    assert np.median(busy) > 0.99
+    assert busy.min() > 0.9
+
+
+def test_it_finds_the_path_and_its_start_by_itself():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 7)
+    poses = np.array([robot.pose(joints(u)) for u in np.linspace(0.0, 1.0, 101)])
+    follower = follower_on(robot, poses, times=np.linspace(0.0, 1.0, 101))
+    solutions, q, _ = drive(follower, joints(0.0) + 0.02)
+    assert solutions[0].status == "waiting"
+    assert solutions[-1].status == "done"
+    assert distance(robot.pose(q[-1]), poses[-1])[0] < MM
+
+
+def test_a_copy_is_a_follower_of_its_own():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot, 7)
+    follower = follower_on(robot, lambda u: robot.pose(joints(u)))
+    follower.prepare(joints(0.0))
+    other = copy.deepcopy(follower)
+    assert np.array_equal(drive(follower, joints(0.0), 200)[1], drive(other, joints(0.0), 200)[1])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"path": "a line"}, "path"),
+        ({"path": [np.eye(4)]}, "path"),
+        ({"path": [np.eye(4), np.eye(4)]}, "path"),
+        ({"path": [np.eye(4), np.eye(4)], "times": [1.0, 1.0]}, "times"),
+        ({"rate": -1.0}, "rate"),
+        ({"jerk": 0.0}, "jerk"),
+        ({"blocked": "jump"}, "blocked"),
+    ],
+)
+def test_what_is_no_path_is_refused(wrong, named):
+    robot = iq.load_robot("ur5")
+    right = {"path": lambda u: iq.transform(translation=[0.4 + 0.1 * u, 0.0, 0.4])}
+    with pytest.raises(iq.BadInput, match=named):
+        follower_on(robot, **{"pose" if k == "path" else k: v for k, v in {**right, **wrong}.items()})
