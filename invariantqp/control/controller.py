@@ -162,18 +162,18 @@ class Controller:
         self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
         self._compiled: Array | None = None
-        if self._braking is None and self._joint_rows is None:
+        if self.braking is None and self.joint_rows is None:
             self._compiled = compiled_loop(
                 robot,
                 self.law,
                 self.measure,
-                self._box,
+                self.box,
                 self.gain,
                 mid,
                 self._pull,
                 self._slowness,
                 self.exact,
-                self._row_rank,
+                self.row_rank,
                 tool_speed,
             )
 
