@@ -22,7 +22,7 @@ from invariantqp.geometry.arrays import Array
 # What a newcomer looks for comes first on the page of public names.
 ORDER = (
     *("robots", "control", "velocity", "force", "pose", "runs", "analysis", "pictures", "view"),
-    *("geometry", "systems", "compare", "errors"),
+    *("geometry", "systems", "compare", "engine", "errors"),
 )
 # Aliases that a signature would spell out, as signatures spell them out, and what they are called.
 ALIASES = {inspect.formatannotation(alias): name for alias, name in ((ArrayLike, "ArrayLike"), (Array, "Array"))}

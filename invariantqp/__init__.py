@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from invariantqp.control.controller import Controller as Controller
     from invariantqp.control.measure import tool_metric as tool_metric
     from invariantqp.control.path_follower import PathFollower as PathFollower
+    from invariantqp.engine import native as native
     from invariantqp.errors import BadInput as BadInput
     from invariantqp.errors import BlindSystem as BlindSystem
     from invariantqp.errors import InvariantQPError as InvariantQPError
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
     from invariantqp.geometry.se3 import inverse as inverse
     from invariantqp.geometry.se3 import log as log
     from invariantqp.geometry.se3 import transform as transform
-    from invariantqp.native import native as native
     from invariantqp.pose.batch import solve_poses as solve_poses
     from invariantqp.pose.ik import solve_pose as solve_pose
     from invariantqp.robots.load import load_robot as load_robot
@@ -87,7 +87,7 @@ load_lazily(
         "invariantqp.geometry.forms": ("pitch_form", "pitch_form_inverse"),
         "invariantqp.geometry.screws": ("revolute",),
         "invariantqp.geometry.se3": ("adjoint", "coadjoint", "exp", "inverse", "log", "transform"),
-        "invariantqp.native": ("native",),
+        "invariantqp.engine": ("native",),
         "invariantqp.pose.batch": ("solve_poses",),
         "invariantqp.pose.ik": ("solve_pose",),
         "invariantqp.robots.load": ("load_robot",),

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import invariantqp as iq
-from invariantqp.native import core, engine
+from invariantqp.engine import core, engine
 
 PYTHON = "import invariantqp as iq; print(iq.native, iq.solve_velocity([[1]] + 5 * [[0]], [1, 0, 0, 0, 0, 0]).velocity)"
 
@@ -41,5 +41,5 @@ def test_the_core_is_part_of_the_package():
 def test_without_a_core_everything_is_there():
     code = "import sys; sys.modules['invariantqp._native'] = None; " + PYTHON
     assert told("-c", code, INVARIANTQP_NATIVE="1") == "False [1.]"
-    code = "import sys; sys.modules['invariantqp._native'] = None; from invariantqp.native import engine; print(engine)"
+    code = "import sys; sys.modules['invariantqp._native'] = None; from invariantqp.engine import engine; print(engine)"
     assert told("-c", code, INVARIANTQP_NATIVE="1") == "pure Python: no compiled core was built"

@@ -27,8 +27,8 @@ from invariantqp.cli.status import (
     NotAccepted,
     NotWritten,
 )
+from invariantqp.engine import engine
 from invariantqp.errors import InvariantQPError
-from invariantqp.native import engine
 from invariantqp.printing import say
 from invariantqp.version import __version__
 

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from invariantqp.control.convergence import Convergence
 from invariantqp.control.demands import Exact, ExactPoint
 from invariantqp.control.measure import ToolMeasure
+from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
-from invariantqp.native import core
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.screws import chain_of
 from invariantqp.velocity.law import VelocityLaw

@@ -63,7 +63,7 @@ class Health(NamedTuple):
             return self
         same = self.reading is not None and noise > 0.0 and bool((reading == self.reading).all())
         unchanged = self.unchanged + dt if same else 0.0
-        dead = f"the reading has not changed for {written(unchanged)} s, noise or not: a dead sensor"
+        dead = f"the reading has not changed for {written(unchanged)} s: a dead sensor (one without noise: noise=0)"
         fault = dead if unchanged > DEAD_AFTER else ""
         if press is None or press[1] == 0.0:
             return Health(reading, unchanged, fault=fault)

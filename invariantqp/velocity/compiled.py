@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
-from invariantqp.native import core
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
 

@@ -16,7 +16,7 @@ from math import sqrt
 
 import numpy as np
 
-from invariantqp.native import core
+from invariantqp.engine import core
 from invariantqp.velocity.calm import excess_deviation
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.damping import Damping, PaperLambda

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import invariantqp as iq
 from invariantqp import cli
-from invariantqp.native import engine
+from invariantqp.engine import engine
 from invariantqp.runs.taskfile import shipped_tasks
 
 TASK = """

@@ -13,7 +13,7 @@ from support.random_systems import motion
 from support.two_laws import NUMBER, ROUNDING
 
 import invariantqp as iq
-from invariantqp.native import core
+from invariantqp.engine import core
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")

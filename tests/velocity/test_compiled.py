@@ -10,7 +10,7 @@ from support.repeats import repeats
 from support.two_laws import disagreements, native_answer, python_answer, random_tick
 
 import invariantqp as iq
-from invariantqp.native import core
+from invariantqp.engine import core
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.qp.backends import Osqp
 from invariantqp.velocity.solution import VelocitySolution
