@@ -15,8 +15,8 @@ from invariantqp.geometry.arrays import Array
 
 Sides = NDArray[np.intp]
 
-# A multiplier of the wrong sign by less than this share of the largest is rounding.
-WRONG_SIGN = 1e-9
+# A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding.
+WRONG_SIGN = 1e-13
 # An active row that leaves less than this share of the longest beside the others depends on them.
 DEPENDENT = 1e-12
 
@@ -86,3 +86,16 @@ def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
     Q, _, _ = lapack.dorgqr(packed, tau)
     face = Face(at, above, Q, R, np.empty(0))
     return face._replace(e=face.shortest(np.where(above, upper[at], lower[at])))
+
+
+def weakest(N: Array, face: Face, pull: Array, multipliers: Array, *, late: bool = False) -> int:
+    """The active limit whose multiplier has the wrong sign by most; -1 for none.
+
+    Late in a search the first one is taken (Bland's rule), so that no active set repeats.
+    """
+    rows = N[face.at]
+    wrong = np.where(face.above, -1.0, 1.0) * multipliers[face.at]
+    found = (wrong * np.sqrt((rows * rows).sum(axis=1)) > WRONG_SIGN * np.sqrt(pull.dot(pull))).nonzero()[0]
+    if not len(found):
+        return -1
+    return int(face.at[found[0] if late else found[wrong[found].argmax()]])

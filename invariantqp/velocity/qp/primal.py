@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import WRONG_SIGN, face_of
+from invariantqp.velocity.qp.active import face_of, weakest
 
 # Steps for each limit, at most; then the point reached is the answer.
 STEPS = 10
@@ -49,10 +49,8 @@ def from_inside(N: Array, lower: Array, upper: Array, e: Array) -> tuple[Array, 
             side[first] = 1 if change[first] > 0.0 else -1
             continue
         e = face.e
-        pull = y * side
-        wrong = np.flatnonzero(pull < -WRONG_SIGN * np.abs(y).max(initial=0.0))
-        if not len(wrong):
+        wrong = weakest(N, face, face.e, y, late=count > 2 * len(lower))
+        if wrong < 0:
             break
-        # The most wrong one; after many steps the first one (Bland's rule), so that no active set repeats.
-        side[wrong[0] if count > 2 * len(lower) else wrong[pull[wrong].argmin()]] = 0
+        side[wrong] = 0
     return e, np.where(y * side > 0.0, y, 0.0)

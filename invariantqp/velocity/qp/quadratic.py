@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import WRONG_SIGN, Face, Sides, face_of
+from invariantqp.velocity.qp.active import Face, Sides, face_of, weakest
 from invariantqp.velocity.qp.backends import Backend, SolverFailure, solved
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.primal import from_inside
@@ -188,10 +188,9 @@ def corrected(
             side[worst] = 1 if value[worst] > upper[worst] else -1
             continue
         multipliers = face.multipliers(pull, len(lower))
-        signed = multipliers * side
-        weakest = int(signed.argmin())
-        if signed[weakest] < -WRONG_SIGN * max(float(signed.max()), -float(signed[weakest])):
-            side[weakest] = 0
+        wrong = weakest(N, face, pull, multipliers)
+        if wrong >= 0:
+            side[wrong] = 0
             continue
         if slow is not None and not slow.allows(e, FEASIBLE):
             return None
