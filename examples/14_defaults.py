@@ -67,6 +67,10 @@ class Task(NamedTuple):
     twists: list[np.ndarray]
 
 
+class InPython(iq.velocity.Adaptive):
+    """The default damping as a policy of one's own, which the compiled core does not have: Python's CALM counts."""
+
+
 class Choice(NamedTuple):
     """One value of a default: its name and how a run differs from all defaults."""
 
@@ -96,6 +100,11 @@ def limits(robot: Any) -> tuple[np.ndarray, np.ndarray]:
 def fixed(**options: Any) -> Callable[[Any], dict[str, Any]]:
     """The same options for every arm."""
     return lambda _: options
+
+
+def calmed(calm: float) -> Choice:
+    """Another CALM."""
+    return Choice(f"{calm:g}", fixed(damping=InPython()), calm=calm)
 
 
 def adaptive(threshold: float, ceiling: float) -> Choice:
@@ -174,7 +183,7 @@ STUDY: dict[str, tuple[tuple[Choice, ...], Callable[[int], bool]]] = {
         lambda m: m > 6,
     ),
     "calm: damping that grows with the residual": (
-        (DEFAULT._replace(name="0.25"), *(Choice(f"{c:g}", calm=c) for c in (0.0, 0.5, 1.0, 4.0))),
+        (DEFAULT._replace(name="0.25"), *map(calmed, (0.0, 0.5, 1.0, 4.0))),
         lambda _: True,
     ),
     **{f"gain: share of the error in a tick; {NOISE:g} rad of noise, {n} ticks late": gains(n) for n in LATE},
