@@ -15,6 +15,7 @@ from math import inf, log
 from typing import NamedTuple
 
 from invariantqp.force.hybrid_task import LOST_SHARE
+from invariantqp.force.place import TINY
 
 # Evidence at which a decision is taken: at most one wrong one in a million ticks.
 CERTAIN = log(1e6)
@@ -57,8 +58,8 @@ class Touch(NamedTuple):
 
 def weighed(evidence: float, press: float, limit: float, noise: float) -> float:
     """E after one more reading."""
-    sigma = max(noise, LEAST_NOISE * limit)
-    more = evidence + 2.0 * limit / (sigma * sigma) * (press - limit)
+    sigma = max(noise, LEAST_NOISE * limit, TINY)
+    more = evidence + 2.0 * (limit / sigma) * ((press - limit) / sigma)  # the square of a tiny sigma is zero
     return min(max(more, -CERTAIN), CERTAIN)
 
 

@@ -35,6 +35,12 @@ def test_a_press_in_noise_is_contact_and_stays_so(press):
     assert found < {1.0: 200, 5.0: 20, 20.0: 3}[press]
 
 
+def test_presses_beyond_any_scale_are_weighed():
+    assert Touch().after(1e-16, 5e-301, 0.0, 0.01).touching
+    assert not Touch().after(0.0, 5e-324, 0.0, 0.01).touching
+    assert Touch().after(1e300, 1e299, 0.0, 0.01).touching
+
+
 def test_without_noise_one_reading_decides():
     touch = Touch().after(5.0, 0.5, 0.0, 0.01)
     assert touch == Touch(CERTAIN, touching=True, airborne=0.0)
