@@ -175,9 +175,10 @@ class HybridController:
 
         # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        felt = self._felt(reading, raw, contact, tool[:3, 3], split, B.dot(exert))
+        felt = self._felt(reading, raw, contact, tool[:3, 3], split.intensities.dot(A.T), B.dot(exert))
         watch = self._watch.after(self.task, felt, loop.dt)
-        regulation = self._regulated(felt, contact, watch)
+        out = way_out(contact, A)
+        regulation = self._regulated(felt, out, watch)
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
@@ -188,6 +189,7 @@ class HybridController:
         pushed = push(
             self.task,
             contact,
+            A,
             split,
             gains,
             exert,
@@ -211,8 +213,7 @@ class HybridController:
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not watch.health.stale
         self._ways.append(moved)
         self._ways.popleft()
-        self._smoothing = smoothing
-        self._watch = watch.after_motion(way_out(contact).dot(moved))
+        self._watch, self._smoothing = watch.after_motion(out.dot(moved)), smoothing
         self._regulation = regulation.after(
             error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
         )
@@ -233,20 +234,18 @@ class HybridController:
             J=sighting.J,
         )
 
-    def _felt(self, reading: Array, raw: Array, contact: Contact, tool: Array, split: Split, exert: Array) -> Felt:
-        """What the raw reading tells of the contact; raw and exert (6,) in the base frame."""
+    def _felt(self, reading: Array, raw: Array, contact: Contact, tool: Array, parts: Array, exert: Array) -> Felt:
+        """What the raw reading tells of the contact; raw and exert (6,) in the base frame, parts (6-k, 6) likewise."""
         press, noise = None, 0.0 if self.sensor is None else self.sensor.noise
         if contact.kind.unilateral:
-            to_press = split.intensities[0].dot(se3.adjoint(contact.pose, check=False).T)
-            press = (float(to_press.dot(raw)), float(to_press.dot(exert)))
+            press = (float(parts[0].dot(raw)), float(parts[0].dot(exert)))
         most = overload_of(self.task, *load_at(exert, contact.point), noise)
         return Felt(reading, press, *load_at(raw, contact.point, tool), most, noise)
 
-    def _regulated(self, felt: Felt, contact: Contact, watch: Watch) -> Regulation:
+    def _regulated(self, felt: Felt, out: Array, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""
         regulation = self._regulation
         if self.task.stiffness is None and felt.press is not None:
-            out = way_out(contact)
             way = self._ways[0]  # the last one whose effect has been measured
             along = -out.dot(way)
             moved = np.array([along, *(way + along * out)])

@@ -21,11 +21,16 @@ def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
     return sqrt(f.dot(f)), sqrt(min(moment.dot(moment) for moment in moments))
 
 
-def way_out(contact: Contact) -> Array:
-    """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be."""
+def way_out(contact: Contact, A: Array) -> Array:
+    """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be.
+
+    Args:
+        contact: the contact.
+        A: (6, 6) the adjoint of its pose.
+    """
     if contact.kind.out is None:
         return np.zeros(3)
-    out = velocity_at(se3.adjoint(contact.pose, check=False).dot(np.asarray(contact.kind.out)), contact.point)
+    out = velocity_at(A.dot(np.asarray(contact.kind.out)), contact.point)
     return out / max(sqrt(out.dot(out)), TINY)
 
 

@@ -14,7 +14,6 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import speed_at
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.split import Split
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 
@@ -65,6 +64,7 @@ def gains_of(
 def push(
     task: HybridTask,
     contact: Contact,
+    A: Array,
     split: Split,
     gains: Gains,
     exert: Array,
@@ -78,6 +78,7 @@ def push(
     Args:
         task: its approach speed and size.
         contact: in the base frame.
+        A: (6, 6) the adjoint of its pose.
         split: of its kind.
         gains: of this tick.
         exert: (6,) W_d in the contact's frame.
@@ -85,7 +86,6 @@ def push(
         integral: (6,) likewise.
         slow: whether contact is looked for.
     """
-    A = se3.adjoint(contact.pose, check=False)
     if slow and gains.gentle is not None:
         ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
         return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)

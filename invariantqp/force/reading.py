@@ -71,7 +71,7 @@ def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
                 'a sensor with order="moment first" or order="force first", or iq.Wrench(moment=..., force=...)',
                 "ROS, Pinocchio's arrays and most sensors have forces first.",
             )
-        return numbers if order == "moment first" else np.concatenate((numbers[3:], numbers[:3]))
+        return ordered(numbers, order)
     if isinstance(reading, Wrench):
         return np.concatenate((reading.moment, reading.force))
     whole = _part(reading, ("wrench",))
@@ -83,6 +83,11 @@ def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
         )
         raise BadInput(argument, excerpt(reading), expected)
     return np.concatenate((_vector(moment, argument), _vector(force, argument)))
+
+
+def ordered(wrench: Array, order: str | None) -> Array:
+    """(6,) moment first from numbers in an order, or the other way round; None is moment first."""
+    return np.concatenate((wrench[3:], wrench[:3])) if order == "force first" else wrench
 
 
 def by_name(wrench: Array) -> Wrench:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, written
 from invariantqp.force.free_air import SPREAD, TURNED, explained, spread
-from invariantqp.force.reading import Order, by_name, order_of, wrench_of
+from invariantqp.force.reading import Order, by_name, order_of, ordered, wrench_of
 from invariantqp.force.smoothing import soft
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -144,8 +144,7 @@ class WrenchSensor(Value):
 
         The numbers come in the sensor's order, moment first where it has none.
         """
-        unloaded = _unloaded(self, arrays.pose(tool, "tool"))
-        return np.concatenate((unloaded[3:], unloaded[:3])) if self.order == "force first" else unloaded
+        return ordered(_unloaded(self, arrays.pose(tool, "tool")), self.order)
 
     def load(self, reading: Any, tool: ArrayLike) -> Array:
         """(6,) (m; f) the wrench that the tool exerts, in the sensor's frame: the reading without bias and weight.
