@@ -53,7 +53,7 @@ class Curve(NamedTuple):
 
     def piece(self, at: float) -> int:
         """The number of the piece at a place; the ends belong to the first and the last."""
-        return min(max(bisect_right(self.knots, at) - 1, 0), len(self.knots) - 2)
+        return piece_of(self.knots, at)
 
     def pose(self, at: float) -> Array:
         """(4, 4) the pose at a place."""
@@ -73,6 +73,11 @@ class Curve(NamedTuple):
         twice = se3.lie(there, once)
         tangent: Array = rate + 0.5 * once + twice / 6.0 + se3.lie(there, twice) / 24.0
         return tangent
+
+
+def piece_of(knots: list[float], at: float) -> int:
+    """Which of the pieces between increasing knots a place is on; what is beyond the ends is on the first or last."""
+    return min(max(bisect_right(knots, at) - 1, 0), len(knots) - 2)
 
 
 def curve_through(at: Array, poses: Array, tangents: Array) -> Curve:

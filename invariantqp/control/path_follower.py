@@ -203,7 +203,7 @@ class PathFollower:
         share = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
         speed, ruling = self._speed(plan, place, share, override)
         sign = -1.0 if state.back else 1.0
-        joints, slope = plan.joints(place)
+        joints, _ = plan.joints(place)
         _, slope = plan.joints(place + 0.5 * dt * sign * speed)
         rate = sign * speed
         if self._limit is not None:

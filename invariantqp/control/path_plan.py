@@ -6,13 +6,13 @@ backward it is the same towards the start. Between knots v^2 is linear and the j
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.curve import piece_of
 from invariantqp.control.joint_path import AT_LIMIT, SHORTEST, JointPath
 from invariantqp.control.path_speed import drivable, top_speed
 from invariantqp.geometry.arrays import Array
@@ -61,7 +61,7 @@ class PathPlan(NamedTuple):
 
     def piece(self, at: float) -> int:
         """The number of the piece at a place."""
-        return min(max(bisect_right(self.at, at) - 1, 0), len(self.at) - 2)
+        return piece_of(self.at, at)
 
     def nearest(self, at: float) -> int:
         """The number of the knot nearest a place."""
