@@ -236,7 +236,7 @@ def _sum(
                 b = attempted(measure.form, inverse_root, A, b, damping, None)
             spectrum = spectrum_of(A.dot(B), float(np.linalg.norm(A, 2)))
             objective = least_squares(spectrum, share * b - A.dot(origin), None, damping)
-            K = np.sqrt(objective.weights)[:, None] * objective.V.T
+            K = objective.quadratic().K
             roots.append(weight * K)
             wanted.append(weight * np.sqrt(objective.weights) * objective.optimum)
         else:

@@ -141,7 +141,7 @@ def _bracketed(
     found: Optimum,
     inside: Array | None,
 ) -> Optimum:
-    low, high, unit = 0.0, inf, _unit(problem, cone)
+    low, high, unit = 0.0, inf, slow.most / MOST_SHARE
     for _ in range(MOST_MULTIPLIERS):
         answer = _similar(problem, limits, slow, found)
         if answer is not None:
@@ -151,7 +151,7 @@ def _bracketed(
             return found
         low, high = (found.nu, high) if speed > cone.limit else (low, found.nu)
         nu = 0.5 * (low + high) if high < inf else max(GROWTH * low, unit)
-        if nu > MOST_SHARE * unit or not low < nu < high:
+        if nu > slow.most or not low < nu < high:
             break
         costly = problem.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
         found = minimise(backend, costly, limits, inside, found)._replace(nu=nu, trouble=found.trouble)
