@@ -26,6 +26,7 @@ from joblib import Parallel, delayed, parallel_config
 from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import CubicSpline
+from shared.ten_arms import ARMS, arm, limits
 
 import invariantqp as iq
 from invariantqp.compare.laws.least_squares_law import LeastSquaresLaw
@@ -41,11 +42,6 @@ SEED = 15
 PLACES = 400
 # A run that takes longer than this has stalled [s].
 LONGEST = 60.0
-
-THREE = [((0, 0, 1), (0, 0, 0)), ((0, 1, 0), (0.1, 0, 0.3)), ((1, 0, 0), (0.4, 0.2, 0.5))]
-FIVE = [*THREE, ((0, 1, 0), (0.6, 0.2, 0.4)), ((0, 0, 1), (0.8, 0.1, 0.3))]
-EIGHT = [*FIVE, ((1, 0, 0), (0.9, 0.1, 0.3)), ((0, 1, 0), (1.0, 0.0, 0.4)), ((0, 0, 1), (1.1, 0.1, 0.2))]
-ARMS = ("panda", "ur5", "ur10", "xarm7", "kinova", "z1", "so101", "three joints", "five joints", "eight joints")
 
 
 class Task(NamedTuple):
@@ -69,23 +65,6 @@ class Run(NamedTuple):
     status: str
 
 
-def arm(name: str) -> Any:
-    """The arm of a name."""
-    axes = {"three joints": THREE, "five joints": FIVE, "eight joints": EIGHT}.get(name)
-    if axes is None:
-        return iq.load_robot(name)
-    screws = np.column_stack([iq.revolute(axis, point) for axis, point in axes])
-    home = np.eye(4)
-    home[:3, 3] = np.add(axes[-1][1], (0.2, 0.1, -0.1))
-    return iq.robots.Chain(screws, home, position_lower=-2.5, position_upper=2.5, velocity_limit=2.0)
-
-
-def ranges(robot: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Joint ranges, three radians each way where there is none."""
-    low, high = np.asarray(robot.position_lower), np.asarray(robot.position_upper)
-    return np.where(np.isfinite(low), low, -3.0), np.where(np.isfinite(high), high, 3.0)
-
-
 def speeds(robot: Any) -> np.ndarray:
     """Velocity limits, 2 rad/s where there is none."""
     return np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2.0)
@@ -93,7 +72,7 @@ def speeds(robot: Any) -> np.ndarray:
 
 def waypoints(robot: Any, rng: np.random.Generator, count: int) -> np.ndarray:
     """Joint positions, each at most 0.7 rad from the one before."""
-    low, high = ranges(robot)
+    low, high = limits(robot)
     mid, half = 0.5 * (low + high), 0.5 * (high - low)
     q = [mid + half * rng.uniform(-0.6, 0.6, len(mid))]
     for _ in range(count - 1):
@@ -125,7 +104,7 @@ def blocked_task(number: int) -> tuple[Task, Callable[[float], np.ndarray]]:
     rng = np.random.default_rng([SEED, 2, number])
     robot = arm(ARMS[number % len(ARMS)])
     q = waypoints(robot, rng, 2)
-    low, high = ranges(robot)  # more than six joints may find another way round their limits, fewer stray from any line
+    low, high = limits(robot)  # more than six joints may find another way round their limits, fewer stray from any line
     past_limit = len(low) < 6 or (len(low) == 6 and number // len(ARMS) % 2 == 0)
     if past_limit:
         bounded = np.flatnonzero(np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper))

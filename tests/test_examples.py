@@ -40,6 +40,7 @@ def test_every_example_is_listed():
 def test_an_example_runs(example, tmp_path, monkeypatch, capfd):
     """In this process, where a warning is an error: starting one for each takes longer than most examples."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(example.parent)  # as for a script
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setattr(sys, "argv", [str(example), *SHORTER.get(example.stem, ())])
     runpy.run_path(str(example), run_name="__main__")
