@@ -48,3 +48,18 @@ def loop(
 def step(
     loop: Array, q: Any, target: Any, feedforward: Any, convergence: tuple[Any, ...], /
 ) -> tuple[Any, ...] | None: ...
+def arm(
+    numbers: Array,
+    point: Array,
+    home: Array,
+    screws: Array,
+    lower: Array,
+    upper: Array,
+    turn: Array,
+    whole: Array,
+    /,
+) -> Array: ...
+def descend(
+    arm: Array, target: Any, start: Array, goal: float, turning: bool, patient: bool, /
+) -> tuple[Array, float, int, bool, bool] | None: ...
+def misses(arm: Array, target: Any, q: Array, /) -> tuple[float, float] | None: ...

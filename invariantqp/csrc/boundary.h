@@ -24,4 +24,9 @@ PyObject *new_vector(int n, const double *values);
 PyObject *fields(int m, const Solution *solution);
 bool is_plain(const Solution *solution);
 
+/* search.c */
+PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
 #endif

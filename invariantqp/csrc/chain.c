@@ -91,30 +91,65 @@ void kinematics(int m, const Row screws[6], const Pose *home, const double *q, R
     product(&T, home, tool);
 }
 
+/* R R' */
+static void turned_by(const Pose *target, const Pose *tool, double R[3][3])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            R[i][j] = dot(3, target->R[i], tool->R[j]);
+}
+
+/* The axis of a rotation times its angle in [0, pi], by the unit quaternion (Shepperd's method). */
+static void rotation_vector(const double R[3][3], double w[3])
+{
+    double diagonal[4] = {R[0][0], R[1][1], R[2][2], R[0][0] + R[1][1] + R[2][2]}, q[4];
+    int largest = 3;
+    for (int i = 2; i >= 0; i--)
+        if (diagonal[i] > diagonal[largest])
+            largest = i;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        double odd = R[k][j] - R[j][k];
+        if (largest == 3)
+            q[i] = odd;
+        else if (largest == i) {
+            q[i] = 1.0 + R[i][i] - R[j][j] - R[k][k];
+            q[3] = odd;
+        } else
+            q[i] = R[i][largest] + R[largest][i];
+    }
+    if (largest == 3)
+        q[3] = 1.0 + diagonal[3];
+    double n = norm(3, q), share = n > 0.0 ? copysign(2.0 * atan2(n, fabs(q[3])) / n, q[3]) : 0.0;
+    for (int i = 0; i < 3; i++)
+        w[i] = share * q[i];
+}
+
+void turn_to(const Pose *target, const Pose *tool, double w[3])
+{
+    double R[3][3];
+    turned_by(target, tool, R);
+    rotation_vector((const double(*)[3])R, w);
+}
+
 /* The twist that takes the tool to its target in unit time; turns of half a turn and nearly so are handed back. */
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6])
 {
-    double worst = 0.0, R[3][3], p[3], vee[3];
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
+    double worst = 0.0, R[3][3], p[3];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
             worst = fmax(worst, fabs(dot(3, target->R[i], target->R[j]) - (i == j)));
-            R[i][j] = dot(3, target->R[i], tool->R[j]);
-        }
-        p[i] = target->p[i] - dot(3, R[i], tool->p);
-    }
     if (!(worst <= ROTATION))
         return HAND_BACK;
-    vee[0] = 0.5 * (R[2][1] - R[1][2]);
-    vee[1] = 0.5 * (R[0][2] - R[2][0]);
-    vee[2] = 0.5 * (R[1][0] - R[0][1]);
-    double sine = norm(3, vee), theta = atan2(sine, 0.5 * (R[0][0] + R[1][1] + R[2][2] - 1.0));
+    turned_by(target, tool, R);
+    rotation_vector((const double(*)[3])R, error);
+    double theta = norm(3, error), t2 = theta * theta;
     if (!(theta < HALF_TURN))
         return HAND_BACK;
-    double ratio = sine > 0.0 ? theta / sine : 1.0, t2 = theta * theta;
     double c = theta < SMALL_ANGLE ? (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0
                                    : (1.0 - 0.5 * theta / tan(0.5 * theta)) / t2;
     for (int i = 0; i < 3; i++)
-        error[i] = ratio * vee[i];
+        p[i] = target->p[i] - dot(3, R[i], tool->p);
     series(error, -0.5, c, p, error + 3);
     return DONE;
 }

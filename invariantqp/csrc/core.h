@@ -137,6 +137,23 @@ typedef struct {
     Row middle, pull;       /* of the posture */
 } Loop;
 
+/* pose/arm.py: an arm as pose searches see it. Numbers alone, as in a Loop. */
+typedef struct {
+    double joints, length;
+    double point[3]; /* of the tool, where positions are compared */
+    double home[16];
+    Row screws[6];
+    Row lower, upper, turn, whole; /* limits; whole turns of hinges, and whether the range holds one */
+} Arm;
+
+/* pose/newton.py: where one try ended */
+typedef struct {
+    Row q;
+    double f;
+    long steps;
+    bool met, at_rest;
+} Try;
+
 /* control/convergence.py */
 typedef struct {
     double promised, achieved, speed, expected[6], size;
@@ -158,7 +175,7 @@ static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
 double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);
 
-/* spectrum.c, objective.c, regular.c, calm.c, qp.c, report.c, solve.c */
+/* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);
 Outcome least_squares(const Demand *demand, int n, const Row A[6], const double b[6], const Row posture, double largest,
                       Objective *objective);
@@ -187,6 +204,10 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
 Outcome solve(const Demand *demand, Solution *solution);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
+void turn_to(const Pose *target, const Pose *tool, double w[3]);
+Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z);
+void misses(const Arm *arm, const Pose *target, const double *q, double *position, double *orientation);
+Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found);
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, Convergence *watch,
              double turn[3], Solution *solution);
 
@@ -224,6 +245,19 @@ extern const Constant CONSTANTS[];
 #define FIXED_TOLERANCE 1e-13
 #define MOST_SHARE 1e8
 #define MEMORY 50
+#define DAMPING 0.1
+#define EASED 0.5
+#define STIFFENED 4.0
+#define LEAST 1e-3
+#define FLOOR 1e-13
+#define QP_FLOOR 1e-8
+#define STALLED 6
+#define FINISHED 3
+#define LONGEST 100
+#define PATIENCE 1000
+#define STIFFEST 1e8
+#define AT_REST 1e-12
+#define DIFFERENCE 1e-7
 #define HALF_TURN (0.8 * 3.14159265358979323846)
 
 #endif

@@ -228,6 +228,10 @@ static PyMethodDef methods[] = {
      "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},
     {"tick", (PyCFunction)(void (*)(void))tick, METH_FASTCALL,
      "The fields of a VelocitySolution, or None where Python has to answer."},
+    {"arm", (PyCFunction)(void (*)(void))search_arm, METH_FASTCALL, "The numbers of an arm, for a pose search."},
+    {"descend", (PyCFunction)(void (*)(void))search_descend, METH_FASTCALL,
+     "One try at a pose: (q, f, steps, met, at_rest), or None where Python has to make it."},
+    {"misses", (PyCFunction)(void (*)(void))search_misses, METH_FASTCALL, "Distance and angle of a tool from its target."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -193,3 +193,30 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     precise(problem, limits, of, side, &face, found->z);
     return all_finite(n, found->z) ? DONE : HAND_BACK;
 }
+
+/* The minimiser in a box, which zero is in; without the marks of `Optimum`, and so without Python's decisions on them. */
+Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z)
+{
+    int n = problem->n, of[LIMITS], side[LIMITS] = {0};
+    Polytope limits = {.count = n, .box = true};
+    Room room;
+    Face face;
+    Row e;
+    double y[LIMITS], nu;
+    for (int j = 0; j < n; j++) {
+        limits.lower[j] = lower[j];
+        limits.upper[j] = upper[j];
+    }
+    if (centred(problem, &limits, &room, of) == HAND_BACK)
+        return HAND_BACK;
+    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK) {
+        for (int j = 0; j < n; j++)
+            e[j] = -dot(n, problem->K[j], problem->centre);
+        if (from_inside(&room, side, e, &face, y) == HAND_BACK)
+            return HAND_BACK;
+    }
+    precise(problem, &limits, of, side, &face, z);
+    for (int j = 0; j < n; j++)
+        z[j] = fmin(fmax(z[j], lower[j]), upper[j]);
+    return all_finite(n, z) ? DONE : HAND_BACK;
+}

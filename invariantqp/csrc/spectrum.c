@@ -34,7 +34,7 @@ static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double leas
 {
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         bool rotated = false;
-        double square[MOST_ROWS];
+        double square[MOST];
         for (int i = 0; i < rows; i++)
             square[i] = dot(n, R[i].row, R[i].row);
         for (int i = 0; i + 1 < rows; i++)
@@ -93,7 +93,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
 {
     bool wide = n >= k;
     int rows = wide ? k : n, length = wide ? n : k, with = wide ? 1 : n;
-    Rotated R[MOST_ROWS];
+    Rotated R[MOST];
     for (int i = 0; i < rows; i++) {
         for (int j = 0; j < length; j++)
             R[i].row[j] = wide ? A[i][j] : A[j][i];
@@ -104,8 +104,8 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
     if (orthogonalised(rows, length, with, R, NOTHING * NOTHING * size * size) == HAND_BACK)
         return HAND_BACK;
 
-    double sigma[MOST_ROWS];
-    int order[MOST_ROWS];
+    double sigma[MOST];
+    int order[MOST];
     for (int i = 0; i < rows; i++) {
         sigma[i] = norm(length, R[i].row);
         int at = i;

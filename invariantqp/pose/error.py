@@ -10,17 +10,18 @@ measured apart from it.
 
 from __future__ import annotations
 
-from math import inf, sqrt, tan
+from math import sqrt, tan
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from invariantqp.control.demands import Exact, ExactJoints, ExactPoint, View, rows_of
+from invariantqp.engine import core
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, middle
-from invariantqp.systems.centre import centre
+from invariantqp.pose.arm import PoseArm
+from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
 STILL = np.zeros(6)
@@ -75,6 +76,7 @@ class PoseError(NamedTuple):
         even: whether W weighs turns about every axis alike; the gradient of f then needs no derivative of the
             logarithm.
         exact: demands to be met exactly.
+        compiled: the arm as the compiled core takes it, or None where Python alone has this measure.
     """
 
     robot: Robot
@@ -83,10 +85,20 @@ class PoseError(NamedTuple):
     point: Array
     even: bool
     exact: tuple[Exact, ...] = ()
+    compiled: Array | None = None
+
+    @property
+    def matrix(self) -> Array:
+        """(4, 4) the target."""
+        known = getattr(self.target, "pose", None)
+        T: Array = self.target.homogeneous if known is None else known
+        return T
 
     @property
     def least(self) -> float:
         """The smallest singular value of F, at most 1: |omega| is within a tolerance if |r| is in this share of it."""
+        if self.even:  # a diagonal matrix
+            return min(1.0, float(self.root[0, 0]))
         return min(1.0, float(np.linalg.svd(self.root, compute_uv=False)[-1]))
 
     def at(self, q: Array) -> Linearization:
@@ -114,38 +126,40 @@ class PoseError(NamedTuple):
 
     def misses(self, q: Array) -> tuple[float, float]:
         """Distance of the tool frame's origin [length] and angle [rad] from the target."""
+        if core is not None and self.compiled is not None:
+            found: tuple[float, float] | None = core.misses(self.compiled, self.matrix, q)
+            if found is not None:
+                return found
         sighting = self.robot.sight(q, self.target)
         here, there = self.robot.points(sighting, self.target, np.zeros(3))
         omega, d = sighting.error[:3], there - here
         return sqrt(d.dot(d)), sqrt(omega.dot(omega))
 
 
-def pose_error(robot: Robot, target: Any, form: Form | float | None, exact: tuple[Exact, ...]) -> PoseError:
+def pose_error(arm: PoseArm, target: Any, form: Form | float | None, exact: tuple[Exact, ...]) -> PoseError:
     """The measure that `form` describes; with an exact demand on a point, c is that point.
 
     Raises:
         BadInput: a target that is no pose, a form that does not measure distances, demands on joint velocities.
     """
+    robot = arm.robot
     wanted = robot.target(target)
-    mid = middle(robot)
-    J = robot.jacobian(mid)
     if any(isinstance(demand, ExactJoints) for demand in exact):
         raise BadInput("exact", "ExactJoints", "demands on the pose", "Joint velocities are the controller's business.")
-    here = robot.pose(mid)
-    place, L = centre(J)
-    L = L if 0.0 < L < inf else 1.0
+    L = arm.length
     if form is not None:
         chosen = form_of(form)
         if isinstance(chosen, CarriedMetric):
-            T = se3.exp(robot.sight(mid, wanted).error, check=False).dot(here)  # the target as a matrix
+            mid = arm.space.middle
+            T = se3.exp(robot.sight(mid, wanted).error, check=False).dot(robot.pose(mid))  # the target as a matrix
             return _metric_error(robot, wanted, chosen, T, exact)
         if not isinstance(chosen, PitchForm) or chosen.h == 0.0:
             found = "h = 0" if isinstance(chosen, PitchForm) else "a complement"
             raise BadInput("form", f"{found}, which measures no distance", "a pitch other than 0, or CarriedMetric")
         L = abs(chosen.h)
-    anchors = [np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)]
-    point = anchors[0] if anchors else here[:3, :3].T.dot(place - here[:3, 3])
-    return PoseError(robot, wanted, np.diag(np.repeat((L, 1.0), 3)), point, even=True, exact=exact)
+    point = next((np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)), arm.point)
+    compiled = None if exact else arm.compiled if arm.length == L else arm.measured(L)
+    return PoseError(robot, wanted, np.diag((L, L, L, 1.0, 1.0, 1.0)), point, even=True, exact=exact, compiled=compiled)
 
 
 def _metric_error(robot: Robot, wanted: Any, metric: CarriedMetric, T: Array, exact: tuple[Exact, ...]) -> PoseError:

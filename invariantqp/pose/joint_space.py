@@ -21,6 +21,7 @@ class JointSpace:
     """The joint limits of an arm, with its turns.
 
     Attributes:
+        middle: (m,) of each joint's range [rad, length].
         lower: (m,) [rad, length], -1e30, the solver's infinity, where there is none.
         upper: (m,).
         whole: (m,) bool, the hinges whose range holds a whole turn.
@@ -29,9 +30,10 @@ class JointSpace:
 
     def __init__(self, robot: Robot) -> None:
         """The joint space of a robot."""
+        self.middle: Array = middle(robot)
         self.lower: Array = np.maximum(robot.position_lower, -UNBOUNDED)
         self.upper: Array = np.minimum(robot.position_upper, UNBOUNDED)
-        J = robot.jacobian(middle(robot))
+        J = robot.jacobian(self.middle)
         speed, drift = np.linalg.norm(J[:3], axis=0), np.linalg.norm(J[3:], axis=0)
         hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= HINGE * speed * drift)
         self.turn: Array = np.where(hinge, 2.0 * np.pi / np.where(hinge, speed, 1.0), 1.0)

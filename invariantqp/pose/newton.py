@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
+from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import Linearization, PoseError
 from invariantqp.pose.joint_space import JointSpace
@@ -53,14 +54,18 @@ class Try(NamedTuple):
     """Where one try ended.
 
     Attributes:
-        state: the last state, the best of the try.
+        q: (m,) the last joint positions, the best of the try.
+        f: half of |r|^2 there.
+        unmet: |b| there.
         merit: f + nu |b| there.
         steps: Newton steps.
         met: whether the error went below the goal.
         at_rest: whether no step would make the error smaller by more than rounding.
     """
 
-    state: Linearization
+    q: Array
+    f: float
+    unmet: float
     merit: float
     steps: int
     met: bool
@@ -88,6 +93,11 @@ def descend(
         turning: whether a joint may leave its limits and be shifted back by whole turns.
         patient: whether to go on to the last digit where the target cannot be met.
     """
+    if core is not None and error.compiled is not None and perf_counter() <= deadline:
+        found = core.descend(error.compiled, error.matrix, start, goal, turning, patient)
+        if found is not None:
+            q, f, steps, met, at_rest = found
+            return Try(q, f, 0.0, f, steps, met, at_rest)
     state = error.at(start)
     damping, penalty = DAMPING, 0.0
     past: list[float] = []
@@ -96,12 +106,12 @@ def descend(
         merit = state.f + penalty * state.unmet
         past.append(merit)
         if state.distance <= goal or perf_counter() > deadline:
-            return Try(state, merit, steps, state.distance <= goal, at_rest=False)
+            return _ended(state, merit, steps, met=state.distance <= goal, at_rest=False)
         before = past[-1 - window] if steps > window else inf
         if not patient and merit > 0.5 * before:
-            return Try(state, merit, steps, met=False, at_rest=False)
+            return _ended(state, merit, steps, met=False, at_rest=False)
         if damping > STIFFEST or before - merit <= AT_REST * merit:
-            return Try(state, merit, steps, met=False, at_rest=True)
+            return _ended(state, merit, steps, met=False, at_rest=True)
         H = error.curvature(state) if patient and state.C is None else None
         x, price = _step(state, H, 2.0 * damping * state.f, *space.steps(state.q, turning=turning))
         penalty = max(penalty, PENALTY_MARGIN * price)
@@ -110,7 +120,11 @@ def descend(
             state, damping = seen, max(EASED * damping, least)
         else:
             damping *= STIFFENED
-    return Try(state, state.f + penalty * state.unmet, longest, met=False, at_rest=True)
+    return _ended(state, state.f + penalty * state.unmet, longest, met=False, at_rest=True)
+
+
+def _ended(state: Linearization, merit: float, steps: int, *, met: bool, at_rest: bool) -> Try:
+    return Try(state.q, state.f, state.unmet, merit, steps, met, at_rest)
 
 
 def _step(state: Linearization, H: Array | None, mu: float, lower: Array, upper: Array) -> tuple[Array, float]:

@@ -5,7 +5,8 @@ Joint positions q are (m,) [rad, length]; poses (4, 4) and twists (omega; v) are
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,9 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
+
+T = TypeVar("T")
 
 
 class Sighting(NamedTuple):
@@ -94,6 +98,17 @@ def require_robot(robot: Robot) -> Robot:
     if isinstance(robot, type) or not all(hasattr(robot, name) for name in ROBOT):
         raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
     return robot
+
+
+def remembered(robot: Robot, name: str, make: Callable[[Robot], T]) -> T:
+    """`make(robot)`, computed once: the frozen robots of this library never change; of others, computed each time."""
+    if not isinstance(robot, Compared):
+        return make(robot)
+    kept: dict[str, Any] = vars(robot).setdefault("_remembered", {})
+    if name not in kept:
+        kept[name] = make(robot)
+    found: T = kept[name]
+    return found
 
 
 def middle(robot: Robot) -> Array:

@@ -15,7 +15,7 @@ from invariantqp.errors import InvariantQPError
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot, joint_limits
+from invariantqp.robots.kinematics import Robot, joint_limits, remembered
 
 # Poses and joint twists of the chain may differ from the robot's by this, relative to the largest entry.
 ROUNDING = 1e-12
@@ -29,8 +29,10 @@ def chain_of(robot: Robot) -> Chain | None:
 
     Only the frozen robots of this library never change; the chain is compared with them in several states.
     """
-    if not isinstance(robot, Compared):
-        return None
+    return remembered(robot, "chain", _chain) if isinstance(robot, Compared) else None
+
+
+def _chain(robot: Robot) -> Chain | None:
     m = len(robot.names)
     still = np.zeros(m)
     try:

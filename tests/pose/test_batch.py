@@ -24,6 +24,21 @@ def test_along_a_path_each_pose_is_found_from_the_one_before(name):
     assert np.abs(np.diff(q, axis=0)).max() < 3.0 * np.abs(np.diff(way, axis=0)).max()
 
 
+@pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
+def test_out_of_reach_and_back_neighbouring_targets_have_neighbouring_answers(name):
+    robot = iq.load_robot(name)
+    q = 0.4 * states(robot, 1, 31)[0] + 0.6 * 0.5 * (robot.position_lower + robot.position_upper)
+    place = robot.pose(q)
+    away = np.array([*np.zeros(3), *place[:3, 3] / np.linalg.norm(place[:3, 3])])
+    reach = np.concatenate((np.arange(0.0, 1.2, 0.02), np.arange(1.2, 0.0, -0.02)))
+    path = [iq.exp(far * away) @ place for far in reach]
+    found = iq.solve_poses(robot, path, q0=q, along=True, restarts=0, **NO_LIMIT)
+    assert not all(one.success for one in found)
+    steps = np.abs(np.diff([one.q for one in found], axis=0)).max(axis=1)
+    assert (steps > 0.7).sum() <= 1  # rad for 2 cm; stretched out, an elbow turns by half of it
+    assert np.median(steps) < 0.1
+
+
 def test_a_batch_is_the_single_answers_on_any_number_of_processes():
     targets = [PANDA.pose(q) for q in states(PANDA, 6, 50)]
     starts = states(PANDA, 6, 51)

@@ -23,6 +23,7 @@ from invariantqp.compare.laws.pink_law import PinkLaw, has_pink
 from invariantqp.compare.laws.toolbox import ets_of, has_toolbox
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
+from invariantqp.pose.arm import pose_arm
 from invariantqp.pose.error import pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
 from invariantqp.progress import Progress
@@ -192,7 +193,7 @@ def _pink(robot: Robot, time_limit: float) -> Solver:
 def _tried(robot: Robot, target: Any, start: Array, step: Step, time_limit: float) -> Array:
     """Take steps from the start, then from other states spread over the joint range; returns the last q in any case."""
     deadline = perf_counter() + time_limit
-    error = pose_error(robot, target, None, ())
+    error = pose_error(pose_arm(robot), target, None, ())
     q = start
     for state in _starts(robot, start):
         q, past = state, [np.inf] * STALLED

@@ -1,0 +1,70 @@
+/* What a pose search calls from Python. Nothing is computed here. */
+
+#include "boundary.h"
+
+static bool arm_of(PyObject *object, Arm *arm) { return vector(object, sizeof *arm / sizeof(double), (double *)arm); }
+
+/* arm((m, length), point, home, screws, lower, upper, turn, whole): a float64 array for `descend` and `misses`. */
+PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Arm made = {.joints = 0.0};
+    double first[2];
+    bool good = count == 8 && vector(arguments[0], 2, first) && first[0] >= 1.0 && first[0] <= MOST;
+    int m = good ? (int)first[0] : 0;
+    memcpy(&made, first, good ? sizeof first : 0);
+    if (!good || !vector(arguments[1], 3, made.point) || !matrix(arguments[2], 4, 4, 4, made.home) ||
+        !matrix(arguments[3], 6, m, MOST, made.screws[0]) || !vector(arguments[4], m, made.lower) ||
+        !vector(arguments[5], m, made.upper) || !vector(arguments[6], m, made.turn) ||
+        !vector(arguments[7], m, made.whole)) {
+        PyErr_SetString(PyExc_TypeError, "arm((m, length), point, home, screws, lower, upper, turn, whole)");
+        return NULL;
+    }
+    return new_vector(sizeof made / sizeof(double), (const double *)&made);
+}
+
+/* descend(arm, target, start, goal, turning, patient): (q, f, steps, met, at_rest), or None where Python has to. */
+PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Arm arm;
+    Pose target;
+    Try found;
+    if (count != 6 || !arm_of(arguments[0], &arm)) {
+        PyErr_SetString(PyExc_TypeError, "descend(arm, target, start, goal, turning, patient)");
+        return NULL;
+    }
+    int m = (int)arm.joints;
+    double goal = PyFloat_AsDouble(arguments[3]);
+    int turning = PyObject_IsTrue(arguments[4]), patient = PyObject_IsTrue(arguments[5]);
+    if (PyErr_Occurred())
+        return NULL;
+    if (!pose(arguments[1], &target) || !vector(arguments[2], m, found.q))
+        Py_RETURN_NONE;
+    Outcome outcome;
+    Py_BEGIN_ALLOW_THREADS
+    outcome = descend(&arm, &target, goal, turning, patient, &found);
+    Py_END_ALLOW_THREADS
+    if (outcome == HAND_BACK)
+        Py_RETURN_NONE;
+    return Py_BuildValue("(NdlNN)", new_vector(m, found.q), found.f, found.steps, PyBool_FromLong(found.met),
+                         PyBool_FromLong(found.at_rest));
+}
+
+/* misses(arm, target, q): distance and angle of the tool from its target. */
+PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Arm arm;
+    Pose target;
+    Row q;
+    double position, orientation;
+    if (count != 3 || !arm_of(arguments[0], &arm)) {
+        PyErr_SetString(PyExc_TypeError, "misses(arm, target, q)");
+        return NULL;
+    }
+    if (!pose(arguments[1], &target) || !vector(arguments[2], (int)arm.joints, q))
+        Py_RETURN_NONE;
+    misses(&arm, &target, q, &position, &orientation);
+    return Py_BuildValue("(dd)", position, orientation);
+}

@@ -1,0 +1,67 @@
+"""What a pose search needs to know of an arm, computed once: joint limits, own point and length, its joint screws."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from attrs import frozen
+
+from invariantqp.engine import core
+from invariantqp.geometry.arrays import Array
+from invariantqp.pose.joint_space import JointSpace
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot, remembered
+from invariantqp.robots.screws import chain_of
+from invariantqp.systems.centre import centre
+
+
+@frozen(eq=False)
+class PoseArm:
+    """An arm in a pose search.
+
+    Attributes:
+        robot: the arm.
+        space: its joint limits and whole turns.
+        point: (3,) in the tool frame [length], the arm's own point in the middle of its range.
+        length: the arm's own length there [length].
+        chain: the arm as joint screws, None where the compiled core cannot have it.
+        compiled: the arm as the core takes it, with its own length; None likewise.
+    """
+
+    robot: Robot
+    space: JointSpace
+    point: Array
+    length: float
+    chain: Chain | None
+    compiled: Array | None
+
+    def measured(self, length: float) -> Array | None:
+        """The arm as the core takes it, with another length for a radian."""
+        return None if self.chain is None else _compiled(self.chain, self.space, self.point, length)
+
+
+def pose_arm(robot: Robot) -> PoseArm:
+    """The arm, from the middle of its range."""
+    return remembered(robot, "pose search", _pose_arm)
+
+
+def _pose_arm(robot: Robot) -> PoseArm:
+    space = JointSpace(robot)
+    here = robot.pose(space.middle)
+    place, length = centre(robot.jacobian(space.middle))
+    length = length if 0.0 < length < inf else 1.0
+    point = here[:3, :3].T.dot(place - here[:3, 3])
+    fits = core is not None and len(space.middle) <= core.MOST_JOINTS
+    chain = chain_of(robot) if fits else None
+    compiled = None if chain is None else _compiled(chain, space, point, length)
+    return PoseArm(robot, space, point, length, chain, compiled)
+
+
+def _compiled(chain: Chain, space: JointSpace, point: Array, length: float) -> Array | None:
+    if core is None:
+        return None
+    numbers = np.array((len(space.middle), length), np.float64)
+    turns = space.lower, space.upper, space.turn, space.whole.astype(np.float64)
+    made: Array = core.arm(numbers, point, chain.home, chain.screws, *turns)
+    return made

@@ -1,0 +1,89 @@
+"""A try at a pose in the compiled core is the try of Python: as many steps, to the same joint positions."""
+
+from math import inf
+from unittest import mock
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.fuzz_ticks import random_chain
+
+import invariantqp as iq
+from invariantqp.engine import core
+from invariantqp.pose import newton
+from invariantqp.pose.arm import pose_arm
+from invariantqp.pose.error import pose_error
+
+pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
+ARMS = [iq.load_robot(name) for name in ("panda", "ur5", "so101")]
+# Where a minimum is, is the root of what it is; the second derivative by differences has seven digits.
+SAME = 1e-4
+HOW = 1e-9, True, False  # goal, turning, patient
+
+
+def both(robot, target, start, **how):
+    """The same try by the core and by Python."""
+    arm = pose_arm(robot)
+    error = pose_error(arm, target, None, ())
+    assert arm.compiled is not None
+    start = arm.space.inside(start)
+    native = newton.descend(error, arm.space, start, 1e-9, inf, **how)
+    with mock.patch.object(newton, "core", None):
+        return native, newton.descend(error, arm.space, start, 1e-9, inf, **how)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**63), patient=st.booleans(), turning=st.booleans(), far=st.booleans())
+def test_the_same_try(seed, patient, turning, far):
+    rng = np.random.default_rng(seed)
+    robot = ARMS[rng.integers(len(ARMS))] if rng.random() < 0.6 else random_chain(rng)
+    low, high = np.maximum(robot.position_lower, -3.0), np.minimum(robot.position_upper, 3.0)
+    q, start = rng.uniform(np.minimum(low, high), high, (2, len(low)))
+    target = iq.exp(rng.normal(size=6)) @ robot.pose(q) if far else robot.pose(q)
+    native, python = both(robot, target, start, patient=patient, turning=turning)
+    assert (native.met, native.at_rest) == (python.met, python.at_rest)
+    assert abs(native.steps - python.steps) <= (2 if patient else 0)  # of the last, rounding decides
+    assert native.f == pytest.approx(python.f, rel=SAME, abs=1e-18)
+    np.testing.assert_allclose(native.q, python.q, rtol=0.0, atol=SAME * (1.0 + np.abs(python.q).max()))
+    assert (robot.position_lower <= native.q).all()
+    assert (native.q <= robot.position_upper).all()
+
+
+def test_turns_up_to_half_a_turn_and_what_is_missed():
+    robot, q = ARMS[0], np.array([0.1, -0.4, 0.2, -2.2, 0.1, 1.8, 0.8])
+    arm = pose_arm(robot)
+    for axis in (*np.eye(3), [0.6, 0.0, 0.8]):
+        for angle in (0.0, 1e-3, 1.0, 3.0, np.pi - 1e-9):
+            move = iq.exp([*(angle * np.array(axis)), 0.0, 0.0, 0.0])
+            move[:3, 3] = 0.1, -0.2, 0.3
+            error = pose_error(arm, move @ robot.pose(q), None, ())
+            native = error.misses(q)
+            with mock.patch("invariantqp.pose.error.core", None):
+                np.testing.assert_allclose(native, error.misses(q), rtol=1e-12, atol=1e-14)
+            assert native[1] == pytest.approx(angle, abs=1e-8)
+
+
+def test_only_what_the_core_has_goes_there():
+    arm, target = pose_arm(ARMS[2]), ARMS[2].pose(np.zeros(5))
+    assert pose_error(arm, target, 0.3, ()).compiled is not None
+    assert pose_error(arm, target, iq.tool_metric(ARMS[2]), ()).compiled is None
+    assert pose_error(arm, target, None, (iq.control.ExactPoint(),)).compiled is None
+    for length in (0.3, 3.0):  # a pitch as the length of a radian
+        native = iq.solve_pose(ARMS[2], iq.transform(translation=[1.0, 0.0, 0.2]), form=length, time_limit=inf)
+        with mock.patch.object(newton, "core", None):
+            python = iq.solve_pose(ARMS[2], iq.transform(translation=[1.0, 0.0, 0.2]), form=length, time_limit=inf)
+        assert native.error == pytest.approx(python.error, rel=1e-6)
+
+
+def test_numbers_that_are_none():
+    arm = pose_arm(ARMS[0])
+    pose = ARMS[0].pose(np.zeros(7))
+    with pytest.raises(TypeError, match="arm"):
+        core.arm(np.zeros(2))
+    with pytest.raises(TypeError, match="descend"):
+        core.descend(np.zeros(3), pose, np.zeros(7), *HOW)
+    with pytest.raises(TypeError, match="misses"):
+        core.misses(arm.compiled, pose)
+    for target, start in ((np.nan * pose, np.zeros(7)), (pose, np.zeros(6)), (pose, np.full(7, np.nan))):
+        assert core.descend(arm.compiled, target, start, *HOW) is None
