@@ -43,10 +43,13 @@ def loop(
     fastest: Array,
     middle: Array,
     pull: Array,
+    position_lower: Array,
+    position_upper: Array,
+    acceleration: Array,
     /,
 ) -> Array: ...
 def step(
-    loop: Array, q: Any, target: Any, feedforward: Any, convergence: tuple[Any, ...], /
+    loop: Array, q: Any, target: Any, feedforward: Any, before: Array, convergence: tuple[Any, ...], /
 ) -> tuple[Any, ...] | None: ...
 def arm(
     numbers: Array,

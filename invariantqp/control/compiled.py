@@ -1,7 +1,7 @@
 """A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
-The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits, an
-exact point and a tool speed.
+The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits,
+those of accelerations too, an exact point and a tool speed.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.screws import chain_of
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.solution import VelocitySolution
 
@@ -38,6 +39,7 @@ def compiled_loop(
     law: VelocityLaw,
     measure: ToolMeasure,
     box: JointBox,
+    braking: BrakingBox | None,
     gain: float,
     middle: Array,
     pull: Array,
@@ -53,6 +55,7 @@ def compiled_loop(
         law: of its ticks.
         measure: at a point of the tool.
         box: joint limits.
+        braking: the same with acceleration limits, or None.
         gain: of the error [1/s].
         middle: (m,) the posture, middle of the joint ranges.
         pull: (m,) gains of the posture [1/s].
@@ -73,20 +76,23 @@ def compiled_loop(
     point = next((demand.point for demand in exact if isinstance(demand, ExactPoint)), np.zeros(3))
     numbers = [len(middle), law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
     numbers += [len(exact), -1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit]
+    numbers += [braking is not None]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
     fixed = np.array(numbers, np.float64), measure.point, point, fast, chain.home, chain.screws
-    made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull)
+    acceleration = np.zeros(len(middle)) if braking is None else braking.acceleration
+    room = box.position_lower, box.position_upper, acceleration
+    made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull, *room)
     return made
 
 
 def compiled_tick(
-    loop: Array, q: ArrayLike, target: Any, feedforward: ArrayLike | None, convergence: Convergence
+    loop: Array, q: ArrayLike, target: Any, feedforward: ArrayLike | None, before: Array, convergence: Convergence
 ) -> Tick | None:
     """The core's answer; None where Python has to answer, or to say what is wrong with an argument."""
     pose = target if type(target) is np.ndarray else getattr(target, "homogeneous", None)
     pose = getattr(target, "pose", None) if pose is None else pose
-    found = None if core is None else core.step(loop, q, pose, feedforward, convergence)
+    found = None if core is None else core.step(loop, q, pose, feedforward, before, convergence)
     if found is None:
         return None
     solution, velocity, turn, watch = found

@@ -162,12 +162,13 @@ class Controller:
         self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
         self._compiled: Array | None = None
-        if self.braking is None and self.joint_rows is None:
+        if self.joint_rows is None:
             self._compiled = compiled_loop(
                 robot,
                 self.law,
                 self.measure,
                 self.box,
+                self.braking,
                 self.gain,
                 mid,
                 self._pull,
@@ -200,7 +201,7 @@ class Controller:
         """
         before = self._last(velocity)
         if self._compiled is not None:
-            tick = compiled_tick(self._compiled, q, target, feedforward, self._memory.convergence)
+            tick = compiled_tick(self._compiled, q, target, feedforward, before, self._memory.convergence)
             if tick is not None:
                 self._memory = _Memory(tick.velocity, tick.turn, tick.convergence)
                 trouble = tick.convergence.trouble

@@ -127,7 +127,7 @@ typedef struct {
 typedef struct {
     double joints, dt, gain, length, slowness, has_posture;
     double threshold, ceiling, fixed;
-    double has_exact, row_rank, speed_limit;
+    double has_exact, row_rank, speed_limit, has_braking;
     double point[3]; /* of the tool, where the error is measured */
     double exact[3]; /* of the tool, a point that follows its target exactly */
     double fast[3];  /* of the tool, a point whose speed is limited */
@@ -135,6 +135,7 @@ typedef struct {
     Row screws[6];
     Row low, high, fastest; /* position limits / dt, and the velocity limit */
     Row middle, pull;       /* of the posture */
+    Row position_lower, position_upper, acceleration;
 } Loop;
 
 /* pose/arm.py: an arm as pose searches see it. Numbers alone, as in a Loop. */
@@ -208,8 +209,10 @@ void turn_to(const Pose *target, const Pose *tool, double w[3]);
 Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z);
 void misses(const Arm *arm, const Pose *target, const double *q, double *position, double *orientation);
 Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found);
-Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, Convergence *watch,
-             double turn[3], Solution *solution);
+Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
+Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
+Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
+             Convergence *watch, double turn[3], Solution *solution);
 
 /* The constants of the twins, by the names of their Python files; a test compares the two. */
 typedef struct {
@@ -245,6 +248,9 @@ extern const Constant CONSTANTS[];
 #define FIXED_TOLERANCE 1e-13
 #define MOST_SHARE 1e8
 #define MEMORY 50
+#define STRAIN_TOLERANCE 1e-9
+#define BOUNDLESS 1e30
+#define BRAKING_SHARE 0.5
 #define DAMPING 0.1
 #define EASED 0.5
 #define STIFFENED 4.0

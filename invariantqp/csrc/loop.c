@@ -1,6 +1,6 @@
 /* Twin of control/controller.py, measure.py, convergence.py and velocity/limits/box.py: one tick of a controller.
 
-       s = gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
+       s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
 
 #include "core.h"
 
@@ -46,7 +46,8 @@ static void watched(const Loop *loop, const double error[6], const double change
 }
 
 /* demands.py, ExactPoint: the velocity v + omega x here of the point, gain (there - here) + that of the target there */
-static void point_rows(const Loop *loop, const Pose *tool, const Pose *target, const double *feedforward, Demand *demand)
+static void point_rows(const Loop *loop, double gain, const Pose *tool, const Pose *target, const double *feedforward,
+                       Demand *demand)
 {
     double here[3], there[3], root[6][6];
     for (int i = 0; i < 3; i++) {
@@ -65,7 +66,7 @@ static void point_rows(const Loop *loop, const Pose *tool, const Pose *target, c
             for (int k = 0; k < 6; k++)
                 demand->C[i][j] += demand->D[i][k] * demand->J[k][j];
         }
-        demand->e[i] = loop->gain * (there[i] - here[i]);
+        demand->e[i] = gain * (there[i] - here[i]);
     }
     if (feedforward == NULL)
         return;
@@ -91,12 +92,26 @@ static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
     }
 }
 
-Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, Convergence *watch,
-             double turn[3], Solution *solution)
+/* controller.py: the share of the gain that leaves the joints room to brake before the target. */
+static Outcome approach(const Loop *loop, const Demand *demand, const double measured[6], double *share)
+{
+    Row A[6];
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < demand->m; j++) {
+            A[i][j] = 0.0;
+            for (int k = 0; k < 6; k++)
+                A[i][j] += demand->root[i][k] * demand->J[k][j];
+        }
+    return braking_share(loop, (const Row *)A, measured, share);
+}
+
+/* `before` is the joint velocity now, which acceleration limits count from. */
+Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
+             Convergence *watch, double turn[3], Solution *solution)
 {
     Demand demand;
     Pose tool, home;
-    double error[6], p[3], measured[6], change[6], square = 0.0;
+    double error[6], p[3], measured[6], change[6], square = 0.0, share = 1.0;
     int m = demand.m = (int)loop->joints;
     demand.rows = 0;
     for (int i = 0; i < 3; i++) {
@@ -107,21 +122,27 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     kinematics(m, loop->screws, &home, q, demand.J, &tool);
     if (error_twist(target, &tool, error) == HAND_BACK)
         return HAND_BACK;
+    for (int i = 0; i < 3; i++)
+        p[i] = dot(3, tool.R[i], loop->point) + tool.p[i];
+    root_at(p, loop->length, demand.root);
+    for (int i = 0; i < 6; i++)
+        measured[i] = dot(6, demand.root[i], error);
+    if (loop->has_braking == 0.0)
+        box(loop, q, demand.lower, demand.upper);
+    else if (braking_box(loop, q, before, demand.lower, demand.upper) == HAND_BACK ||
+             approach(loop, &demand, measured, &share) == HAND_BACK)
+        return HAND_BACK;
     for (int i = 0; i < 6; i++) {
-        demand.s[i] = loop->gain * error[i] + (feedforward == NULL ? 0.0 : feedforward[i]);
+        demand.s[i] = share * loop->gain * error[i] + (feedforward == NULL ? 0.0 : feedforward[i]);
         square += demand.s[i] * demand.s[i];
     }
     if (!(square < INFINITY))
         return HAND_BACK;
-    for (int i = 0; i < 3; i++)
-        p[i] = dot(3, tool.R[i], loop->point) + tool.p[i];
-    root_at(p, loop->length, demand.root);
-    box(loop, q, demand.lower, demand.upper);
     demand.has_posture = loop->has_posture != 0.0;
     for (int j = 0; j < m; j++)
         demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
     if (loop->has_exact != 0.0)
-        point_rows(loop, &tool, target, feedforward, &demand);
+        point_rows(loop, share * loop->gain, &tool, target, feedforward, &demand);
     demand.cone.limit = loop->speed_limit;
     if (loop->speed_limit > 0.0)
         limited_point(loop, &tool, &demand);
@@ -132,10 +153,8 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     if (solve(&demand, solution) == HAND_BACK)
         return HAND_BACK;
     double moved[6];
-    for (int i = 0; i < 6; i++) {
+    for (int i = 0; i < 6; i++)
         moved[i] = dot(m, demand.J[i], solution->velocity) - (feedforward == NULL ? 0.0 : feedforward[i]);
-        measured[i] = dot(6, demand.root[i], error);
-    }
     for (int i = 0; i < 6; i++)
         change[i] = -loop->dt * dot(6, demand.root[i], moved);
     watched(loop, measured, change, watch);

@@ -84,10 +84,11 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 {
     (void)module;
     static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, threshold, ceiling, fixed, "
-                                   "has_exact, row_rank, speed_limit), point, exact, fast, home, screws, low, high, fastest, middle, pull)";
+                                   "has_exact, row_rank, speed_limit, has_braking), point, exact, fast, home, screws, low, high, "
+                                   "fastest, middle, pull, position_lower, position_upper, acceleration)";
     Loop made = {.joints = 0.0};
-    double first[12];
-    if (count != 11 || !vector(arguments[0], 12, first) || !(first[0] >= 1.0 && first[0] <= MOST)) {
+    double first[13];
+    if (count != 14 || !vector(arguments[0], 13, first) || !(first[0] >= 1.0 && first[0] <= MOST)) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
@@ -97,7 +98,9 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         !vector(arguments[3], 3, made.fast) || !matrix(arguments[4], 4, 4, 4, made.home) ||
         !matrix(arguments[5], 6, m, MOST, made.screws[0]) || !vector(arguments[6], m, made.low) ||
         !vector(arguments[7], m, made.high) || !vector(arguments[8], m, made.fastest) ||
-        !vector(arguments[9], m, made.middle) || !vector(arguments[10], m, made.pull)) {
+        !vector(arguments[9], m, made.middle) || !vector(arguments[10], m, made.pull) ||
+        !vector(arguments[11], m, made.position_lower) || !vector(arguments[12], m, made.position_upper) ||
+        !vector(arguments[13], m, made.acceleration)) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
@@ -123,12 +126,12 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
 {
     (void)module;
     Loop fixed;
-    if (count != 5 || !vector(arguments[0], sizeof fixed / sizeof(double), (double *)&fixed)) {
-        PyErr_SetString(PyExc_TypeError, "step(loop, q, target, feedforward, convergence)");
+    if (count != 6 || !vector(arguments[0], sizeof fixed / sizeof(double), (double *)&fixed)) {
+        PyErr_SetString(PyExc_TypeError, "step(loop, q, target, feedforward, before, convergence)");
         return NULL;
     }
     int m = (int)fixed.joints;
-    Row q;
+    Row q, before;
     Pose target;
     double feedforward[6], turn[3];
     bool ahead = arguments[3] != Py_None;
@@ -136,8 +139,8 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     Solution solution;
     if (!vector(arguments[1], m, q) || !all_finite(m, q) || !pose(arguments[2], &target) ||
         (ahead && (!vector(arguments[3], 6, feedforward) || !all_finite(6, feedforward))) ||
-        !convergence(arguments[4], &watch) ||
-        step(&fixed, q, &target, ahead ? feedforward : NULL, &watch, turn, &solution) == HAND_BACK) {
+        !vector(arguments[4], m, before) || !all_finite(m, before) || !convergence(arguments[5], &watch) ||
+        step(&fixed, q, &target, ahead ? feedforward : NULL, before, &watch, turn, &solution) == HAND_BACK) {
         if (PyErr_Occurred())
             return NULL;
         Py_RETURN_NONE;

@@ -77,7 +77,9 @@ def test_loops_of_any_chain(seed):
     rng = np.random.default_rng(seed)
     robot = random_chain(rng)
     m = len(robot.names)
-    controller = iq.Controller(robot, dt=0.01, gain=float(rng.uniform(1.0, 100.0)))
+    acceleration = 10.0 ** rng.uniform(-1.0, 3.0, m) if rng.random() < 0.5 else None
+    gain = float(rng.uniform(1.0, 100.0))
+    controller = iq.Controller(robot, dt=0.01, gain=gain, acceleration_limit=acceleration)
     if controller._compiled is None:  # a prismatic joint beside a revolute one
         return
     q = np.clip(rng.normal(size=m), robot.position_lower, robot.position_upper)
@@ -90,10 +92,19 @@ def test_loops_of_any_chain(seed):
 
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("exact", [None, "position", iq.control.ExactPoint([0.0, 0.0, 0.1])])
-@pytest.mark.parametrize("speed", [None, iq.limits.ToolSpeed(0.3, [0.0, 0.0, 0.1])])
-def test_an_arm_that_follows_a_path_into_its_limits(name, exact, speed):
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {},
+        {"tool_speed": iq.limits.ToolSpeed(0.3, [0.0, 0.0, 0.1])},
+        {"acceleration_limit": 5.0},
+        {"acceleration_limit": np.inf},
+    ],
+    ids=str,
+)
+def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
     robot = iq.load_robot(name)
-    controller = iq.Controller(robot, dt=0.01, exact=exact, tool_speed=speed)
+    controller = iq.Controller(robot, dt=0.01, exact=exact, **limits)
     assert controller._compiled is not None
     q = 0.5 * (robot.position_lower + robot.position_upper) + 0.1
     goal = robot.pose(q)
@@ -104,6 +115,21 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, speed):
         methods.add(solution.method)
         q = q + 0.01 * solution.velocity
     assert methods & {"qp", "damped"}
+
+
+@pytest.mark.parametrize("limit", [0.5, 5.0, [np.inf, 5.0, 0.5, 50.0, 5.0, 5.0, 5.0]], ids=str)
+def test_acceleration_limits_to_a_target_at_rest_and_beside_a_limit(limit):
+    robot = iq.load_robot("panda")
+    controller = iq.Controller(robot, dt=0.01, acceleration_limit=limit)
+    q = 0.5 * (robot.position_lower + robot.position_upper) + 0.1
+    goal = robot.pose(np.minimum(q + 0.4, robot.position_upper))
+    for _ in range(120):
+        q = q + 0.01 * assert_same(controller, q, goal).velocity
+    outside = np.where(np.arange(7) == 3, robot.position_upper + 1e-3, q)
+    assert "outside its position range" in assert_same(controller, outside, goal).reason
+    fast = copy(controller).step(q, goal, None, np.full(7, 2.0))  # as measured, faster than the commanded one
+    with python_alone():
+        np.testing.assert_allclose(fast.velocity, copy(controller).step(q, goal, None, np.full(7, 2.0)).velocity)
 
 
 def test_a_target_in_any_form(panda):
@@ -162,7 +188,6 @@ def test_not_converging_is_told(panda):
     [
         {"exact": iq.control.ExactAxis([0.0, 0.0, 1.0])},
         {"exact": [iq.control.ExactPoint(), iq.control.ExactPoint([0.0, 0.0, 0.1])]},
-        {"acceleration_limit": 5.0},
         {"tool_speed": iq.limits.ToolSpeed(0.25, exact=True)},
         {"rows": iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0])},
         {"form": 0.1},

@@ -1,0 +1,79 @@
+/* Twin of velocity/limits/braking.py and control/approach.py: a joint is never faster than it can still brake in the room
+   it has left, nor the tool faster than its joints can brake before the target.
+
+       |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room */
+
+#include "core.h"
+
+/* approach.py: both numbers of its Adaptive */
+#define DISTANCE_DAMPING 0.1
+
+/* The largest x >= 0 with D(x) <= room. */
+static double braking_speed(double room, double acceleration, double dt)
+{
+    double a = fmin(acceleration, BOUNDLESS), r = fmin(fmax(room, 0.0), BOUNDLESS) / (a * dt * dt);
+    double n = fmax(ceil(0.5 * (sqrt(8.0 * r + 1.0) - 1.0)), 1.0);
+    return isinf(room) ? INFINITY : a * dt * (r / n + 0.5 * (n - 1.0));
+}
+
+/* The next velocity under the smallest constant deceleration that stops within the room. */
+static double late_braking(double room, double before, double dt)
+{
+    if (!(before > 0.0))
+        return 0.0;
+    double d = 1.0 + fmin(fmax(room, 0.0), BOUNDLESS) / (before * dt), n = fmax(ceil(2.0 * d - 1.0), 1.0);
+    double share = n > 1.0 ? 2.0 * (n - d) / fmax(n * (n - 1.0), 1.0) : 1.0;
+    return before * (1.0 - share);
+}
+
+/* The least and the largest velocity towards a limit `room` away, `behind` from the opposite one. */
+static void one_way(double room, double behind, double before, double acceleration, double dt, double *least, double *most)
+{
+    double slowest = before - acceleration * dt;
+    if (room >= 0.0) {
+        *most = braking_speed(room, acceleration, dt);
+        if (*most < slowest)
+            *most = late_braking(room, before, dt);
+    } else
+        *most = fmin(fmax(fmax(room / dt, -braking_speed(behind, acceleration, dt)), slowest), 0.0);
+    *least = fmin(slowest, *most);
+}
+
+/* Limits that contradict each other are handed back: Python names the joints. */
+Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper)
+{
+    double dt = loop->dt;
+    for (int j = 0; j < (int)loop->joints; j++) {
+        double ahead = loop->position_upper[j] - q[j], behind = q[j] - loop->position_lower[j];
+        double fastest = loop->fastest[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
+        one_way(ahead, behind, before[j], loop->acceleration[j], dt, &least, &most);
+        one_way(behind, ahead, -before[j], loop->acceleration[j], dt, &least_back, &most_back);
+        lower[j] = fmin(fmax(fmax(least, -most_back), -fastest), fastest);
+        upper[j] = fmax(fmin(fmax(fmin(most, -least_back), -fastest), fastest), lower[j]);
+        double allowance = STRAIN_TOLERANCE * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
+        if (!(fmax(lower[j] - before[j], before[j] - upper[j]) - step <= allowance) ||
+            !(fmax(-ahead, -behind) <= allowance * dt))
+            return HAND_BACK;
+    }
+    return DONE;
+}
+
+/* The share of the gain from which the joints can still brake before the target; `error` is measured, as A is. */
+Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share)
+{
+    static const Row STILL = {0.0};
+    Demand damped = {.threshold = DISTANCE_DAMPING, .ceiling = DISTANCE_DAMPING};
+    Objective objective;
+    Row distance;
+    int m = (int)loop->joints;
+    *share = 1.0;
+    if (least_squares(&damped, m, A, error, STILL, 0.0, &objective) == HAND_BACK)
+        return HAND_BACK;
+    centre(&objective, distance);
+    for (int j = 0; j < m; j++) {
+        double d = fabs(distance[j]), a = BRAKING_SHARE * loop->acceleration[j], knee = a / (loop->gain * loop->gain);
+        if (d > knee)
+            *share = fmin(*share, sqrt(a * (2.0 * d - knee)) / (loop->gain * d));
+    }
+    return DONE;
+}
