@@ -3,14 +3,17 @@
 #include "qp.h"
 #include <stdlib.h>
 
-/* Every step stays inside, and shortens e or changes the set of active limits. */
-Outcome from_inside(const Room *room, int *side, Row e, Face *face, double *y)
+/* Every step stays inside, and shortens e or changes the set of active limits; face->e is the answer. */
+Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu)
 {
     int n = room->n;
+    Row pull;
     for (int i = 0; i < room->count; i++)
         side[i] = 0;
     for (int count = 0; count < STEPS * room->count; count++) {
         if (face_of(room, side, face) == HAND_BACK)
+            return HAND_BACK;
+        if (on_face(slow, n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
         Row step;
         for (int j = 0; j < n; j++)
@@ -33,10 +36,10 @@ Outcome from_inside(const Room *room, int *side, Row e, Face *face, double *y)
             side[abs(meets) - 1] = meets > 0 ? 1 : -1;
             continue;
         }
-        multipliers(face, room, face->e, y);
-        int wrong = weakest(room, face, face->e, side, y, count > 2 * room->count);
+        multipliers(face, room, pull, y);
+        int wrong = weakest(room, face, pull, side, y, count > 2 * room->count);
         if (wrong < 0)
-            return DONE;
+            return slow == NULL || slow_enough(slow, n, face->e, FEASIBLE) ? DONE : HAND_BACK;
         for (int j = 0; j < n; j++)
             e[j] = face->e[j];
         side[wrong] = 0;

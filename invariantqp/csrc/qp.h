@@ -23,6 +23,7 @@ void shortest(const Face *face, int n, const double *b, Row e);
 void multipliers(const Face *face, const Room *room, const Row pull, double *y);
 Outcome face_of(const Room *room, const int *side, Face *face);
 int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late);
-Outcome from_inside(const Room *room, int *side, Row e, Face *face, double *y);
+Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu);
+Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu);
 
 #endif

@@ -16,6 +16,17 @@
    smaller share of the largest, Python might decide otherwise. */
 static const double UNDECIDED = 1e-9;
 
+/* The optimum on a face, with the speed limit where there is one, and the gradient and the limit's multiplier there. */
+Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
+{
+    *nu = 0.0;
+    for (int j = 0; j < n; j++)
+        pull[j] = face->e[j];
+    if (slow == NULL || slow_enough(slow, n, face->e, 0.0))
+        return DONE;
+    return slowed_on(slow, n, face->k, (const Row *)face->Q, face->e, pull, nu);
+}
+
 /* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
@@ -23,11 +34,7 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (face_of(room, side, face) == HAND_BACK)
             return HAND_BACK;
-        *nu = 0.0;
-        for (int j = 0; j < room->n; j++)
-            pull[j] = face->e[j];
-        if (slow != NULL && !slow_enough(slow, room->n, face->e, 0.0) &&
-            slowed_on(slow, room->n, face->k, (const Row *)face->Q, face->e, pull, nu) == HAND_BACK)
+        if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
         int worst = -1;
         double outside = 0.0;
@@ -128,6 +135,18 @@ static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
     slow->most = size > 0.0 ? MOST_SHARE * whole * whole / size : 0.0;
 }
 
+/* The optimum by way of points inside the limits, from z = inside. */
+static Outcome searched(const Quadratic *problem, const double *inside, const Room *room, const Slow *slow, int *side,
+                        Face *face, double *y, double *nu)
+{
+    Row d, e;
+    for (int j = 0; j < problem->n; j++)
+        d[j] = inside[j] - problem->centre[j];
+    for (int i = 0; i < problem->n; i++)
+        e[i] = dot(problem->n, problem->K[i], d);
+    return from_inside(room, slow, side, e, face, y, nu);
+}
+
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found)
 {
@@ -159,22 +178,13 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
             return DONE;
     }
     double nu = 0.0;
-    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK) {
-        Row e, d;
-        for (int j = 0; j < n; j++)
-            d[j] = inside[j] - problem->centre[j];
-        for (int j = 0; j < n; j++)
-            e[j] = dot(n, problem->K[j], d);
-        if (from_inside(&room, side, e, &face, y) == HAND_BACK)
-            return HAND_BACK;
-    }
+    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
+        searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
+        return HAND_BACK;
     if (limited && !slow_enough(&slow, n, face.e, CONE_TOLERANCE) &&
-        corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK) {
-        for (int k = 0; k < room.count; k++)
-            side[k] = 0;
-        if (corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK)
-            return HAND_BACK;
-    }
+        corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK &&
+        searched(problem, inside, &room, &slow, side, &face, y, &nu) == HAND_BACK)
+        return HAND_BACK;
     double most = 0.0;
     for (int k = 0; k < room.count; k++)
         most = fmax(most, fabs(y[k]));
@@ -201,7 +211,7 @@ Outcome minimise_in_box(const Quadratic *problem, const double *lower, const dou
     Polytope limits = {.count = n, .box = true};
     Room room;
     Face face;
-    Row e;
+    static const Row STILL = {0.0};
     double y[LIMITS], nu;
     for (int j = 0; j < n; j++) {
         limits.lower[j] = lower[j];
@@ -209,12 +219,9 @@ Outcome minimise_in_box(const Quadratic *problem, const double *lower, const dou
     }
     if (centred(problem, &limits, &room, of) == HAND_BACK)
         return HAND_BACK;
-    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK) {
-        for (int j = 0; j < n; j++)
-            e[j] = -dot(n, problem->K[j], problem->centre);
-        if (from_inside(&room, side, e, &face, y) == HAND_BACK)
-            return HAND_BACK;
-    }
+    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
+        searched(problem, STILL, &room, NULL, side, &face, y, &nu) == HAND_BACK)
+        return HAND_BACK;
     precise(problem, &limits, of, side, &face, z);
     for (int j = 0; j < n; j++)
         z[j] = fmin(fmax(z[j], lower[j]), upper[j]);

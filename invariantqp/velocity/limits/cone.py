@@ -4,12 +4,12 @@
     nu >= 0 such that the speed is the limit
 
 Given which of the other limits are active, nu is the root of one scalar equation (`slow`). The active set is that
-without the speed limit, corrected; where this does not succeed, nu is bracketed, with a QP for each nu tried.
+without the speed limit, corrected; where this does not succeed, it is found by way of velocities inside all limits.
 """
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.qp.backends import Backend, SolverFailure
 from invariantqp.velocity.qp.cones import Cvxpy
 from invariantqp.velocity.qp.polytope import Polytope
-from invariantqp.velocity.qp.quadratic import Optimum, Quadratic, centred, corrected, minimise, sides_of
+from invariantqp.velocity.qp.quadratic import Optimum, Quadratic, centred, corrected, minimise, primal, sides_of
 from invariantqp.velocity.qp.scaling import scaled
 from invariantqp.velocity.qp.slow import Slow
 
@@ -28,12 +28,8 @@ CONE_TOLERANCE = 1e-9
 FIXED_TOLERANCE = 1e-13
 # Corrections of the active set, at most, for each limit.
 CORRECTIONS = 3
-# Multipliers tried after that, at most.
-MOST_MULTIPLIERS = 150
 # A multiplier with which the speed limit outweighs the rest by this factor is the largest tried.
 MOST_SHARE = 1e8
-# A multiplier that is too small is followed by one this many times as large.
-GROWTH = 10.0
 
 
 class Cone(NamedTuple):
@@ -81,7 +77,7 @@ def minimise_in_cone(
     problem: Quadratic,
     limits: Polytope,
     cone: Cone | None,
-    inside: Array | None = None,
+    inside: Array,
     near: Optimum | None = None,
 ) -> Optimum:
     """The optimum inside limits and cone, both on z.
@@ -91,7 +87,7 @@ def minimise_in_cone(
         problem: what is minimised.
         limits: on z.
         cone: likewise, or None.
-        inside: (n,) a z inside both, where one is known.
+        inside: (n,) a z inside both.
         near: the optimum of a problem like this one inside the same limits.
 
     Raises:
@@ -116,7 +112,11 @@ def minimise_in_cone(
             if failure.infeasible:
                 raise
             found = found._replace(trouble=str(failure))
-    return _bracketed(backend, problem, limits, cone, slow, found, inside)
+    answer = _similar(problem, limits, slow, found)
+    if answer is None:
+        answer = primal(problem, centred(problem, limits), inside, slow)
+        answer = answer._replace(backend=found.backend, trouble=found.trouble)
+    return _slowed(cone, answer, inside)
 
 
 def _similar(problem: Quadratic, limits: Polytope, slow: Slow, near: Optimum) -> Optimum | None:
@@ -132,35 +132,9 @@ def _unit(problem: Quadratic, cone: Cone) -> float:
     return float(np.vdot(problem.K, problem.K)) / size if size > 0.0 else 0.0
 
 
-def _bracketed(
-    backend: Backend,
-    problem: Quadratic,
-    limits: Polytope,
-    cone: Cone,
-    slow: Slow,
-    found: Optimum,
-    inside: Array | None,
-) -> Optimum:
-    low, high, unit = 0.0, inf, slow.most / MOST_SHARE
-    for _ in range(MOST_MULTIPLIERS):
-        answer = _similar(problem, limits, slow, found)
-        if answer is not None:
-            return answer
-        speed = cone.speed(found.z)
-        if abs(speed - cone.limit) <= CONE_TOLERANCE * cone.limit:
-            return found
-        low, high = (found.nu, high) if speed > cone.limit else (low, found.nu)
-        nu = 0.5 * (low + high) if high < inf else max(GROWTH * low, unit)
-        if nu > slow.most or not low < nu < high:
-            break
-        costly = problem.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
-        found = minimise(backend, costly, limits, inside, found)._replace(nu=nu, trouble=found.trouble)
-    return _slowed(cone, found, inside)
-
-
-def _slowed(cone: Cone, found: Optimum, inside: Array | None) -> Optimum:
+def _slowed(cone: Cone, found: Optimum, inside: Array) -> Optimum:
     """The velocity, moved towards one that is inside until the speed is the limit."""
-    if inside is None or cone.nearly_allows(found.z):
+    if cone.nearly_allows(found.z):
         return found
     start, step = cone.velocity(found.z), cone.J.dot(inside - found.z)
     a, b, c = float(step.dot(step)), float(start.dot(step)), float(start.dot(start)) - cone.limit**2

@@ -1,8 +1,9 @@
-"""The quadratic inside limits by a primal active-set method from a point inside, for problems on which a solver fails.
+"""The quadratic inside limits by a primal active-set method from a point inside, for problems on which others fail.
 
 Every step stays inside and lowers the objective or changes the active set. A limit becomes active where the step to the
 optimum on the active ones meets it, and inactive where its multiplier has the wrong sign. Where the limits leave hardly
-any room (a joint at its limit, rows that only zero satisfies) dual methods may report infeasible; this one cannot.
+any room (a joint at its limit, rows that only zero satisfies) dual methods may report infeasible; this one cannot. A
+speed limit is kept on every face: what is inside it is convex, so a step between two such points does not leave it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.qp.active import face_of, weakest
+from invariantqp.velocity.qp.slow import Slow
 
 # Steps for each limit, at most; then the point reached is the answer.
 STEPS = 10
@@ -19,15 +21,17 @@ STEPS = 10
 PARALLEL = 1e-9
 
 
-def from_inside(N: Array, lower: Array, upper: Array, e: Array) -> tuple[Array, Array]:
-    """The shortest e with lower <= N e <= upper, and its multipliers, from an e that is inside.
+def from_inside(N: Array, lower: Array, upper: Array, e: Array, slow: Slow | None = None) -> tuple[Array, Array, float]:
+    """The shortest e with lower <= N e <= upper, its multipliers, and that of the speed limit, from an e inside.
 
     Args:
         N: (r, n) rows.
         lower: (r,).
         upper: (r,).
         e: (n,) inside, but for rounding.
+        slow: a speed limit beside them.
     """
+    nu = 0.0
     side: NDArray[np.intp] = np.zeros(len(lower), dtype=np.intp)
     length = np.sqrt((N * N).sum(axis=1))
     y = np.zeros(len(lower))
@@ -36,8 +40,9 @@ def from_inside(N: Array, lower: Array, upper: Array, e: Array) -> tuple[Array, 
             face = face_of(N, lower, upper, side)
         except np.linalg.LinAlgError:  # nearly dependent rows meet at e
             break
-        y = face.multipliers(face.e, len(lower))
-        step = face.e - e
+        best, pull, nu = (face.e, face.e, 0.0) if slow is None or slow.allows(face.e) else slow.on(face)
+        y = face.multipliers(pull, len(lower))
+        step = best - e
         change, value = N.dot(step), N.dot(e)
         moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(step)))
         room = np.where(change > 0.0, upper - value, lower - value)
@@ -48,9 +53,9 @@ def from_inside(N: Array, lower: Array, upper: Array, e: Array) -> tuple[Array, 
             e = e + max(0.0, float(share[first])) * step
             side[first] = 1 if change[first] > 0.0 else -1
             continue
-        e = face.e
-        wrong = weakest(N, face, face.e, y, late=count > 2 * len(lower))
+        e = best
+        wrong = weakest(N, face, pull, y, late=count > 2 * len(lower))
         if wrong < 0:
             break
         side[wrong] = 0
-    return e, np.where(y * side > 0.0, y, 0.0)
+    return e, np.where(y * side > 0.0, y, 0.0), nu

@@ -121,21 +121,22 @@ def minimise(
     except SolverFailure as failure:
         if inside is None:
             raise
-        answer = _from_inside(problem, room, inside)
+        answer = primal(problem, room, inside)
         return answer._replace(backend="active set", trouble="" if failure.infeasible else str(failure))
     side = np.zeros(count, dtype=np.intp)
     side[rows] = _sides(qp, found.z)
     answer = corrected(problem, limits, room, side, len(rows))
     if answer is None and inside is not None:
-        answer = _from_inside(problem, room, inside)
+        answer = primal(problem, room, inside)
     if answer is None:
         answer = Optimum(problem.centre + size * found.z, np.zeros(count))
     return answer._replace(backend=found.backend, trouble=found.trouble)
 
 
-def _from_inside(problem: Quadratic, room: Centred, inside: Array) -> Optimum:
-    e, multipliers = from_inside(room.N, room.lower, room.upper, problem.K.dot(inside - problem.centre))
-    return Optimum(problem.centre + problem.T.dot(e), multipliers)
+def primal(problem: Quadratic, room: Centred, inside: Array, slow: Slow | None = None) -> Optimum:
+    """The optimum by way of points inside the limits, from one z (n,) that is."""
+    e, multipliers, nu = from_inside(room.N, room.lower, room.upper, problem.K.dot(inside - problem.centre), slow)
+    return Optimum(problem.centre + problem.T.dot(e), multipliers, nu=nu)
 
 
 class Centred(NamedTuple):
