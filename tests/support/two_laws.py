@@ -105,6 +105,7 @@ def disagreements(law, demand, native, answer):
         # Weights 1e-9 apart, twice: which limits hold the rows, and how the arm moves within itself, is loosely told.
         share, reasons = LOOSE, [HELD_BY.sub("", reason) for reason in reasons]
         velocities, spread = [problem.A @ x for x in velocities], 100.0 * LOOSE * np.linalg.norm(problem.wanted)
+        gradient += 100.0 * LOOSE * (0.0 if answer.multipliers is None else np.abs(answer.multipliers).max())
     return [
         *([] if near(*velocities, spread) else [f"velocity {native.velocity} {answer.velocity}"]),
         *([] if np.isclose(native.scale, answer.scale, rtol=share, atol=1e-12) else [f"{native.scale} {answer.scale}"]),

@@ -114,7 +114,7 @@ def minimise_in_cone(
             found = found._replace(trouble=str(failure))
     answer = _similar(problem, limits, slow, found)
     if answer is None:
-        answer = primal(problem, centred(problem, limits), inside, slow)
+        answer = primal(problem, limits, centred(problem, limits), inside, slow)
         answer = answer._replace(backend=found.backend, trouble=found.trouble)
     return _slowed(cone, answer, inside)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import face_of, weakest
+from invariantqp.velocity.qp.active import Face, face_of, weakest
 from invariantqp.velocity.qp.slow import Slow
 
 # Steps for each limit, at most; then the point reached is the answer.
@@ -21,8 +21,12 @@ STEPS = 10
 PARALLEL = 1e-9
 
 
-def from_inside(N: Array, lower: Array, upper: Array, e: Array, slow: Slow | None = None) -> tuple[Array, Array, float]:
-    """The shortest e with lower <= N e <= upper, its multipliers, and that of the speed limit, from an e inside.
+def from_inside(
+    N: Array, lower: Array, upper: Array, e: Array, slow: Slow | None = None
+) -> tuple[Array, Face | None, Array, float]:
+    """The shortest e with lower <= N e <= upper, its face, its multipliers, and that of the speed limit.
+
+    Where nearly dependent rows meet, or steps run out, it is the e reached by then, with no face.
 
     Args:
         N: (r, n) rows.
@@ -56,6 +60,6 @@ def from_inside(N: Array, lower: Array, upper: Array, e: Array, slow: Slow | Non
         e = best
         wrong = weakest(N, face, pull, y, late=count > 2 * len(lower))
         if wrong < 0:
-            break
+            return e, face, y, nu
         side[wrong] = 0
-    return e, np.where(y * side > 0.0, y, 0.0), nu
+    return e, None, np.where(y * side > 0.0, y, 0.0), nu

@@ -121,22 +121,24 @@ def minimise(
     except SolverFailure as failure:
         if inside is None:
             raise
-        answer = primal(problem, room, inside)
+        answer = primal(problem, limits, room, inside)
         return answer._replace(backend="active set", trouble="" if failure.infeasible else str(failure))
     side = np.zeros(count, dtype=np.intp)
     side[rows] = _sides(qp, found.z)
     answer = corrected(problem, limits, room, side, len(rows))
     if answer is None and inside is not None:
-        answer = primal(problem, room, inside)
+        answer = primal(problem, limits, room, inside)
     if answer is None:
         answer = Optimum(problem.centre + size * found.z, np.zeros(count))
     return answer._replace(backend=found.backend, trouble=found.trouble)
 
 
-def primal(problem: Quadratic, room: Centred, inside: Array, slow: Slow | None = None) -> Optimum:
+def primal(problem: Quadratic, limits: Polytope, room: Centred, inside: Array, slow: Slow | None = None) -> Optimum:
     """The optimum by way of points inside the limits, from one z (n,) that is."""
-    e, multipliers, nu = from_inside(room.N, room.lower, room.upper, problem.K.dot(inside - problem.centre), slow)
-    return Optimum(problem.centre + problem.T.dot(e), multipliers, nu=nu)
+    start = problem.K.dot(inside - problem.centre)
+    e, face, multipliers, nu = from_inside(room.N, room.lower, room.upper, start, slow)
+    z = problem.centre + problem.T.dot(e) if face is None else _precise(problem, limits, face, e)
+    return Optimum(z, multipliers, nu=nu)
 
 
 class Centred(NamedTuple):
