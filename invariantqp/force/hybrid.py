@@ -272,7 +272,8 @@ class HybridController:
             return reading, reading, self._smoothing
         load = load_of(sensor, reading, tool)
         smooth, after = self._smoothing.after(load)
-        return sensor.in_base(load, tool), sensor.in_base(sensor.deadband(smooth), tool), after
+        to_base = se3.coadjoint(tool.dot(sensor.mount), check=False)
+        return to_base.dot(load), to_base.dot(sensor.deadband(smooth)), after
 
     def _rows(self, contact: Contact, J: Array, force: Array) -> ExactRows | None:
         """W'J x = W's where that leaves the arm at least two degrees of freedom, else None."""

@@ -135,4 +135,5 @@ def _feedforward(task: Task, wanted: Array) -> Array:
     """(n, 6) twists that lead from one pose to the next in a tick, base frame; zero for a target that jumps."""
     if task.path.jumps:
         return np.zeros((len(wanted) - 1, 6))
-    return np.array([se3.log(b.dot(se3.inverse(a))) / task.law.dt for a, b in pairwise(wanted)])
+    moves = [b.dot(se3.inverse(a, check=False)) for a, b in pairwise(wanted)]
+    return np.array([se3.log(move, check=False) / task.law.dt for move in moves])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from math import inf
+from math import inf, sqrt
 
 import numpy as np
 from attrs import field, frozen
@@ -89,7 +89,7 @@ class Contact(Value):
 
     def moved(self, pose: ArrayLike) -> Contact:
         """The contact after a (4, 4) rigid motion: twists go by Ad, wrenches by the coadjoint."""
-        return Contact(self.kind, arrays.pose(pose).dot(self.pose))
+        return _at(self.kind, arrays.pose(pose).dot(self.pose))
 
     def relabelled(self, offset: ArrayLike) -> Contact:
         """The same contact, not moved, with its own frame displaced by a (4, 4) offset in that frame."""
@@ -111,7 +111,7 @@ def point_contact(
     Raises:
         BadInput: NaN, a zero normal, a tangent parallel to it.
     """
-    return Contact(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, contact_frame(point, normal, tangent))
+    return _at(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, contact_frame(point, normal, tangent))
 
 
 def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, slip: bool = True) -> Contact:
@@ -126,7 +126,7 @@ def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, s
     Raises:
         BadInput: NaN, a zero normal, an edge parallel to it.
     """
-    return Contact(
+    return _at(
         LINE if arrays.flag(slip, "slip") else ROLLING_LINE, contact_frame(point, normal, direction, "direction")
     )
 
@@ -148,7 +148,7 @@ def face_contact(
     """
     turns = arrays.flag(twist, "twist")
     kind = FACE if arrays.flag(slip, "slip") else PIVOTING_FACE if turns else STICKING_FACE
-    return Contact(kind, contact_frame(point, normal, tangent))
+    return _at(kind, contact_frame(point, normal, tangent))
 
 
 def surface_contact(
@@ -192,7 +192,7 @@ def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
     Raises:
         BadInput: NaN, a zero axis.
     """
-    return Contact(PEG, contact_frame(point, -arrays.direction(axis, "axis"), None))
+    return _at(PEG, contact_frame(point, -arrays.direction(axis, "axis"), None))
 
 
 def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
@@ -210,18 +210,32 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
     h = arrays.number(pitch, "pitch", expected, infinite=True)
     if LENGTH_LIMIT < abs(h) < inf:
         raise BadInput("pitch", f"{h:.4g}, beyond any machine", expected)
-    return Contact(screw_kind(h), contact_frame(point, -arrays.direction(axis, "axis"), None))
+    return _at(screw_kind(h), contact_frame(point, -arrays.direction(axis, "axis"), None))
 
 
 def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
-    z = -arrays.direction(normal, "normal")
-    along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, argument)
-    x = along - z * z.dot(along)
-    if x.dot(x) < ALONG**2:
+    # In floats, which for so few numbers is faster than in arrays.
+    u, v, w = (-arrays.direction(normal, "normal")).tolist()
+    if tangent is None:
+        least = min(abs(u), abs(v), abs(w))
+        along = (1.0, 0.0, 0.0) if abs(u) == least else (0.0, 1.0, 0.0) if abs(v) == least else (0.0, 0.0, 1.0)
+    else:
+        along = arrays.direction(tangent, argument).tolist()
+    a, b, c = along
+    share = u * a + v * b + w * c
+    a, b, c = a - share * u, b - share * v, c - share * w
+    length = sqrt(a * a + b * b + c * c)
+    if length < ALONG:
         raise BadInput(argument, "a direction parallel to the normal", "one along the surface")
-    x = x / np.sqrt(x.dot(x))
-    T = np.eye(4)
-    T[:3, :3] = np.column_stack((x, se3.cross(z, x), z))
-    T[:3, 3] = arrays.vector(point, 3, "point")
-    return T
+    a, b, c = a / length, b / length, c / length
+    x, y, z = arrays.vector(point, 3, "point").tolist()
+    rows = (a, v * c - w * b, u, x), (b, w * a - u * c, v, y), (c, u * b - v * a, w, z), (0.0, 0.0, 0.0, 1.0)
+    return np.array(rows)
+
+
+def _at(kind: ContactKind, pose: Array) -> Contact:
+    """A contact at a pose that needs no check."""
+    contact = Contact.__new__(Contact)
+    contact.__attrs_init__(kind, pose)
+    return contact

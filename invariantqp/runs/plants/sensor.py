@@ -29,5 +29,5 @@ class SimulatedSensor(NamedTuple):
         """(6,) what it reads with the tool at rest at pose T under a contact wrench: that and weight, in its frame."""
         pose = T.dot(self.mount)
         weight = force_at(self.mass * np.array(GRAVITY), pose[:3, :3].dot(self.centre) + pose[:3, 3])
-        reading: Array = se3.coadjoint(se3.inverse(pose)).dot(contact + weight)
+        reading: Array = se3.adjoint(pose, check=False).T.dot(contact + weight)
         return reading
