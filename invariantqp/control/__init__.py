@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from invariantqp.control.demands import View as View
     from invariantqp.control.path_follower import PathFollower as PathFollower
     from invariantqp.control.path_solution import PathSolution as PathSolution
+    from invariantqp.control.servo import Servo as Servo
     from invariantqp.control.shared import SharedTask as SharedTask
 
 load_lazily(
@@ -30,6 +31,7 @@ load_lazily(
         "invariantqp.control.demands": ("Exact", "ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint", "View"),
         "invariantqp.control.path_follower": ("PathFollower",),
         "invariantqp.control.path_solution": ("PathSolution",),
+        "invariantqp.control.servo": ("Servo",),
         "invariantqp.control.shared": ("SharedTask",),
     },
 )

@@ -40,6 +40,11 @@ def follower():
     return iq.PathFollower(controller(), [start, iq.transform(translation=[0.01, 0.0, 0.0]) @ start])
 
 
+@cache
+def servo():
+    return iq.control.Servo(controller(), acceleration=1.0, jerk=10.0)
+
+
 def loop_options():
     return {
         "dt": 0.01,
@@ -129,6 +134,11 @@ CONTROL = {
     "PathFollower.prepare": lambda: (follower().prepare, {"q": Q}),
     "PathFollower.step": lambda: (follower().step, {"q": Q, "velocity": Q, "override": 1.0}),
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),
+    "Servo": lambda: (
+        iq.control.Servo,
+        {"controller": controller(), "acceleration": 1.0, "jerk": 10.0, "timeout": 0.1},
+    ),
+    "Servo.step": lambda: (servo().step, {"q": Q, "command": TWIST, "velocity": Q}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),
