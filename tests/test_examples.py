@@ -24,7 +24,8 @@ SAYS = {
     "13_pose_ik": "along a path of 50 poses",
     "14_defaults": "posture: gain",
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
-    "16_servo_ros": "ok, no command",
+    "18_servo_ros": "ok, no command",
+    "19_force_servo": "told: approaching, ok",
     "20_stewart_platform": "",
     "21_paper": "7 differ, each by an erratum",
 }
