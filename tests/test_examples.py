@@ -26,12 +26,13 @@ SAYS = {
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
     "18_servo_ros": "ok, no command",
     "19_force_servo": "told: approaching, ok",
+    "22_contact_scenes": "bar of 100 mm",
     "20_stewart_platform": "",
     "21_paper": "7 differ, each by an erratum",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
-SHORTER = {"14_defaults": ONE, "15_elastic_paths": ONE}
+SHORTER = {"14_defaults": ONE, "15_elastic_paths": ONE, "22_contact_scenes": ("so101", "--seconds", "1.5")}
 
 
 def test_every_example_is_listed():

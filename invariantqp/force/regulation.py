@@ -20,11 +20,11 @@ from invariantqp.force.stiffness import StiffnessEstimate
 from invariantqp.geometry.arrays import Array
 
 # How fast a force error is corrected where nothing else is asked for [1/s].
-RATE = 40.0
+RATE = 80.0
 # The largest rate times what is late: tick, delay and low-pass.
 LATE_SHARE = 0.25
 # c k T_i.
-OVERDAMPED = 6.0
+OVERDAMPED = 5.0
 # Stiffness of a contact of which nothing is known yet [N/m]: for the speed of the approach that of metal on a stiff
 # arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
 STIFF = 1e5
