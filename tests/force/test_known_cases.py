@@ -1,4 +1,4 @@
-"""What users of force controllers report: a press straight down drifts sideways, a tool slides off the box it presses on.
+"""What users of force controllers report: a press straight down drifts sideways, a tool slides off its box.
 
 Reports: fzi-forschungszentrum-informatik/cartesian_controllers, issues 31, 73 and 178.
 """
