@@ -29,6 +29,7 @@ SAYS = {
     "22_contact_scenes": "bar of 100 mm",
     "20_stewart_platform": "",
     "21_paper": "7 differ, each by an erratum",
+    "23_conventions": "conventions.svg",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")

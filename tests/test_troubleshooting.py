@@ -1,0 +1,104 @@
+"""Every reason that the library can give has its entry on the troubleshooting page, and every entry is given somewhere.
+
+Reasons are the texts of two words or more in the sources of solutions, without those that go into exceptions: what a
+checker of arguments is told, what is raised. `SolverFailure` and `_Unusable` end in reasons.
+"""
+
+import ast
+import re
+from pathlib import Path
+
+import invariantqp as iq
+
+PACKAGE = Path(iq.__file__).parent
+PAGE = (Path(__file__).parent.parent / "examples" / "guide" / "troubleshooting.md").read_text(encoding="utf-8")
+SOURCES = [file for room in ("velocity", "control", "force", "pose") for file in (PACKAGE / room).rglob("*.py")]
+SOURCES = sorted([*SOURCES, PACKAGE / "runs" / "notes.py"])
+ENTRY = re.compile(r"^- ((?:`[^`]+`(?:, | or )?)+):", flags=re.MULTILINE)
+ENTRIES = [phrase for found in ENTRY.finditer(PAGE) for phrase in re.findall(r"`([^`]+)`", found[1])]
+# Exceptions whose message becomes part of a reason.
+TOLD = {"SolverFailure", "_Unusable"}
+# Remedies of exceptions kept in tables, and what forms, contacts and orders of readings are called.
+NO_REASON = re.compile(
+    r"pitch form h =|projection along the given complement of dimension|metric carried by the body at|the tool"
+    r"|the given pose|h = 0|a complement|(moment|force) first|systems of … and … dimensions that share a twist"
+    r"|lower … and upper … in row …, joint|at joint|pose search|primal infeasible"
+    r"|one (twist|point|joint velocity) a Jacobian"
+    r"|Give each TwistTask its own (form|point)\.|Add a JointTask of the last priority\."
+)
+
+
+def written(node):
+    """The text of a constant or of a formatted string, "…" for each value in it; None for another node."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
+    return None
+
+
+def called(node):
+    """The name of what is called, "" where it has none."""
+    return getattr(node.func, "id", getattr(node.func, "attr", ""))
+
+
+def checks(tree):
+    """Names in a file that stand for checks of arguments."""
+    imports = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
+    names = {n.asname or n.name for node in imports if node.module == "invariantqp.geometry.arrays" for n in node.names}
+    calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+    return names | {f.attr for f in calls if isinstance(f, ast.Attribute) and getattr(f.value, "id", "") == "arrays"}
+
+
+def reasons(source):
+    """The texts of a file that can become part of a reason."""
+    tree = ast.parse(source)
+    outside = {"BadInput", *checks(tree)}
+
+    def inside(node):
+        """The nodes of the tree but for exceptions, checks and docstrings."""
+        if isinstance(node, ast.Raise) and not (isinstance(node.exc, ast.Call) and called(node.exc) in TOLD):
+            return
+        if isinstance(node, ast.Call) and called(node) in outside:
+            return
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            return
+        yield node
+        for child in ast.iter_child_nodes(node):
+            if not (isinstance(node, ast.JoinedStr) and isinstance(child, ast.Constant)):
+                yield from inside(child)
+
+    nodes = list(inside(tree))
+    read = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)} - read
+    assigned = [node for node in nodes if isinstance(node, ast.Assign)]
+    unread = {id(value) for node in assigned if getattr(node.targets[0], "id", "") in names for value in ast.walk(node)}
+    texts = (written(node) for node in nodes if id(node) not in unread)
+    texts = (re.sub(r"(…\s*)+…", "…", text.strip()) for text in texts if text is not None and " " in text.strip())
+    texts = {text.strip(" …:;,()") for text in texts}
+    return {text for text in texts if re.search("[a-z]", text) and not NO_REASON.fullmatch(text)}
+
+
+GIVEN = {text for file in SOURCES for text in reasons(file.read_text(encoding="utf-8"))}
+
+
+def explains(entry, text):
+    return re.search(re.escape(text).replace("…", ".+"), entry) is not None
+
+
+def test_every_reason_has_its_entry():
+    assert len(GIVEN) > 80
+    assert sorted(text for text in GIVEN if not any(explains(entry, text) for entry in ENTRIES)) == []
+
+
+def test_every_entry_is_a_reason():
+    assert [entry for entry in ENTRIES if not any(explains(entry, text) for text in GIVEN)] == []
+
+
+def test_the_compiled_core_words_its_reasons_the_same():
+    core = (PACKAGE / "csrc" / "answer.c").read_text(encoding="utf-8")
+    body = core[core.index("static PyObject *reason(") : core.index("static PyObject *joints(")]
+    parts = {re.sub("%[sd]", "", text).strip(" ;:") for text in re.findall(r'"((?:[^"\\]|\\.)*)"', body)}
+    parts = {text for text in parts if " " in text}
+    assert len(parts) > 8
+    assert sorted(part for part in parts if not any(part in entry for entry in ENTRIES)) == []
