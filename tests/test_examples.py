@@ -29,11 +29,17 @@ SAYS = {
     "22_contact_scenes": "bar of 100 mm",
     "20_stewart_platform": "",
     "21_paper": "7 differ, each by an erratum",
+    "22_gallery": "tasks and",
     "23_conventions": "conventions.svg",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
-SHORTER = {"14_defaults": ONE, "15_elastic_paths": ONE, "22_contact_scenes": ("so101", "--seconds", "1.5")}
+SHORTER = {
+    "14_defaults": ONE,
+    "15_elastic_paths": ONE,
+    "22_contact_scenes": ("so101", "--seconds", "1.5"),
+    "22_gallery": ("gallery", "ur5_wrist"),
+}
 
 
 def test_every_example_is_listed():
