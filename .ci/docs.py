@@ -1,4 +1,6 @@
-"""The API reference from docstrings, one HTML page a module; anything pdoc cannot make sense of is an error.
+"""The site: the guide, and the API reference from docstrings, one HTML page a module.
+
+Anything pdoc cannot make sense of is an error, and so is a link in the guide that leads nowhere.
 
 Run: python .ci/docs.py OUTPUT_FOLDER
 """
@@ -12,6 +14,7 @@ from pathlib import Path
 from pkgutil import iter_modules, walk_packages
 from types import ModuleType
 
+import guide
 import pdoc
 import pdoc.doc
 from numpy.typing import ArrayLike
@@ -70,3 +73,4 @@ def main(folder: Path) -> None:
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]))
+    guide.main(Path(sys.argv[1]) / "guide")
