@@ -49,7 +49,7 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copytree(PICTURES, folder / "pictures", dirs_exist_ok=True)
     first = (GUIDE / "README.md").read_text(encoding="utf-8")
-    listed = [("The guide", "README.md"), *re.findall(r"^\d+\. \[([^\]]+)\]\(([^)]+)\)", first, flags=re.MULTILINE)]
+    listed = [("The guide", "README.md"), *re.findall(r"^- \[([^\]]+)\]\(([^)]+)\)", first, flags=re.MULTILINE)]
     style = {"light": HtmlFormatter(style="default"), "dark": HtmlFormatter(style="github-dark")}
     colours = {name: made.get_style_defs(".codehilite") for name, made in style.items()}
     for source in [*GUIDE.glob("*.md"), ROOT / ".github" / "CONTRIBUTING.md"]:
