@@ -45,7 +45,7 @@ def moved(link: str) -> str:
 
 
 def main(folder: Path) -> None:
-    """Write the pages of the guide to a folder."""
+    """Write the pages of the guide to a folder, and beside it the page that a site opens with."""
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copytree(PICTURES, folder / "pictures", dirs_exist_ok=True)
     first = (GUIDE / "README.md").read_text(encoding="utf-8")
@@ -61,6 +61,8 @@ def main(folder: Path) -> None:
         )
         text = PAGE.format(title=source.stem, nav=nav, body=body, **colours)
         (folder / named(source.name)).write_text(text, encoding="utf-8")
+    start = '<!doctype html><meta http-equiv="refresh" content="0; url=guide/index.html"><title>invariantqp</title>'
+    (folder.parent / "index.html").write_text(start, encoding="utf-8")
     links = {(p, link) for p in folder.glob("*.html") for link in re.findall(r'(?:href|src)="([^"#]+)', p.read_text())}
     lost = [f"{page.name}: {link}" for page, link in links if "://" not in link and not (folder / link).exists()]
     if lost:
