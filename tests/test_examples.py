@@ -29,8 +29,8 @@ SAYS = {
     "22_contact_scenes": "bar of 100 mm",
     "20_stewart_platform": "",
     "21_paper": "7 differ, each by an erratum",
-    "22_gallery": "tasks and",
     "23_conventions": "conventions.svg",
+    "24_gallery": "tasks and",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
@@ -38,7 +38,7 @@ SHORTER = {
     "14_defaults": ONE,
     "15_elastic_paths": ONE,
     "22_contact_scenes": ("so101", "--seconds", "1.5"),
-    "22_gallery": ("gallery", "ur5_wrist"),
+    "24_gallery": ("gallery", "ur5_wrist"),
 }
 
 

@@ -1,7 +1,7 @@
 """A gallery: every task as a moving picture and as a page that plays, every example with what it draws.
 
-    python examples/22_gallery.py gallery                 half a minute; open gallery/index.html
-    python examples/22_gallery.py gallery so101_line      these tasks alone are run, the others only listed
+    python examples/24_gallery.py gallery                 half a minute; open gallery/index.html
+    python examples/24_gallery.py gallery so101_line      these tasks alone are run, the others only listed
 
 A picture is one SVG of 10 to 20 kB that needs no script: the arm as the run moved it, the path that was asked for
 (orange), and what the tool drew (blue).
