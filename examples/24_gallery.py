@@ -42,7 +42,8 @@ main {{ display: grid; grid-template-columns: repeat(auto-fill, minmax(380px, 1f
 section {{ border: 1px solid #8c959f66; border-radius: 8px; padding: 14px }} img {{ width: 100% }} h3 {{ margin: 0 }}
 code {{ background: #8c959f26; padding: 1px 5px; border-radius: 4px }} p {{ margin: 6px 0 }}
 </style></head><body><h1>invariantqp: gallery</h1>
-<h2>Tasks</h2><main>{tasks}</main><h2>Examples</h2><main>{examples}</main></body></html>
+<h2>Tasks</h2><main>{tasks}</main><h2>Hard ones</h2><main>{hard}</main>
+<h2>Examples</h2><main>{examples}</main></body></html>
 """
 
 
@@ -90,12 +91,12 @@ def task_card(name, folder, *, run):
     words = f"<p>{html.escape(task.about)}</p><p><code>invariantqp run {name}</code></p>"
     if not run:
         return card(name, "", words, "")
-    trace = iq.run_task(task)
-    (folder / f"{name}.svg").write_text(moving_picture(film_of(trace)), encoding="utf-8")
-    view.animation(trace, folder / f"{name}.html")
+    trace, file = iq.run_task(task), name.replace("/", "_")
+    (folder / f"{file}.svg").write_text(moving_picture(film_of(trace)), encoding="utf-8")
+    view.animation(trace, folder / f"{file}.html")
     error, limits = 1e3 * trace.position_error.max(), 100 * np.mean(trace.limit_active)
     told = f"<p>Largest error {error:.2g} mm; a limit is active in {limits:.0f} % of the ticks.</p>"
-    return card(name, f"{name}.svg", told + words, f"{name}.html")
+    return card(name, f"{file}.svg", told + words, f"{file}.html")
 
 
 def example_card(file, folder):
@@ -110,11 +111,14 @@ def example_card(file, folder):
 
 def main(folder, chosen):
     folder.mkdir(parents=True, exist_ok=True)
-    names = tasks.shipped_tasks()
-    jobs = [task_card(name, folder, run=not chosen or name in chosen) for name in names]
+    jobs, hard = (
+        [task_card(name, folder, run=not chosen or name in chosen) for name in tasks.shipped_tasks(part)]
+        for part in ("", "stability")
+    )
     shown = [example_card(file, folder) for file in sorted(HERE.glob("[0-9]*.py"))]
-    (folder / "index.html").write_text(PAGE.format(tasks="".join(jobs), examples="".join(shown)), encoding="utf-8")
-    print(f"{len(jobs)} tasks and {len(shown)} examples: {folder / 'index.html'}")
+    text = PAGE.format(tasks="".join(jobs), hard="".join(hard), examples="".join(shown))
+    (folder / "index.html").write_text(text, encoding="utf-8")
+    print(f"{len(jobs) + len(hard)} tasks and {len(shown)} examples: {folder / 'index.html'}")
 
 
 if __name__ == "__main__":
