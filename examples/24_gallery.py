@@ -37,7 +37,7 @@ PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>invariantqp: gallery</title><style>
 :root {{ color-scheme: light dark }}
-body {{ font: 15px/1.45 system-ui, sans-serif; margin: 24px auto; max-width: 1320px }}
+body {{ font: 15px/1.45 system-ui, sans-serif; margin: 24px auto; max-width: 1320px; padding: 0 16px }}
 main {{ display: grid; grid-template-columns: repeat(auto-fill, minmax(380px, 1fr)); gap: 24px }}
 section {{ border: 1px solid #8c959f66; border-radius: 8px; padding: 14px }} img {{ width: 100% }} h3 {{ margin: 0 }}
 code {{ background: #8c959f26; padding: 1px 5px; border-radius: 4px }} p {{ margin: 6px 0 }}
