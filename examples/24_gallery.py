@@ -67,7 +67,8 @@ def moving_picture(film):
     animate = f'<animate attributeName="points" dur="{film.time[-1]:.2f}s" repeatCount="indefinite" values="{moves}"/>'
     dot = '<circle cx="2" cy="2" r="1.1" class="joint"/>'
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"><style>{STYLE}',
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}">',
+        f"<style>{STYLE}",
         ".arm { marker-start: url(#j); marker-mid: url(#j) }</style>",
         f'<defs><marker id="j" markerWidth="4" markerHeight="4" refX="2" refY="2">{dot}</marker></defs>',
         *(f'<polygon points="{" ".join(f"{x:.0f},{y:.0f}" for x, y in face)}" class="face"/>' for face in faces),
