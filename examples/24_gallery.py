@@ -10,6 +10,8 @@ A picture is one SVG of 10 to 20 kB that needs no script: the arm as the run mov
 import html
 import runpy
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +108,8 @@ def example_card(file, folder):
     words = f"<p>{html.escape(first)}</p><p><code>python examples/{file.name}</code></p>"
     picture = DRAWING.get(file.stem, "")
     if picture:
-        runpy.run_path(str(file))["main"](str(folder / picture))
+        with redirect_stdout(StringIO()):
+            runpy.run_path(str(file))["main"](str(folder / picture))
     return card(file.stem, picture, words, picture)
 
 
