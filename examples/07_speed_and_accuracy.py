@@ -1,40 +1,45 @@
-"""Speed against accuracy: the chart and the table of ten rows, from results that are kept beside this script.
+"""Speed against accuracy at equal information: table, verdict and chart, from results kept beside this script.
 
-Every figure is in examples/comparison/results.json: machine, versions, seeds, medians. To measure it all again,
-ten minutes on two cores, and to draw README's chart and write its table from that:
+Every figure is in examples/comparison/results.json: machine, versions, seeds. To measure all of it again, about ten
+minutes on an idle machine (extras compare and peers), and to draw README's charts and write its table and its report:
 
-    invariantqp compare --out examples/comparison
-    python examples/07_speed_and_accuracy.py --readme
+    python examples/07_speed_and_accuracy.py --measure
 
-Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart and prints the table
+Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart and prints table and verdict
+     python examples/07_speed_and_accuracy.py --readme           draws README's charts and writes its table
 """
 
 import sys
 from pathlib import Path
 
-from invariantqp.compare.report.findings import findings
-from invariantqp.compare.report.report import charts_of
-from invariantqp.compare.report.tables import readme_table, write_readme
+from invariantqp.compare.report import chart
+from invariantqp.compare.report.page import table_markdown
+from invariantqp.compare.report.report import write_report
+from invariantqp.compare.report.tables import summary, write_readme
+from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import load_results
+from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
+from invariantqp.printing import progress
 
 HERE = Path(__file__).parent
-RESULTS = HERE / "comparison" / "results.json"
-PICTURE = HERE / "pictures" / "speed_and_accuracy.png"
+FOLDER, PICTURES = HERE / "comparison", HERE / "pictures"
 
 
 def main(word):
-    results = load_results(RESULTS)
-    picture = PICTURE if word == "--readme" else Path(word)
-    chart = charts_of(results)[0]
-    chart.draw(results, picture)
-    print(f"{chart.title}: {picture.name}\n\n{chart.caption(results)}\n")
-    print(readme_table(results), "\n")
-    for sentence in findings(results):
+    if word == "--measure":
+        with progress("measuring", quiet=False) as report:
+            write_report(sweep(DEFAULT_TASKS, None, FOLDER, progress=report), FOLDER)
+    results = load_results(FOLDER / "results.json")
+    print(table_markdown(summary(results)), "\n")
+    for sentence in verdict(results):
         print("-", sentence)
-    if word == "--readme":
-        write_readme(results, HERE.parent / "README.md")
-        print("\nREADME.md has the table.")
+    if word in {"--measure", "--readme"}:
+        chart.draw(results, PICTURES / "speed_and_accuracy.png")
+        chart.draw(results, PICTURES / "speed_and_accuracy_dark.png", chart.DARK)
+        write_readme(results, HERE.parent / "README.md", short(results))
+        print("\nREADME.md has the table; the charts are in examples/pictures")
     else:
+        chart.draw(results, Path(word))
         print(f"\nmeasured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")
 
 

@@ -29,7 +29,7 @@ from scipy.interpolate import CubicSpline
 from shared.ten_arms import ARMS, arm, limits
 
 import invariantqp as iq
-from invariantqp.compare.laws.least_squares_law import LeastSquaresLaw
+from invariantqp.compare.registry import controller_named
 from invariantqp.runs.taskfile import LawSpec
 
 DT = 0.001
@@ -214,7 +214,7 @@ def measured(number: int) -> np.ndarray:
     task = random_task(number)
     ours = follow(task, task.pose)
     law = keep_time(task, iq.Controller(task.robot, dt=DT))
-    other = keep_time(task, LeastSquaresLaw(task.robot, LawSpec(dt=DT)))
+    other = keep_time(task, controller_named("QP with length and LM")(task.robot, LawSpec(dt=DT)))
     errors = [off_path(task, ours, task.pose), *(off_path(task, r, task.pose, 5) for r in (law, other))]
     time = DT * len(ours.velocity) / optimal_time(ours, task)
     return np.array([*np.ravel(errors), time, ours.status == "done"])

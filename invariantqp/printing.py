@@ -139,9 +139,9 @@ def print_frame_check(task: Task, seed: int) -> None:
 
     with progress("displacing the tool frame", quiet=False) as report:
         checks = frame_check(task, seed, report)
-    table = Table("law", "change of joint positions, rad", "largest error, mm", box=None)
+    table = Table("law", "change of joint positions, rad", "start moved by 1e-12", "largest error, mm", box=None)
     for check in checks:
-        table.add_row(check.law, f"{check.change:.1e}", f"{check.worst_error_mm:.2g}")
+        table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
     console = Console(highlight=False)
     console.print("\nThe same motion of the tool, asked of a tool frame displaced at random:")
     console.print(table)
@@ -217,9 +217,9 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
 
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
-    """The summary of a comparison, its findings, and the files that were written."""
-    from invariantqp.compare.report.findings import findings
+    """The summary of a comparison, its verdict, and the files that were written."""
     from invariantqp.compare.report.tables import summary
+    from invariantqp.compare.report.verdict import verdict
 
     found = summary(results)
     table = Table(*found.columns, box=None)
@@ -227,14 +227,14 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
         table.add_row(*(escape(cell) for cell in row))
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
-    for sentence in findings(results):
+    for sentence in verdict(results):
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:
         console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
     for place, rho in (agreement or {}).items():
         console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
-    console.print(f"written: {', '.join(str(file) for file in files[:2])}, {len(files) - 2} pictures", markup=False)
+    console.print(f"written: {', '.join(str(file) for file in files)}", markup=False)
 
 
 def _shares(counts: dict[str, Any]) -> str:

@@ -24,6 +24,7 @@ SAYS = {
     "13_pose_ik": "along a path of 50 poses",
     "14_defaults": "posture: gain",
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
+    "16_frame_race": "a start moved by 1e-12 parts them",
     "18_servo_ros": "ok, no command",
     "19_force_servo": "told: approaching, ok",
     "22_contact_scenes": "bar of 100 mm",

@@ -17,7 +17,7 @@ from invariantqp.printing import print_comparison, print_not_installed, print_st
 def compare(
     tasks: Annotated[
         list[str] | None,
-        typer.Argument(metavar="TASK", help="Names or files of tasks; three shipped ones by default."),
+        typer.Argument(metavar="TASK", help="Names or files of tasks; six shipped ones by default."),
     ] = None,
     methods: Annotated[
         list[str] | None,
@@ -32,7 +32,7 @@ def compare(
     jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 uses all cores.")] = -1,
     quick: Annotated[bool, typer.Option("--quick", help="Measure few states and long ticks: about a minute.")] = False,
     only: Annotated[
-        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: error, time, growth, ...")
+        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: loop, tick, error, ...")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
     against: Annotated[
@@ -46,7 +46,7 @@ def compare(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
-    """Compare time and accuracy of our law and other methods on each TASK, in charts, tables and a page.
+    """Compare time and accuracy of our law and other methods on each TASK, in a chart, tables and a page.
 
     With --stability, print how each law does in difficult tasks; the exit status is 0 if our answers are always finite
     and inside the limits, 1 if not.

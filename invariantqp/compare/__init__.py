@@ -1,17 +1,12 @@
 """Other methods of velocity control beside ours, measured on the same problems.
 
-method  names        what a method is and what it may know; names that reports look for
-laws/                the methods themselves
-registry             the table of all methods
+method  names        what a row is, what every row is told; names that reports look for
+laws/                the methods themselves, and the loop around them
+registry             the table of all rows
 exact/               exact answers that errors are measured against
-cell                 one piece of work of a sweep
 measure/             what is measured
 sweep                every measurement of every method on every task
-results  report/     results.json; charts, tables and the page made from it
-
-What the package exports here is loaded when first used.
-
-What the package exports here is loaded when first used.
+results  report/     results.json; verdict, chart, tables and the page made from it
 
 What the package exports here is loaded when first used.
 """

@@ -1,130 +1,143 @@
-"""What a method of the comparison is, and what it is told about the arm before and during a run.
+"""What a row of the comparison is: a way to joint velocities, what it is told, and what it makes of that.
 
-A method is either a function of (J, s, lower, upper), or a whole system with a control loop of its own. A method that
-knows the joint limits keeps its answer inside them; the answer of every other method is clipped to them joint by joint.
+Every row is told the same of the arm and of each tick. What a method cannot take is part of its row (`Takes`), and
+reports print it. A method is a function of one tick, put in a loop by `laws.loop`; or a whole loop of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.runs.controllers import MakeController
+from invariantqp.runs.taskfile import LawSpec
 
-# (J (6, m), s (6,), lower (m,), upper (m,)) to a joint velocity (m,); J and s are in the frame that the method names.
-Solve = Callable[[Array, Array, Array, Array], Array]
+Family = Literal["invariant", "QP", "Moore-Penrose", "damped", "library"]
+FAMILIES: tuple[Family, ...] = ("invariant", "QP", "Moore-Penrose", "damped", "library")
+# What a row says where its method has no place for something that it is told.
+CANNOT = "cannot take it"
 
-Family = Literal["invariant", "Moore-Penrose", "damped", "QP", "system"]
-FAMILIES: tuple[Family, ...] = ("invariant", "Moore-Penrose", "damped", "QP", "system")
 
-# The problems that have an exact answer in `compare.exact.references`; "" where a method solves none of them.
-ExactProblem = Literal[
-    "",
-    "law",
-    "measured",
-    "inertia",
-    "pitch",
-    "filter",
-    "convexified",
-    "least squares",
-    "ridge",
-    "least squares box",
-    "weighted",
-    "damped",
-    "damped box",
-]
+@dataclass(frozen=True)
+class Takes:
+    """What a method makes of what every row is told; CANNOT where it has no place for it.
 
-# Inertia of a tool of one kilogram that is a ball with a radius of gyration of 5 cm [kg m^2; kg].
-TOOL_INERTIA = np.repeat((0.0025, 1.0), 3)
+    Attributes:
+        posture: of the joint velocity towards the middle of the joint ranges, 1/s for arms with more than six joints.
+        exact: of a point that is to be met exactly.
+        limits: of the limits on joint positions and velocities.
+        feedforward: of the target's own twist.
+        damping: what it does near singularities.
+    """
+
+    posture: str
+    exact: str
+    limits: str
+    damping: str
+    feedforward: str = "added to the twist"
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What every method is told of the arm and the control loop before the first tick.
+    """What every method is told of the arm and the loop before the first tick.
 
     Attributes:
         m: number of joints.
         dt: duration of a tick [s].
-        pitch: h of the pitch forms [length/rad].
-        point: (3,) the point of the tool where accuracy is asked for, in the frame of J of methods meant for the tool
-            frame [length].
-        length: L, how many units of length at that point a radian counts for [length/rad].
-        joint_metric: (m, m) what counts as a short joint velocity, for arms with slides; None is the identity.
-        inertia: (6,) diagonal of the tool's inertia in the tool frame.
-        body: (4, 4) pose of the tool frame in the frame of J.
-        unit: how many units of length of J make a metre.
+        point: (3,) the point of the tool where accuracy is asked for, in the tool frame [m].
+        length: L, how many metres at that point a radian counts for.
+        low: (m,) least joint positions.
+        high: (m,) largest joint positions.
     """
 
     m: int
-    dt: float = 0.001
-    pitch: float = 0.3
-    point: Array = field(default_factory=lambda: np.zeros(3))
-    length: float = 1.0
-    joint_metric: Array | None = None
-    inertia: Array = field(default_factory=TOOL_INERTIA.copy)
-    body: Array = field(default_factory=lambda: np.eye(4))
-    unit: float = 1.0
+    dt: float
+    point: Array
+    length: float
+    low: Array
+    high: Array
 
 
 class Question(NamedTuple):
-    """What is given to a method in one tick.
+    """What every method is told in one tick, in the tool frame, angular part first.
 
     Attributes:
-        J: (6, m) joint twists in the method's frame.
-        s: (6,) wanted twist in the same frame.
+        J: (6, m) joint twists.
+        s: (6,) wanted twist.
         lower: (m,) least joint velocities.
         upper: (m,) largest joint velocities.
+        posture: (m,) joint velocity wanted where the twist leaves joints free.
+        C: (k, m) rows to be met exactly, k = 0 or 3.
+        e: (k,) what they have to be.
+        q: (m,) joint positions.
     """
 
     J: Array
     s: Array
     lower: Array
     upper: Array
+    posture: Array
+    C: Array
+    e: Array
+    q: Array
+
+    @classmethod
+    def plain(cls, J: Array, s: Array, lower: Array, upper: Array) -> Question:
+        """A tick without posture and exact rows."""
+        m = J.shape[1]
+        return cls(J, s, lower, upper, np.zeros(m), np.zeros((0, m)), np.zeros(0), np.zeros(m))
+
+
+Solve = Callable[[Question], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """One way to compute joint velocities from a twist.
+    """A row.
 
     Attributes:
         name: its name in tables and charts.
         family: the kind of method.
-        limits: "inside" if the method is told the limits, "clipped" if its answer is cut to them.
         why: what it is and where it comes from, in one line.
-        make: makes a solver with its own workspace; None for a system that is no function of J and s.
-        frame: the frame of J and s that the method is meant for; an invariant method gives the same answer in any.
-        problem: the exact problem that its answer solves while no limit is active.
-        limited: the exact problem that it solves, or that clipping approximates, while limits are active.
-        system: a whole control loop, (robot, law) to controller; None for a method that `laws.baselines` puts in one.
+        takes: what it makes of what it is told.
+        make: makes the function of a tick; None for a loop of its own.
+        system: a whole control loop, (robot, law) to controller; None where `make` is all there is.
+        problem: the problem of a tick without posture and exact rows whose exact answer it claims; "" for none.
         needs: Python modules that have to be installed.
-        extra: the extra of this package that installs them.
-        group: methods with the same group differ in a setting only.
+        extra: the extra of this package that installs them; "" where none does.
+        shown: whether the first table and the chart have it.
     """
 
     name: str
     family: Family
-    limits: Literal["inside", "clipped"]
     why: str
+    takes: Takes
     make: Callable[[Setting], Solve] | None = None
-    frame: Literal["base", "tool"] = "tool"
-    problem: ExactProblem = ""
-    limited: ExactProblem = ""
     system: MakeController | None = None
+    problem: Literal["", "law", "least squares", "ridge", "damped"] = ""
     needs: tuple[str, ...] = ()
     extra: Literal["", "compare", "peers"] = ""
-    group: str = ""
+    shown: bool = True
 
     @property
     def installed(self) -> bool:
         """Whether every module that it needs is installed."""
         return all(find_spec(module) is not None for module in self.needs)
 
-    def as_json(self) -> dict[str, str]:
+    def as_json(self) -> dict[str, Any]:
         """Its description in results.json."""
-        keys = ("name", "family", "limits", "why", "frame", "problem", "limited", "group")
-        return {key: getattr(self, key) for key in keys}
+        row = {key: getattr(self, key) for key in ("name", "family", "why", "problem", "shown")}
+        return {**row, "takes": asdict(self.takes)}
+
+
+def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
+    """The middle of the joint ranges (m,), and the gain of each joint towards it (m,) [1/s]."""
+    from invariantqp.control.posture import joint_gains, posture_gain
+
+    return middle(robot), joint_gains(robot, posture_gain(law.posture, len(robot.names)))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-from invariantqp.compare.laws import damped, invariant, moore_penrose, qp_backends, systems
-from invariantqp.compare.laws.baselines import controller_of
+from invariantqp.compare.laws import hand_written, linear, mink_law, ours, pink_law, quadratic
+from invariantqp.compare.laws.loop import controller_of
 from invariantqp.compare.method import FAMILIES, Method
 from invariantqp.errors import BadInput, UnknownName
 from invariantqp.runs.controllers import MakeController
@@ -14,7 +14,14 @@ from invariantqp.runs.controllers import MakeController
 # A known name at least this similar to an unknown one (ratio of difflib) is suggested.
 SIMILAR = 0.5
 
-_FAMILIES = (invariant.METHODS, moore_penrose.METHODS, damped.METHODS, qp_backends.METHODS, systems.METHODS)
+_FAMILIES = (
+    ours.METHODS,
+    hand_written.METHODS,
+    quadratic.METHODS,
+    linear.METHODS,
+    pink_law.METHODS,
+    mink_law.METHODS,
+)
 _METHODS = {method.name: method for family in _FAMILIES for method in family}
 
 
@@ -32,8 +39,8 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
     """The methods that some names stand for, without those that are not installed.
 
     Args:
-        names: each the name of a method, a family such as "damped", or part of a name ("osqp" is every OSQP); upper
-            and lower case are the same. None stands for every method.
+        names: each the name of a method, a family such as "damped", or part of a name ("pink" is every row of
+            Pink); upper and lower case are the same. None stands for every method.
 
     Returns:
         {name: method} in the order of the table.
@@ -58,14 +65,6 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
 def left_out(names: str | Iterable[str] | None = None) -> list[Method]:
     """The methods that the same names stand for and that `chosen` leaves out, since they are not installed."""
     return [method for method in _meant(names).values() if not method.installed]
-
-
-def first_of_groups(names: Iterable[str]) -> list[str]:
-    """The names without those that share a group with an earlier one."""
-    firsts: dict[str, str] = {}
-    for name in names:
-        firsts.setdefault(_METHODS[name].group or name, name)
-    return list(firsts.values())
 
 
 def _words(names: str | Iterable[str] | None) -> list[str]:

@@ -2,7 +2,7 @@
 
     {"schema": 1, "machine": {...}, "versions": {...}, "seed": 0, "quick": false, "tasks": [...],
      "methods": [Method.as_json(), ...],
-     "cells": [{"kind": "error", "task": "panda_path", "method": "DLS", "result": {...}}, ...]}
+     "cells": [{"kind": "loop", "task": "panda_path", "method": "DLS", "result": {...}}, ...]}
 
 A figure that is not finite is null. A measurement that failed has the result {"failed": "why"}: charts leave it out,
 and the report lists it.
@@ -84,8 +84,3 @@ def results_of(results: Results, kind: str) -> dict[tuple[str, str], dict[str, A
 def kinds_in(results: Results) -> set[str]:
     """The measurements that the results contain."""
     return {cell["kind"] for cell in results["cells"]}
-
-
-def family(results: Results, method: str) -> str:
-    """The family of a method according to the results; "" for an unknown method."""
-    return next((str(m["family"]) for m in results["methods"] if m["name"] == method), "")

@@ -27,25 +27,32 @@ from typing import Any
 import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 
-from invariantqp.compare.cell import Cell, Kind, Result
 from invariantqp.compare.exact.failure import ReferenceFailure
-from invariantqp.compare.measure import closed_loop, dependence, failure_map, growth, solves
+from invariantqp.compare.measure import loops, solves, ticks
+from invariantqp.compare.measure.cell import Cell, Kind, Result
 from invariantqp.compare.measure.machine import machine, source_digest, versions
-from invariantqp.compare.registry import chosen, first_of_groups, left_out
+from invariantqp.compare.registry import chosen, left_out
 from invariantqp.compare.results import SCHEMA, Results, plain, write_results
 from invariantqp.errors import UnknownName
 from invariantqp.progress import Progress
 from invariantqp.runs.taskfile import load_task
 
-# Seven joints with active limits, five joints, and six joints through a singularity.
-DEFAULT_TASKS = ("panda_path", "so101_line", "ur5_wrist")
+# Seven, six and five joints, each on a path that meets no limit and on one that meets some.
+DEFAULT_TASKS = (
+    "compare/panda",
+    "panda_path",
+    "compare/ur5",
+    "compare/ur5_limits",
+    "so101_line",
+    "compare/so101_limits",
+)
 # Environment variables that BLAS libraries read when they are loaded.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def kinds() -> dict[str, Kind]:
     """Every measurement by its name."""
-    return {**solves.KINDS, **closed_loop.KINDS, **dependence.KINDS, **failure_map.KINDS, **growth.KINDS}
+    return {**loops.KINDS, **solves.KINDS, **ticks.KINDS}
 
 
 def cells(
@@ -70,8 +77,10 @@ def cells(
     """
     found = []
     for name, kind in sorted(_wanted(only).items(), key=lambda item: item[1].alone):
+        if quick and kind.slow and only is None:
+            continue
         places = tasks if kind.tasks is None else kind.tasks
-        groups = _groups(kind, methods, quick=quick)
+        groups = _groups(kind, methods)
         found += [Cell(name, task, group, seed, quick) for task in places for group in groups]
     return found
 
@@ -84,11 +93,9 @@ def _wanted(only: Sequence[str] | None) -> dict[str, Kind]:
     return {name: kind for name, kind in table.items() if only is None or name in only}
 
 
-def _groups(kind: Kind, methods: Sequence[str], *, quick: bool) -> list[tuple[str, ...]]:
+def _groups(kind: Kind, methods: Sequence[str]) -> list[tuple[str, ...]]:
     """The methods of each cell of a task."""
     fitting = [method for method in methods if kind.fits(method)]
-    if quick and not kind.variants:
-        fitting = first_of_groups(fitting)
     if kind.alone or kind.together:
         return [tuple(fitting)] if fitting else []
     return [(method,) for method in fitting]
@@ -137,6 +144,8 @@ def sweep(
         ReferenceFailure: two computations of one exact answer disagree.
     """
     table = chosen(methods)
+    if quick and methods is None:
+        table = {name: method for name, method in table.items() if method.shown}
     for task in tasks:
         load_task(task).load_robot()  # a wrong name or a missing model ends the sweep before its first measurement
     work = cells(tasks, list(table), seed=seed, quick=quick, only=only)

@@ -35,7 +35,7 @@ else:
 # A run of more ticks than this would take hours and gigabytes: its duration or its tick is a typing error.
 MOST_TICKS = 10_000_000
 # Folders of tasks that come with the package.
-GROUPS = ("", "stability")
+GROUPS = ("", "stability", "compare")
 # Old values of `form`, and what to write instead.
 NOW = {
     "auto": "leave form out",
@@ -205,8 +205,8 @@ def shipped_tasks(group: str = "") -> dict[str, FilePath]:
     """The tasks that come with the package, name to file.
 
     Args:
-        group: "" for the tasks to start from; "stability" for what breaks velocity control, with names such as
-            "stability/jump".
+        group: "" for the tasks to start from; "stability" for what breaks velocity control and "compare" for what the
+            comparison adds, with names such as "stability/jump".
 
     Raises:
         BadInput: no such group.
@@ -230,7 +230,7 @@ def load_task(path_or_name: str | FilePath) -> Task:
     if not isinstance(path_or_name, (str, FilePath)):
         raise BadInput("path_or_name", excerpt(path_or_name), "the name of a task, or the path of a task file")
     name = str(path_or_name)
-    known = shipped_tasks() | shipped_tasks("stability")
+    known = {task: file for group in GROUPS for task, file in shipped_tasks(group).items()}
     path = known.get(name, FilePath(name))
     try:
         if not path.is_file():

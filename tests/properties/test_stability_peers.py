@@ -8,8 +8,9 @@ import pytest
 from scipy import sparse
 
 import invariantqp as iq
+from invariantqp.compare.laws.ours import paper_law
 from invariantqp.compare.laws.pink_law import PinkLaw
-from invariantqp.compare.measure.stability import OURS, Case, paper_law, run_case
+from invariantqp.compare.measure.stability import OURS, Case, run_case
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec

@@ -1,7 +1,7 @@
 """Exact answers of linear methods, in 50 digits by one formula and in rational numbers by another.
 
-stationary   (J'QJ)^-1 J'Qs, or J'(JJ')^-1 s for m >= 6        |   [[Q^-1, J], [J', 0]] or [[I, J'], [J, 0]], eliminated
-ridge        J'(JJ' + lambda^2 I)^-1 s                        |   (J'J + lambda^2 I) x = J's
+shortest     (J'J)^-1 J's, or J'(JJ')^-1 s for m >= 6    |   [[I, J], [J', 0]] or [[I, J'], [J, 0]], eliminated
+ridge        J'(JJ' + lambda^2 I)^-1 s                   |   (J'J + lambda^2 I) x = J's
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ from typing import Any
 import mpmath as mp
 
 from invariantqp.compare.exact.box import active_set, least_index, rational_solve
-from invariantqp.compare.laws.moore_penrose import reach_of
 from invariantqp.compare.method import Question, Setting
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.forms import pitch_form
 
 # The m numbers of an answer, of mpmath or rational; and one way to compute them.
 Numbers = Any
@@ -66,48 +64,20 @@ def _shortest(J: list[list[Fraction]], s: list[Fraction]) -> list[Fraction]:
     return rational_solve(rows, [*[Fraction(0)] * m, *s])[:m]
 
 
-def stationary(problem: str) -> tuple[Way, Way]:
-    """The two ways to the undamped answer: stationary for m < 6, else the shortest velocity that achieves the twist."""
+def shortest() -> tuple[Way, Way]:
+    """The two ways to the least-squares velocity, the shortest one for more than six joints."""
 
     def first(question: Question, setting: Setting) -> Numbers:
         J, s = matrix(question.J), mp.matrix(question.s.tolist())
         if setting.m >= 6:
             return J.T * mp.lu_solve(J * J.T, s)
-        Q = mp.eye(6) if problem == "least squares" else matrix(pitch_form(setting.pitch))
-        return mp.lu_solve(J.T * Q * J, J.T * Q * s)
+        return mp.lu_solve(J.T * J, J.T * s)
 
     def second(question: Question, setting: Setting) -> Numbers:
         J, s = _rational(question.J), [Fraction(v) for v in question.s.tolist()]
-        if setting.m >= 6:
-            return _shortest(J, s)
-        if problem == "least squares":
-            return _augmented(_eye(6), J, s)
-        Q = _rational(pitch_form(setting.pitch))
-        columns = [rational_solve(Q, unit) for unit in _eye(6)]
-        return _augmented([list(row) for row in zip(*columns, strict=True)], J, s)
+        return _shortest(J, s) if setting.m >= 6 else _augmented(_eye(6), J, s)
 
     return first, second
-
-
-def weighted() -> tuple[Way, Way]:
-    """The two ways to the shortest velocity with each joint's bound as its unit."""
-    plain = stationary("least squares")
-
-    def way(k: int) -> Way:
-        def answer(question: Question, setting: Setting) -> Numbers:
-            reach = reach_of(question.lower, question.upper)
-            # The method itself rounds J * reach in float64, so both ways start from that product.
-            x = plain[k](question._replace(J=question.J * reach), setting)
-            return [value * _of(value, r) for value, r in zip(x, reach.tolist(), strict=True)]
-
-        return answer
-
-    return way(0), way(1)
-
-
-def _of(like: Any, x: float) -> Any:
-    """The float x as a number of the same kind as `like`."""
-    return Fraction(x) if isinstance(like, Fraction) else mp.mpf(x)
 
 
 def ridge(squared: float) -> tuple[Way, Way]:

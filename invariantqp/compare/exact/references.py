@@ -2,11 +2,11 @@
 
                     in 50 digits                            |  in rational numbers
     least squares   J'(JJ')^-1 s or (J'J)^-1 J's            |  [[I, J'], [J, 0]] or [[I, J], [J', 0]], eliminated
-    damped, ridge   J'(JJ' + lambda^2)^-1 s                 |  (J'J + lambda^2) x = J's
-    pitch           (J'QJ)^-1 J'Qs                          |  [[Q^-1, J], [J', 0]], eliminated
-    the laws that follow the spectrum: see `exact.damped`
+    damped          J'(JJ' + lambda^2)^-1 s                 |  (J'J + lambda^2) x = J's
+    ridge           active-set method                       |  least-index pivoting; the same for limits met
+    law             see `exact.law`
 
-If the two differ by more than 1e-12, that is an error and nothing is compared.
+If the two differ by more than 1e-12, that is an error and nothing is compared. Posture and exact rows are left out.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.compare.exact.failure import NoReference, ReferenceFailure
-from invariantqp.compare.laws.damped import DLS_DAMPING
-from invariantqp.compare.laws.qp_backends import QP_DAMPING
-from invariantqp.compare.method import ExactProblem, Question, Setting
+from invariantqp.compare.laws.linear import DLS_DAMPING
+from invariantqp.compare.laws.quadratic import FIXED_WEIGHT
+from invariantqp.compare.method import Question, Setting
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
 
@@ -27,13 +27,15 @@ try:
 except ImportError as error:
     raise MissingExtra("mpmath", "compare") from error
 
-from invariantqp.compare.exact.damped import convexified, filtered, measured
-from invariantqp.compare.exact.linear import Way, number, ridge, ridge_box, stationary, weighted
+from invariantqp.compare.exact.law import shipped
+from invariantqp.compare.exact.linear import Way, number, ridge, ridge_box, shortest
 
 # Digits of the first computation.
 DIGITS = 50
 # The largest relative difference between the two: far below any error of float64 that is reported.
 AGREEMENT = 1e-12
+# Least squares has no unique answer at limits; this weight makes it the shortest one, to rounding.
+TIE = 1e-14
 
 
 class Reference(NamedTuple):
@@ -48,13 +50,14 @@ class Reference(NamedTuple):
     agreement: float
 
 
-def reference(problem: ExactProblem, question: Question, setting: Setting) -> Reference:
+def reference(problem: str, question: Question, setting: Setting, *, limited: bool) -> Reference:
     """The exact answer to a question.
 
     Args:
-        problem: which problem.
-        question: J, s and the bounds, all of them finite.
+        problem: which problem, as `Method.problem` names it.
+        question: J, s and the bounds, all of them finite; without posture and exact rows.
         setting: gives what the problem depends on besides.
+        limited: whether limits are met; a method that clips then answers for the same problem inside the limits.
 
     Returns:
         The answer, and how well the two computations of it agree.
@@ -64,7 +67,7 @@ def reference(problem: ExactProblem, question: Question, setting: Setting) -> Re
         ReferenceFailure: the two computations differ by more than 1e-12.
     """
     with mp.workdps(DIGITS):
-        first, second = _WAYS[problem]
+        first, second = (_LIMITED if limited else _FREE)[problem]
         try:
             x = [mp.mpf(v) for v in first(question, setting)]
         except ZeroDivisionError as error:  # mpmath raises it for a singular matrix
@@ -78,17 +81,6 @@ def reference(problem: ExactProblem, question: Question, setting: Setting) -> Re
 
 
 # The two ways to the answer of each problem.
-_WAYS: dict[str, tuple[Way, Way]] = {
-    "pitch": stationary("pitch"),
-    "least squares": stationary("least squares"),
-    "weighted": weighted(),
-    "ridge": ridge(QP_DAMPING),
-    "damped": ridge(DLS_DAMPING**2),
-    "least squares box": ridge_box(QP_DAMPING),
-    "damped box": ridge_box(DLS_DAMPING**2),
-    "filter": filtered(),
-    "convexified": convexified(),
-    "measured": measured(),
-    "inertia": measured(inertia=True),
-    "law": measured(calmed=True),
-}
+_ALWAYS: dict[str, tuple[Way, Way]] = {"law": shipped(), "ridge": ridge_box(FIXED_WEIGHT)}
+_FREE = {**_ALWAYS, "least squares": shortest(), "damped": ridge(DLS_DAMPING**2)}
+_LIMITED = {**_ALWAYS, "least squares": ridge_box(TIE), "damped": ridge_box(DLS_DAMPING**2)}

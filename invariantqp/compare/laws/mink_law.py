@@ -1,7 +1,7 @@
 """mink with DAQP on the same tasks; no other file imports mink.
 
 The robot is rebuilt in MuJoCo from the same joint screws. mink's velocity and configuration limits are on, and it does
-not stop when a limit is exceeded. The frame task has unit costs; the damping of 1e-6 is the one that Pink has here.
+not stop when a limit is exceeded. Costs, posture, exact point and damping are those that Pink has here.
 
 Reference: Zakka, mink.
 """
@@ -13,8 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import joints_of, lead_target, pose_of, share_of
-from invariantqp.compare.laws.qp_backends import QP_DAMPING
+from invariantqp.compare.laws.peers import (
+    AHEAD,
+    POSTURE_COST,
+    QP_DAMPING,
+    QP_DAMPING_BESIDE_POSTURE,
+    at_point,
+    joints_of,
+    lead_target,
+    share_of,
+)
+from invariantqp.compare.laws.view import pose_of
+from invariantqp.compare.method import Method, Takes, posture_of
+from invariantqp.compare.names import MINK
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
@@ -28,10 +39,10 @@ UNLIMITED = 1e9
 
 
 class MinkLaw:
-    """One mink frame task on a MuJoCo model of the robot's joints."""
+    """mink's solve_ik on a MuJoCo model of the robot's joints."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Build mink's model of the robot; of `law` only dt and gain are used.
+        """Build mink's model of the robot; of `law`, dt, gain, posture, exact and point are used.
 
         Raises:
             MissingExtra: mink is not installed.
@@ -42,11 +53,18 @@ class MinkLaw:
         except ImportError as error:
             raise MissingExtra("mink", "peers") from error
         self._mink = mink
-        self._dt = law.dt
-        self._share = share_of(law)
-        model = _model(robot)
+        self._dt, self._share = law.dt, share_of(law)
+        self._offset = at_point(law)
+        model = _model(robot, self._offset)
         self._configuration = mink.Configuration(model)
         self._task = mink.FrameTask("tool", "site", 1.0, 1.0, gain=self._share)
+        self._tasks: list[Any] = [self._task]
+        mid, pull = posture_of(robot, law)
+        self._damping = QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
+        if pull.any():
+            self._tasks.append(mink.PostureTask(model, cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
+            self._tasks[-1].set_target(mid)
+        self._exact = [_point_task(mink, self._share)] if law.exact is not None else []
         speeds = {n: v for n, v in zip(robot.names, robot.velocity_limit.tolist(), strict=True) if np.isfinite(v)}
         self._limits = [mink.ConfigurationLimit(model), *([mink.VelocityLimit(model, speeds)] if speeds else [])]
 
@@ -55,13 +73,34 @@ class MinkLaw:
         ahead = lead_target(pose_of(target), feedforward, self._dt / self._share)
         self._configuration.update(np.asarray(q, dtype=np.float64))
         self._task.set_target(self._mink.SE3.from_matrix(ahead))
+        for task in self._exact:
+            task.set_target(self._mink.SE3.from_matrix(ahead.dot(self._offset)))
         x = self._mink.solve_ik(
-            self._configuration, [self._task], self._dt, solver="daqp", damping=QP_DAMPING, limits=self._limits
+            self._configuration,
+            self._tasks,
+            self._dt,
+            solver="daqp",
+            damping=self._damping,
+            limits=self._limits,
+            constraints=self._exact,
         )
         return VelocitySolution(np.asarray(x), "mink", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
 
 
-def _model(robot: Robot) -> Any:
+def _point_task(mink: Any, gain: float) -> Any:
+    """The position of the told point as a task of three rows, which mink can take as a constraint."""
+
+    class MinkPoint(mink.FrameTask):  # type: ignore[misc]
+        def compute_error(self, configuration: Any) -> Any:
+            return super().compute_error(configuration)[:3]
+
+        def compute_jacobian(self, configuration: Any) -> Any:
+            return super().compute_jacobian(configuration)[:3]
+
+    return MinkPoint("point", "site", 1.0, 1.0, gain=gain)
+
+
+def _model(robot: Robot, point: Array) -> Any:
     """A MuJoCo model of the joints, base first; at q = 0 the frame of every link is the base frame."""
     import mujoco
 
@@ -80,7 +119,8 @@ def _model(robot: Robot) -> Any:
             range=(max(lower, -UNLIMITED), min(upper, UNLIMITED)),
         )
     home = robot.pose(np.zeros(len(robot.names)))
-    body.add_site(name="tool", pos=home[:3, 3], quat=_quaternion(home[:3, :3]))
+    for name, frame in (("tool", home), ("point", home.dot(point))):
+        body.add_site(name=name, pos=frame[:3, 3], quat=_quaternion(frame[:3, :3]))
     return spec.compile()
 
 
@@ -89,3 +129,19 @@ def _quaternion(R: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     return np.roll(Rotation.from_matrix(R).as_quat(), 1)
+
+
+METHODS = [
+    Method(
+        name=MINK,
+        family="library",
+        why="frame task and posture task of mink's solve_ik with DAQP on a MuJoCo model, and its limits",
+        takes=Takes(
+            "posture task, cost 1e-3", "equality constraint", "inside the QP", "1e-6 without a posture task", AHEAD
+        ),
+        system=MinkLaw,
+        needs=("mink", "mujoco"),
+        extra="peers",
+        shown=False,
+    ),
+]

@@ -6,7 +6,7 @@ for their own gain to ask for the velocity of the path.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,12 @@ from invariantqp.runs.taskfile import LawSpec
 
 # A joint with a pitch below this is a hinge [m]; URDFs give six digits.
 HINGE = 1e-9
+# Cost of the posture task in Pink's and mink's own examples; the frame task has unit costs.
+POSTURE_COST = 1e-3
+# Of the QP of an arm without a posture task; with one, the default of both libraries.
+QP_DAMPING, QP_DAMPING_BESIDE_POSTURE = 1e-6, 1e-12
+# What their rows say of feedforward.
+AHEAD = "a target ahead on the path"
 
 
 class Joint(NamedTuple):
@@ -58,13 +64,12 @@ def share_of(law: LawSpec) -> float:
     return TRACKING_SHARE if law.gain is None else law.gain * law.dt
 
 
-def pose_of(target: Any) -> Array:
-    """The (4, 4) pose of a target, which may be an array or the target object of a robot of this library."""
-    pose = getattr(target, "homogeneous", getattr(target, "pose", target))
-    return np.asarray(pose, dtype=np.float64)
-
-
 def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
     """The (4, 4) pose that the target will have in `lead` seconds."""
     ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
     return se3.exp(lead * ahead, check=False).dot(pose) if ahead.any() else pose
+
+
+def at_point(law: LawSpec) -> Array:
+    """(4, 4) frame in the tool frame whose origin is the told point."""
+    return se3.transform(np.eye(3), np.asarray(law.point))

@@ -1,29 +1,40 @@
 """Pink with DAQP on the same tasks; no other file of the comparison imports Pink.
 
-Its velocity and position limits are on, and it does not stop when a limit is exceeded. The frame task has unit costs.
-The damping is 1e-6, since with the default of 1e-12 DAQP fails on seven joints. The posture task, to the middle of the
-joint ranges at a cost of 1e-3, is the one of Pink's own examples.
+Its velocity and position limits are on, and it does not stop when a limit is exceeded. The frame task has unit costs,
+the posture task the cost of Pink's own examples and the gain per tick that makes the told gain per second. A point to
+be met exactly is an equality constraint of Pink: the first three rows of a frame task at that point.
 
 Reference: Caron et al., Pink (pin-pink).
 """
 
 from __future__ import annotations
 
+from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import lead_target, pose_of, share_of
-from invariantqp.compare.laws.qp_backends import QP_DAMPING
+from invariantqp.compare.laws.peers import (
+    AHEAD,
+    POSTURE_COST,
+    QP_DAMPING,
+    QP_DAMPING_BESIDE_POSTURE,
+    at_point,
+    lead_target,
+    share_of,
+)
+from invariantqp.compare.laws.view import pose_of
+from invariantqp.compare.method import Method, Takes, posture_of
+from invariantqp.compare.names import PINK
 from invariantqp.errors import MissingExtra, RobotModelError
-from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.solution import VelocitySolution
 
-# Cost of the posture task; the frame task has unit costs.
-POSTURE_COST = 1e-3
+# Pink's lm_damping in its own examples.
+LM_DAMPING = 1.0
 
 
 def has_pink() -> bool:
@@ -32,43 +43,93 @@ def has_pink() -> bool:
 
 
 class PinkLaw:
-    """One Pink frame task on the robot's own Pinocchio model."""
+    """Pink's solve_ik on the robot's own Pinocchio model."""
 
-    def __init__(self, robot: Robot, law: LawSpec, *, posture: bool = False) -> None:
-        """Set up Pink's tasks for the robot; of `law` only dt and gain are used. `posture` adds a posture task.
+    def __init__(self, robot: Robot, law: LawSpec, *, lm_damping: float = 0.0) -> None:
+        """Set up Pink's tasks for the robot; of `law`, dt, gain, posture, exact and point are used.
 
         Raises:
             MissingExtra: Pink is not installed.
             RobotModelError: the robot has no Pinocchio model.
         """
-        model: Any = getattr(robot, "model", None)
-        if model is None:
+        if getattr(robot, "model", None) is None:
             raise RobotModelError("Pink needs a robot from a URDF; this one is a chain of joint screws")
         try:
             import pink
         except ImportError as error:
             raise MissingExtra("pin-pink", "peers") from error
-        self._pink = pink
-        self._robot = robot
-        self._dt = law.dt
-        self._share = share_of(law)
-        self._configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
-        self._task = pink.FrameTask(getattr(robot, "tool", ""), 1.0, 1.0, gain=self._share)
-        self._tasks = [self._task]
-        if posture:
-            self._tasks.append(pink.PostureTask(cost=POSTURE_COST))
-            self._tasks[-1].set_target(middle(robot))
+        self._pink, self._robot = pink, robot
+        self._dt, self._share = law.dt, share_of(law)
+        told: Any = robot.with_tool(at_point(law)) if law.exact is not None else robot
+        self._configuration = pink.Configuration(told.model, told.model.createData(), np.zeros(told.model.nq))
+        self._task = pink.FrameTask(getattr(robot, "tool", ""), 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
+        self._tasks, self._exact = [self._task], []
+        mid, pull = posture_of(robot, law)
+        self._damping = QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
+        if pull.any():
+            self._tasks.append(pink.PostureTask(cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
+            self._tasks[-1].set_target(mid)
+        if law.exact is not None:
+            self._exact.append(_point_task(pink, told.tool, self._share))
+        self._offset = at_point(law)
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick; raises whatever Pink raises."""
-        positions = np.asarray(q, dtype=np.float64)
         pose = pose_of(target)
         ahead = lead_target(pose, feedforward, self._dt / self._share)
         if ahead is not pose:
             target = self._robot.target(ahead)
-        self._configuration.update(positions)
+        self._configuration.update(np.asarray(q, dtype=np.float64))
         self._task.set_target(target)
+        for task in self._exact:
+            task.set_target(self._robot.target(ahead.dot(self._offset)))
         x = self._pink.solve_ik(
-            self._configuration, self._tasks, self._dt, solver="daqp", damping=QP_DAMPING, safety_break=False
+            self._configuration,
+            self._tasks,
+            self._dt,
+            solver="daqp",
+            damping=self._damping,
+            constraints=self._exact,
+            safety_break=False,
         )
         return VelocitySolution(np.asarray(x), "pink", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
+
+
+def _point_task(pink: Any, frame: str, gain: float) -> Any:
+    """The position of a frame's origin as a task of three rows, which Pink can take as a constraint."""
+
+    class PinkPoint(pink.FrameTask):  # type: ignore[misc]
+        def compute_error(self, configuration: Any) -> Any:
+            return super().compute_error(configuration)[:3]
+
+        def compute_jacobian(self, configuration: Any) -> Any:
+            return super().compute_jacobian(configuration)[:3]
+
+    return PinkPoint(frame, 1.0, 1.0, gain=gain)
+
+
+def _takes(damping: str) -> Takes:
+    return Takes("posture task, cost 1e-3", "equality constraint", "inside the QP", damping, AHEAD)
+
+
+METHODS = [
+    Method(
+        name=PINK,
+        family="library",
+        why="frame task and posture task of Pink's solve_ik with DAQP, and its limits",
+        takes=_takes("1e-6 without a posture task"),
+        system=PinkLaw,
+        needs=("pink",),
+        extra="peers",
+    ),
+    Method(
+        name="Pink with lm_damping",
+        family="library",
+        why="the same with lm_damping = 1, as in Pink's examples",
+        takes=_takes("lm_damping = 1"),
+        system=partial(PinkLaw, lm_damping=LM_DAMPING),
+        needs=("pink",),
+        extra="peers",
+        shown=False,
+    ),
+]

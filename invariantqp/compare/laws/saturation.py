@@ -35,7 +35,7 @@ class Saturated(NamedTuple):
     saturated: tuple[int, ...]
 
 
-def saturate(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
+def saturate(J: Array, s: Array, lower: Array, upper: Array, rest: Array | None = None) -> Saturated:
     """The velocity inside the limits that achieves alpha s, with alpha as large as the method finds it.
 
     Args:
@@ -43,6 +43,7 @@ def saturate(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
         s: (6,) wanted twist, same frame.
         lower: (m,) least joint velocities.
         upper: (m,) largest joint velocities.
+        rest: (m,) joint velocity wanted in the null space; None is zero.
 
     Returns:
         The velocity, alpha and the saturated joints. If the bounds exclude zero velocity, alpha may be 0; the velocity
@@ -50,7 +51,7 @@ def saturate(J: Array, s: Array, lower: Array, upper: Array) -> Saturated:
     """
     m = J.shape[1]
     free = np.ones(m, dtype=bool)
-    fixed = np.zeros(m)
+    fixed = np.zeros(m) if rest is None else rest.copy()
     rank = _rank(J, J)
     limits = np.abs(np.concatenate((lower, upper)))
     edge = OUTSIDE * float(limits[np.isfinite(limits)].max(initial=0.0))

@@ -1,36 +1,35 @@
 """How much a joint trajectory changes when another tool frame is chosen for the same motion of the tool.
 
-change = max |q(t) - q'(t)|,    T_tool' = T_tool X,  T_target' = T_target X
+change    max |q(t) - q'(t)|,     T_tool' = T_tool X,  T_target' = T_target X
+control   max |q(t) - q''(t)|,    q'' from a start moved by 1e-12: a change that is not above it is no dependence
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from invariantqp.compare.measure.displaced import displaced
-from invariantqp.compare.names import DLS, OURS, PINV
+from invariantqp.compare.names import DLS, LEAST_SQUARES, OURS, PENROSE
 from invariantqp.compare.registry import controller_named
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
-from invariantqp.runs.controllers import MakeController, our_controller
+from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.pilots import pilot_of
-from invariantqp.runs.prepare import prepare
+from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task
 
 # Standard deviation of the random displacement along each axis [m], about the length of a tool.
 DISPLACEMENT = 0.25
+# By how much the start of the control is moved, all joints alike [rad, m].
+NUDGE = 1e-12
 
-LAWS: dict[str, MakeController] = {
-    OURS: our_controller,
-    "Moore-Penrose, clipped": controller_named(PINV),
-    "DLS, clipped": controller_named(DLS),
-}
+LAWS: dict[str, MakeController] = {name: controller_named(name) for name in (OURS, LEAST_SQUARES, PENROSE, DLS)}
 
 
 @dataclass(frozen=True)
@@ -40,11 +39,13 @@ class FrameCheck:
     Attributes:
         law: its name.
         change: largest change of a joint position during the run [rad, m].
+        control: the same for a start moved by 1e-12, in the tool frame of the task [rad, m].
         worst_error_mm: largest position error of the tool with the tool frame of the task [mm].
     """
 
     law: str
     change: float
+    control: float
     worst_error_mm: float
 
 
@@ -54,16 +55,24 @@ def random_displacement(seed: int) -> Array:
     return se3.transform(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
 
 
+def moved_start(task: Task, setup: Setup) -> Setup:
+    """The same motion of the tool from a start that is moved by rounding."""
+    start = [x + NUDGE for x in task.robot.start]
+    other = prepare(task.model_copy(update={"robot": task.robot.model_copy(update={"start": start})}))
+    brief = replace(other.brief, poses=setup.brief.poses, feedforward=setup.brief.feedforward)
+    return replace(other, brief=brief, wanted=setup.wanted)
+
+
 def frame_check(
     task: Task, seed: int = 0, progress: Progress | None = None, laws: Mapping[str, MakeController] = LAWS
 ) -> list[FrameCheck]:
-    """Run a task twice under each law, with its own tool frame and with one that is displaced at random.
+    """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
 
     Args:
         task: from `load_task`.
         seed: seed of the displacement.
         progress: called with (ticks done, ticks in all).
-        laws: the laws by name; ours, Moore-Penrose and damped least squares by default.
+        laws: the laws by name; ours, least squares by a QP, Moore-Penrose and damped by default.
 
     Returns:
         One FrameCheck for each law.
@@ -71,7 +80,7 @@ def frame_check(
     tool = random_displacement(seed)
     checks = []
     done = 0
-    total = 2 * len(laws) * task.ticks
+    total = 3 * len(laws) * task.ticks
 
     def count(_: int, __: int) -> None:
         nonlocal done
@@ -81,7 +90,9 @@ def frame_check(
 
     for name, make in laws.items():
         as_told, moved = prepare(task), displaced(prepare(task), tool)
-        plain = run(as_told, pilot_of(as_told.brief, make), count)
-        change = float(np.abs(plain.q - run(moved, pilot_of(moved.brief, make), count).q).max())
-        checks.append(FrameCheck(name, change, 1e3 * float(plain.position_error.max())))
+        plain, other, nudged = (
+            run(setup, pilot_of(setup.brief, make), count) for setup in (as_told, moved, moved_start(task, as_told))
+        )
+        change, control = (float(np.abs(plain.q - trace.q).max()) for trace in (other, nudged))
+        checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
     return checks

@@ -1,11 +1,12 @@
-"""Single solves: error and time, in states without active limits, with active limits, and close to a singularity.
+"""Single solves against exact answers: without limits met, with limits met, and near a singularity.
 
-    error    |x - x*| / |x*|,   x* the exact answer of the problem that the method solves; with active limits, of the
-             problem that it solves or that clipping approximates
-    missed   |s - Jx| / |s|     in the tool frame, with metres and radians alike: what Moore-Penrose minimises
+    error    |x - x*| / |x*|,   x* the exact answer of the problem that the method solves; where limits are met, of that
+             problem inside the limits
 
-Results: {"free": {"error", "error_max", "missed", "failed", "agreement"}, "limited": {...}, "singular": {...}} and
-{"free": {"median_us", "p99_us"}, "limited": {...}, "singular": {...}}.
+One solve is the twist inside the limits alone: no posture and no exact rows. Joint positions are uniformly distributed
+over the joint range and twists are random; one seed determines them all.
+
+Results: {"free": {"error", "error_max", "failed", "agreement"}, "limited": {...}, "singular": {...}}.
 """
 
 from __future__ import annotations
@@ -14,43 +15,87 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
-from invariantqp.compare.cell import Cell, Kind, Result
 from invariantqp.compare.exact.failure import NoReference
-from invariantqp.compare.laws.setting import setting_of
-from invariantqp.compare.measure.states import SORTS, SolveState, states
-from invariantqp.compare.measure.timing import interleaved, spread
+from invariantqp.compare.laws.loop import setting_of
+from invariantqp.compare.measure.cell import Cell, Kind, Result
 from invariantqp.compare.method import Method, Question, Setting, Solve
 from invariantqp.compare.registry import methods
-from invariantqp.errors import BadInput
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import load_task
 
-# States of each sort, and rounds in which they are timed, of a full run and of a quick one.
+SORTS = ("free", "limited", "singular")
+# States of each sort of a full run, and of a quick one.
 COUNT, QUICK_COUNT = 20, 4
-ROUNDS, QUICK_ROUNDS = 50, 6
+# Standard deviation of each component of the wanted twists [rad/s, m/s].
+TWIST = 0.3
+# Smallest singular value over the largest, above which a state is not near a singularity.
+REGULAR = 1e-2
+# Velocity bounds as multiples of the largest joint speed of Moore-Penrose: never met, and met.
+WIDE, NARROW = 10.0, 0.7
+# The bounds of each joint are multiplied by a random factor from this range, since real joints differ.
+UNEVEN = (0.7, 1.3)
+# Distance from a singularity, as powers of ten of a radian.
+NEAREST, FARTHEST = -4.0, -1.5
+# A joint without limits has this range in either direction [rad].
+TURN = np.pi
 
 
-def _arm(cell: Cell) -> tuple[Setting, dict[str, list[SolveState]]]:
-    """What methods may know of the arm of a cell's task, and states of each sort."""
-    task = load_task(cell.task)
-    robot = task.load_robot()
-    setting = setting_of(robot, task.law)
-    count = QUICK_COUNT if cell.quick else COUNT
-    return setting, {kind: states(robot, kind, count, cell.seed, setting) for kind in SORTS}
+def joint_range(robot: Robot) -> tuple[Array, Array]:
+    """The range (lower, upper) of random joint positions."""
+    lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -TURN)
+    return lower, np.where(np.isfinite(robot.position_upper), robot.position_upper, TURN)
 
 
-def _solver(method: Method, setting: Setting) -> Solve:
-    if method.make is None:
-        raise BadInput("method", f"{method.name}, which has a control loop only", "a method with a solver")
-    return method.make(setting)
+def questions(robot: Robot, sort: str, count: int, seed: int) -> list[Question]:
+    """Random ticks of one sort, in the tool frame.
+
+    Args:
+        robot: the arm.
+        sort: one of SORTS.
+        count: how many; fewer if regular states are too rare.
+        seed: seed of positions and twists.
+    """
+    rng = np.random.default_rng([seed, SORTS.index(sort)])
+    low, high = joint_range(robot)
+    found: list[Question] = []
+    for _ in range(200 * count):
+        if len(found) == count:
+            break
+        q = rng.uniform(low, high)
+        q = _near_singular(robot, q, rng) if sort == "singular" else q
+        J = se3.inverse_adjoint(robot.pose(q)).dot(robot.jacobian(q))
+        sigma = np.linalg.svd(J, compute_uv=False)
+        s, uneven = TWIST * rng.standard_normal(6), rng.uniform(*UNEVEN, len(q))
+        if sort == "singular" or sigma[-1] > REGULAR * sigma[0]:
+            size = float(np.abs(np.linalg.pinv(J).dot(s)).max())
+            reach = uneven * size * (NARROW if sort == "limited" else WIDE)
+            found.append(Question.plain(J, s, -reach, reach))
+    return found
+
+
+def _near_singular(robot: Robot, q: Array, rng: np.random.Generator) -> Array:
+    """Joint positions close to a singularity, which a minimiser finds from q."""
+
+    def distance(x: Array) -> float:
+        sigma = np.linalg.svd(robot.jacobian(x), compute_uv=False)
+        return float((sigma[-1] / sigma[0]) ** 2)
+
+    low, high = joint_range(robot)
+    singular = minimize(distance, q, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), tol=1e-14).x
+    step = rng.standard_normal(len(q))
+    away = singular + 10.0 ** rng.uniform(NEAREST, FARTHEST) * step / np.linalg.norm(step)
+    return np.asarray(np.minimum(np.maximum(away, low), high))
 
 
 def clipped_answer(solve: Solve, question: Question) -> Array | None:
     """A method's velocity clipped to the limits; None if it raises or its answer is not finite."""
     try:
         with np.errstate(all="ignore"):
-            x = np.asarray(solve(*question), dtype=np.float64)
+            x = np.asarray(solve(question), dtype=np.float64)
     except Exception:  # noqa: BLE001 (whatever a solver raises is counted as a failure)
         return None
     return np.minimum(np.maximum(x, question.lower), question.upper) if np.isfinite(x).all() else None
@@ -58,93 +103,56 @@ def clipped_answer(solve: Solve, question: Question) -> Array | None:
 
 def errors(cell: Cell) -> dict[str, Result]:
     """The error of every method; methods with the same problem share its exact answers."""
-    setting, drawn = _arm(cell)
-    exact = _Exact(setting)
+    from invariantqp.compare.exact.references import Reference, reference
+
+    task = load_task(cell.task)
+    robot = task.load_robot()
+    setting = setting_of(robot, task.law)
+    count = QUICK_COUNT if cell.quick else COUNT
+    drawn = {sort: questions(robot, sort, count, cell.seed) for sort in SORTS}
+    kept: dict[tuple[str, str, int], Reference | None] = {}
+
+    def exact(method: Method, sort: str, i: int) -> Reference | None:
+        key = (method.problem, sort, i)
+        if key not in kept:
+            try:
+                kept[key] = reference(method.problem, drawn[sort][i], setting, limited=sort == "limited")
+            except NoReference:
+                kept[key] = None
+        return kept[key]
+
     table = methods()
     return {
-        name: {kind: _error(table[name], kind, drawn[kind], setting, exact) for kind in SORTS} for name in cell.methods
+        name: {sort: _error(table[name], sort, drawn[sort], setting, exact) for sort in SORTS} for name in cell.methods
     }
 
 
-class _Exact:
-    """Exact answers, computed once for all methods with the same problem in the same frame."""
-
-    def __init__(self, setting: Setting) -> None:
-        self._setting = setting
-        self._kept: dict[tuple[str, str, int], Any] = {}
-
-    def of(self, method: Method, kind: str, state: SolveState) -> Any:
-        """The reference; None if the method has no exact problem, or the problem no unique answer in this state."""
-        from invariantqp.compare.exact.references import reference
-
-        problem = method.limited if kind == "limited" else method.problem
-        if not problem:
-            return None
-        key = (problem, method.frame, id(state))
-        if key not in self._kept:
-            try:
-                self._kept[key] = reference(problem, state.question(method), self._setting)
-            except NoReference:
-                self._kept[key] = None
-        return self._kept[key]
-
-
-def _error(method: Method, kind: str, drawn: list[SolveState], setting: Setting, exact: _Exact) -> Result:
-    solve = _solver(method, setting)
-    found, missed, agreements, failed = [], [], [], 0
-    for state in drawn:
-        x = clipped_answer(solve, state.question(method))
-        truth = exact.of(method, kind, state)
+def _error(
+    method: Method, sort: str, drawn: list[Question], setting: Setting, exact: Callable[[Method, str, int], Any]
+) -> Result:
+    make = method.make
+    found, agreements, failed = [], [], 0
+    solve = make(setting) if make is not None else None
+    for i, question in enumerate(drawn):
+        truth = exact(method, sort, i)
+        x = None if solve is None else clipped_answer(solve, question)
+        failed += x is None
         if truth is not None:
             agreements.append(truth.agreement)
-        if x is None:
-            failed += 1
-            continue
-        s = state.to_tool.dot(state.s)
-        missed.append(float(np.linalg.norm(s - state.to_tool.dot(state.J).dot(x)) / np.linalg.norm(s)))
-        if truth is not None:
-            found.append(float(np.linalg.norm(x - truth.x) / np.linalg.norm(truth.x)))
+            if x is not None:
+                found.append(float(np.linalg.norm(x - truth.x) / np.linalg.norm(truth.x)))
     return {
         "error": float(np.median(found)) if found else None,
         "error_max": max(found) if found else None,
-        "missed": float(np.median(missed)) if missed else None,
         "failed": failed / max(1, len(drawn)),
         "agreement": max(agreements) if agreements else None,
     }
 
 
-def times(cell: Cell) -> dict[str, Result]:
-    """The time of a solve of every method, measured in turn."""
-    setting, drawn = _arm(cell)
-    table = methods()
-    rounds = QUICK_ROUNDS if cell.quick else ROUNDS
-    found: dict[str, Result] = {name: {} for name in cell.methods}
-    for kind in SORTS:
-        calls = {name: _call(table[name], drawn[kind], setting) for name in cell.methods}
-        for name, taken in interleaved(calls, len(drawn[kind]), rounds).items():
-            found[name][kind] = spread(taken)
-    return found
+def has_problem(name: str) -> bool:
+    """Whether a method says which problem it solves."""
+    method = methods()[name]
+    return bool(method.problem) and method.make is not None
 
 
-def _call(method: Method, drawn: list[SolveState], setting: Setting) -> Callable[[int], object]:
-    solve = _solver(method, setting)
-    questions = [state.question(method) for state in drawn]
-
-    def call(i: int) -> object:
-        try:
-            return solve(*questions[i])
-        except Exception:  # noqa: BLE001 (`errors` counts what fails)
-            return None
-
-    return call
-
-
-def has_solver(name: str) -> bool:
-    """Whether a method is a function of J and s."""
-    return methods()[name].make is not None
-
-
-KINDS: dict[str, Kind] = {
-    "error": Kind(errors, together=True, fits=has_solver, variants=True, needs=("mpmath",)),
-    "time": Kind(times, alone=True, fits=has_solver, variants=True),
-}
+KINDS = {"error": Kind(errors, together=True, fits=has_problem, needs=("mpmath",))}

@@ -16,22 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.invariant import PAPER_LAMBDA
-from invariantqp.compare.laws.pink_law import PinkLaw, has_pink
-from invariantqp.compare.laws.setting import pitch_of
-from invariantqp.compare.names import DLS, LEAST_SQUARES, OURS, PINV, SDLS, TOLD_LEAST_SQUARES
-from invariantqp.compare.registry import controller_named
-from invariantqp.control.controller import Controller
+from invariantqp.compare.names import TOLD_LEAST_SQUARES
+from invariantqp.compare.registry import chosen, controller_named
 from invariantqp.control.controls import Controls
 from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.controllers import MakeController, our_controller
+from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.run import run_task
 from invariantqp.runs.taskfile import LawSpec, Task, load_task, shipped_tasks
 from invariantqp.runs.trace import Trace
-from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.solution import VelocitySolution
 
 # Chatter is measured relative to least squares that is told the same and calm, in the same run.
@@ -109,26 +104,13 @@ class StabilityOutcome:
         return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()}
 
 
-def paper_law(robot: Robot, law: LawSpec) -> Controller:
-    """The formula of [DS] with Lambda = lambda I, clipped to the limits; pitch and gain are those of the task."""
-    form = pitch_of(robot, law)
-    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=PaperLambda(PAPER_LAMBDA))
+# Rows beside those of the first table.
+ALSO = ("SDLS", "[DS] Lambda")
 
 
 def laws() -> dict[str, MakeController]:
-    """The laws by name; ours is the first, and Pink is among them if it is installed."""
-    table: dict[str, MakeController] = {
-        OURS: our_controller,
-        YARDSTICK: controller_named(YARDSTICK),
-        LEAST_SQUARES: controller_named(LEAST_SQUARES),
-        "Moore-Penrose": controller_named(PINV),
-        DLS: controller_named(DLS),
-        SDLS: controller_named(SDLS),
-        "[DS] Lambda": paper_law,
-    }
-    if has_pink():
-        table["Pink, DAQP"] = PinkLaw
-    return table
+    """The loops by name, as far as they are installed: the rows of the first table and two more; ours is the first."""
+    return {name: controller_named(name) for name, row in chosen().items() if row.shown or name in ALSO}
 
 
 def cases() -> list[Case]:
@@ -202,15 +184,15 @@ def run_watched(
     task: Task, make: MakeController, *, broken: str = "", progress: Progress | None = None
 ) -> tuple[Watched, Trace]:
     """Run a task under a `Watched` law; returns the law and the trace."""
-    watched: list[Watched] = []
+    laws: list[Watched] = []
 
     def watch(robot: Robot, spec: LawSpec) -> Watched:
-        watched.append(Watched(make(robot, spec), broken, round(task.path.duration / spec.dt)))
-        return watched[0]
+        laws.append(Watched(make(robot, spec), broken, round(task.path.duration / spec.dt)))
+        return laws[0]
 
     with quietly():
         trace = run_task(task, controller=watch, progress=progress)
-    return watched[0], trace
+    return laws[0], trace
 
 
 @contextmanager

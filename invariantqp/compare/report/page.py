@@ -1,4 +1,4 @@
-"""A page as a list of blocks: written as Markdown beside its pictures, or as one HTML file with the pictures in it."""
+"""A page as a list of blocks, written as one HTML file with its pictures in it."""
 
 from __future__ import annotations
 
@@ -64,32 +64,21 @@ class Picture:
         return inline_svg(self.file)
 
 
-Block = Heading | Paragraph | Bullets | Code | Table | Picture
+@dataclass(frozen=True)
+class Folded:
+    """A table that a reader opens."""
+
+    title: str
+    table: Table
+
+
+Block = Heading | Paragraph | Bullets | Code | Table | Picture | Folded
 
 
 def html(title: str, blocks: Sequence[Block]) -> str:
     """The page as one HTML file that needs no other file."""
     named = [(type(block).__name__, block) for block in blocks]
     return fill_template("invariantqp.compare.report", "page.html", {"title": title, "blocks": named, "words": WORDS})
-
-
-def markdown(blocks: Sequence[Block]) -> str:
-    """The page as Markdown, with links to the pictures by their file names."""
-    return "\n\n".join(_markdown(block) for block in blocks) + "\n"
-
-
-def _markdown(block: Block) -> str:
-    if isinstance(block, Heading):
-        return f"{'#' * block.level} {block.text}"
-    if isinstance(block, Paragraph):
-        return block.text
-    if isinstance(block, Bullets):
-        return "\n".join(f"- {item}" for item in block.items)
-    if isinstance(block, Code):
-        return f"```\n{block.text}\n```"
-    if isinstance(block, Picture):
-        return f"![{block.title}]({block.file.name})\n\n{block.caption}"
-    return table_markdown(block)
 
 
 def table_markdown(table: Table) -> str:

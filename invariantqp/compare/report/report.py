@@ -1,4 +1,4 @@
-"""The report: findings, charts, tables, the machine, and the command that repeats the comparison.
+"""The report: a verdict, the chart and ten rows on the first screen; everything else folded below.
 
 Every sentence with a figure or a winner is computed from the results.
 """
@@ -7,38 +7,34 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from invariantqp.compare.report import tables
-from invariantqp.compare.report.charts import CHARTS
-from invariantqp.compare.report.charts.chart import CaptionedChart
-from invariantqp.compare.report.findings import findings
-from invariantqp.compare.report.page import Block, Bullets, Code, Heading, Paragraph, Picture, Table, html, markdown
+from invariantqp.compare.report import chart, tables
+from invariantqp.compare.report.page import Block, Bullets, Code, Folded, Heading, Paragraph, Picture, Table, html
+from invariantqp.compare.report.verdict import verdict
 from invariantqp.compare.results import Results, kinds_in
 from invariantqp.progress import Progress
 
 TITLE = "Speed against accuracy of velocity control"
 LEGEND = (
-    "All figures are medians over the tasks. error: relative to the exact answer of the method's own problem; with "
-    "active limits, of the problem inside the limits that the method solves or that clipping approximates. residual: "
-    "the share of the twist that is not achieved while limits are active, in the tool frame, with metres and radians "
-    "alike. tracking: the largest position error of a run. frame: the largest relative change of the joint velocity "
-    "when another tool frame and base frame are chosen."
+    "Each cell: time of a tick [us], largest position error [mm] and orientation error [deg] of the run. takes: what a "
+    "method has no place for of what every row is told. frame: the largest change of a joint position when the same "
+    "motion is asked of a tool frame put elsewhere on the tool."
 )
 AGAIN = (
     "An interrupted run continues where it stopped. Times are measured with one BLAS thread while nothing else runs; "
     "--against OTHER/results.json tells whether two runs rank the methods alike."
 )
-# Measurements with tables of their own.
-TOLD = {"error", "time", "growth"}
-
-
-def charts_of(results: Results) -> list[CaptionedChart]:
-    """The charts for which the results have figures."""
-    have = kinds_in(results)
-    return [chart for chart in CHARTS if set(chart.shows) <= have]
+ABOUT = {
+    "loop": "Runs: errors, frame dependence beside its control, jumps of the joint velocity, failed ticks",
+    "beyond": "A target out of reach",
+    "turns": "Ten turns of a closed path: drift of the joints [rad] with a posture and without",
+    "noise": "Encoders wrong by 0.1 mrad",
+    "error": "One solve against its exact answer",
+    "tick": "Time of a tick [us]",
+}
 
 
 def write_report(results: Results, out: Path, progress: Progress | None = None) -> list[Path]:
-    """Write report.html, report.md and the pictures into a folder.
+    """Write report.html and the chart into a folder.
 
     Args:
         results: from `sweep` or `load_results`.
@@ -46,44 +42,43 @@ def write_report(results: Results, out: Path, progress: Progress | None = None) 
         progress: called with (charts drawn, charts in all).
 
     Returns:
-        The files: both reports, then the pictures.
+        The files: the report, then the pictures.
     """
     pictures = []
-    charts = charts_of(results)
-    for k, chart in enumerate(charts):
-        file = out / f"{chart.slug}.svg"
+    if {"loop", "tick"} <= kinds_in(results):
+        file = out / "speed_and_accuracy.svg"
         chart.draw(results, file)
-        pictures.append(Picture(file, chart.title, chart.caption(results)))
+        pictures.append(Picture(file, chart.TITLE, caption()))
         if progress is not None:
-            progress(k + 1, len(charts))
-    blocks = page(results, pictures)
-    files = [out / "report.html", out / "report.md"]
-    files[0].write_text(html(TITLE, blocks), encoding="utf-8")
-    files[1].write_text(markdown(blocks), encoding="utf-8")
-    return [*files, *(picture.file for picture in pictures)]
+            progress(1, 1)
+    report = out / "report.html"
+    report.write_text(html(TITLE, page(results, pictures)), encoding="utf-8")
+    return [report, *(picture.file for picture in pictures)]
+
+
+def caption() -> str:
+    """What the chart shows, in words."""
+    return " ".join((chart.__doc__ or "").split("\n\n", 1)[1].split())
 
 
 def page(results: Results, pictures: list[Picture]) -> list[Block]:
     """The blocks of the page."""
-    blocks: list[Block] = [Heading(TITLE, 1), Paragraph(_opening(results)), Heading("Findings")]
-    blocks.append(Bullets(findings(results)))
-    blocks.append(tables.summary(results))
-    blocks.append(Paragraph(LEGEND))
-    for picture in pictures:
-        blocks += [Heading(picture.title), picture]
-    blocks += [Heading("What was compared"), _methods(results)]
-    for task in results["tasks"]:
-        blocks += [Heading(f"Single solves: the arm of {task}"), tables.solves(results, task)]
-    if "growth" in kinds_in(results):
-        blocks += [Heading("Growth of the time of a solve"), tables.growth(results)]
-    for kind in sorted(kinds_in(results) - TOLD):
+    blocks: list[Block] = [Heading(TITLE, 1), Paragraph(_opening(results)), Bullets(verdict(results)), *pictures]
+    blocks += [tables.summary(results), Paragraph(LEGEND)]
+    names = [m["name"] for m in results["methods"]]
+    if names != tables.shown(results):
+        blocks.append(Folded("Every method", tables.summary(results, names)))
+    blocks.append(
+        Folded("What each method is, and what it makes of what every row is told", tables.information(results))
+    )
+    for kind, about in ABOUT.items():
         table = tables.listed(results, kind)
         if table.rows:
-            blocks += [Heading(kind.replace("_", " ").capitalize()), table]
+            blocks.append(Folded(about, table))
     failed = [c for c in results["cells"] if "failed" in c["result"]]
     if failed:
         rows = [(c["method"], c["kind"], c["task"], c["result"]["failed"]) for c in failed]
-        blocks += [Heading("What could not be measured"), Table(("method", "measurement", "task", "why"), rows)]
+        blocks.append(Folded("What could not be measured", Table(("method", "measurement", "task", "why"), rows)))
     return [*blocks, *_closing(results)]
 
 
@@ -97,13 +92,10 @@ def _opening(results: Results) -> str:
         if sort["agreement"] is not None
     ]
     exact = f" Two independent computations of each exact answer agree to {max(agreement):.0e}." if agreement else ""
-    quick = " This was a quick run, with few states and long ticks." if results["quick"] else ""
-    return f"{len(results['methods'])} methods on {', '.join(results['tasks'])}; seed {results['seed']}.{exact}{quick}"
-
-
-def _methods(results: Results) -> Table:
-    rows = [(m["name"], m["family"], m["limits"], m["frame"], m["why"]) for m in results["methods"]]
-    return Table(("method", "family", "limits", "frame", "what it is"), rows)
+    quick = " This was a quick run: few states, and ticks ten times as long." if results["quick"] else ""
+    told = "Every method is told the same posture, exact rows, limits, gain and feedforward."
+    counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
+    return f"{counts} {told}{exact}{quick}"
 
 
 def _closing(results: Results) -> list[Block]:

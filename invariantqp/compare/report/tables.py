@@ -1,120 +1,98 @@
-"""The comparison as tables: the summary that the command prints, the tables of the report, and the README's."""
+"""The comparison as tables: a row a method, a column a task, so that no figure mixes two arms."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
-from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
-from invariantqp.compare.names import DAQP, DLS, GRAM, LEAST_SQUARES, LU, OURS, PINK, PINV, SDLS, SNS
+from invariantqp.compare.method import CANNOT
 from invariantqp.compare.report.page import Table, table_markdown
 from invariantqp.compare.results import Results, results_of
 from invariantqp.errors import BadInput
 
 NOTHING = "-"
-# The rows of the README: our law, and the best-known methods of each family.
-README_METHODS = (
-    OURS,
-    GRAM,
-    DAQP,
-    LU,
-    PINV,
-    DLS,
-    SDLS,
-    SNS,
-    LEAST_SQUARES,
-    PINK,
-)
 BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
+# A change of a joint position above this many times the control, and above rounding [rad], is a dependence.
+ABOVE_CONTROL, ROUNDING = 100.0, 1e-9
+# How reports call the tasks of a full run.
+TASKS = {
+    "compare/panda": "Panda",
+    "panda_path": "Panda, limits met",
+    "compare/ur5": "UR5",
+    "compare/ur5_limits": "UR5, limits met",
+    "so101_line": "SO-101",
+    "compare/so101_limits": "SO-101, limits met",
+    "stability/out_of_reach": "Panda, out of reach",
+    "stability/five_joints_out_of_reach": "SO-101, out of reach",
+    "stability/reach_and_back": "UR5, out of reach and back",
+    "stability/ur5_elbow": "UR5, led beyond its reach",
+}
 
 
-def figure(value: float | None, style: str = "{:.3g}") -> str:
-    """A figure as text; a dash for None."""
-    return NOTHING if value is None else style.format(value)
+def figure(value: float | None, style: str = "{:.2g}") -> str:
+    """A figure as text without a power of ten where it has one to four digits; a dash for None."""
+    if value is None or not isfinite(value):
+        return NOTHING
+    text = style.format(value)
+    return f"{float(text):g}" if "e" in text and 1e-4 <= abs(value) < 1e5 else text
 
 
-def across(results: Results, kind: str, method: str, *path: str) -> float | None:
-    """The median over all tasks of one figure of a method; None if the method has no such figure."""
-    found = []
-    for (_, name), result in results_of(results, kind).items():
-        value: Any = result if name == method else None
-        for key in path:
-            value = value.get(key) if isinstance(value, dict) else None
-        if isinstance(value, (int, float)):
-            found.append(float(value))
-    return median(found) if found else None
+def title(task: str) -> str:
+    """How reports call a task."""
+    return TASKS.get(task, task)
 
 
-class Column(NamedTuple):
-    """A column of the summary: its heading, the measurement, the place of the figure in its result, and its format."""
-
-    heading: str
-    kind: str
-    path: tuple[str, ...]
-    style: str = "{:.3g}"
+def shown(results: Results) -> list[str]:
+    """The methods of the first table, or all if it would have none."""
+    return [m["name"] for m in results["methods"] if m["shown"]] or [m["name"] for m in results["methods"]]
 
 
-ERROR = "{:.0e}"
-FREE = (Column("free, us", "time", ("free", "median_us")), Column("error", "error", ("free", "error"), ERROR))
-LIMITED = (
-    Column("limits active, us", "time", ("limited", "median_us")),
-    Column("error", "error", ("limited", "error"), ERROR),
-)
-SINGULAR = (
-    Column("near-singular, us", "time", ("singular", "median_us")),
-    Column("error", "error", ("singular", "error"), ERROR),
-)
-RESIDUAL = Column("residual", "error", ("limited", "missed"), "{:.2f}")
-LOOPS = (
-    Column("tick, us", "tick", ("median_us",)),
-    Column("tracking, mm", "closed_loop", ("position_mm", "max"), "{:.2g}"),
-    Column("frame", "dependence", ("frame", "worst"), ERROR),
-)
-FAILED = Column("failed ticks", "closed_loop", ("failed_ticks",), "{:.1%}")
-SUMMARY = (*FREE, *LIMITED, *SINGULAR, RESIDUAL, *LOOPS, FAILED)
-README = (*FREE, *LIMITED, *LOOPS)
+def told(method: dict[str, Any]) -> str:
+    """What a method does not take of what every row is told."""
+    takes = method["takes"]
+    cannot = [f"no {key}" for key in ("posture", "exact") if takes[key] == CANNOT]
+    return ", ".join([*cannot, *(["clips"] if takes["limits"] == "clipped" else [])]) or "all"
 
 
-def summary(results: Results, methods: Sequence[str] | None = None, columns: Sequence[Column] = SUMMARY) -> Table:
-    """One row for each method, with medians over the tasks; a column without any figure is left out."""
-    names = [m["name"] for m in results["methods"]] if methods is None else list(methods)
-    found = {c: [across(results, c.kind, name, *c.path) for name in names] for c in columns}
-    kept = {c: values for c, values in found.items() if values.count(None) < len(values)}
-    rows = [[name, *(figure(values[k], c.style) for c, values in kept.items())] for k, name in enumerate(names)]
-    return Table(["method", *(c.heading for c in kept)], rows)
+def depends(loop: dict[str, Any]) -> bool:
+    """Whether another tool frame changes a run by more than rounding in its start does."""
+    frame, control = loop.get("frame"), loop.get("control")
+    return frame is None or frame > max(ROUNDING, ABOVE_CONTROL * (control or 0.0))
 
 
-def solves(results: Results, task: str) -> Table:
-    """Single solves of the arm of one task: times, errors, residual, and share of failures."""
-    errors, times = results_of(results, "error"), results_of(results, "time")
-    columns = ["method"]
-    for sort in ("free", "limited", "singular"):
-        columns += [f"{sort}: us", "p99", "error", "largest", "residual", "failed"]
+def summary(results: Results, names: Sequence[str] | None = None) -> Table:
+    """Time [us], largest errors [mm] and [deg] of every task; and the largest change by another tool frame [rad]."""
+    loops, ticks = results_of(results, "loop"), results_of(results, "tick")
+    table = {m["name"]: m for m in results["methods"]}
     rows = []
-    for method in results["methods"]:
-        name = method["name"]
-        error, time = errors.get((task, name)), times.get((task, name))
-        if error is None and time is None:
-            continue
-        row = [name]
-        for sort in ("free", "limited", "singular"):
-            e, t = (error or {}).get(sort, {}), (time or {}).get(sort, {})
-            row += [figure(t.get("median_us")), figure(t.get("p99_us"))]
-            row += [figure(e.get("error"), ERROR), figure(e.get("error_max"), ERROR)]
-            row += [figure(e.get("missed"), "{:.2g}"), figure(e.get("failed"), "{:.0%}")]
-        rows.append(row)
-    return Table(columns, rows)
+    for name in shown(results) if names is None else names:
+        cells = []
+        for task in results["tasks"]:
+            loop, tick = loops.get((task, name), {}), ticks.get((task, name), {})
+            parts = [
+                figure(tick.get("median_us")),
+                figure(loop.get("position_mm")),
+                figure(loop.get("orientation_deg")),
+            ]
+            cells.append(" · ".join(parts) if loop or tick else NOTHING)
+        worst = worst_frame(results, name)
+        rows.append([name, told(table[name]), *cells, figure(worst, "{:.0e}")])
+    return Table(["method", "takes", *map(title, results["tasks"]), "frame, rad"], rows)
 
 
-def growth(results: Results) -> Table:
-    """The time at the smallest and at the largest size, and the slope over the larger half of the sizes."""
-    rows = []
-    for (axis, name), result in results_of(results, "growth").items():
-        size, cost = result["size"], result["median_us"]
-        ends = [f"{size[0]} to {size[-1]}", figure(cost[0]), figure(cost[-1]), figure(result["slope"], "{:.2f}")]
-        rows.append([name, axis, *ends])
-    return Table(("method", "grows with", "sizes", "first, us", "last, us", "slope"), rows)
+def worst_frame(results: Results, name: str, kind: str = "loop") -> float | None:
+    """The largest change of a joint position by another tool frame, over the tasks of a measurement [rad]."""
+    found = [r["frame"] for (_, n), r in results_of(results, kind).items() if n == name and r["frame"] is not None]
+    return max(found, default=None)
+
+
+def information(results: Results) -> Table:
+    """What each method makes of what every row is told."""
+    keys = ("posture", "exact", "limits", "damping", "feedforward")
+    rows = [(m["name"], m["why"], *(m["takes"][key] for key in keys)) for m in results["methods"]]
+    return Table(("method", "what it is", *keys), rows)
 
 
 def listed(results: Results, kind: str) -> Table:
@@ -124,7 +102,7 @@ def listed(results: Results, kind: str) -> Table:
     rows = []
     for (task, method), result in found.items():
         have = dict(_numbers(result))
-        rows.append([method, task, *(figure(have.get(key)) for key in keys)])
+        rows.append([method, title(task), *(figure(have.get(key), "{:.3g}") for key in keys)])
     return Table(("method", "task", *keys), rows)
 
 
@@ -139,14 +117,8 @@ def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float 
     return found
 
 
-def readme_table(results: Results) -> str:
-    """The table of the README as Markdown: at most ten rows of the summary."""
-    names = [m["name"] for m in results["methods"]]
-    return table_markdown(summary(results, [name for name in README_METHODS if name in names], README))
-
-
-def with_table(readme: str, table: str) -> str:
-    """The README with a new table between its markers.
+def with_section(readme: str, section: str) -> str:
+    """The README with a new comparison between its markers.
 
     Raises:
         BadInput: the README has no markers.
@@ -154,10 +126,11 @@ def with_table(readme: str, table: str) -> str:
     before, begin, rest = readme.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
-        raise BadInput("README", "no place for the table", f"the lines {BEGIN} and {END}")
-    return f"{before}{begin}\n{table}\n{end}{after}"
+        raise BadInput("README", "no place for the comparison", f"the lines {BEGIN} and {END}")
+    return f"{before}{begin}\n{section}\n{end}{after}"
 
 
-def write_readme(results: Results, readme: Path) -> None:
-    """Write the table of the results into a README, between its markers."""
-    readme.write_text(with_table(readme.read_text("utf-8"), readme_table(results)), encoding="utf-8")
+def write_readme(results: Results, readme: Path, sentences: Sequence[str]) -> None:
+    """Write the comparison's table and verdict into a README, between its markers."""
+    section = table_markdown(summary(results)) + "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
+    readme.write_text(with_section(readme.read_text("utf-8"), section), encoding="utf-8")

@@ -1,11 +1,9 @@
 import json
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from invariantqp.cli import app
-from invariantqp.compare.laws.sdls import LARGEST_STEP, sdls_step
 from invariantqp.compare.measure import stability
 from invariantqp.compare.measure.stability import YARDSTICK, Case, compare_stability
 from invariantqp.compare.names import OURS
@@ -34,10 +32,10 @@ def test_every_law_runs_every_case_it_can_have(compared):
     table = {(run.case, run.law): run for run in outcomes}
     laws = set(stability.laws())
     assert {law for case, law in table if case == "jump, NaN in target"} == laws
-    assert {law for case, law in table if case == "pitch_crossing"} == laws - {"Pink, DAQP"}
+    assert {law for case, law in table if case == "pitch_crossing"} == laws - {"Pink", "hand-written loop"}
     assert all(table[case.name, YARDSTICK].chatter == 1.0 for case in FEW)
     assert seen[-1] == (2 * len(laws), 2 * len(laws))
-    spoilt = table["jump, NaN in target", "Pink, DAQP"]
+    spoilt = table["jump, NaN in target", "Pink"]
     assert not spoilt.finite
     assert spoilt.exceptions == 0
     assert table["jump, NaN in target", OURS].finite
@@ -71,13 +69,3 @@ def test_the_status_tells_when_ours_leaves_its_limits(monkeypatch):
     left = [stability.StabilityOutcome("c", OURS, 1, 0, 0, 1.0, *[0.0] * 7)]
     monkeypatch.setattr(stability, "compare_stability", lambda _: left)
     assert CliRunner().invoke(app, ["compare", "--stability", "--quiet"]).exit_code == 1
-
-
-def test_sdls_is_the_pseudoinverse_far_from_singular_and_bounded_near_it():
-    rng = np.random.default_rng(0)
-    J, e = rng.normal(size=(6, 6)), 1e-4 * rng.normal(size=6)
-    np.testing.assert_allclose(sdls_step(J, e), np.linalg.pinv(J) @ e, rtol=1e-9)
-    U, sigma, Vt = np.linalg.svd(J)
-    sigma[-1] = 1e-9
-    assert np.abs(sdls_step(U @ np.diag(sigma) @ Vt, e)).max() < 1e-2 * LARGEST_STEP
-    assert np.abs(sdls_step(J, 1e4 * e)).max() <= LARGEST_STEP * (1.0 + 1e-12)

@@ -3,64 +3,100 @@
 import json
 import re
 from pathlib import Path
-from statistics import median
 
 import pytest
 
-from invariantqp.compare.report.tables import BEGIN, END, readme_table, with_table
+from invariantqp.compare.report import tables
+from invariantqp.compare.report.page import table_markdown
+from invariantqp.compare.report.tables import BEGIN, END, figure, summary, with_section
+from invariantqp.compare.report.verdict import short
+from invariantqp.errors import BadInput
 
 ROOT = Path(__file__).parents[3]
 FILE = ROOT / "examples" / "comparison" / "results.json"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 RESULTS = json.loads(FILE.read_text(encoding="utf-8"))
-LINES = README.split(BEGIN)[1].split(END)[0].strip().splitlines()
+SECTION = README.split(BEGIN)[1].split(END)[0].strip()
+LINES = [line for line in SECTION.splitlines() if line.startswith("|")]
 HEADINGS, *ROWS = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in LINES if "---" not in line]
-# Where the figures of a column are: the kind of measurement, then the keys of its result.
-PLACES = [
-    ("time", "free", "median_us"),
-    ("error", "free", "error"),
-    ("time", "limited", "median_us"),
-    ("error", "limited", "error"),
-    ("tick", "median_us"),
-    ("closed_loop", "position_mm", "max"),
-    ("dependence", "frame", "worst"),
-]
+ROUNDED = 0.051  # two digits
 
 
-def figures(method, kind, *keys):
-    found = []
-    for cell in RESULTS["cells"]:
-        if (cell["kind"], cell["method"]) == (kind, method):
-            value = cell["result"]
-            for key in keys:
-                value = value.get(key) if isinstance(value, dict) else None
-            found += [] if value is None else [value]
+def result(kind, task, method):
+    (found,) = [
+        cell["result"]
+        for cell in RESULTS["cells"]
+        if (cell["kind"], cell["task"], cell["method"]) == (kind, task, method)
+    ]
     return found
 
 
-def test_there_are_at_most_ten_rows():
-    assert len(HEADINGS) == 1 + len(PLACES)
-    assert 5 <= len(ROWS) <= 10
+def test_there_are_ten_rows_and_a_column_for_each_task():
+    assert len(ROWS) == 10
     assert ROWS[0][0] == "invariantqp"
+    assert HEADINGS[2:-1] == [tables.TASKS[task] for task in RESULTS["tasks"]]
+    assert len(set(HEADINGS)) == 9
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
-def test_every_number_is_the_median_of_the_committed_results(row):
-    method, *cells = row
-    assert method in {m["name"] for m in RESULTS["methods"]}
-    for cell, place in zip(cells, PLACES, strict=True):
-        found = figures(method, *place)
-        if cell == "-":
-            assert not found
-        else:
-            digits = 1 if "e" in cell else len(re.sub(r"\D", "", cell).lstrip("0")) or 1
-            assert float(cell) == pytest.approx(median(found), rel=0.5 * 10.0 ** (1 - digits) * 1.01)
+def test_every_number_is_one_of_the_committed_results(row):
+    method, _, *cells, frame = row
+    for cell, task in zip(cells, RESULTS["tasks"], strict=True):
+        took, mm, deg = (float(part) for part in cell.split(" · "))
+        loop = result("loop", task, method)
+        assert took == pytest.approx(result("tick", task, method)["median_us"], rel=ROUNDED)
+        assert mm == pytest.approx(loop["position_mm"], rel=ROUNDED)
+        assert deg == pytest.approx(loop["orientation_deg"], rel=ROUNDED)
+    worst = max(result("loop", task, method)["frame"] for task in RESULTS["tasks"])
+    assert float(frame) == pytest.approx(worst, rel=0.51)
+
+
+def test_every_figure_of_the_sentences_is_in_the_results():
+    """Each is a figure of a cell, to two digits, or the ratio of two times of one task."""
+    known = {0.0}
+    for cell in RESULTS["cells"]:
+        for value in numbers(cell["result"]):
+            known |= {float(f"{value:.2g}"), float(f"{value:.0e}")}
+    for task in RESULTS["tasks"]:
+        hand = result("tick", task, "hand-written loop")["median_us"]
+        for other in ("invariantqp", "invariantqp (Python)"):
+            ratio = hand / result("tick", task, other)["median_us"]
+            known |= {float(f"{ratio:.2g}"), float(f"{1.0 / ratio:.2g}")}
+    sentences = "\n".join(line for line in SECTION.splitlines() if not line.startswith("|"))
+    for name in ("SO-101", "UR5", *(f"in all {k} tasks" for k in (6,)), *(f"in {k} of 6 tasks" for k in range(6))):
+        sentences = sentences.replace(name, "")
+    told = re.findall(r"\d+(?:\.\d+)?(?:e[-+]\d+)?", sentences)
+    assert len(told) > 10
+    assert [number for number in told if float(number) not in known] == []
+
+
+def numbers(value):
+    if isinstance(value, dict):
+        for item in value.values():
+            yield from numbers(item)
+    elif isinstance(value, float):
+        yield value
+
+
+def test_no_other_part_of_the_readme_compares_times_by_figures_of_its_own():
+    assert not re.search(r"\d+ us \(\d", README.replace(SECTION, ""))
 
 
 def test_the_command_would_write_what_is_there():
-    assert with_table(README, readme_table(RESULTS)) == README
+    section = table_markdown(summary(RESULTS)) + "\n\n" + "\n".join(f"- {s}" for s in short(RESULTS))
+    assert with_section(README, section) == README
+    with pytest.raises(BadInput, match="no place for the comparison"):
+        with_section("nothing", section)
 
 
-def test_the_results_are_small_enough_to_keep():
+def test_the_results_are_small_enough_to_keep_and_name_no_place():
     assert FILE.stat().st_size < 500_000
     assert not re.search(r'"/|\\\\', FILE.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "-"), (float("nan"), "-"), (22.3, "22"), (124.0, "120"), (0.00123, "0.0012"), (3e-9, "3e-09")],
+)
+def test_figures_have_two_digits(value, text):
+    assert figure(value) == text

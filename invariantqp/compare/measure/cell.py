@@ -6,8 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from invariantqp.runs.taskfile import Task, load_task
+
 # The figures of one method, ready for JSON.
 Result = dict[str, Any]
+# In a quick run ticks are this many times longer.
+COARSER = 10.0
 
 
 @dataclass(frozen=True)
@@ -16,10 +20,10 @@ class Cell:
 
     Attributes:
         kind: the name of a measurement.
-        task: the name or file of a task, or one of the measurement's own places.
-        methods: names of methods; a single one in most measurements, all of them where time is measured.
+        task: the name or file of a task.
+        methods: names of methods; a single one in most measurements, all of them where they share something.
         seed: seed of everything that is drawn at random.
-        quick: whether to measure a few states instead of many.
+        quick: whether to measure little.
     """
 
     kind: str
@@ -34,6 +38,11 @@ class Cell:
         (name,) = self.methods
         return name
 
+    def load(self) -> Task:
+        """Its task, with longer ticks in a quick run."""
+        task = load_task(self.task)
+        return with_law(task, dt=COARSER * task.law.dt) if self.quick else task
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -45,7 +54,7 @@ class Kind:
         tasks: the measurement's own tasks; None for the tasks of the sweep.
         together: whether all methods of a task share a cell though no time is measured, for a shared reference say.
         fits: whether it is for the method of this name.
-        variants: whether a quick run has all methods of a group, and not the first alone.
+        slow: whether a quick run leaves it out.
         needs: Python modules that it needs besides those of the methods; the extra `compare` installs them.
     """
 
@@ -54,5 +63,10 @@ class Kind:
     tasks: tuple[str, ...] | None = None
     together: bool = False
     fits: Callable[[str], bool] = lambda _: True
-    variants: bool = False
+    slow: bool = False
     needs: tuple[str, ...] = ()
+
+
+def with_law(task: Task, **changes: Any) -> Task:
+    """The task with keys of its [law] changed."""
+    return task.model_copy(update={"law": task.law.model_copy(update=changes)})

@@ -1,0 +1,124 @@
+"""The law as it is shipped, and what differs from it in one thing.
+
+Reference: [DS] (6.4) for Lambda.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from invariantqp.compare.method import CANNOT, Method, Setting, Solve, Takes
+from invariantqp.compare.names import OURS, OURS_PYTHON
+from invariantqp.control.controller import Controller
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.engine import native
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.controllers import our_controller
+from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity import solve as tick
+from invariantqp.velocity.damping import PaperLambda
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.measure import root_at
+from invariantqp.velocity.solution import VelocitySolution
+
+# lambda in Lambda = lambda I of [DS] [m]: the value that scripts use in damped least squares.
+PAPER_LAMBDA = 0.05
+# Radius of gyration of a tool that is a ball [m].
+GYRATION = 0.05
+
+
+class PythonAlone:
+    """Our controller without the compiled core."""
+
+    def __init__(self, robot: Robot, law: LawSpec) -> None:
+        self._controller = our_controller(robot, law)
+        self._controller._compiled = None  # noqa: SLF001 (what INVARIANTQP_NATIVE=0 does, for one loop alone)
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick."""
+        core, tick.core = tick.core, None  # type: ignore[attr-defined]
+        try:
+            return self._controller.step(q, target, feedforward)
+        finally:
+            tick.core = core  # type: ignore[attr-defined]
+
+
+def pitch_of(robot: Robot, law: LawSpec) -> float:
+    """The pitch of methods that need one: the task's or, without one, the arm's reach to the point.
+
+    The reach is well above the principal pitches of most arms, where projectors are neither oblique nor large.
+    """
+    return law.form if isinstance(law.form, float) else ToolMeasure(robot, law.point).length
+
+
+def pitch_law(robot: Robot, law: LawSpec) -> Controller:
+    """Our controller with the pitch of the comparison."""
+    return our_controller(robot, law.model_copy(update={"form": pitch_of(robot, law)}))
+
+
+def inertia_law(robot: Robot, law: LawSpec) -> Controller:
+    """Our controller, with twists measured by the inertia of a ball at the told point, L its radius of gyration."""
+    return our_controller(robot, law.model_copy(update={"length": GYRATION}))
+
+
+def paper_law(robot: Robot, law: LawSpec) -> Controller:
+    """The formula of [DS] with Lambda = lambda I, clipped to the limits; pitch and gain are those of the task."""
+    form = pitch_of(robot, law)
+    damping = PaperLambda(PAPER_LAMBDA)
+    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=damping, posture=law.posture)
+
+
+def _alone(setting: Setting) -> Solve:
+    """One tick of the law that ships, all of it."""
+    law, root = VelocityLaw(dt=setting.dt), root_at(setting.point, setting.length)
+    return lambda t: tick.solve(law, Demand(t.J, t.s, root, t.lower, t.upper)).velocity
+
+
+def _in(what: str) -> Takes:
+    return Takes("in the null space", "exact, slowed down where limits forbid it", "inside", what)
+
+
+METHODS = [
+    Method(
+        name=OURS,
+        family="invariant",
+        why="this library's law as it is shipped" + (", by the compiled core" if native else ""),
+        takes=_in("where singular values are small, and with what is missed"),
+        make=_alone,
+        system=our_controller,
+        problem="law",
+    ),
+    Method(
+        name=OURS_PYTHON,
+        family="invariant",
+        why="the same law in Python alone",
+        takes=_in("where singular values are small, and with what is missed"),
+        system=PythonAlone,
+    ),
+    Method(
+        name="invariantqp with h",
+        family="invariant",
+        why="the same with a pitch form, which says what is attempted of a twist beyond the joints",
+        takes=_in("where singular values are small, and with what is missed"),
+        system=pitch_law,
+        shown=False,
+    ),
+    Method(
+        name="body inertia",
+        family="invariant",
+        why="the same measured by the inertia of the tool, a ball with a radius of gyration of 5 cm",
+        takes=_in("where singular values are small, and with what is missed"),
+        system=inertia_law,
+        shown=False,
+    ),
+    Method(
+        name="[DS] Lambda",
+        family="invariant",
+        why="(J'Q_h J + lambda I)^-1 J'Q_h s with lambda = 0.05 m as in [DS] (6.4), which is not always a damping",
+        takes=Takes("through its damping", CANNOT, "clipped", "Lambda = 0.05 m"),
+        system=paper_law,
+        shown=False,
+    ),
+]
