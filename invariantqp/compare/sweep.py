@@ -26,6 +26,7 @@ from typing import Any
 
 import joblib
 from joblib.externals.loky import ProcessPoolExecutor
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from invariantqp.compare.exact.failure import ReferenceFailure
 from invariantqp.compare.measure import loops, solves, ticks
@@ -183,12 +184,29 @@ def _attempts(work: list[Cell], store: Path, jobs: int | None) -> Iterator[tuple
     measure = joblib.Memory(store, verbose=0).cache(measure_cell)
     beside = [cell for cell in work if not table[cell.kind].alone]
     if beside:
-        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
-        yield from parallel(joblib.delayed(attempt)(measure, cell, conditions(cell)) for cell in beside)
+        yield from in_parallel(measure, beside, jobs)
     alone = [cell for cell in work if table[cell.kind].alone]
     if alone:
         with ProcessPoolExecutor(1, env=dict.fromkeys(ONE_THREAD, "1")) as process:
             yield from process.map(attempt, repeat(measure), alone, map(conditions, alone))
+
+
+def in_parallel(measure: Any, work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result] | str]]:
+    """`attempt` on every cell; a method that ends its process, as a division by zero in C does, is a failed one."""
+    left = dict.fromkeys(work)
+    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+    try:
+        for cell, result in parallel(joblib.delayed(attempt)(measure, cell, conditions(cell)) for cell in work):
+            del left[cell]
+            yield cell, result
+    except TerminatedWorkerError:
+        for cell in left:
+            with ProcessPoolExecutor(1) as process:
+                try:
+                    yield process.submit(attempt, measure, cell, conditions(cell)).result()
+                except TerminatedWorkerError as error:
+                    ended = {"failed": f"its process ended: {str(error).splitlines()[-1]}"}
+                    yield cell, dict.fromkeys(cell.methods, ended)
 
 
 def measure_cell(cell: Cell, _conditions: str) -> dict[str, Result]:

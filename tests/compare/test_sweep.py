@@ -15,7 +15,7 @@ from invariantqp.compare.measure.cell import Cell, Kind
 from invariantqp.compare.measure.timing import interleaved, spread
 from invariantqp.compare.report.ranking import rank_agreement
 from invariantqp.compare.results import load_results, plain, results_of
-from invariantqp.compare.sweep import cells, measure_cell, sweep
+from invariantqp.compare.sweep import cells, in_parallel, measure_cell, sweep
 from invariantqp.errors import BadInput, UnknownName
 
 FEW = ["DLS", "Moore-Penrose"]
@@ -123,6 +123,21 @@ def test_processes_share_what_is_kept(tmp_path):
     assert len(ages) == 2
     assert sweep(["so101_line"], FEW, tmp_path, quick=True, jobs=2, only=["loop"]) == first
     assert {file: file.stat().st_mtime_ns for file in (tmp_path / "cells").rglob("output.pkl")} == ages
+
+
+def test_a_method_that_ends_its_process_is_a_row_and_not_an_end():
+    def measure(cell, _):
+        if cell.method == "DLS":
+            import os
+            import signal
+
+            os.kill(os.getpid(), signal.SIGKILL)
+        return {cell.method: {"x": 1.0}}
+
+    work = [Cell("loop", "so101_line", (name,)) for name in FEW]
+    found = dict(in_parallel(measure, work, 2))
+    assert set(found) == set(work)
+    assert all(("failed" in found[cell][cell.method]) == (cell.method == "DLS") for cell in work)
 
 
 def test_references_that_disagree_end_it(toys, tmp_path):
