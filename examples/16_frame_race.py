@@ -5,8 +5,8 @@ posture, limits and feedforward; right, this library, told the same and the phys
 the arm cannot do what is asked, least squares weighs metres and radians at the origin of the tool frame, so the two
 descriptions of one motion give two motions.
 
-Run: python examples/16_frame_race.py [film.gif]         prints how far the joints part, and draws it
-     python examples/16_frame_race.py --picture          draws examples/pictures/frame_race.gif
+Run: python examples/16_frame_race.py [film.gif [frames]]     prints how far the joints part, and draws it
+     python examples/16_frame_race.py --picture               draws examples/pictures/frame_race.gif
 """
 
 import sys
@@ -24,18 +24,22 @@ from invariantqp.runs.pilots import pilot_of
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run
 
-TASK, SEED, SEEDS = "stability/reach_and_back", 2, range(10)  # of the displacement drawn, and of all that are counted
+TASK, SEED, SEEDS = "stability/reach_and_back", 2, 10  # of the displacement drawn, and of all that are counted
 ROWS = {"QP with LM": "least-squares QP", "invariantqp": "invariantqp"}
 FRAMES, SHARE, PICTURE = 70, 0.5, Path(__file__).parent / "pictures" / "frame_race.gif"
 COLOURS = ("#0072B2", "#D55E00")  # the frame as it is, the frame moved
 VIEW = np.array([[0.94, 0.34, 0.0], [-0.1, 0.27, 0.96]])  # base frame to paper
 
 
-def runs(method):
+def runs(method, seeds):
     """Joint positions (n + 1, m): with the tool frame as it is, with the start moved by rounding, with moved frames."""
     task = iq.load_task(TASK)
     plain = prepare(task)
-    setups = [plain, moved_start(task, plain), *(displaced(prepare(task), random_displacement(k)) for k in SEEDS)]
+    setups = [
+        plain,
+        moved_start(task, plain),
+        *(displaced(prepare(task), random_displacement(k)) for k in range(seeds)),
+    ]
     return [run(setup, pilot_of(setup.brief, controller_named(method))).q for setup in setups], plain
 
 
@@ -44,7 +48,7 @@ def stick(robot, q):
     return VIEW @ np.vstack((np.zeros(3), robot.origins(q), robot.pose(q)[:3, 3])).T
 
 
-def draw(found, file):
+def draw(found, file, frames):
     figure = Figure(figsize=(8.5, 3.9), dpi=100, layout="constrained")
     panels = figure.subplots(1, 2)
     lines = []
@@ -74,27 +78,25 @@ def draw(found, file):
 
     def show(k):
         for goal, arms, text, paths, setup in lines:
-            i = int(SHARE * k / (FRAMES - 1) * (len(paths[0]) - 1))
+            i = int(SHARE * k / (frames - 1) * (len(paths[0]) - 1))
             goal.set_data(*(VIEW @ setup.wanted[i][:3, 3])[:, None])
             for line, q in zip(arms, paths, strict=True):
                 line.set_data(*stick(setup.robot, q[i]))
             text.set_text(f"joints apart by {np.abs(paths[0][i] - paths[1][i]).max():.2g} rad")
 
-    FuncAnimation(figure, show, frames=FRAMES).save(file, writer=PillowWriter(fps=14))
+    FuncAnimation(figure, show, frames=frames).save(file, writer=PillowWriter(fps=14))
 
 
-def main(word):
-    found = {title: runs(method) for method, title in ROWS.items()}
+def main(word, frames):
+    found = {title: runs(method, min(SEEDS, frames)) for method, title in ROWS.items()}
     for title, ((plain, nudged, *moved), _) in found.items():
         apart, last = ([np.abs(plain - q)[part].max() for q in moved] for part in (slice(None), -1))
-        print(f"{title}: {len(SEEDS)} other tool frames part the joints by {min(apart):.1e} to {max(apart):.1e} rad,")
-        print(
-            f"  by {min(last):.1e} to {max(last):.1e} rad, by more than 1 rad in {sum(x > 1.0 for x in last)} of them;",
-            end=" ",
-        )
+        print(f"{title}, {len(moved)} other tool frames: the joints part by {min(apart):.1e} to {max(apart):.1e} rad,")
+        print(f"  at the end by more than 1 rad in {sum(x > 1.0 for x in last)} of them;", end=" ")
         print(f"a start moved by 1e-12 parts them by {np.abs(plain - nudged).max():.1e} rad")
-    draw(found, PICTURE if word == "--picture" else word)
+    draw(found, PICTURE if word == "--picture" else word, frames)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "frame_race.gif")
+    words = dict(enumerate(sys.argv))
+    main(words.get(1, "frame_race.gif"), int(words.get(2, FRAMES)))

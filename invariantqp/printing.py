@@ -219,7 +219,7 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
     """The summary of a comparison, its verdict, and the files that were written."""
     from invariantqp.compare.report.tables import summary
-    from invariantqp.compare.report.verdict import verdict
+    from invariantqp.compare.report.verdict import short
 
     found = summary(results)
     table = Table(*found.columns, box=None)
@@ -227,7 +227,7 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
         table.add_row(*(escape(cell) for cell in row))
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
-    for sentence in verdict(results):
+    for sentence in short(results):
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:

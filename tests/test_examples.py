@@ -40,6 +40,7 @@ SHORTER = {
     "15_elastic_paths": ONE,
     "22_contact_scenes": ("so101", "--seconds", "1.5"),
     "24_gallery": ("gallery", "ur5_wrist"),
+    "16_frame_race": ("film.gif", "3"),
 }
 
 

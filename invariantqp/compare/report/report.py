@@ -9,7 +9,7 @@ from pathlib import Path
 
 from invariantqp.compare.report import chart, tables
 from invariantqp.compare.report.page import Block, Bullets, Code, Folded, Heading, Paragraph, Picture, Table, html
-from invariantqp.compare.report.verdict import verdict
+from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import Results, kinds_in
 from invariantqp.progress import Progress
 
@@ -63,8 +63,9 @@ def caption() -> str:
 
 def page(results: Results, pictures: list[Picture]) -> list[Block]:
     """The blocks of the page."""
-    blocks: list[Block] = [Heading(TITLE, 1), Paragraph(_opening(results)), Bullets(verdict(results)), *pictures]
+    blocks: list[Block] = [Heading(TITLE, 1), Paragraph(_opening(results)), Bullets(short(results)), *pictures]
     blocks += [tables.summary(results), Paragraph(LEGEND)]
+    blocks.append(Folded("Task by task", Table(("what the runs say",), [(sentence,) for sentence in verdict(results)])))
     names = [m["name"] for m in results["methods"]]
     if names != tables.shown(results):
         blocks.append(Folded("Every method", tables.summary(results, names)))
