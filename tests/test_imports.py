@@ -129,6 +129,7 @@ EXTRAS = {
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
     "view": ("iq.view.Viewer(iq.load_task('scara'))", ["viser"]),
     "compare": ("import invariantqp.compare.exact.references", ["mpmath"]),
+    "drake": ("from invariantqp.compare.laws.drake_law import METHODS; METHODS[0].make(None)", ["pydrake"]),
 }
 ABSENT = """
 import sys

@@ -78,7 +78,7 @@ def cells(
     """
     found = []
     for name, kind in sorted(_wanted(only).items(), key=lambda item: item[1].alone):
-        if quick and kind.slow and only is None:
+        if (quick and kind.slow and only is None) or not _installed(kind):
             continue
         places = tasks if kind.tasks is None else kind.tasks
         groups = _groups(kind, methods)
@@ -92,6 +92,10 @@ def _wanted(only: Sequence[str] | None) -> dict[str, Kind]:
         if name not in table:
             raise UnknownName("measurement", name, difflib.get_close_matches(name, table), list(table))
     return {name: kind for name, kind in table.items() if only is None or name in only}
+
+
+def _installed(kind: Kind) -> bool:
+    return all(find_spec(module) is not None for module in kind.needs)
 
 
 def _groups(kind: Kind, methods: Sequence[str]) -> list[tuple[str, ...]]:
@@ -108,7 +112,7 @@ def not_installed(methods: str | Sequence[str] | None, only: Sequence[str] | Non
     for method in left_out(methods):
         missing.setdefault(method.extra, []).append(method.name)
     for name, kind in _wanted(only).items():
-        if any(find_spec(module) is None for module in kind.needs):
+        if not _installed(kind):
             missing.setdefault("compare", []).append(f"the measurement {name!r}")
     return missing
 

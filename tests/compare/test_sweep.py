@@ -273,6 +273,8 @@ def test_what_is_not_installed_is_told_before_the_work(toys, tmp_path, monkeypat
     for place in (module, method):
         monkeypatch.setattr(place, "find_spec", lambda name: None if name in without else object())
 
+    assert "exact" not in {cell.kind for cell in cells(["t"], FEW)}
+
     def first_step(_):
         raise BadInput("task", "nothing", "this sweep to end before its first measurement")
 

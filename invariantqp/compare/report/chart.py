@@ -1,7 +1,7 @@
 """The chart: time of a tick against the largest error of a run, a row an arm, without limits met and with.
 
 A number is a method. Its colour says whether another tool frame changes the motion by more than a start moved by 1e-12
-does. The line to the right of a point ends at the 99th percentile of its time.
+does. The line to the right of a point ends at the 99th percentile of its time, or at the edge.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ TITLE = "Time of a tick against the largest error of the run"
 # Inches at 100 dots: 850 pixels, the width of a README; drawn at twice that.
 WIDTH, ROW, LEGEND, DOTS = 8.5, 3.0, 1.6, 200
 FONT, NUMBER, DIAMETER = 12.0, 10.5, 17.0
-# Room beside the fastest and the slowest.
-ROOM = 1.5
+# Room beside the fastest and the slowest; beyond the nearest and the furthest off.
+ROOM, HEADROOM = 1.5, 12.0
 # From this change of a joint position on a frame matters to a user [rad].
 VISIBLE = 1e-4
 
@@ -73,8 +73,8 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT) -> None:
     with figure_file(file, (WIDTH, ROW * rows + LEGEND), style, dots=DOTS) as figure:
         panels = figure.subplots(rows, min(2, len(tasks)), squeeze=False).ravel()
         drawn = [points(results, task, names, colours) for task in tasks]
-        times = [t for found in drawn for p in found for t in (p.time, p.late)]
-        span = (min(times) / ROOM, max(times) * ROOM) if times else (1.0, 10.0)
+        times = [p.time for found in drawn for p in found]
+        span = (min(times) / ROOM, max(times) * ROOM * ROOM) if times else (1.0, 10.0)
         for axes, task, found in zip(panels, tasks, drawn, strict=False):
             _panel(axes, title(task), found, span, colours)
         for axes in panels[len(tasks) :]:
@@ -119,7 +119,7 @@ def _panel(axes: Axes, name: str, found: Sequence[Point], span: tuple[float, flo
         return
     low, high = min(p.error for p in found), max(p.error for p in found)
     axes.set_xlim(*span)
-    axes.set_ylim(low / 6.0, max(high * 6.0, low * 300.0))
+    axes.set_ylim(low / HEADROOM, max(high * HEADROOM, low * HEADROOM**3))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(numticks=9))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -134,11 +134,13 @@ def _numbers(axes: Axes, found: Sequence[Point], colours: Colours) -> None:
     size = DIAMETER * DOTS / 72.0
     placed: list[tuple[float, float]] = []
     to_data = axes.transData.inverted()
+    low, high = axes.bbox.y0 + 0.6 * size, axes.bbox.y1 - 0.6 * size
     for p in sorted(found, key=lambda p: (not p.ours, p.time)):
         x, y = axes.transData.transform((p.time, p.error)).tolist()
         for step in (0, 1, -1, 2, -2, 3, -3, 4, 5, 6):
             here = (x, y + step * size)
-            if all(abs(here[0] - a) > 0.92 * size or abs(here[1] - b) > 0.92 * size for a, b in placed):
+            free = all(max(abs(here[0] - a), abs(here[1] - b)) > 0.92 * size for a, b in placed)
+            if free and low < here[1] < high:
                 break
         placed.append(here)
         data = to_data.transform(here).tolist()
