@@ -78,9 +78,9 @@ def largest_error(name, solve):
     ("task", "method", "solve"),
     [
         ("panda_path", "hand-written loop", least_squares_qp),
-        ("panda_path", "Moore-Penrose", gradient_projection),
+        ("compare/ur5_limits", "Moore-Penrose", gradient_projection),
         ("compare/panda", "DLS", damped),
-        ("so101_line", "hand-written loop", least_squares_qp),
+        ("compare/so101_limits", "hand-written loop", least_squares_qp),
         ("compare/ur5", "Moore-Penrose", gradient_projection),
     ],
 )

@@ -181,7 +181,8 @@ def _pinv(robot: Robot, time_limit: float) -> Solver:
 
 
 def _pink(robot: Robot, time_limit: float) -> Solver:
-    law = PinkLaw(robot, LawSpec.model_validate({"dt": 1.0, "gain": 1.0}))  # a step is its velocity for one second
+    # A step is its velocity for one second.
+    law = PinkLaw(robot, LawSpec.model_validate({"dt": 1.0, "gain": 1.0, "posture": False}))
 
     def solve(target: Array, start: Array) -> Array:
         wanted: Any = robot.target(target)
