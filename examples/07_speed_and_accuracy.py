@@ -28,7 +28,7 @@ FOLDER, PICTURES = HERE / "comparison", HERE / "pictures"
 def main(word):
     if word == "--measure":
         with progress("measuring", quiet=False) as report:
-            write_report(sweep(DEFAULT_TASKS, None, FOLDER, progress=report), FOLDER)
+            write_report(sweep(DEFAULT_TASKS, None, FOLDER, jobs=-1, progress=report), FOLDER)
     results = load_results(FOLDER / "results.json")
     print(table_markdown(summary(results)), "\n")
     for sentence in verdict(results):
