@@ -1,12 +1,12 @@
 """Speed against accuracy at equal information: table, verdict and chart, from results kept beside this script.
 
 Every figure is in examples/comparison/results.json: machine, versions, seeds. To measure all of it again, about ten
-minutes on an idle machine (extras compare and peers), and to draw README's charts and write its table and its report:
+minutes on an idle machine (extras compare and peers), and to draw the charts and write README's verdict and the report:
 
     python examples/07_speed_and_accuracy.py --measure
 
 Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart and prints table and verdict
-     python examples/07_speed_and_accuracy.py --readme           draws README's charts and writes its table
+     python examples/07_speed_and_accuracy.py --readme           draws the charts, writes README's verdict and the table
 """
 
 import sys
@@ -15,7 +15,7 @@ from pathlib import Path
 from invariantqp.compare.report import chart
 from invariantqp.compare.report.page import table_markdown
 from invariantqp.compare.report.report import write_report
-from invariantqp.compare.report.tables import summary, write_readme
+from invariantqp.compare.report.tables import listed_sentences, summary, write_section
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import load_results
 from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
@@ -36,8 +36,11 @@ def main(word):
     if word in {"--measure", "--readme"}:
         chart.draw(results, PICTURES / "speed_and_accuracy.png")
         chart.draw(results, PICTURES / "speed_and_accuracy_dark.png", chart.DARK)
-        write_readme(results, HERE.parent / "README.md", short(results))
-        print("\nREADME.md has the table; the charts are in examples/pictures")
+        write_section(HERE.parent / "README.md", listed_sentences(short(results)))
+        write_section(HERE / "guide" / "comparison.md", table_markdown(summary(results)))
+        print(
+            "\nREADME.md has the verdict, examples/guide/comparison.md the table; the charts are in examples/pictures"
+        )
     else:
         chart.draw(results, Path(word))
         print(f"\nmeasured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")

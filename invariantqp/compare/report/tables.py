@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from invariantqp.compare.method import CANNOT
-from invariantqp.compare.report.page import Table, table_markdown
+from invariantqp.compare.report.page import Table
 from invariantqp.compare.results import Results, results_of
 from invariantqp.errors import BadInput
 
@@ -117,20 +117,24 @@ def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float 
     return found
 
 
-def with_section(readme: str, section: str) -> str:
-    """The README with a new comparison between its markers.
+def with_section(page: str, section: str) -> str:
+    """A Markdown page with a new comparison between its markers.
 
     Raises:
-        BadInput: the README has no markers.
+        BadInput: the page has no markers.
     """
-    before, begin, rest = readme.partition(BEGIN)
+    before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
-        raise BadInput("README", "no place for the comparison", f"the lines {BEGIN} and {END}")
+        raise BadInput("page", "no place for the comparison", f"the lines {BEGIN} and {END}")
     return f"{before}{begin}\n{section}\n{end}{after}"
 
 
-def write_readme(results: Results, readme: Path, sentences: Sequence[str]) -> None:
-    """Write the comparison's table and verdict into a README, between its markers."""
-    section = table_markdown(summary(results)) + "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
-    readme.write_text(with_section(readme.read_text("utf-8"), section), encoding="utf-8")
+def listed_sentences(sentences: Sequence[str]) -> str:
+    """Sentences as a Markdown list."""
+    return "\n".join(f"- {sentence}" for sentence in sentences)
+
+
+def write_section(page: Path, section: str) -> None:
+    """Write a part of the comparison into a Markdown page, between its markers."""
+    page.write_text(with_section(page.read_text("utf-8"), section), encoding="utf-8")

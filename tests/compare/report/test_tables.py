@@ -1,4 +1,4 @@
-"""Every number in README's comparison is the committed results', worked out here a second time."""
+"""Every number in README's and the guide's comparison is the committed results', worked out here a second time."""
 
 import json
 import re
@@ -8,16 +8,17 @@ import pytest
 
 from invariantqp.compare.report import tables
 from invariantqp.compare.report.page import table_markdown
-from invariantqp.compare.report.tables import BEGIN, END, figure, summary, with_section
+from invariantqp.compare.report.tables import BEGIN, END, figure, listed_sentences, summary, with_section
 from invariantqp.compare.report.verdict import short
 from invariantqp.errors import BadInput
 
 ROOT = Path(__file__).parents[3]
 FILE = ROOT / "examples" / "comparison" / "results.json"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "examples" / "guide" / "comparison.md").read_text(encoding="utf-8")
 RESULTS = json.loads(FILE.read_text(encoding="utf-8"))
 SECTION = README.split(BEGIN)[1].split(END)[0].strip()
-LINES = [line for line in SECTION.splitlines() if line.startswith("|")]
+LINES = PAGE.split(BEGIN)[1].split(END)[0].strip().splitlines()
 HEADINGS, *ROWS = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in LINES if "---" not in line]
 ROUNDED = 0.051  # two digits
 
@@ -62,7 +63,7 @@ def test_every_figure_of_the_sentences_is_in_the_results():
         for other in ("invariantqp", "invariantqp (Python)"):
             ratio = hand / result("tick", task, other)["median_us"]
             known |= {float(f"{ratio:.2g}"), float(f"{1.0 / ratio:.2g}")}
-    sentences = "\n".join(line for line in SECTION.splitlines() if not line.startswith("|"))
+    sentences = SECTION
     for name in ("SO-101", "UR5", *(f"in all {k} tasks" for k in (6,)), *(f"in {k} of 6 tasks" for k in range(6))):
         sentences = sentences.replace(name, "")
     told = re.findall(r"\d+(?:\.\d+)?(?:e[-+]\d+)?", sentences)
@@ -83,10 +84,10 @@ def test_no_other_part_of_the_readme_compares_times_by_figures_of_its_own():
 
 
 def test_the_command_would_write_what_is_there():
-    section = table_markdown(summary(RESULTS)) + "\n\n" + "\n".join(f"- {s}" for s in short(RESULTS))
-    assert with_section(README, section) == README
+    assert with_section(README, listed_sentences(short(RESULTS))) == README
+    assert with_section(PAGE, table_markdown(summary(RESULTS))) == PAGE
     with pytest.raises(BadInput, match="no place for the comparison"):
-        with_section("nothing", section)
+        with_section("nothing", "")
 
 
 def test_the_results_are_small_enough_to_keep_and_name_no_place():
