@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from invariantqp import force as force
     from invariantqp import forms as forms
     from invariantqp import limits as limits
+    from invariantqp import mink as mink
     from invariantqp import pictures as pictures
     from invariantqp import pink as pink
     from invariantqp import pose as pose
@@ -116,6 +117,7 @@ load_lazily(
         "force",
         "forms",
         "limits",
+        "mink",
         "pictures",
         "pink",
         "pose",

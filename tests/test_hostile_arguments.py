@@ -43,7 +43,7 @@ ALSO_CALLED = {
     ("Chain.target", "pose"): "target",
     ("PinocchioRobot.target", "pose"): "target",
     ("InvariantFrameTask.set_target", "transform_target_to_world"): "target",
-    ("InvariantFrameTask", "h"): "form",
+    ("InvariantFrameTask.set_target, mink", "transform_target_to_world"): "target",
 }
 # Arguments that may be functions; what a function of the user's raises is the user's.
 FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "contact", "rows"}

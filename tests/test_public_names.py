@@ -47,7 +47,8 @@ def test_every_name_at_the_top_is_in_a_namespace_too():
 
 
 def test_no_name_is_in_two_namespaces():
-    names = [name for names in NAMESPACES.values() for name in names]
+    # One for each library whose FrameTask it replaces.
+    names = [name for space, names in NAMESPACES.items() if space != "mink" for name in names]
     assert len(names) == len(set(names))
 
 

@@ -104,5 +104,5 @@ def tasks() -> None:
 
 def inside_pink() -> None:
     """The adapter's own names."""
-    task = InvariantFrameTask("tool0", 0.3, cost=2.0, gain=0.5, point=(0.0, 0.0, 0.1))
+    task = InvariantFrameTask("tool0", 1.0, 0.5, gain=0.5, form=0.3, point=(0.0, 0.0, 0.1))
     assert_type(task.form, iq.forms.Form | iq.CarriedMetric | None)
