@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from invariantqp import errors as errors
     from invariantqp import force as force
     from invariantqp import forms as forms
+    from invariantqp import lerobot as lerobot
     from invariantqp import limits as limits
     from invariantqp import mink as mink
     from invariantqp import pictures as pictures
@@ -116,6 +117,7 @@ load_lazily(
         "errors",
         "force",
         "forms",
+        "lerobot",
         "limits",
         "mink",
         "pictures",

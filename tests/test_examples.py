@@ -26,6 +26,7 @@ SAYS = {
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
     "16_pink_scripts": "ours settles later in 0, and is then farther off in 0",
     "16_frame_race": "a start moved by 1e-12 parts them",
+    "17_teleoperation": "ours: 0 steps above the limit",
     "18_servo_ros": "ok, no command",
     "19_force_servo": "told: approaching, ok",
     "22_contact_scenes": "bar of 100 mm",

@@ -34,6 +34,7 @@ path = [target, iq.transform(translation=[0.01, 0.0, 0.0]) @ target]
 wrist = iq.transform(translation=[0.0, 0.0, -0.1])
 reading = np.zeros(6)
 Z, matrix, pose = np.eye(6), np.eye(6), np.eye(4)
+hand_pose = pose
 """
 PINK = "import pink\n"
 

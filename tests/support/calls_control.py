@@ -15,6 +15,14 @@ def ur5():
     return iq.load_robot("ur5")
 
 
+SO101 = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
+
+
+@cache
+def so101():
+    return iq.lerobot.RobotKinematics("so101", joint_names=SO101)
+
+
 @cache
 def chain():
     return iq.robots.Chain(J, T)
@@ -295,6 +303,28 @@ CONTROL = {
     "InvariantFrameTask.set_target, mink": lambda: (
         iq.mink.InvariantFrameTask("tool", "site").set_target,
         {"transform_target_to_world": T},
+    ),
+    # LeRobot
+    "RobotKinematics": lambda: (
+        iq.lerobot.RobotKinematics,
+        {
+            "urdf_path": "so101",
+            "target_frame_name": "gripper_frame_link",
+            "joint_names": SO101,
+            "frame_time": 0.03,
+            "velocity_limit": 100.0,
+            "position_first": True,
+        },
+    ),
+    "RobotKinematics.forward_kinematics": lambda: (so101().forward_kinematics, {"joint_pos_deg": np.zeros(6)}),
+    "RobotKinematics.inverse_kinematics": lambda: (
+        so101().inverse_kinematics,
+        {
+            "current_joint_pos": np.zeros(6),
+            "desired_ee_pose": so101().forward_kinematics(np.ones(6)),
+            "position_weight": 1.0,
+            "orientation_weight": 0.01,
+        },
     ),
     # runs, analysis, pictures
     "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),

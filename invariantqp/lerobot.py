@@ -1,0 +1,213 @@
+"""LeRobot's kinematics class: degrees in and out, one call a frame of a teleoperation stream. It imports no LeRobot.
+
+    RobotKinematics(urdf_path, target_frame_name, joint_names)
+        .forward_kinematics(joint_pos_deg) -> (4, 4)
+        .inverse_kinematics(current_joint_pos, desired_ee_pose, position_weight, orientation_weight) -> degrees
+
+An answer is where the joints can be a frame later: a frame's time is spent in a few ticks of the velocity law, each
+inside the velocity limits. In reach that is Newton's method, so the tool arrives within the frame if the joints are
+fast enough; out of reach it is the way to the nearest pose. No answer jumps, whatever the target does.
+
+Reference: LeRobot, src/lerobot/model/kinematics.py (its own class uses placo).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.control.approach import same_turn
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.errors import BadInput, UnknownName, excerpt
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import cross
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.load import load_robot
+from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.measure import root_at
+from invariantqp.velocity.solve import solve
+
+__all__ = ["RobotKinematics"]
+
+# Ticks of a frame: Newton's method is at rounding after three for targets a few centimetres away, one is to spare.
+TICKS = 4
+# The largest step of the point in a tick, as a share of the arm's reach. Towards a target beyond the workspace Newton's
+# method overshoots by the distance over the reach: from 1 on it oscillates.
+STRIDE = 0.2
+# A target that is nearer than this is reached [rad, length].
+ARRIVED = 1e-10
+
+
+class RobotKinematics:
+    """Forward and inverse kinematics of one arm, called as LeRobot's class is; one stream, one thread.
+
+    Attributes:
+        robot: the arm.
+        target_frame_name: the frame whose pose is meant.
+        joint_names: the joints that positions are told of, in their order.
+        position_error: how far the tool of the last answer is from its target [length].
+    """
+
+    def __init__(
+        self,
+        urdf_path: str | PathLike[str],
+        target_frame_name: str = "gripper_frame_link",
+        joint_names: Sequence[str] | None = None,
+        *,
+        frame_time: float = 1.0 / 30.0,
+        velocity_limit: ArrayLike | None = None,
+        position_first: bool = True,
+    ) -> None:
+        """The arm of a URDF.
+
+        Args:
+            urdf_path: the path or the text of a URDF, or a name that `load_robot` knows.
+            target_frame_name: the frame whose pose is meant.
+            joint_names: the joints, in the order of the positions; those that do not move the frame, a gripper's, pass
+                through. Joints that are not among them are held at zero. None is all that move the frame, base first.
+            frame_time: how long an answer is commanded [s].
+            velocity_limit: [deg/s], one for all joints that move the frame or one each, base first; None is the URDF's.
+            position_first: True brings the point to its target wherever the joints can, and turns the tool as far as
+                that leaves them free; False weighs both by the weights of a call, as placo does.
+
+        Raises:
+            BadInput: a frame time or velocity limit that is not positive, a joint without any velocity limit, a joint
+                that slides.
+            UnknownName: no such frame or robot.
+            RobotModelError: the URDF cannot be read, or no joint of these moves the frame.
+        """
+        given = None if joint_names is None else arrays.strings(joint_names, "joint_names")
+        arm = _arm(urdf_path, target_frame_name, given)
+        self.robot = arm
+        self.target_frame_name = target_frame_name
+        self.joint_names: list[str] = list(arm.names if given is None else given)
+        self.position_error = 0.0
+        self._where = np.array([self.joint_names.index(name) for name in arm.names])
+        self._period = arrays.number(frame_time, "frame_time", "seconds", positive=True)
+        self._speed = _speeds(velocity_limit, arm.velocity_limit, arm.names)
+        self._first = arrays.flag(position_first, "position_first")
+        self._law = VelocityLaw(damping=Adaptive(), dt=self._period / TICKS)
+        self._stride = STRIDE * ToolMeasure(arm).length
+        self._turn: Array | None = None
+
+    def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Array:
+        """(4, 4) pose of the frame in the base frame.
+
+        Args:
+            joint_pos_deg: positions of `joint_names`, more may follow [deg].
+
+        Raises:
+            BadInput: too few positions, NaN.
+        """
+        return self.robot.pose(np.radians(self._positions(joint_pos_deg, "joint_pos_deg")[self._where]))
+
+    def inverse_kinematics(
+        self,
+        current_joint_pos: ArrayLike,
+        desired_ee_pose: ArrayLike,
+        position_weight: float = 1.0,
+        orientation_weight: float = 0.01,
+    ) -> Array:
+        """Joint positions to command for the next frame [deg], each within a frame's motion of the current one.
+
+        A joint outside its position limits is not pulled back inside; it moves no farther out.
+
+        Args:
+            current_joint_pos: where the joints are, measured or commanded last; what follows `joint_names` passes
+                through [deg].
+            desired_ee_pose: (4, 4) in the base frame.
+            position_weight: weight of the squared distance [1/length^2]; 0 leaves the position free.
+            orientation_weight: weight of the squared angle [1/rad^2]; 0 leaves the orientation free. Beside it a weight
+                of position only says that there is one, unless `position_first` is off.
+
+        Raises:
+            BadInput: NaN, no rigid motion, too few positions, negative weights.
+        """
+        positions = self._positions(current_joint_pos, "current_joint_pos")
+        pose = arrays.pose(desired_ee_pose, "desired_ee_pose")
+        target = self.robot.target(pose)
+        weights = (
+            arrays.not_negative(orientation_weight, "orientation_weight", "a weight") ** 0.5,
+            arrays.not_negative(position_weight, "position_weight", "a weight") ** 0.5,
+        )
+        q = np.radians(positions[self._where])
+        lower, upper = np.minimum(self.robot.position_lower, q), np.maximum(self.robot.position_upper, q)
+        box = JointBox(lower, upper, self._speed, self._law.dt)
+        for tick in range(TICKS):
+            J, error, _ = sighting = self.robot.sight(q, target)
+            here, there = self.robot.points(sighting, target, np.zeros(3))
+            turn = same_turn(error, self._turn)[:3]
+            self._turn = turn.copy()
+            if np.abs(np.concatenate((weights[0] * turn, weights[1] * (there - here)))).max() <= ARRIVED:
+                break
+            # The straight way, on which the point's velocity does not depend on how far the tool has to turn.
+            way = there - here
+            way *= min(1.0, self._stride / max(float(np.linalg.norm(way)), self._stride))
+            s = np.concatenate((turn, way - cross(turn, here))) / self._law.dt
+            if self._first and weights[1] and tick == TICKS - 1:
+                weights = (0.0, weights[1])  # the turn of the ticks before has moved the point, to second order
+            q = q + self._law.dt * self._velocity(Demand(J, s, root_at(here, 1.0), *box.at(q)), here, weights)
+        self.position_error = float(np.linalg.norm(self.robot.pose(q)[:3, 3] - pose[:3, 3]))
+        answer = positions.copy()
+        answer[self._where] = np.degrees(q)
+        return answer
+
+    def _velocity(self, demand: Demand, here: Array, weights: tuple[float, float]) -> Array:
+        """(m,) the joint velocity of a tick: the point first, or by the weights."""
+        root = demand.root * np.repeat(weights, 3)[:, None]
+        if not self._first or not all(weights):
+            return solve(self._law, demand._replace(root=root)).velocity
+        root = demand.root * np.repeat((0.0, 1.0), 3)[:, None]
+        x = solve(self._law, demand._replace(root=root)).velocity
+        turn = demand.s[:3] - demand.J[:3].dot(x)
+        still = ExactRows.point(demand.J, here, np.zeros(3))
+        rest = Demand(
+            demand.J, np.concatenate((turn, -cross(turn, here))), demand.root, demand.lower - x, demand.upper - x, still
+        )
+        return x + solve(self._law, rest).velocity
+
+    def _positions(self, value: ArrayLike, argument: str) -> Array:
+        positions = arrays.vector(value, None, argument)
+        if len(positions) < len(self.joint_names):
+            raise BadInput(argument, f"{len(positions)} positions", f"{len(self.joint_names)}, one for each joint")
+        return positions
+
+
+def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None) -> Robot:
+    """The joints that move the frame, of those given."""
+    if not isinstance(source, (str, PathLike)):
+        raise BadInput("urdf_path", excerpt(source), "the path or the text of a URDF, or a robot's name")
+    if not isinstance(frame, str):
+        raise BadInput("target_frame_name", excerpt(frame), "the name of a frame")
+    if given is not None and len(set(given)) < len(given):
+        raise BadInput("joint_names", "a name twice", "each joint once")
+    arm = load_robot(source, frame)
+    if given is not None:
+        moving = [name for name in arm.names if name in given]
+        if not moving:
+            raise UnknownName("joint", ", ".join(given), list(arm.names), list(arm.names))
+        arm = load_robot(source, frame, moving)
+    turning = arm.jacobian(middle(arm))[:3].any(axis=0)
+    if not turning.all():
+        slides = arm.names[int(np.argmin(turning))]
+        raise BadInput("urdf_path", f"joint {slides} slides", "joints that turn", "Positions are told in degrees.")
+    return arm
+
+
+def _speeds(told: ArrayLike | None, limits: Array, names: Sequence[str]) -> Array:
+    """(m,) velocity limits [rad/s], finite."""
+    speed = limits if told is None else np.radians(arrays.array(told, "velocity_limit", "[deg/s]"))
+    speed = np.broadcast_to(speed, len(names)) if speed.shape in {(), (len(names),)} else np.empty(0)
+    if not len(speed) or not (speed > 0.0).all():
+        raise BadInput("velocity_limit", excerpt(told), f"one limit above zero [deg/s], or {len(names)}")
+    if not np.isfinite(speed).all():
+        joints = arrays.names([n for n, v in zip(names, speed.tolist(), strict=True) if not np.isfinite(v)])
+        raise BadInput("velocity_limit", f"none for {joints}", "finite limits [deg/s]", "Say velocity_limit=...")
+    return speed.copy()

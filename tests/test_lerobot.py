@@ -1,0 +1,195 @@
+"""LeRobot's kinematics calls: exact in reach, never faster than the joints, beside placo's optimum and SciPy's."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import invariantqp as iq
+from invariantqp.lerobot import RobotKinematics
+
+JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
+Q = np.array([0.0, -35.0, 35.0, 35.0, 0.0, 33.0])
+STEP = np.degrees(10.0) / 30.0  # of a joint of the SO-101 in a frame
+
+
+@pytest.fixture(scope="module")
+def so101():
+    return RobotKinematics("so101", joint_names=JOINTS)
+
+
+def error(kinematics, q, target):
+    """Distance [m] and angle [rad]."""
+    pose = kinematics.forward_kinematics(q)
+    apart = pose[:3, :3].T @ target[:3, :3]
+    return np.linalg.norm(pose[:3, 3] - target[:3, 3]), np.arccos(np.clip((np.trace(apart) - 1.0) / 2.0, -1.0, 1.0))
+
+
+def test_forward_kinematics_is_the_robots_in_degrees_and_in_the_order_told(so101):
+    robot = iq.load_robot("so101")
+    np.testing.assert_array_equal(so101.forward_kinematics(Q), robot.pose(np.radians(Q[:5])))
+    order = [5, 3, 0, 4, 1, 2]
+    mixed = RobotKinematics("so101", joint_names=[JOINTS[i] for i in order])
+    np.testing.assert_array_equal(mixed.forward_kinematics(Q[order]), so101.forward_kinematics(Q))
+    target = so101.forward_kinematics(Q + 3.0)
+    answer = mixed.inverse_kinematics([*Q[order], 7.0], target)
+    np.testing.assert_allclose(answer[:6], so101.inverse_kinematics(Q, target)[order], atol=1e-9)
+    assert (answer[0], answer[6]) == (33.0, 7.0)  # the gripper and what follows pass through
+    assert RobotKinematics("so101").joint_names == JOINTS[:5]
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize(
+    ("source", "frame"), [("so101", "gripper_frame_link"), ("ur5", "tool0"), ("panda", "panda_hand_tcp")]
+)
+def test_a_pose_in_reach_is_met_within_the_frame_from_measured_joints(source, frame, first):
+    kinematics, rng = RobotKinematics(source, frame, position_first=first), np.random.default_rng(0)
+    robot = kinematics.robot
+    low, high = np.degrees(np.maximum(robot.position_lower, -2.0)), np.degrees(np.minimum(robot.position_upper, 2.0))
+    for _ in range(10):
+        q = rng.uniform(low + 10.0, high - 10.0)
+        if np.linalg.cond(robot.jacobian(np.radians(q))) > 40.0:
+            continue
+        target = kinematics.forward_kinematics(q + rng.uniform(-2.0, 2.0, len(q)))
+        far, turned = error(kinematics, kinematics.inverse_kinematics(q, target), target)
+        assert far < 1e-5
+        assert turned < 1e-4
+        assert kinematics.position_error == pytest.approx(far, abs=1e-12)
+
+
+def turned_beyond_reach(so101):
+    """A yaw of 0.3 rad that five joints cannot do at this point, 2 cm away."""
+    target = so101.forward_kinematics(np.degrees([0.0, -0.6, 0.6, 0.6, 0.0, 0.0]))
+    target[:3, :3] = iq.exp([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])[:3, :3] @ target[:3, :3]
+    target[0, 3] += 0.02
+    return target
+
+
+def test_by_the_weights_it_is_placos_optimum(so101):
+    """placo 0.10.2, 200 steps: joints [rad], distance [mm] and angle [rad]."""
+    target = turned_beyond_reach(so101)
+    kinematics = RobotKinematics("so101", joint_names=JOINTS, position_first=False)
+    for weights, wanted, far, angle in (
+        ((1.0, 0.01), [-0.0289, -0.4078, 0.4338, 0.592, 0.1609], 6.5765, 0.22295),
+        ((1.0, 1e-4), [-0.0053, -0.404, 0.4276, 0.5978, 0.1754], 0.0712, 0.24211),
+    ):
+        q = np.degrees([0.0, -0.6, 0.6, 0.6, 0.0, 0.0])
+        for _ in range(40):
+            q = kinematics.inverse_kinematics(q, target, *weights)
+        np.testing.assert_allclose(np.radians(q[:5]), wanted, atol=2e-4)
+        distance, turned = error(kinematics, q, target)
+        assert 1e3 * distance == pytest.approx(far, rel=1e-2)
+        assert turned == pytest.approx(angle, abs=1e-4)
+
+
+def test_the_point_is_exact_and_the_turn_the_least_that_is_left(so101):
+    target, q = turned_beyond_reach(so101), np.degrees([0.0, -0.6, 0.6, 0.6, 0.0, 0.0])
+    q = so101.inverse_kinematics(q, target)
+    assert so101.position_error < 1e-5  # in the first frame
+    for _ in range(8):
+        q = so101.inverse_kinematics(q, target)
+    assert so101.position_error < 1e-10
+    best = iq.solve_pose(so101.robot, target, q0=np.radians(q[:5]), exact="position")
+    assert error(so101, q, target)[1] <= error(so101, [*np.degrees(best.q), 0.0], target)[1] + 1e-6
+    free = so101.inverse_kinematics(Q, target, 1.0, 0.0)
+    assert error(so101, free, target)[0] < 1e-9
+    turn = so101.forward_kinematics(np.add(Q, (0.0, 2.0, 1.0, -2.0, 3.0, 0.0)))
+    turn[:3, 3] = 9.0
+    for _ in range(3):
+        free = so101.inverse_kinematics(free, turn, 0.0, 1.0)
+    assert error(so101, free, turn)[1] < 1e-6
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_no_joint_ever_moves_faster_than_its_limit_or_farther_outside_its_range(first):
+    kinematics, rng = RobotKinematics("so101", position_first=first), np.random.default_rng(1)
+    low, high = (np.degrees(limit) for limit in (kinematics.robot.position_lower, kinematics.robot.position_upper))
+    fastest = 0.0
+    for i in range(60):
+        q = rng.uniform(low - 4.0, high + 4.0) if i % 5 else np.zeros(5)
+        target = kinematics.forward_kinematics(rng.uniform(low, high))
+        target[:3, 3] *= (1.0, 1.0, 0.1, 8.0)[i % 4]
+        if i % 7 == 0:
+            target = kinematics.forward_kinematics(q) @ iq.exp([np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
+        step = kinematics.inverse_kinematics(q, target, 1.0, (0.0, 0.01, 1.0)[i % 3]) - q
+        fastest = max(fastest, np.abs(step).max())
+        assert (step <= np.maximum(high - q, 0.0) + 1e-9).all()
+        assert (step >= np.minimum(low - q, 0.0) - 1e-9).all()
+    assert fastest == pytest.approx(STEP, rel=1e-9)
+
+
+def test_a_joint_measured_outside_its_range_is_left_where_it_is(so101):
+    q = Q.copy()
+    q[1] = -103.0  # the URDF says -100
+    target = so101.forward_kinematics(q)
+    np.testing.assert_allclose(so101.inverse_kinematics(q, target), q, atol=1e-9)
+    target[2, 3] += 0.01
+    answer = so101.inverse_kinematics(q, target)
+    assert answer[1] >= -103.0
+    assert np.abs(answer - q).max() < 0.5 * STEP
+    assert so101.position_error < 1e-6
+
+
+def test_out_of_reach_it_goes_to_the_nearest_point_and_comes_to_rest(so101):
+    target = so101.forward_kinematics(Q)
+    target[:3, 3] = 0.9, 0.4, 0.3
+    q = Q.copy()
+    for _ in range(150):
+        before, q = q, so101.inverse_kinematics(q, target)
+    robot = so101.robot
+    nearest = least_squares(
+        lambda x: robot.pose(x)[:3, 3] - target[:3, 3],
+        np.radians(q[:5]),
+        bounds=(robot.position_lower, robot.position_upper),
+        xtol=1e-12,
+    )
+    assert so101.position_error < np.linalg.norm(nearest.fun) + 1e-5
+    assert np.abs(q - before).max() < 1.0
+    back = so101.forward_kinematics(Q)  # into the workspace again
+    for _ in range(30):
+        q = so101.inverse_kinematics(q, back)
+    assert so101.position_error < 1e-9
+
+
+def test_slower_joints_and_another_rate(so101):
+    slow = RobotKinematics("so101", joint_names=JOINTS, frame_time=0.1, velocity_limit=[10, 20, 30, 40, 50])
+    target = so101.forward_kinematics(np.add(Q, (40.0, 30.0, -40.0, 40.0, 60.0, 0.0)))
+    step = np.abs(slow.inverse_kinematics(Q, target) - Q)
+    assert (step <= np.array([1, 2, 3, 4, 5, 0]) + 1e-9).all()
+    assert step[0] == pytest.approx(1.0)
+    for other in (copy.deepcopy(slow), pickle.loads(pickle.dumps(slow))):
+        np.testing.assert_array_equal(other.inverse_kinematics(Q, target), slow.inverse_kinematics(Q, target))
+
+
+def test_bad_input_is_refused_by_name(so101):
+    target = so101.forward_kinematics(Q)
+    for arguments, said in (
+        ((Q[:5], target), "current_joint_pos: found 5 positions; expected 6"),
+        ((Q * np.nan, target), "current_joint_pos"),
+        ((Q, target * np.nan), "desired_ee_pose"),
+        ((Q, target, -1.0), "position_weight"),
+        ((Q, target, 1.0, np.inf), "orientation_weight"),
+    ):
+        with pytest.raises(iq.BadInput, match=said):
+            so101.inverse_kinematics(*arguments)
+    for options, said in (
+        ({"frame_time": 0.0}, "frame_time"),
+        ({"velocity_limit": [1.0, 2.0]}, "velocity_limit"),
+        ({"velocity_limit": -1.0}, "velocity_limit"),
+        ({"joint_names": ["shoulder_pan", "shoulder_pan"]}, "joint_names"),
+    ):
+        with pytest.raises(iq.BadInput, match=said):
+            RobotKinematics("so101", **options)
+    with pytest.raises(iq.errors.UnknownName, match="no_joint"):
+        RobotKinematics("so101", joint_names=["no_joint"])
+    endless = """<robot name="a"><link name="b"/><link name="tip"/><joint name="j" type="continuous"><parent link="b"/>
+        <child link="tip"/><axis xyz="0 0 1"/></joint></robot>"""
+    with pytest.raises(iq.BadInput, match="velocity_limit: found none for j"):
+        RobotKinematics(endless, "tip")
+    slide = endless.replace("continuous", "prismatic").replace(
+        "<axis", '<limit lower="0" upper="1" velocity="1" effort="1"/><axis'
+    )
+    with pytest.raises(iq.BadInput, match="joint j slides"):
+        RobotKinematics(slide, "tip")
