@@ -7,6 +7,7 @@ import pytest
 import invariantqp as iq
 from invariantqp.compare.laws.mink_law import _model
 from invariantqp.mink import InvariantFrameTask
+from invariantqp.robots.mink import chain_to
 
 DT = 0.01
 OFFSET = iq.exp([0.9, -1.4, 0.6, 0.2, -0.1, 0.15])
@@ -95,6 +96,24 @@ def test_it_arrives_inside_minks_limits_as_minks_task_does(arms):
             errors[make].append(np.linalg.norm(task.compute_error(here)))
     assert errors[InvariantFrameTask][-1] < 1e-9
     np.testing.assert_allclose(errors[InvariantFrameTask], errors[mink.FrameTask], rtol=1e-6, atol=1e-9)
+
+
+def test_the_joints_are_the_models_wherever_their_zero_is():
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body pos="0 0 .3"><joint axis="0 0 1" ref="40" range="-90 90"/><geom size=".1"/>
+        <body pos=".4 0 0"><joint axis="0 1 0" ref="-70" pos=".1 0 0"/><geom size=".1"/>
+        <body pos=".1 0 0"><joint type="slide" axis="1 0 0" ref=".2"/><geom size=".1"/>
+        <site name="a" pos=".2 0 0"/></body>
+        </body></body></worldbody></mujoco>"""
+    )
+    chain, moving = chain_to(model, "a", "site")
+    assert moving.tolist() == [0, 1, 2]
+    np.testing.assert_allclose(chain.position_lower, [-np.pi / 2, -np.inf, -np.inf])
+    q = np.array([0.4, -1.1, 0.15])
+    there = mink.Configuration(model, q).get_transform_frame_to_world("a", "site").as_matrix()
+    np.testing.assert_allclose(chain.pose(q), there, atol=1e-12)
 
 
 def test_joints_that_do_not_move_the_frame_are_left_alone_and_a_free_base_moves():

@@ -277,6 +277,15 @@ def test_daqp_solves_it_with_pinks_default_damping_where_joints_are_left_over(ar
         assert np.isfinite(solved(here, task)).all()
 
 
+def test_daqp_solves_it_near_a_singularity_with_pinks_default_damping(arms):
+    robot = arms["ur5"]
+    task = InvariantFrameTask(robot.tool, 1.0, 1.0)
+    for bend in (0.0, 1e-7, 1e-6, 1e-5):
+        here = configuration(robot, [0.4, -1.2, 1.5, -0.3, bend, 0.3])
+        task.set_target(near(np.random.default_rng(8), here.get_transform_frame_to_world(robot.tool), 0.3))
+        assert (np.abs(solved(here, task)) <= robot.velocity_limit * (1.0 + 1e-6)).all()
+
+
 def test_what_a_radian_costs_follows_the_reach_until_it_is_told(arms):
     robot = arms["ur5"]
     here = configuration(robot, [0.0, -1.2, 1.5, -1.0, 1.0, 0.3])

@@ -34,8 +34,8 @@ from invariantqp.velocity.measure import own_point, root_at
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.problem import guard_of
 
-# The least cost of a joint direction that moves the frame little or not at all, relative to the largest: a few
-# thousandths of what a posture task with Pink's usual cost of 1e-3 gives it, and enough for DAQP without such a task.
+# The cost of a joint direction that does not move the frame, relative to the largest: a few thousandths of what a
+# posture task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
 NULL_WEIGHT = 3e-10
 # Linear parts first, as both libraries have them, from angular parts first.
 LINEAR_FIRST = [3, 4, 5, 0, 1, 2]
@@ -172,10 +172,8 @@ class FrameCost:
         b = root.dot(s)
         more = self.lm_damping * float(b.dot(b))
         weights = objective.weights + more
-        least = NULL_WEIGHT * objective.weights.max() + more
         if objective.rank:  # 0 for [DS]'s own problem
-            weights[objective.rank :] = least
-        weights = np.maximum(weights, least)
+            weights[objective.rank :] = NULL_WEIGHT * objective.weights.max() + more
         V = objective.V
         H[np.ix_(indices, indices)] = unit * unit * (V * weights).dot(V.T)
         c[indices] = -unit * unit * V.dot(objective.weights * objective.optimum)
