@@ -133,11 +133,12 @@ def test_a_joint_measured_outside_its_range_is_left_where_it_is(so101):
     assert so101.position_error < 1e-6
 
 
+@pytest.mark.parametrize("far", [1.0, 3.0])
 @pytest.mark.parametrize("first", [True, False])
-def test_out_of_reach_it_comes_to_rest_at_the_nearest_pose_by_the_weights_and_returns(first):
+def test_out_of_reach_it_comes_to_rest_at_the_nearest_pose_by_the_weights_and_returns(first, far):
     so101 = RobotKinematics("so101", joint_names=JOINTS, position_first=first)
     robot, q, target = so101.robot, Q.copy(), so101.forward_kinematics(Q)
-    target[:3, 3] = 0.5, 0.3, 0.3
+    target[:3, 3] = far * np.array([0.5, 0.3, 0.3])
     for _ in range(150):
         before, q = q, so101.inverse_kinematics(q, target)
     assert np.abs(q - before).max() < 0.01
