@@ -24,7 +24,7 @@ SAYS = {
     "13_pose_ik": "along a path of 50 poses",
     "14_defaults": "posture: gain",
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
-    "16_pink_scripts": "ours settles later in 0, and is then farther off in 0",
+    "25_pink_scripts": "ours settles later in 0, and is then farther off in 0",
     "16_frame_race": "a start moved by 1e-12 parts them",
     "17_teleoperation": "ours: 0 steps above the limit",
     "18_servo_ros": "ok, no command",
@@ -40,7 +40,7 @@ ONE = ("--tasks", "1", "--jobs", "1")
 SHORTER = {
     "14_defaults": ONE,
     "15_elastic_paths": ONE,
-    "16_pink_scripts": ("--short",),
+    "25_pink_scripts": ("--short",),
     "22_contact_scenes": ("so101", "--seconds", "1.5"),
     "24_gallery": ("gallery", "ur5_wrist"),
     "16_frame_race": ("film.gif", "3"),

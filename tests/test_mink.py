@@ -20,7 +20,7 @@ def arms():
 
 
 def with_second_site(robot):
-    return _model(robot, {"moved": OFFSET})
+    return _model(robot, OFFSET)
 
 
 def drawn(rng, robot):
@@ -66,8 +66,8 @@ def test_a_moved_frame_changes_no_joint_velocity_under_minks_limits_where_minks_
     robot, model = arms[name]
     at = iq.inverse(OFFSET)[:3, 3]
     laws = {
-        "ours": [InvariantFrameTask("tool", "site"), InvariantFrameTask("moved", "site", point=at)],
-        "mink": [mink.FrameTask(frame, "site", 1.0, 1.0) for frame in ("tool", "moved")],
+        "ours": [InvariantFrameTask("tool", "site"), InvariantFrameTask("point", "site", point=at)],
+        "mink": [mink.FrameTask(frame, "site", 1.0, 1.0) for frame in ("tool", "point")],
     }
     changes, limited = {law: [] for law in laws}, 0
     for _ in range(40):
