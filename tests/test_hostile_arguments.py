@@ -41,7 +41,6 @@ INNER = {
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {
     ("Chain.target", "pose"): "target",
-    ("PinocchioRobot.target", "pose"): "target",
     ("InvariantFrameTask.set_target", "transform_target_to_world"): "target",
     ("InvariantFrameTask.set_target, mink", "transform_target_to_world"): "target",
 }

@@ -9,6 +9,7 @@ from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit
 
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
+from invariantqp.robots.kinematics import ROBOT
 
 DT = 0.01
 STATES = 60
@@ -485,9 +486,27 @@ def test_limits_for_another_model_are_refused(arms):
         iq.Controller(arms["panda"], dt=DT, limits=[VelocityLimit(arms["ur5"].model)]).step(np.zeros(7), np.eye(4))
     with pytest.raises(iq.BadInput, match="compute_qp_inequalities"):
         iq.Controller(arms["panda"], dt=DT, limits=[3.0])
-    chain = iq.robots.Chain(np.eye(6), np.eye(4))
+    modelless = Modelless(arms["ur5"])
     with pytest.raises(iq.BadInput, match="one of a URDF"):
-        iq.Controller(chain, dt=DT, joint_metric=np.ones(6), limits=[VelocityLimit(arms["ur5"].model)])
+        iq.Controller(modelless, dt=DT, limits=[VelocityLimit(arms["ur5"].model)])
+
+
+class Modelless:
+    """A robot of the user's own."""
+
+    def __init__(self, robot):
+        for name in ROBOT:
+            setattr(self, name, getattr(robot, name))
+
+
+def test_joint_screws_have_a_model_for_pinks_limits():
+    screws = [iq.revolute((0, 0, 1)), iq.se3.helical((0, 1, 0), (0.1, 0, 0.2), 0.05), iq.se3.prismatic((1, 0, 1))]
+    arm = iq.robots.Chain(np.column_stack(screws), iq.transform(translation=(0.5, 0, 0.3)), velocity_limit=0.1)
+    limit, q = VelocityLimit(arm.model), np.array([0.3, -0.4, 0.2])
+    solution = iq.Controller(arm, dt=DT, joint_metric=np.ones(3), limits=[limit]).step(q, arm.pose(q + 0.3))
+    assert np.abs(solution.velocity).max() == pytest.approx(0.1)
+    with pytest.raises(iq.BadInput, match="not a unit screw"):
+        iq.robots.Chain(2.0 * np.eye(6)[:, :1], np.eye(4)).model  # noqa: B018
 
 
 def test_a_target_may_be_an_array_and_nothing_else_is_taken_for_one(arms):

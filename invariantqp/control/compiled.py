@@ -16,8 +16,8 @@ from invariantqp.control.demands import Exact, ExactPoint
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.screws import chain_of
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.limits.braking import BrakingBox
@@ -70,8 +70,7 @@ def compiled_loop(
         return None
     if speed is not None and speed.exact:
         return None
-    chain = chain_of(robot)
-    if chain is None or len(middle) > core.MOST_JOINTS:
+    if type(robot) is not Chain or len(middle) > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None
     point = next((demand.point for demand in exact if isinstance(demand, ExactPoint)), np.zeros(3))
     numbers = [len(middle), law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
@@ -79,7 +78,7 @@ def compiled_loop(
     numbers += [braking is not None]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
-    fixed = np.array(numbers, np.float64), measure.point, point, fast, chain.home, chain.screws
+    fixed = np.array(numbers, np.float64), measure.point, point, fast, robot.home, robot.screws
     acceleration = np.zeros(len(middle)) if braking is None else braking.acceleration
     room = box.position_lower, box.position_upper, acceleration
     made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull, *room)

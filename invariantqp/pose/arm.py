@@ -12,7 +12,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pose.joint_space import JointSpace
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, remembered
-from invariantqp.robots.screws import chain_of
 from invariantqp.systems.centre import centre
 
 
@@ -53,7 +52,7 @@ def _pose_arm(robot: Robot) -> PoseArm:
     length = length if 0.0 < length < inf else 1.0
     point = here[:3, :3].T.dot(place - here[:3, 3])
     fits = core is not None and len(space.middle) <= core.MOST_JOINTS
-    chain = chain_of(robot) if fits else None
+    chain = robot if fits and type(robot) is Chain else None  # a class of the user's may be no such chain
     compiled = None if chain is None else _compiled(chain, space, point, length)
     return PoseArm(robot, space, point, length, chain, compiled)
 

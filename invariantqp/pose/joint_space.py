@@ -15,6 +15,8 @@ from invariantqp.velocity.qp.scaling import UNBOUNDED
 
 # |omega.v| of a hinge relative to |omega| |v|: below this its pitch is rounding.
 HINGE = 1e-9
+# A joint this near its limit, relative to 1 + |q|, is at it: a step to the limit is rounded.
+ROUNDING = 1e-14
 
 
 class JointSpace:
@@ -70,4 +72,5 @@ class JointSpace:
 
     def at_limits(self, q: Array) -> tuple[int, ...]:
         """The joints at a limit."""
-        return tuple(np.flatnonzero((q <= self.lower) | (q >= self.upper)).tolist())
+        room = np.minimum(q - self.lower, self.upper - q)
+        return tuple(np.flatnonzero(room <= ROUNDING * (1.0 + np.abs(q))).tolist())

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import inf
-from typing import NamedTuple
+from math import hypot, inf
+from typing import Any, NamedTuple
 
 import numpy as np
 from attrs import field, frozen
@@ -35,6 +35,8 @@ class Chain(Value):
         position_lower: (m,) [rad, length], -inf where there is none.
         position_upper: (m,) likewise, +inf.
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
+        tool: name of the tool frame.
+        places: (m, 3) a point of each joint's axis at q = 0, to draw the arm by.
     """
 
     screws: Array = field(converter=own)
@@ -43,6 +45,8 @@ class Chain(Value):
     position_lower: Array = field(converter=own, repr=False)
     position_upper: Array = field(converter=own, repr=False)
     velocity_limit: Array = field(converter=own, repr=False)
+    tool: str = field(default="tool", repr=False)
+    places: Array = field(converter=own, repr=False, eq=False, kw_only=True)
 
     def __init__(
         self,
@@ -52,6 +56,8 @@ class Chain(Value):
         position_lower: ArrayLike = -inf,
         position_upper: ArrayLike = inf,
         velocity_limit: ArrayLike = inf,
+        tool: str = "tool",
+        places: ArrayLike | None = None,
     ) -> None:
         """A chain from its screws.
 
@@ -62,6 +68,8 @@ class Chain(Value):
             position_lower: (m,) or one number for all joints [rad, length], -inf where there is none.
             position_upper: likewise, +inf where there is none.
             velocity_limit: likewise [rad/s, length/s], positive, inf where there is none.
+            tool: what the tool frame is called.
+            places: (m, 3) where to draw the joints at q = 0; by default the points of their axes that make links short.
 
         Raises:
             BadInput: NaN, shapes, a zero screw, lower limits above upper ones, names that are not all different.
@@ -75,7 +83,10 @@ class Chain(Value):
         if len(called) != m or len(set(called)) != m:
             raise BadInput("names", excerpt(called), f"{m} different names")
         limits = joint_limits(m, position_lower, position_upper, velocity_limit)
-        self.__attrs_init__(twists, pose, called, *limits)
+        where = _places(twists, pose) if places is None else arrays.matrix(places, (m, 3), "places")
+        if not isinstance(tool, str):
+            raise BadInput("tool", excerpt(tool), "the name of the tool frame")
+        self.__attrs_init__(twists, pose, called, *limits, tool, places=where)
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
@@ -86,13 +97,9 @@ class Chain(Value):
         return self._kinematics(arrays.vector(q, len(self.names), "q"))[0]
 
     def origins(self, q: ArrayLike) -> Array:
-        """(m, 3) a point of each joint's axis, the one nearest to the hinge before: it makes the links short."""
-        T = np.eye(4)
-        found = np.empty((len(self.names), 3))
-        for i, angle in enumerate(arrays.vector(q, len(self.names), "q").tolist()):
-            found[i] = T[:3, :3].dot(self._origins[i]) + T[:3, 3]
-            T = T.dot(se3.exp(angle * self.screws[:, i], check=False))
-        return found
+        """(m, 3) a point of each joint's axis, to draw the arm by."""
+        before = self._motions(arrays.vector(q, len(self.names), "q"))[:-1]
+        return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in zip(before, self.places, strict=True)])
 
     def target(self, pose: ArrayLike) -> Target:
         """A (4, 4) target pose, checked.
@@ -120,36 +127,92 @@ class Chain(Value):
         """The same chain with its tool frame moved by a (4, 4) offset in the old tool frame."""
         home = self.home.dot(arrays.pose(offset, "offset"))
         limits = (self.position_lower, self.position_upper, self.velocity_limit)
-        return Chain(self.screws, home, self.names, *limits)
+        return Chain(self.screws, home, self.names, *limits, tool=f"{self.tool}+offset", places=self.places)
+
+    @property
+    def model(self) -> Any:
+        """These joints and the tool frame as a `pinocchio.Model` without masses, for limits and barriers made for Pink.
+
+        Raises:
+            MissingExtra: without Pinocchio.
+            BadInput: screws that are not of unit size, which Pinocchio cannot have.
+        """
+        from invariantqp.robots.pinocchio import model_of  # only where it is asked for
+
+        limits = (self.position_lower, self.position_upper, self.velocity_limit)
+        return model_of(self.screws, self.places, self.home, self.names, limits, self.tool)
 
     @cached_property
-    def _origins(self) -> Array:
-        """Origins at q = 0. A slide has no axis line: its origin is that of the next hinge, or of the tool."""
-        found = np.empty((len(self.names), 3))
-        before, slides = np.zeros(3), []
-        for i, screw in enumerate(self.screws.T):
-            if not screw[:3].any():
-                slides.append(i)
-                continue
-            along, foot = axis(screw)
-            before = foot + along.dot(before) * along
-            found[[*slides, i]] = before
-            slides = []
-        found[slides] = self.home[:3, 3]
-        return found
+    def _powers(self) -> tuple[Array, Array]:
+        """(m,) rates |omega| of the joints, 1 for slides, and (m, 3, 16) powers 1 to 3 of S / rate as 4x4 matrices."""
+        rates = np.array([hypot(*s[:3].tolist()) or 1.0 for s in self.screws.T])
+        S = np.array([_matrix(s) for s in (self.screws / rates).T])
+        return rates, np.stack((S, S @ S, S @ S @ S), axis=1).reshape(-1, 3, 16)
+
+    def _motions(self, q: Array) -> list[Array]:
+        """The m + 1 poses exp(q_1 S_1) ... exp(q_i S_i), i = 0 ... m.
+
+        exp(tS) = 1 + tS + (1 - cos t) S^2 + (t - sin t) S^3 for a hinge or screw of rate 1, and 1 + tS for a slide.
+        """
+        rates, powers = self._powers
+        t = rates * q
+        half = np.sin(0.5 * t)
+        parts = np.stack((t, 2.0 * half * half, t - np.sin(t)), axis=1)[:, None]
+        steps = np.matmul(parts, powers).reshape(-1, 4, 4)
+        T = np.eye(4)
+        motions = [T]
+        for step in steps + T:
+            T = T.dot(step)
+            motions.append(T)
+        return motions
 
     def _kinematics(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""
-        J = np.empty_like(self.screws)
-        T = np.eye(4)
-        for i, angle in enumerate(q.tolist()):
-            screw = self.screws[:, i]
-            J[:, i] = se3.adjoint(T, check=False).dot(screw)
-            T = T.dot(se3.exp(angle * screw, check=False))
-        return J, T.dot(self.home)
+        motions = self._motions(q)
+        before = np.array(motions[:-1])
+        R, p = before[:, :3, :3], before[:, :3, 3].T
+        turned = np.matmul(R, self.screws.T.reshape(-1, 2, 3).transpose(0, 2, 1))
+        J = turned.transpose(2, 1, 0).reshape(6, -1)
+        w, v = J[:3], J[3:]
+        v[0] += p[1] * w[2] - p[2] * w[1]
+        v[1] += p[2] * w[0] - p[0] * w[2]
+        v[2] += p[0] * w[1] - p[1] * w[0]
+        return J, motions[-1].dot(self.home)
+
+
+def _matrix(s: Array) -> Array:
+    """A twist (6,) as a (4, 4) matrix [[omega^, v], [0, 0]]."""
+    S = np.zeros((4, 4))
+    S[:3, :3] = se3.cross_matrix(s[:3])
+    S[:3, 3] = s[3:]
+    return S
+
+
+def _places(screws: Array, home: Array) -> Array:
+    """(m, 3) points of the axes at q = 0, each the one nearest to the hinge before: it makes the links short.
+
+    A slide has no axis line: its place is that of the next hinge, or of the tool.
+    """
+    found = np.empty((screws.shape[1], 3))
+    before, slides = np.zeros(3), []
+    for i, screw in enumerate(screws.T):
+        if not screw[:3].any():
+            slides.append(i)
+            continue
+        along, foot = axis(screw)
+        before = foot + along.dot(before) * along
+        found[[*slides, i]] = before
+        slides = []
+    found[slides] = home[:3, 3]
+    return found
 
 
 class Target(NamedTuple):
     """A target pose (4, 4) that has been checked."""
 
     pose: Array
+
+    @property
+    def homogeneous(self) -> Array:
+        """The same, by the name that a `pinocchio.SE3` has for it."""
+        return self.pose

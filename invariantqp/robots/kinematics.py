@@ -18,6 +18,9 @@ from invariantqp.geometry.fields import Compared
 
 T = TypeVar("T")
 
+# A position or velocity limit as large as this is read as none [rad, m, rad/s, m/s].
+UNLIMITED = 1e9
+
 
 class Sighting(NamedTuple):
     """An arm in one state, in the base frame, and how far it is from its target.

@@ -1,4 +1,4 @@
-"""One way to get a robot: a known name, a URDF, a Pinocchio model, or joint screws."""
+"""One way to get a robot: a known name, a URDF or MJCF, another library's model, or joint screws."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
@@ -15,18 +15,14 @@ from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownN
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.urdf import is_text
+from invariantqp.robots.tree import chain_to_link
+from invariantqp.robots.urdf import is_text, joints_of, read_xml
 
 DATA = "example-robot-data"
-SOURCES = "a robot's name, the path or the text of a URDF, a pinocchio.Model, or (6, m) joint screws"
-
-
-class Model(Protocol):
-    """A `pinocchio.Model`."""
-
-    def createData(self) -> Any:
-        """Room for one thread's results."""
-        ...
+SOURCES = (
+    "a robot's name, the path or the text of a URDF or MJCF, a model of Pinocchio, MuJoCo or yourdfpy, or (6, m) joint "
+    "screws"
+)
 
 
 class Known(NamedTuple):
@@ -57,7 +53,7 @@ KNOWN = {
 
 
 def load_robot(
-    source: str | PathLike[str] | Model | ArrayLike,
+    source: str | PathLike[str] | ArrayLike | Any,
     tool: str | ArrayLike | None = None,
     joints: Sequence[str] | None = None,
 ) -> Robot:
@@ -65,10 +61,11 @@ def load_robot(
 
     Args:
         source: a name ("panda", "ur5", "so101", "xarm7", "kinova", "talos" for its left arm, ...; these come with the
-            extra `robots`), the path of a URDF file, the text of one (a `robot_description`), a `pinocchio.Model`, or
-            (6, m) joint screws at q = 0 in the base frame.
-        tool: name of the tool frame; None is the robot's usual one, for a URDF or a model the end of its longest chain
-            of joints. With screws: the (4, 4) tool pose at q = 0.
+            extra `robots`), the path of a URDF file, the text of one (a `robot_description`), the path or text of an
+            MJCF (extra `sim`), a `pinocchio.Model`, a `mujoco.MjModel`, a `yourdfpy.URDF`, or (6, m) joint screws at
+            q = 0 in the base frame.
+        tool: name of the tool frame: a link, or of MuJoCo a site or a body; None is the robot's usual one, for a URDF
+            or a model the end of its longest chain of joints. With screws: the (4, 4) tool pose at q = 0.
         joints: names of the joints that move; None is all between base and tool. With screws: their names.
 
     Returns:
@@ -83,21 +80,52 @@ def load_robot(
         BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape.
     """
     chosen = None if joints is None else arrays.strings(joints, "joints")
-    if not isinstance(source, (str, PathLike)) and not hasattr(source, "createData"):
+    if not isinstance(source, (str, PathLike)) and _library(source) is None:
         return _chain(source, tool, chosen)
     if tool is not None and not isinstance(tool, str):
         raise BadInput("tool", type(tool).__name__, "the name of a frame", "Move the frame with robot.with_tool(pose).")
-    from invariantqp.robots import models  # and Pinocchio with it: only when a robot needs it
-
     if not isinstance(source, (str, PathLike)):
-        return models.load_model(source, tool, chosen)
+        return _of_library(source, tool, chosen)
     if isinstance(source, str) and is_text(source):
-        return models.load_urdf(source, tool, chosen)
-    path = urdf_of(source)
+        return _described(source, tool, chosen)
     known = KNOWN.get(str(source))
-    if known is None or tool is not None:
-        return models.load_urdf(path, tool, chosen)
-    return models.load_urdf(path, known.tool, known.joints if chosen is None else chosen)
+    if known is not None and tool is None:
+        tool, chosen = known.tool, known.joints if chosen is None else chosen
+    return _described(urdf_of(source), tool, chosen)
+
+
+def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None) -> Chain:
+    """The arm of a description in XML."""
+    name, root = read_xml(source)
+    if root.tag == "mujoco":
+        from invariantqp.robots.mujoco import load_mujoco, read_mjcf
+
+        return load_mujoco(read_mjcf(source), tool, joints)
+    return chain_to_link(joints_of(name, root), name, tool, joints)
+
+
+def _library(source: object) -> str | None:
+    """The library that a model is of, told without importing any."""
+    if isinstance(source, type):
+        return None
+    marks = {"pinocchio": "createData", "mujoco": "jnt_qposadr", "yourdfpy": "link_map"}
+    return next((library for library, name in marks.items() if hasattr(source, name)), None)
+
+
+def _of_library(model: Any, tool: str | None, joints: Sequence[str] | None) -> Chain:
+    """The arm of another library's model; that library is imported only now."""
+    library = _library(model)
+    if library == "pinocchio":
+        from invariantqp.robots.models import load_model
+
+        return load_model(model, tool, joints)
+    if library == "mujoco":
+        from invariantqp.robots.mujoco import load_mujoco
+
+        return load_mujoco(model, tool, joints)
+    from invariantqp.robots.yourdfpy import joints_of_yourdfpy
+
+    return chain_to_link(joints_of_yourdfpy(model), "the yourdfpy model", tool, joints)
 
 
 def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ...] | None) -> Chain:

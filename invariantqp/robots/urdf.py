@@ -1,20 +1,57 @@
-"""URDF, from a file or from text, as the XML that Pinocchio is given.
+"""URDF, from a file or from text: the joints that a serial chain is made of. Only the standard library is needed.
 
-URDF's "continuous" joints become revolute ones with a range that no angle in use reaches: Pinocchio would describe each
-by two numbers instead of one.
+Read are each joint's name, type, links, origin, axis, limits and whether it mimics another. An origin is
+T = (Rz(yaw) Ry(pitch) Rx(roll), xyz), an axis is made a unit vector. Document types, where entities are declared, are
+refused.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import cos, inf, isfinite, sin
 from pathlib import Path
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
-from invariantqp.errors import RobotModelError
+import numpy as np
 
-# The range of a joint without limits [rad]; a limit as large as this is read as none.
-UNLIMITED = 1e9
+from invariantqp.errors import RobotModelError
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import UNLIMITED
+
 # What may stand before the "<" of a text.
 BLANK = "\ufeff \t\r\n"
+# Types of joints with one coordinate, without one, and with several.
+MOVING = ("revolute", "continuous", "prismatic")
+TYPES = (*MOVING, "fixed", "floating", "planar")
+
+
+class Joint(NamedTuple):
+    """A joint of a tree of links.
+
+    Attributes:
+        name: of the joint.
+        kind: one of `TYPES`.
+        parent: the link that it stands on.
+        child: the link that it moves.
+        origin: (4, 4) its frame in that of the parent link, at zero.
+        axis: (3,) unit vector in its frame.
+        lower: position limit [rad, m], -inf where there is none.
+        upper: likewise, inf.
+        speed: velocity limit [rad/s, m/s], inf where there is none.
+        mimics: the joint that it follows, "" for none.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    lower: float = -inf
+    upper: float = inf
+    speed: float = inf
+    mimics: str = ""
 
 
 def is_text(source: str) -> bool:
@@ -22,39 +59,111 @@ def is_text(source: str) -> bool:
     return source.lstrip(BLANK).startswith("<")
 
 
-def read_urdf(source: Path | str) -> tuple[str, str]:
-    """What to call a robot in messages, and its XML.
+def read_xml(source: Path | str) -> tuple[str, ET.Element]:
+    """What to call a robot in messages, and the root element of its description.
 
     Args:
-        source: the path of a URDF file, or its text.
+        source: the path of a file, or its text.
 
     Raises:
-        RobotModelError: a file that cannot be read, or no URDF in it.
+        RobotModelError: a file that cannot be read, no XML, or XML with a document type.
     """
     name = str(source) if isinstance(source, Path) else "the URDF text"
+    parser = ET.XMLParser(target=_Tree(name))  # noqa: S314 (without a document type there are no entities)
     try:
-        root = ET.parse(source).getroot() if isinstance(source, Path) else ET.fromstring(source.lstrip(BLANK))  # noqa: S314 (robot descriptions are the user's own)
+        return name, ET.fromstring(source.read_bytes() if isinstance(source, Path) else source.lstrip(BLANK), parser)  # noqa: S314
     except OSError as error:
         raise RobotModelError(f"{name}: cannot be read ({error.strerror or error})") from error
-    except ET.ParseError as error:
+    except (ET.ParseError, ValueError) as error:  # ValueError: an encoding that text cannot declare
         raise RobotModelError(f"{name}: not XML ({error}); expected a URDF <robot>") from error
-    if root.tag == "mujoco":
-        raise RobotModelError(
-            f"{name}: found a MuJoCo model (MJCF); expected a URDF <robot>. Give its URDF if there is one, or try "
-            "load_robot(pinocchio.buildModelFromMJCF(path), tool=...)."
-        )
-    if root.tag != "robot" or root.find("joint") is None:
+
+
+def joints_of(name: str, root: ET.Element) -> list[Joint]:
+    """The joints of a URDF, in its order.
+
+    Args:
+        name: what to call the robot in messages.
+        root: its element <robot>.
+
+    Raises:
+        RobotModelError: no URDF, or joints that are not what URDF says.
+    """
+    elements = root.findall("joint")
+    if root.tag != "robot" or not elements:
         raise RobotModelError(f"{name}: found <{root.tag}> without joints; expected a URDF <robot> with <joint>s")
-    for joint in root.iter("joint"):
-        if joint.get("type") == "continuous":
-            _bound(joint)
-    return name, ET.tostring(root, encoding="unicode")
+    return [_joint(name, element) for element in elements]
 
 
-def _bound(joint: ET.Element) -> None:
-    """Make a continuous joint a revolute one without limits."""
-    joint.set("type", "revolute")
-    limit = joint.find("limit")
-    limit = ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
-    limit.set("lower", str(-UNLIMITED))
-    limit.set("upper", str(UNLIMITED))
+def rotation(rpy: Sequence[float]) -> Array:
+    """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of the angles (roll, pitch, yaw) [rad]."""
+    (a, b, c), (x, y, z) = map(cos, rpy), map(sin, rpy)
+    return np.array(
+        (
+            (b * c, x * y * c - a * z, a * y * c + x * z),
+            (b * z, x * y * z + a * c, a * y * z - x * c),
+            (-y, x * b, a * b),
+        )
+    )
+
+
+def open_limit(value: float) -> float:
+    """A limit, infinite where it is so large that it stands for none."""
+    return value if abs(value) < UNLIMITED else inf if value > 0.0 else -inf
+
+
+class _Tree(ET.TreeBuilder):
+    """Elements of a document without a document type, in which entities would be declared."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._name = name
+
+    def doctype(self, *_: Any) -> None:
+        """Refuse it."""
+        raise RobotModelError(f"{self._name}: a <!DOCTYPE>, which may declare entities; take it out of the file")
+
+
+def _joint(name: str, element: ET.Element) -> Joint:
+    called, kind = element.get("name", ""), element.get("type", "")
+    where = f"{name}: joint {called!r}"
+    if kind not in TYPES:
+        raise RobotModelError(f"{where}: type {kind!r}; expected one of {', '.join(TYPES)}")
+    parent, child = (getattr(element.find(tag), "attrib", {}).get("link", "") for tag in ("parent", "child"))
+    if not (called and parent and child):
+        raise RobotModelError(f"{where}: expected a name, and <parent> and <child> with a link each")
+    origin = np.eye(4)
+    origin[:3, :3] = rotation(_numbers(where, element.find("origin"), "rpy", "0 0 0"))
+    origin[:3, 3] = _numbers(where, element.find("origin"), "xyz", "0 0 0")
+    axis = np.array(_numbers(where, element.find("axis"), "xyz", "1 0 0"))
+    length = float(np.linalg.norm(axis))
+    if kind in MOVING and length == 0.0:
+        raise RobotModelError(f"{where}: an axis of length 0; expected a direction")
+    mimic = element.find("mimic")
+    follows = "" if mimic is None else mimic.get("joint", "")
+    limits = _limits(where, kind, element)
+    return Joint(called, kind, parent, child, origin, axis / (length or 1.0), *limits, follows)
+
+
+def _limits(where: str, kind: str, element: ET.Element) -> tuple[float, float, float]:
+    """Position limits and the velocity limit; what is left out is 0 for positions, as in URDF, and no speed limit."""
+    limit = element.find("limit")
+    if kind not in MOVING:
+        return -inf, inf, inf
+    if limit is None and kind != "continuous":
+        raise RobotModelError(f'{where}: a {kind} joint without <limit>; one without limits is type="continuous"')
+    lower, upper, speed = (_numbers(where, limit, key, "0", 1)[0] for key in ("lower", "upper", "velocity"))
+    if kind == "continuous":
+        lower, upper = -inf, inf
+    return open_limit(lower), open_limit(upper), open_limit(speed) if speed > 0.0 else inf
+
+
+def _numbers(where: str, element: ET.Element | None, key: str, default: str, count: int = 3) -> list[float]:
+    text = default if element is None else element.get(key, default)
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(isfinite, numbers)):
+        hint = " Run xacro on the file first." if "$" in text else ""
+        raise RobotModelError(f"{where}: {key}={text!r}; expected {count} finite number{'s'[: count - 1]}.{hint}")
+    return numbers

@@ -117,7 +117,6 @@ CONTROL = {
         },
     ),
     **robot_calls("Chain", chain),
-    **robot_calls("PinocchioRobot", ur5),
     # control
     "Controller": lambda: (iq.Controller, {"robot": ur5(), **loop_options()}),
     "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q}),

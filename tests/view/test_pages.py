@@ -54,7 +54,9 @@ def test_joints_are_where_pinocchio_places_them(name):
     for q in states(robot):
         pin.computeJointJacobians(robot.model, data, q)
         seen = arm_shape(robot, q)
-        np.testing.assert_array_equal(seen.points[1:-1], [M.translation for M in data.oMi[1:]])
+        places = [M.translation for M in data.oMi[1:]]
+        turning = robot.jacobian(q)[:3].any(axis=0)  # a slide is drawn where it starts
+        np.testing.assert_allclose(seen.points[1:-1][turning], np.array(places)[turning], atol=1e-12)
         np.testing.assert_array_equal(seen.points[-1], robot.pose(q)[:3, 3])
         for i, axis in enumerate(seen.axes):
             local = pin.getJointJacobian(robot.model, data, i + 1, pin.ReferenceFrame.LOCAL)[:, i]

@@ -86,7 +86,7 @@ def arm_model(
 
 def tool_body(robot: Robot) -> str:
     """The name of the link that is the robot's tool."""
-    return str(getattr(robot, "tool", "")).removesuffix(" link")
+    return str(getattr(robot, "tool", ""))
 
 
 def _add_servo(spec: Any, joint: str) -> None:
@@ -159,9 +159,9 @@ def _surface_shape(springs: SurfaceSprings) -> tuple[Any, tuple[float, ...], Arr
     """MuJoCo's shape for the surface, its size, and its pose in the base frame."""
     surface = springs.surface
     if isinstance(surface, Plane):
-        return mujoco.mjtGeom.mjGEOM_PLANE, (0.0, 0.0, 1.0), _facing(surface.normal, surface.point)
+        return mujoco.mjtGeom.mjGEOM_PLANE, (0.0, 0.0, 1.0), se3.facing(surface.normal, surface.point)
     if springs.shape == "point":
-        return mujoco.mjtGeom.mjGEOM_CYLINDER, (surface.radius, 1.0, 0.0), _facing(surface.axis, surface.point)
+        return mujoco.mjtGeom.mjGEOM_CYLINDER, (surface.radius, 1.0, 0.0), se3.facing(surface.axis, surface.point)
     raise BadInput("physics", f"a {springs.shape} on a round bar", "a point there, or a plane, with MuJoCo")
 
 
@@ -175,7 +175,7 @@ def _tip_shape(springs: SurfaceSprings, T: Array) -> tuple[Any, tuple[float, ...
     if springs.shape == "edge":
         along = springs.points[1] - springs.points[0]
         half = 0.5 * float(np.linalg.norm(along))
-        return mujoco.mjtGeom.mjGEOM_CAPSULE, (TIP, half, 0.0), _facing(along, p + TIP * up)
+        return mujoco.mjtGeom.mjGEOM_CAPSULE, (TIP, half, 0.0), se3.facing(along, p + TIP * up)
     a, b = springs.points[1] - springs.points[0], springs.points[2] - springs.points[1]
     sides = 0.5 * float(np.linalg.norm(a)), 0.5 * float(np.linalg.norm(b))
     R = np.column_stack((a / (2.0 * sides[0]), b / (2.0 * sides[1]), np.cross(a, b) / (4.0 * sides[0] * sides[1])))
@@ -207,14 +207,6 @@ def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics
             name1=f"grip {i}",
             name2=f"door {i}",
         )
-
-
-def _facing(z: Array, point: Array) -> Array:
-    """A (4, 4) pose at a point whose z axis is along a vector."""
-    z = z / np.linalg.norm(z)
-    x = np.cross(np.eye(3)[int(np.abs(z).argmin())], z)
-    x /= np.linalg.norm(x)
-    return se3.transform(np.column_stack((x, np.cross(z, x), z)), point)
 
 
 def _place(T: Array) -> dict[str, Array]:

@@ -1,0 +1,127 @@
+"""Arms of MuJoCo models (MJCF), as chains of joint screws: MuJoCo gives each joint's axis and a point of it.
+
+A model is looked at with its moving joints at zero. Velocity limits are not part of such models.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from invariantqp.errors import MissingExtra, RobotModelError, UnknownName
+from invariantqp.geometry import se3
+from invariantqp.geometry.screws import prismatic, revolute
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.tree import selected
+
+try:
+    import mujoco
+except ImportError as error:
+    raise MissingExtra("mujoco", "sim") from error
+
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def read_mjcf(source: Path | str) -> Any:
+    """The `mujoco.MjModel` of an MJCF file, or of its text.
+
+    Raises:
+        RobotModelError: MuJoCo cannot make a model of it.
+    """
+    name = str(source) if isinstance(source, Path) else "the MJCF text"
+    try:
+        made = (
+            mujoco.MjModel.from_xml_path(name) if isinstance(source, Path) else mujoco.MjModel.from_xml_string(source)
+        )
+    except ValueError as error:
+        raise RobotModelError(f"{name}: MuJoCo cannot make a model of it ({error})") from error
+    return made
+
+
+def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> Chain:
+    """The arm from the world of a MuJoCo model to a site or a body; the base frame is the world's.
+
+    Args:
+        model: a `mujoco.MjModel`.
+        tool: name of a site or, where no site is called so, of a body; None is the last body of the longest chain.
+        chosen: the joints that move, all between base and tool; None is every one of them. The rest are held at zero,
+            or at the limit nearest to it; free and ball joints as the model has them.
+
+    Raises:
+        RobotModelError: no joint moves the tool, or one that moves has not one coordinate of its own.
+        UnknownName: a site, body or joint is not in the model.
+        BadInput: a joint that does not move the tool.
+    """
+    sites, bodies = ([of(i).name for i in range(n)] for of, n in ((model.site, model.nsite), (model.body, model.nbody)))
+    paths = [_joints_to(model, body) for body in range(model.nbody)]
+    if tool is None:
+        tool = max(bodies, key=lambda body: len(paths[bodies.index(body)]))
+    if tool not in sites and tool not in bodies:
+        known = [name for name in (*sites, *bodies) if name]
+        raise UnknownName("frame", tool, difflib.get_close_matches(tool, known), known)
+    body = int(model.site(tool).bodyid[0]) if tool in sites else bodies.index(tool)
+    names = [model.joint(i).name or f"joint {i}" for i in range(model.njnt)]
+    moving = selected("the MuJoCo model", tool, [names[i] for i in paths[body]], names, chosen)
+    joints = [i for i in paths[body] if names[i] in moving]
+    for i in joints:
+        _require_one_coordinate(model, i, names[i])
+    data = _posed(model, joints)
+    place = data.site(tool) if tool in sites else data.body(tool)
+    lower, upper = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], (-np.inf, np.inf)).T
+    return Chain(
+        np.column_stack([_screw(model, data, i) for i in joints]),
+        se3.transform(place.xmat.reshape(3, 3), place.xpos),
+        moving,
+        lower,
+        upper,
+        tool=tool,
+        places=data.xanchor[joints],
+    )
+
+
+def _joints_to(model: Any, body: int) -> list[int]:
+    """The joints from the world to a body."""
+    path: list[int] = []
+    while body > 0:
+        first = int(model.body_jntadr[body])
+        path[:0] = range(first, first + int(model.body_jntnum[body]))
+        body = int(model.body_parentid[body])
+    return path
+
+
+def _require_one_coordinate(model: Any, joint: int, name: str) -> None:
+    if model.jnt_type[joint] not in (HINGE, SLIDE):
+        raise RobotModelError(
+            f"the MuJoCo model: joint {name!r} has no single coordinate; only hinges and slides are modelled. Leave it "
+            "out of `joints` to hold it still."
+        )
+    coupled = (
+        (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & (model.eq_obj1id == joint) & model.eq_active0.astype(bool)
+    )
+    if coupled.any():
+        raise RobotModelError(
+            f"the MuJoCo model: joint {name!r} is coupled to another and has no coordinate of its own. Leave it out of "
+            "`joints` to hold it still."
+        )
+
+
+def _posed(model: Any, moving: Sequence[int]) -> Any:
+    """The model's data with the moving joints at zero and the others where they rest."""
+    data = mujoco.MjData(model)
+    for i in range(model.njnt):
+        if model.jnt_type[i] in (HINGE, SLIDE):
+            held = i not in moving and model.jnt_limited[i]
+            data.qpos[model.jnt_qposadr[i]] = np.clip(0.0, *model.jnt_range[i]) if held else 0.0
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def _screw(model: Any, data: Any, joint: int) -> Any:
+    """The twist of a joint in the world."""
+    if model.jnt_type[joint] == SLIDE:
+        return prismatic(data.xaxis[joint])
+    return revolute(data.xaxis[joint], data.xanchor[joint])

@@ -1,0 +1,150 @@
+"""An arm cut out of a tree of links: the chain of joints from its root to a tool link.
+
+    T(0) = T_1 ... T_k,    S_i = Ad(T_1 ... T_i) (a_i; 0) or (0; a_i),    T_i the frame of joint i in that of its parent
+
+Joints that are held contribute a fixed motion: they stand at zero, or at the limit nearest to it.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+import numpy as np
+
+from invariantqp.errors import BadInput, RobotModelError, UnknownName
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.urdf import MOVING, Joint
+
+
+def chain_to_link(joints: Sequence[Joint], name: str, tool: str | None, chosen: Sequence[str] | None) -> Chain:
+    """The arm from the root of a tree to a tool link.
+
+    Args:
+        joints: all of the tree.
+        name: what to call the robot in messages.
+        tool: name of a link, or of the joint that moves it; None is the last link of the longest chain of joints.
+        chosen: the joints that move, all between base and tool; None is every one of them. The rest are held.
+
+    Raises:
+        RobotModelError: no tree, no joint moves the tool, or one that moves has not one coordinate of its own.
+        UnknownName: a link or joint is not there.
+        BadInput: a joint that does not move the tool.
+    """
+    above = {joint.child: joint for joint in joints}
+    if len(above) < len(joints):
+        raise RobotModelError(f"{name}: a link is moved by two joints; expected a tree of links")
+    paths = {link: path_to(above, link, name) for link in above}
+    links = list(dict.fromkeys(link for joint in joints for link in (joint.parent, joint.child)))
+    if tool is None:
+        tool = max(paths, key=lambda link: _length(paths[link]))
+    if tool not in links:
+        tool = next((joint.child for joint in joints if joint.name == tool), tool)
+    if tool not in links:
+        raise UnknownName("frame", tool, difflib.get_close_matches(tool, links), links)
+    path = paths.get(tool, [])
+    can = [joint.name for joint in path if joint.kind != "fixed"]
+    moving = selected(name, tool, can, [joint.name for joint in joints], chosen)
+    return _chain(name, path, set(moving), tool)
+
+
+def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
+    """Those joints that move the tool and are chosen, base first.
+
+    Args:
+        name: what to call the robot in messages.
+        tool: name of the tool frame.
+        can: the joints that move it, base first.
+        known: all joints.
+        chosen: some of them; None is all.
+
+    Raises:
+        RobotModelError: nothing moves the tool.
+        UnknownName: no such joint.
+        BadInput: a joint that does not move the tool, or none.
+    """
+    if not can:
+        raise RobotModelError(f"{name}: no joint moves the tool frame {tool!r}; choose a frame beyond the first joint")
+    if chosen is None:
+        return can
+    for joint in chosen:
+        if joint not in known:
+            raise UnknownName("joint", joint, difflib.get_close_matches(joint, known), can)
+        if joint not in can:
+            raise BadInput("joints", f"{joint!r}, which does not move {tool!r}", f"some of {arrays.names(can)}")
+    if not chosen:
+        raise BadInput("joints", "none", f"some of {arrays.names(can)}")
+    return [joint for joint in can if joint in chosen]
+
+
+def path_to(above: dict[str, Joint], link: str, name: str) -> list[Joint]:
+    """The joints from the root to a link, given the joint above each link.
+
+    Raises:
+        RobotModelError: links that stand on each other in a circle.
+    """
+    path: list[Joint] = []
+    while link in above:
+        path.append(above[link])
+        link = above[link].parent
+        if len(path) > len(above):
+            raise RobotModelError(f"{name}: links stand on each other in a circle, {link!r} among them")
+    return path[::-1]
+
+
+def displacement(joint: Joint, q: float) -> Array:
+    """(4, 4) motion of a joint by q, in its own frame."""
+    still = np.zeros(3)
+    parts = (still, q * joint.axis) if joint.kind == "prismatic" else (q * joint.axis, still)
+    return se3.exp(np.concatenate(parts), check=False)
+
+
+def rest(joint: Joint) -> float:
+    """Where a held joint stands: zero, or the limit nearest to it."""
+    return min(max(0.0, joint.lower), joint.upper)
+
+
+def _length(path: list[Joint]) -> int:
+    """How many joints of their own a path has; -1 where one could not be part of an arm."""
+    able = all(not joint.mimics and joint.kind in (*MOVING, "fixed") for joint in path)
+    return sum(joint.kind in MOVING for joint in path) if able else -1
+
+
+def _chain(name: str, path: list[Joint], moving: set[str], tool: str) -> Chain:
+    T, screws, places = np.eye(4), [], []
+    for joint in path:
+        T = T.dot(joint.origin)
+        if joint.name in moving:
+            _require_one_coordinate(name, joint)
+            along, still = T[:3, :3].dot(joint.axis), np.zeros(3)
+            hinge = (along, se3.cross(T[:3, 3], along))
+            screws.append(np.concatenate((still, along) if joint.kind == "prismatic" else hinge))
+            places.append(T[:3, 3])
+        elif joint.kind in MOVING:
+            T = T.dot(displacement(joint, rest(joint)))
+    parts = [joint for joint in path if joint.name in moving]
+    return Chain(
+        np.column_stack(screws),
+        T,
+        [joint.name for joint in parts],
+        [joint.lower for joint in parts],
+        [joint.upper for joint in parts],
+        [joint.speed for joint in parts],
+        tool=tool,
+        places=places,
+    )
+
+
+def _require_one_coordinate(name: str, joint: Joint) -> None:
+    if joint.kind not in MOVING:
+        raise RobotModelError(
+            f"{name}: joint {joint.name!r} ({joint.kind}) has no single coordinate; only revolute and prismatic joints "
+            "are modelled. Leave it out of `joints` to hold it still."
+        )
+    if joint.mimics:
+        raise RobotModelError(
+            f"{name}: joint {joint.name!r} mimics {joint.mimics!r} and has no coordinate of its own. Leave it out of "
+            "`joints` to hold it still."
+        )
