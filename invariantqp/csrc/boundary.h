@@ -29,4 +29,7 @@ PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t co
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
+/* sight.c */
+PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
 #endif

@@ -229,6 +229,8 @@ static PyMethodDef methods[] = {
     {"loop", (PyCFunction)(void (*)(void))loop, METH_FASTCALL, "The fixed numbers of a controller, for `step`."},
     {"step", (PyCFunction)(void (*)(void))controller_step, METH_FASTCALL,
      "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},
+    {"sight", (PyCFunction)(void (*)(void))sight, METH_FASTCALL,
+     "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."},
     {"tick", (PyCFunction)(void (*)(void))tick, METH_FASTCALL,
      "The fields of a VelocitySolution, or None where Python has to answer."},
     {"arm", (PyCFunction)(void (*)(void))search_arm, METH_FASTCALL, "The numbers of an arm, for a pose search."},

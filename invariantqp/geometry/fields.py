@@ -68,6 +68,10 @@ class Value(Compared):
     def __hash__(self) -> int:  # type: ignore[override]
         return hash((type(self), *(_hashable(getattr(self, f.name)) for f in _fields(self) if f.eq)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a pickle is made from: the fields, without what has been computed from them."""
+        return {f.name: getattr(self, f.name) for f in _fields(self)}
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         for kept in state.values():
             if isinstance(kept, np.ndarray):

@@ -16,6 +16,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
+from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -90,11 +91,11 @@ class Chain(Value):
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
-        return self._kinematics(arrays.vector(q, len(self.names), "q"))[1]
+        return self._seen(arrays.vector(q, len(self.names), "q"))[1]
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, m) joint twists in the base frame."""
-        return self._kinematics(arrays.vector(q, len(self.names), "q"))[0]
+        return self._seen(arrays.vector(q, len(self.names), "q"))[0]
 
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) a point of each joint's axis, to draw the arm by."""
@@ -115,8 +116,11 @@ class Chain(Value):
         Raises:
             BadInput: a target that is not a rigid motion.
         """
-        J, T = self._kinematics(q)
-        return Sighting(J, se3.log(self.target(target).pose.dot(se3.inverse(T, check=False)), check=False), T)
+        wanted = self.target(target).pose
+        J, T, error = self._seen(q, wanted)
+        if error is None:
+            error = se3.log(wanted.dot(se3.inverse(T, check=False)), check=False)
+        return Sighting(J, error, T)
 
     def points(self, sighting: Sighting, target: ArrayLike | Target, point: Array) -> tuple[Array, Array]:
         """Where a point (3,) of the tool frame is, and where it should be."""
@@ -165,6 +169,12 @@ class Chain(Value):
             T = T.dot(step)
             motions.append(T)
         return motions
+
+    def _seen(self, q: Array, wanted: Array | None = None) -> tuple[Array, Array, Array | None]:
+        """Joint twists and tool pose at a checked q, and by the compiled core the error, None where it has none."""
+        found: tuple[Array, Array, Array | None] | None
+        found = None if core is None else core.sight(self.screws, self.home, q, wanted)
+        return (*self._kinematics(q), None) if found is None else found
 
     def _kinematics(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""

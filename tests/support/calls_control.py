@@ -114,6 +114,8 @@ CONTROL = {
             "position_lower": -1.0,
             "position_upper": 1.0,
             "velocity_limit": 1.0,
+            "tool": "tool",
+            "places": None,
         },
     ),
     **robot_calls("Chain", chain),

@@ -1,0 +1,62 @@
+"""The product of exponentials, by numpy and by the compiled core."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.engine import core
+from invariantqp.robots import chain as module
+
+
+def random_chain(rng, m):
+    """Hinges, screws and slides of every rate; one hinge is so far away that it is nearly a slide."""
+    screws = rng.normal(size=(6, m)) * 10.0 ** rng.uniform(-2, 2, size=m)
+    screws[:3, rng.random(m) < 0.3] = 0.0
+    screws[:3, 0] *= 1e-8
+    return iq.robots.Chain(screws, iq.exp(rng.normal(size=6)))
+
+
+@pytest.mark.parametrize("m", [1, 2, 6, 7, 20])
+def test_poses_are_products_of_exponentials(m):
+    rng = np.random.default_rng(m)
+    for size in (1e-7, 1e-3, 1.0, 5.0):
+        arm = random_chain(rng, m)
+        q = size * rng.normal(size=m) / np.maximum(np.linalg.norm(arm.screws, axis=0), 1.0)
+        T, J = np.eye(4), np.empty((6, m))
+        for i, angle in enumerate(q):
+            J[:, i] = iq.adjoint(T) @ arm.screws[:, i]
+            T = T @ iq.exp(angle * arm.screws[:, i])
+        twists, pose = arm._kinematics(q)
+        scale = np.abs(J).max()
+        np.testing.assert_allclose(pose, T @ arm.home, rtol=0.0, atol=1e-13 * max(1.0, np.abs(T).max()))
+        np.testing.assert_allclose(twists, J, rtol=0.0, atol=1e-13 * scale * max(1.0, np.abs(T).max()))
+
+
+@pytest.mark.skipif(core is None, reason="the compiled core is not built, or switched off")
+@pytest.mark.parametrize("name", ["panda", "so101", "tiago"])
+def test_the_core_sees_what_python_sees(name, monkeypatch):
+    arm, rng = iq.load_robot(name), np.random.default_rng(0)
+    for turn in (0.0, 1e-9, 0.3, 3.0, np.pi):
+        q = rng.normal(size=len(arm.names))
+        target = arm.pose(q) @ iq.exp([0.0, turn, 0.0, 0.1, 0.2, 0.3])
+        one = arm.sight(q, target)
+        monkeypatch.setattr(module, "core", None)
+        other = arm.sight(q, target)
+        monkeypatch.undo()
+        np.testing.assert_allclose(one.J, other.J, rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(one.pose, other.pose, rtol=0.0, atol=1e-14)
+        # Near half a turn both are logarithms, to the rounding of a rotation matrix.
+        np.testing.assert_allclose(iq.exp(one.error), iq.exp(other.error), rtol=0.0, atol=1e-13)
+
+
+def test_a_chain_longer_than_the_core_takes_is_seen_by_python():
+    m = 40
+    arm = iq.robots.Chain(np.tile(iq.revolute((0, 0, 1))[:, None], m), np.eye(4))
+    np.testing.assert_allclose(arm.pose(np.full(m, 0.1)), iq.exp([0, 0, 4.0, 0, 0, 0]), atol=1e-14)
+
+
+def test_a_tool_has_a_name():
+    arm = iq.robots.Chain(np.eye(6), np.eye(4), tool="pen")
+    assert (arm.tool, arm.with_tool(np.eye(4)).tool) == ("pen", "pen+offset")
+    with pytest.raises(iq.BadInput, match="tool: found 3"):
+        iq.robots.Chain(np.eye(6), np.eye(4), tool=3)
