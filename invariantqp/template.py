@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
+from invariantqp.extras import require
 
 
 def fill_template(package: str, template: str, values: Mapping[str, Any]) -> str:
@@ -24,8 +24,12 @@ def fill_template(package: str, template: str, values: Mapping[str, Any]) -> str
         The page.
 
     Raises:
+        MissingExtra: without Jinja.
         ValueError: a number that the template writes as JSON is not finite.
     """
+    require("pictures", "jinja2")
+    from jinja2 import Environment, StrictUndefined
+
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False}
     text = (resources.files(package) / template).read_text(encoding="utf-8")

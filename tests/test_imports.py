@@ -31,9 +31,15 @@ def test_the_algebra_needs_numpy_alone():
     assert set(loaded_by(code)) <= {"scipy"}
 
 
-def test_a_chain_loads_no_pinocchio():
-    code = "import numpy as np, invariantqp as iq\niq.load_robot(np.eye(6), np.eye(4)).jacobian(np.zeros(6))"
-    assert not {"pinocchio", "matplotlib", "osqp"} & set(loaded_by(code))
+def test_a_loop_loads_no_extra():
+    code = (
+        "import numpy as np, invariantqp as iq\n"
+        "robot = iq.load_robot('panda')\n"
+        "loop = iq.Controller(robot, dt=0.01, exact='position', tool_speed=0.1, acceleration_limit=1.0)\n"
+        "loop.step(np.zeros(7), robot.pose(np.ones(7)))\n"
+        "iq.solve_pose(robot, robot.pose(np.ones(7))), iq.load_task('scara')\n"
+    )
+    assert set(loaded_by(code)) <= {"scipy", "daqp", "pydantic"}
 
 
 NAMED = [f"invariantqp.{name}" for name in iq._NAMESPACES]
@@ -120,6 +126,9 @@ def test_errors_have_one_base():
 # What a user does first with each extra, and the packages that are not there.
 EXTRAS = {
     "robots": ("iq.load_robot('panda')", ["example-robot-data"]),
+    "pin": ("iq.load_robot(np.eye(6), np.eye(4)).model", ["pinocchio"]),
+    "solvers": ("iq.Controller(iq.load_robot(np.eye(6), np.eye(4)), dt=0.01, backend='osqp')", ["osqp"]),
+    "pictures": ("iq.pictures.picture", ["matplotlib"]),
     "cvxpy": ("iq.limits.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "mink": ("from invariantqp.mink import InvariantFrameTask", ["mink"]),
@@ -147,6 +156,7 @@ def without(name, found=metadata.distribution):
 sys.meta_path.insert(0, Nowhere())
 metadata.distribution = without
 import invariantqp as iq
+import numpy as np
 try:
     {use}
 except iq.errors.MissingExtra as error:
@@ -160,6 +170,32 @@ def test_without_an_extra_its_first_use_says_how_to_install_it(extra):
     script = ABSENT.format(absent=absent, use=use)
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.strip().endswith(f"Run: pip install 'invariantqp[{extra}]'"), done.stderr
+
+
+# Every command that an extra is missing for, what is missing, and which extra is named.
+COMMANDS = {
+    "no command line": (["tasks"], "typer", "cli"),
+    "run --plot": (["run", "scara", "--plot", "out.png"], "matplotlib", "pictures"),
+    "run --view": (["run", "scara", "--view", "out.html"], "jinja2", "pictures"),
+    "run --backend": (["run", "scara", "--backend", "osqp"], "osqp", "solvers"),
+    "run --physics": (["run", "so101_pen", "--physics", "mujoco"], "mujoco", "sim"),
+    "run a robot": (["run", "panda_path"], "example-robot-data", "robots"),
+    "inspect --plot": (["inspect", "scara", "--plot", "out.png"], "matplotlib", "pictures"),
+    "compare": (["compare", "scara"], "matplotlib", "pictures"),
+}
+
+
+@pytest.mark.parametrize("case", COMMANDS)
+def test_a_command_says_what_it_lacks_before_it_does_any_work(case, tmp_path):
+    words, absent, extra = COMMANDS[case]
+    use = f"sys.argv[1:] = {words}; from invariantqp.__main__ import main; main()"
+    script = ABSENT.format(absent=[absent], use=use)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.endswith(f"Run: pip install 'invariantqp[{extra}]'\n")
+    assert done.stderr.startswith("error: ")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("m", [1, 3, 6, 7])

@@ -11,6 +11,7 @@ import typer
 from invariantqp.cli.places import folder, writable, write
 from invariantqp.cli.status import NotAccepted
 from invariantqp.errors import BadInput
+from invariantqp.extras import require
 from invariantqp.printing import print_comparison, print_not_installed, print_stability, progress
 
 
@@ -64,6 +65,7 @@ def compare(
         )
         _compare_stability(json_file, quiet)
         return
+    require("pictures", "matplotlib", "jinja2")
     from invariantqp.compare.report.ranking import rank_agreement
     from invariantqp.compare.report.report import write_report
     from invariantqp.compare.results import load_results

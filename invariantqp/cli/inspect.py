@@ -11,6 +11,7 @@ from typer.core import TyperCommand
 
 from invariantqp.cli.places import PICTURES, writable, write, writing
 from invariantqp.errors import BadInput
+from invariantqp.extras import require
 from invariantqp.printing import print_inspection, progress
 
 Q_EXPECTED = "numbers, one for each joint, such as --q 0 0.5 -1"
@@ -76,6 +77,8 @@ def inspect(
         raise BadInput("--q", "--samples too", "one of them: --q for one state, --samples for the joint range")
     writable("--json", json_file)
     writable("--plot", plot, PICTURES)
+    if plot is not None:
+        require("pictures", "matplotlib")
     loaded = arm(robot, tool)
     state = None if q is None else _numbers(q)
     with progress("inspecting", samples is None) as report:

@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 from invariantqp.cli.places import PAGES, PICTURES, writable, write, writing
 from invariantqp.cli.status import NotAccepted
 from invariantqp.errors import BadInput
+from invariantqp.extras import require
 from invariantqp.printing import print_contact_frame_check, print_frame_check, print_run, progress, say
 
 if TYPE_CHECKING:
@@ -74,6 +75,8 @@ def run(
 
     writable("--json", json_file)
     writable("--plot", plot, PICTURES)
+    if plot is not None:
+        require("pictures", "matplotlib")
     page, viewer = _watched(ctx, problem, view, quiet)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
@@ -101,6 +104,7 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
     if view or not has_display():
         page = Path(view or page_name(task))
         writable("--view", page, PAGES)
+        require("pictures", "jinja2")
         return page, None
     from invariantqp.view.server import Viewer
 

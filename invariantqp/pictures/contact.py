@@ -7,15 +7,18 @@ the origin.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLACK, BLUE, ORANGE, RULE, SHADE, SKY, VERMILION
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Where the normal is this nearly parallel to x of the base (cosine), the first axis of the picture is the base's y.
 NEARLY_ALONG = 0.9

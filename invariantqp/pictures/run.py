@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from itertools import cycle
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from cycler import cycler
-from matplotlib.axes import Axes
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.contact import contact_picture
@@ -19,6 +18,9 @@ from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import COLOURS, RULE, SHADE
 from invariantqp.runs.pathlog import PathTrace
 from invariantqp.runs.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # The error axis is logarithmic and has no zero: smaller errors [mm, deg] are drawn at this value.
 SMALLEST = 1e-9
@@ -42,6 +44,8 @@ def picture(trace: Trace, path: Path | str) -> Path:
     """
     if trace.contact is not None:
         return contact_picture(trace, trace.contact, path)
+    from cycler import cycler  # Matplotlib brings it
+
     style = {"axes.prop_cycle": cycler(color=COLOURS), "font.size": 9, "axes.grid": True}
     rows = 3 if trace.along is None else 4
     with figure_file(path, (7.5, 2.7 * rows), style) as figure:

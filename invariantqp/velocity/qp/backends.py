@@ -17,6 +17,7 @@ import daqp
 import numpy as np
 
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
+from invariantqp.extras import require
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.qp.scaling import UNBOUNDED, BoxQP
 
@@ -104,6 +105,10 @@ class Osqp:
     _workspace: Any = field(default=None, init=False, repr=False)
     _shape: tuple[int, int, bool] = field(default=(0, 0, False), init=False, repr=False)
 
+    def __post_init__(self) -> None:
+        """Refuse to be made where OSQP is not installed."""
+        require("solvers", "osqp")
+
     def __getstate__(self) -> dict[str, Any]:
         """What a copy or a pickle is made from: the settings, without the workspace, which has one owner."""
         return {**vars(self), "_workspace": None}
@@ -174,6 +179,7 @@ def backend_of(backend: Backend | str) -> Backend:
 
     Raises:
         UnknownName: no solver of that name is installed; the near ones are listed.
+        MissingExtra: a solver other than DAQP without the extra `solvers`.
     """
     if not isinstance(backend, str):
         if not hasattr(backend, "solve") or not hasattr(backend, "name"):
@@ -183,6 +189,7 @@ def backend_of(backend: Backend | str) -> Backend:
         return Daqp()
     if backend == "osqp":
         return Osqp()
+    require("solvers", "qpsolvers")
     import qpsolvers
 
     known = sorted({"daqp", "osqp", *qpsolvers.available_solvers})
