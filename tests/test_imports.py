@@ -185,16 +185,30 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("case", COMMANDS)
-def test_a_command_says_what_it_lacks_before_it_does_any_work(case, tmp_path):
-    words, absent, extra = COMMANDS[case]
-    use = f"sys.argv[1:] = {words}; from invariantqp.__main__ import main; main()"
-    script = ABSENT.format(absent=[absent], use=use)
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.endswith(f"Run: pip install 'invariantqp[{extra}]'\n")
-    assert done.stderr.startswith("error: ")
+RUN_ALL = """import contextlib, io, json
+from invariantqp.__main__ import main
+told = {{}}
+for name, words in {commands}.items():
+    sys.argv[1:] = words
+    streams = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
+        try:
+            main()
+        except SystemExit as left:
+            told[name] = [left.code, *(stream.getvalue() for stream in streams)]
+print(json.dumps(told))"""
+
+
+@pytest.mark.parametrize("command_line", [False, True])
+def test_every_command_says_what_it_lacks_before_it_does_any_work(command_line, tmp_path):
+    cases = {name: case for name, case in COMMANDS.items() if (case[1] != "typer") == command_line}
+    use = RUN_ALL.format(commands={name: words for name, (words, _, _) in cases.items()}).replace("\n", "\n    ")
+    script = ABSENT.format(absent=[absent for _, absent, _ in cases.values()], use=use)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
+    for name, (status, out, err) in json.loads(done.stdout).items():
+        _, absent, extra = COMMANDS[name]
+        said = f"error: {absent} is not installed. Run: pip install 'invariantqp[{extra}]'\n"
+        assert (status, out, err) == (2, "", said), name
     assert list(tmp_path.iterdir()) == []
 
 

@@ -77,6 +77,8 @@ def run(
     writable("--plot", plot, PICTURES)
     if plot is not None:
         require("pictures", "matplotlib")
+    if physics == "mujoco":
+        require("sim", "mujoco")
     page, viewer = _watched(ctx, problem, view, quiet)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
