@@ -11,6 +11,7 @@ from invariantqp.lazy import load_lazily
 
 if TYPE_CHECKING:
     from invariantqp.runs.log import ContactTrace as ContactTrace
+    from invariantqp.runs.newtask import new_task as new_task
     from invariantqp.runs.run import run_task as run_task
     from invariantqp.runs.taskfile import LawSpec as LawSpec
     from invariantqp.runs.taskfile import Task as Task
@@ -22,6 +23,7 @@ load_lazily(
     __name__,
     {
         "invariantqp.runs.log": ("ContactTrace",),
+        "invariantqp.runs.newtask": ("new_task",),
         "invariantqp.runs.run": ("run_task",),
         "invariantqp.runs.taskfile": ("LawSpec", "Task", "load_task", "shipped_tasks"),
         "invariantqp.runs.trace": ("Trace",),

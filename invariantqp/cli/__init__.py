@@ -15,6 +15,7 @@ from rich.table import Table
 
 from invariantqp.cli.compare import compare
 from invariantqp.cli.inspect import ManyNumbers, inspect
+from invariantqp.cli.new import new
 from invariantqp.cli.run import ViewAlone, run
 from invariantqp.cli.status import (
     BAD_INPUT,
@@ -143,3 +144,4 @@ def tasks() -> None:
 app.command(cls=ViewAlone, epilog=HELP)(run)
 app.command(cls=ManyNumbers, epilog=HELP)(inspect)
 app.command(epilog=HELP)(compare)
+app.command(cls=ManyNumbers, epilog=HELP)(new)

@@ -14,18 +14,18 @@ from invariantqp.errors import BadInput
 from invariantqp.extras import require
 from invariantqp.printing import print_inspection, progress
 
-Q_EXPECTED = "numbers, one for each joint, such as --q 0 0.5 -1"
+Q_EXPECTED = "numbers, one for each joint, such as 0 0.5 -1"
 
 
 class ManyNumbers(TyperCommand):
-    """A command in which every number after --q belongs to it: --q 0 0.5 -1 means --q 0,0.5,-1."""
+    """A command in which every number after --q or --start belongs to it: --q 0 0.5 -1 means --q 0,0.5,-1."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Join the numbers before anything else reads the arguments: -1 is not an option."""
         joined: list[str] = []
         for word in args:
             before = joined[-2:]
-            if len(before) == 2 and before[0] == "--q" and _is_numbers(before[1]) and _is_numbers(word):
+            if len(before) == 2 and before[0] in {"--q", "--start"} and _is_numbers(before[1]) and _is_numbers(word):
                 joined[-1] += f",{word}"
             else:
                 joined.append(word)
@@ -34,21 +34,25 @@ class ManyNumbers(TyperCommand):
 
 def _is_numbers(text: str) -> bool:
     try:
-        _numbers(text)
+        numbers("--q", text)
     except BadInput:
         return False
     return True
 
 
-def _numbers(text: str) -> list[float]:
-    """Numbers separated by commas or spaces."""
+def numbers(option: str, text: str) -> list[float]:
+    """Numbers separated by commas or spaces.
+
+    Raises:
+        BadInput: something else, or none; names the option.
+    """
     try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
+        found = [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
-        raise BadInput("--q", repr(text), Q_EXPECTED) from error
-    if not numbers:
-        raise BadInput("--q", repr(text), Q_EXPECTED)
-    return numbers
+        raise BadInput(option, repr(text), Q_EXPECTED) from error
+    if not found:
+        raise BadInput(option, repr(text), Q_EXPECTED)
+    return found
 
 
 def inspect(
@@ -80,7 +84,7 @@ def inspect(
     if plot is not None:
         require("pictures", "matplotlib")
     loaded = arm(robot, tool)
-    state = None if q is None else _numbers(q)
+    state = None if q is None else numbers("--q", q)
     with progress("inspecting", samples is None) as report:
         found = look(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
     if json_file is not None:

@@ -101,7 +101,9 @@ class ForceSpec(Section):
     on_overload: Literal["hold", "retreat"] | None = Field(
         None, description="left out: retreat from a contact that can be left", examples=["retreat"]
     )
-    on_loss: Literal["approach", "hold", "retreat", "continue"] = Field("approach", examples=["hold"])
+    on_loss: Literal["approach", "hold", "retreat", "continue"] = Field(
+        "approach", description="what to do when contact is lost", examples=["hold"]
+    )
     approach_speed: Positive = Field(0.02, description="largest speed before contact [m/s]", examples=[0.02])
 
     @model_validator(mode="after")

@@ -44,7 +44,7 @@ class LinePath(_Path):
     kind: Literal["line"]
     move: Vector3 = Field((0.0, 0.0, 0.0), description="displacement in base axes [m]", examples=[[0.1, 0.0, 0.0]])
     turn: Vector3 = Field((0.0, 0.0, 0.0), description="rotation vector in base axes [rad]", examples=[[0.0, 0.0, 0.5]])
-    there_and_back: StrictBool = False
+    there_and_back: StrictBool = Field(False, description="and back to the start", examples=[True])
 
     def along(self, robot: Robot, start: Array) -> PoseAt:
         """The pose at a time, for a robot that starts at joint positions `start`."""
@@ -97,7 +97,7 @@ class ScrewPath(_Path):
     point: Vector3 = Field(description="of the axis, from the start [m]", examples=[[-0.4, 0.0, 0.0]])
     angle: Number = Field(description="[rad]", examples=[0.8])
     pitch: Number = Field(0.0, description="[m/rad]", examples=[0.0])
-    there_and_back: StrictBool = False
+    there_and_back: StrictBool = Field(False, description="and back to the start", examples=[True])
 
     def along(self, robot: Robot, start: Array) -> PoseAt:
         """The pose at a time, for a robot that starts at joint positions `start`."""

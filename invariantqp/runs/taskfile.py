@@ -122,7 +122,7 @@ class Task(Section):
     """A problem to run; `load_task` makes one from a file."""
 
     name: str = Field(min_length=1, description="what reports call it", examples=["panda_path"])
-    about: str = Field("", description="one sentence about it")
+    about: str = Field("", description="one sentence about it", examples=["A Panda draws a circle."])
     robot: RobotSpec
     path: Path
     law: LawSpec = LawSpec()

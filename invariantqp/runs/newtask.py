@@ -1,0 +1,103 @@
+"""A task to start from: a robot where it can move well, a path, what it has to achieve, contact if wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays
+from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.load import load_robot
+from invariantqp.runs.contactspec import SIDES
+from invariantqp.runs.reference import PATHS, draft
+from invariantqp.runs.taskfile import task_from
+
+# States that are tried for a start, and how far from the middle of a joint's range: in half ranges, at most [rad, m].
+TRIED = 64
+SHARE, FARTHEST = 0.5, 1.5
+# Path keys without which a kind of path would not move, or has no place; [m], [rad].
+MOVES: dict[str, dict[str, Any]] = {
+    "line": {"move": [0.0, 0.0, -0.05]},
+    "circle": {"centre": [0.0, 0.03, 0.0]},
+    "screw": {"axis": [0.0, 0.0, 1.0], "point": [-0.1, 0.0, 0.0], "angle": 0.3},
+    "joints": {},
+    "hold": {"move": [0.0, 0.0, -0.01]},
+}
+# How far each joint goes on a path of joint positions [rad, m].
+STRIDE = 0.1
+SIZES = (0.08, 0.05)
+# Above what a run at these speeds leaves; a first demand, to be changed [mm].
+ACCURACY = 1.0
+
+
+def new_task(
+    name: str,
+    robot: str,
+    *,
+    start: Sequence[float] | None = None,
+    path: str = "line",
+    contact: str | None = None,
+    press: float = 5.0,
+) -> str:
+    """The text of a task file, with every key of its tables explained.
+
+    Args:
+        name: of the task.
+        robot: a known name, or the path of a URDF or MJCF.
+        start: joint positions; None is the best-conditioned of a few states around the middle of the range.
+        path: kind of path, as in a task file.
+        contact: kind of contact, as in a task file; None is none.
+        press: contact force [N].
+
+    Raises:
+        BadInput: no such kind of path or contact, a start that has not one number for each joint.
+        TaskFileError: values that no task file may have.
+        RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
+    """
+    for argument, text in (("name", name), ("robot", robot)):
+        if not isinstance(text, str) or not text:
+            raise BadInput(argument, excerpt(text), "a name")
+    arrays.choice(path, "path", list(PATHS))
+    if contact is not None:
+        arrays.choice(contact, "contact", list(SIDES))
+    press = arrays.number(press, "press", "a force [N]")
+    arm = load_robot(robot)
+    m = len(arm.names)
+    at = [round(x, 2) for x in (well_placed(arm) if start is None else arrays.vector(start, m, "start")).tolist()]
+    move = {"waypoints": [[round(x + STRIDE, 2) for x in at]]} if path == "joints" else MOVES[path]
+    law: dict[str, Any] = {"dt": 0.002}
+    if m < 6:
+        law["exact"] = "position"
+    content: dict[str, Any] = {
+        "name": name,
+        "about": f"{robot}: {path}{f', {contact} contact with {press:g} N' if contact else ''}",
+        "robot": {"source": robot, "start": at},
+        "path": {"kind": path, "duration": 2.0, **move},
+        "law": law,
+    }
+    if contact is not None:
+        size = {"size": list(SIZES[: SIDES[contact]])} if SIDES[contact] else {}
+        content |= {"contact": {"kind": contact, **size}, "force": {"press": press}, "sensor": {}}
+    if path != "hold":
+        content["accept"] = {"position_error_mm": ACCURACY}
+    task_from(content, f"the task {name!r}").load_robot()
+    return draft(content)
+
+
+def well_placed(robot: Robot) -> np.ndarray:
+    """(m,) joint positions near the middle of their ranges where the joints' twists are most independent."""
+    lower, upper = robot.position_lower, robot.position_upper
+    centre = middle(robot)
+    reach = np.minimum(SHARE * np.minimum(upper - centre, centre - lower), FARTHEST)
+    states = centre + reach * np.random.default_rng(0).uniform(-1.0, 1.0, size=(TRIED, len(centre)))
+
+    def independence(q: np.ndarray) -> float:
+        J, p = robot.jacobian(q), robot.pose(q)[:3, 3]
+        at_tool = np.vstack((J[:3], J[3:] - np.cross(p, J[:3], axisb=0).T))
+        return float(np.linalg.svd(at_tool, compute_uv=False)[min(at_tool.shape) - 1])
+
+    best: np.ndarray = max(states, key=independence)
+    return best
