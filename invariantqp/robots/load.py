@@ -15,6 +15,7 @@ from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownN
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
 from invariantqp.robots.urdf import is_text, joints_of, read_xml
 
@@ -33,7 +34,7 @@ class Known(NamedTuple):
     joints: tuple[str, ...] | None = None
 
 
-KNOWN = {
+IN_DATA = {
     "panda": Known("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
     "ur3": Known("ur_description/urdf/ur3_robot.urdf", "tool0"),
     "ur5": Known("ur_description/urdf/ur5_robot.urdf", "tool0"),
@@ -50,23 +51,26 @@ KNOWN = {
         tuple(f"arm_left_{i}_joint" for i in range(1, 8)),
     ),
 }
+KNOWN = (*IN_DATA, *PUBLISHED)
 
 
 def load_robot(
     source: str | PathLike[str] | ArrayLike | Any,
     tool: str | ArrayLike | None = None,
     joints: Sequence[str] | None = None,
+    offset: ArrayLike | None = None,
 ) -> Robot:
     """An arm from its base to its tool; nothing beyond is modelled.
 
     Args:
-        source: a name ("panda", "ur5", "so101", "xarm7", "kinova", "talos" for its left arm, ...; these come with the
-            extra `robots`), the path of a URDF file, the text of one (a `robot_description`), the path or text of an
-            MJCF (extra `sim`), a `pinocchio.Model`, a `mujoco.MjModel`, a `yourdfpy.URDF`, or (6, m) joint screws at
-            q = 0 in the base frame.
+        source: a name ("panda", "ur5", "so101", "xarm7", "kinova", "talos" for its left arm, ... come with the extra
+            `robots`; "ur5e", "fr3", "iiwa14", "gen3", "lite6", ... need nothing), the path of a URDF file, the text of
+            one (a `robot_description`), the path or text of an MJCF (extra `sim`), a `pinocchio.Model`, a
+            `mujoco.MjModel`, a `yourdfpy.URDF`, or (6, m) joint screws at q = 0 in the base frame.
         tool: name of the tool frame: a link, or of MuJoCo a site or a body; None is the robot's usual one, for a URDF
             or a model the end of its longest chain of joints. With screws: the (4, 4) tool pose at q = 0.
         joints: names of the joints that move; None is all between base and tool. With screws: their names.
+        offset: (4, 4) pose in that frame of what is to be moved: a tool, a camera, a grasped object; None is the frame.
 
     Returns:
         A `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q). It can be used in
@@ -79,7 +83,11 @@ def load_robot(
         MissingExtra: a named robot without the extra `robots`.
         BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape.
     """
-    chosen = None if joints is None else arrays.strings(joints, "joints")
+    arm = _loaded(source, tool, None if joints is None else arrays.strings(joints, "joints"))
+    return arm if offset is None else arm.with_tool(offset)
+
+
+def _loaded(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] | None) -> Chain:
     if not isinstance(source, (str, PathLike)) and _library(source) is None:
         return _chain(source, tool, chosen)
     if tool is not None and not isinstance(tool, str):
@@ -88,7 +96,9 @@ def load_robot(
         return _of_library(source, tool, chosen)
     if isinstance(source, str) and is_text(source):
         return _described(source, tool, chosen)
-    known = KNOWN.get(str(source))
+    if str(source) in PUBLISHED:
+        return chain_to_link(published(str(source)), str(source), tool or "tool0", chosen)
+    known = IN_DATA.get(str(source))
     if known is not None and tool is None:
         tool, chosen = known.tool, known.joints if chosen is None else chosen
     return _described(urdf_of(source), tool, chosen)
@@ -146,12 +156,14 @@ def urdf_of(source: str | PathLike[str]) -> Path:
 
     Raises:
         UnknownName: no such robot; near ones are listed.
-        RobotModelError: no such file.
+        RobotModelError: no such file, or a robot that is known without one.
         MissingExtra: a named robot without the extra `robots`.
     """
-    known = KNOWN.get(str(source))
+    known = IN_DATA.get(str(source))
     if known is not None:
         return _data_folder() / known.urdf
+    if str(source) in PUBLISHED:
+        raise RobotModelError(f"{source}: known by its joints alone; give the path of its URDF where masses are needed")
     path = Path(source)
     try:
         if path.is_file():

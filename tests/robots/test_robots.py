@@ -22,6 +22,8 @@ JOINTS = {
     "z1": 6,
     "tiago": 8,
     "talos": 7,
+    **dict.fromkeys(("ur3e", "ur5e", "ur10e", "ur16e", "lite6"), 6),
+    **dict.fromkeys(("fr3", "iiwa7", "iiwa14", "gen3"), 7),
 }
 SLIDER = """<robot name="slider">
   <link name="base"/><link name="cart"/><link name="hook"/><link name="side"/>

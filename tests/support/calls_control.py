@@ -103,7 +103,7 @@ def robot_calls(name, robot):
 # What is called, and arguments that it takes.
 CONTROL = {
     # robots
-    "load_robot": lambda: (iq.load_robot, {"source": "ur5", "tool": None, "joints": None}),
+    "load_robot": lambda: (iq.load_robot, {"source": "ur5", "tool": None, "joints": None, "offset": T}),
     "load_robot, screws": lambda: (iq.load_robot, {"source": J, "tool": T, "joints": None}),
     "Chain": lambda: (
         iq.robots.Chain,

@@ -1,0 +1,148 @@
+"""Arms whose joints are written here, from what their makers publish: numbers alone, without meshes and masses.
+
+Each joint turns about z of its frame. A frame is placed in the one before by a translation and by quarter turns about
+fixed axes, Rz(yaw) Ry(pitch) Rx(roll). Base frames and tool frames are the makers' own; the tool frame is the flange.
+
+Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics"; limits from ur_description,
+which quotes the user manuals 5.8 and halves the elbow's range, since beyond it links collide. Franka Robotics,
+franka_description (fr3). KUKA LBR iiwa 7 R800 and 14 R820: lbr_fri_ros2_stack and iiwa_stack. Kinova, ros_kortex (Gen3
+with seven joints). UFACTORY, xarm_ros (Lite 6). Right angles that a source rounds, such as 1.5708, are right angles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, pi, radians
+
+import numpy as np
+
+from invariantqp.geometry import se3
+from invariantqp.robots.urdf import Joint, rotation
+
+# Where a frame is: a translation [m], and quarter turns (roll, pitch, yaw).
+Place = tuple[tuple[float, float, float], tuple[int, int, int]]
+
+WHOLE = 2.0 * pi
+UR_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+
+
+def published(name: str) -> list[Joint]:
+    """The joints of an arm of this file, base first, and the fixed one of its flange.
+
+    Raises:
+        KeyError: none of `PUBLISHED`.
+    """
+    joints, flange = PUBLISHED[name]
+    last = f"link{len(joints)}"
+    return [*joints, Joint("flange", "fixed", last, "tool0", _frame(flange), np.array((0.0, 0.0, 1.0)))]
+
+
+def _frame(place: Place) -> np.ndarray:
+    xyz, quarters = place
+    return se3.transform(rotation([0.5 * pi * k for k in quarters]).round(), xyz)
+
+
+def _joints(
+    names: Sequence[str], places: Sequence[Place], limits: Sequence[tuple[float, float]], speeds: Sequence[float]
+) -> list[Joint]:
+    """Joints from their names, places in the frames before, position limits [rad] and velocity limits [rad/s]."""
+    z = np.array((0.0, 0.0, 1.0))
+    return [
+        Joint(called, "revolute", f"link{i}", f"link{i + 1}", _frame(place), z, lower, upper, speed)
+        for i, (called, place, (lower, upper), speed) in enumerate(zip(names, places, limits, speeds, strict=True))
+    ]
+
+
+def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float, speeds: Sequence[float]) -> list[Joint]:
+    """A Universal Robots arm from its DH parameters [m] and velocity limits [deg/s]."""
+    places: list[Place] = [
+        ((0.0, 0.0, d1), (0, 0, 0)),
+        ((0.0, 0.0, 0.0), (1, 0, 0)),
+        ((a2, 0.0, 0.0), (0, 0, 0)),
+        ((a3, 0.0, d4), (0, 0, 0)),
+        ((0.0, -d5, 0.0), (1, 0, 0)),
+        ((0.0, d6, 0.0), (-1, 0, 0)),
+    ]
+    limits = [(-pi, pi) if name == "elbow" else (-WHOLE, WHOLE) for name in UR_NAMES]
+    return _joints([f"{name}_joint" for name in UR_NAMES], places, limits, [radians(v) for v in speeds])
+
+
+def _iiwa(d: Sequence[float], speeds: Sequence[float]) -> tuple[list[Joint], Place]:
+    """A KUKA LBR iiwa from its shoulder's height, the lengths of its arms and its flange [m], and speeds [deg/s]."""
+    places: list[Place] = [
+        ((0.0, 0.0, 0.0), (0, 0, 0)),
+        ((0.0, 0.0, d[0]), (-1, 0, 0)),
+        ((0.0, 0.0, 0.0), (1, 0, 0)),
+        ((0.0, 0.0, d[1]), (1, 0, 0)),
+        ((0.0, 0.0, 0.0), (-1, 0, 0)),
+        ((0.0, 0.0, d[2]), (-1, 0, 0)),
+        ((0.0, 0.0, 0.0), (1, 0, 0)),
+    ]
+    most = [radians(q) for q in (170, 120, 170, 120, 170, 120, 175)]
+    names = [f"A{i}" for i in range(1, 8)]
+    joints = _joints(names, places, [(-q, q) for q in most], [radians(v) for v in speeds])
+    return joints, ((0.0, 0.0, d[3]), (0, 0, 0))
+
+
+HERE: Place = ((0.0, 0.0, 0.0), (0, 0, 0))
+FR3 = _joints(
+    [f"fr3_joint{i}" for i in range(1, 8)],
+    [
+        ((0.0, 0.0, 0.333), (0, 0, 0)),
+        ((0.0, 0.0, 0.0), (-1, 0, 0)),
+        ((0.0, -0.316, 0.0), (1, 0, 0)),
+        ((0.0825, 0.0, 0.0), (1, 0, 0)),
+        ((-0.0825, 0.384, 0.0), (-1, 0, 0)),
+        ((0.0, 0.0, 0.0), (1, 0, 0)),
+        ((0.088, 0.0, 0.0), (1, 0, 0)),
+    ],
+    [
+        (-2.7437, 2.7437),
+        (-1.7837, 1.7837),
+        (-2.9007, 2.9007),
+        (-3.0421, -0.1518),
+        (-2.8065, 2.8065),
+        (0.5445, 4.5169),
+        (-3.0159, 3.0159),
+    ],
+    [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26],
+)
+GEN3 = _joints(
+    [f"joint_{i}" for i in range(1, 8)],
+    [
+        ((0.0, 0.0, 0.15643), (2, 0, 0)),
+        ((0.0, 0.005375, -0.12838), (1, 0, 0)),
+        ((0.0, -0.21038, -0.006375), (-1, 0, 0)),
+        ((0.0, 0.006375, -0.21038), (1, 0, 0)),
+        ((0.0, -0.20843, -0.006375), (-1, 0, 0)),
+        ((0.0, 0.00017505, -0.10593), (1, 0, 0)),
+        ((0.0, -0.10593, -0.00017505), (-1, 0, 0)),
+    ],
+    [(-q, q) for q in (inf, 2.41, inf, 2.66, inf, 2.23, inf)],
+    [1.3963, 1.3963, 1.3963, 1.3963, 1.2218, 1.2218, 1.2218],
+)
+LITE6 = _joints(
+    [f"joint{i}" for i in range(1, 7)],
+    [
+        ((0.0, 0.0, 0.2435), (0, 0, 0)),
+        ((0.0, 0.0, 0.0), (1, -1, 2)),
+        ((0.2002, 0.0, 0.0), (2, 0, 1)),
+        ((0.087, -0.22761, 0.0), (1, 0, 0)),
+        ((0.0, 0.0, 0.0), (1, 0, 0)),
+        ((0.0, 0.0625, 0.0), (-1, 0, 0)),
+    ],
+    [(-WHOLE, WHOLE), (-2.61799, 2.61799), (-0.061087, 5.235988), (-WHOLE, WHOLE), (-2.1642, 2.1642), (-WHOLE, WHOLE)],
+    [3.14] * 6,
+)
+# Joints and flange of each arm.
+PUBLISHED: dict[str, tuple[list[Joint], Place]] = {
+    "ur3e": (_ur(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921, [180, 180, 180, 360, 360, 360]), HERE),
+    "ur5e": (_ur(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996, [180] * 6), HERE),
+    "ur10e": (_ur(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655, [120, 120, 180, 180, 180, 180]), HERE),
+    "ur16e": (_ur(0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655, [120, 120, 180, 180, 180, 180]), HERE),
+    "fr3": (FR3, ((0.0, 0.0, 0.107), (0, 0, 0))),
+    "iiwa7": _iiwa((0.34, 0.4, 0.4, 0.126), [98, 98, 100, 130, 140, 180, 180]),
+    "iiwa14": _iiwa((0.36, 0.42, 0.4, 0.126), [85, 85, 100, 75, 130, 135, 135]),
+    "gen3": (GEN3, ((0.0, 0.0, -0.061525), (2, 0, 0))),
+    "lite6": (LITE6, HERE),
+}

@@ -1,0 +1,30 @@
+import sys
+
+import pytest
+
+import invariantqp as iq
+from invariantqp import cli
+
+
+def call(monkeypatch, capsys, *words):
+    """(exit status, standard output, standard error) of a command line."""
+    monkeypatch.setattr(sys, "argv", ["invariantqp", *words])
+    with pytest.raises(SystemExit) as leaving:
+        cli.main()
+    printed = capsys.readouterr()
+    return leaving.value.code, printed.out, printed.err
+
+
+def test_a_new_task_is_a_file_that_can_be_loaded(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = call(
+        monkeypatch, capsys, "new", "mine", "--robot", "ur5e", "--start", "0", "-1", "1", "-1", "-1", "0"
+    )
+    assert (status, out) == (0, "")
+    assert err == "written: mine.toml. Change it, then: invariantqp run mine.toml\n"
+    assert iq.load_task("mine.toml").robot.start == [0.0, -1.0, 1.0, -1.0, -1.0, 0.0]
+    status, _, err = call(monkeypatch, capsys, "new", "mine")
+    assert (status, err.split(";")[0]) == (2, "error: TASK: found mine.toml, which exists")
+    assert call(monkeypatch, capsys, "new", "x", "--out", "a.json")[0] == 2
+    assert call(monkeypatch, capsys, "new", "x", "--contact", "ball")[0] == 2
+    assert not (tmp_path / "x.toml").exists()
