@@ -7,11 +7,13 @@ Run: python examples/06_inside_pink.py      needs the extras `robots` and `pink`
 """
 
 import numpy as np
-import pink
-import pinocchio as pin
 
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
+
+# isort: split
+import pink  # after ours, which says which extra is missing
+import pinocchio as pin
 
 DT = 0.01  # [s]
 STATES = 200

@@ -1,6 +1,6 @@
 """Your own measure of a twist, your own limit, your own solver settings: three small classes and no subclass.
 
-Run: python examples/08_custom_form_and_limit.py      needs the extra `robots`
+Run: python examples/08_custom_form_and_limit.py      needs the extras `robots` and `solvers`
 """
 
 from dataclasses import dataclass

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 from invariantqp.control.frame_cost import FrameCost
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry.arrays import Array
+
+from invariantqp.robots.pink import Configuration, FrameTask  # isort: skip (it names the extra that brings both)
 from invariantqp.robots.models import chain_to
-from invariantqp.robots.pink import Configuration, FrameTask
 from invariantqp.robots.pinocchio import placement
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import CarriedMetric, Form

@@ -500,7 +500,7 @@ class Modelless:
 
 
 def test_joint_screws_have_a_model_for_pinks_limits():
-    screws = [iq.revolute((0, 0, 1)), iq.se3.helical((0, 1, 0), (0.1, 0, 0.2), 0.05), iq.se3.prismatic((1, 0, 1))]
+    screws = [iq.revolute((0, 0, 1)), iq.revolute((0, 1, 0), (0.1, 0, 0.2)), iq.se3.prismatic((1, 0, 1))]
     arm = iq.robots.Chain(np.column_stack(screws), iq.transform(translation=(0.5, 0, 0.3)), velocity_limit=0.1)
     limit, q = VelocityLimit(arm.model), np.array([0.3, -0.4, 0.2])
     solution = iq.Controller(arm, dt=DT, joint_metric=np.ones(3), limits=[limit]).step(q, arm.pose(q + 0.3))

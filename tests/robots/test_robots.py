@@ -316,6 +316,14 @@ def test_a_robots_pinocchio_model_is_the_same_arm(name):
     np.testing.assert_allclose(again.origins(q), arm.origins(q), rtol=0.0, atol=1e-12)
 
 
+def test_a_screw_joint_has_a_pinocchio_model():
+    screws = [iq.se3.helical((0, 1, 1), (0.1, 0, 0.2), 0.05), iq.se3.prismatic((1, 0, 1)), iq.revolute((1, 0, 0))]
+    arm = iq.robots.Chain(np.column_stack(screws), iq.exp([0.1, 0.2, 0.3, 0.5, 0, 0.3]), ["a", "b", "c"])
+    again = iq.load_robot(arm.model, tool="tool")
+    np.testing.assert_allclose(again.pose([0.7, 0.2, -0.4]), arm.pose([0.7, 0.2, -0.4]), atol=1e-14)
+    np.testing.assert_allclose(again.jacobian([0.7, 0.2, -0.4]), arm.jacobian([0.7, 0.2, -0.4]), atol=1e-14)
+
+
 def test_a_model_with_joints_of_other_kinds():
     """A joint without a single coordinate can be held still, not moved; a continuous one has its angle."""
     floating = pinocchio.buildModelFromXML(FLOATING)

@@ -1,4 +1,4 @@
-"""placo and this library in one environment: both load, agree on an arm, and move it. Run by `.ci/run`, not by pytest."""
+"""placo and this library in one environment: both load, agree on an arm, and move it. Run by `.ci/run`."""
 
 import tempfile
 from pathlib import Path
@@ -11,7 +11,8 @@ import invariantqp as iq
 
 JOINT = """<joint name="to {name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
 <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="2"/></joint>"""
-LINK = """<link name="{}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"""
+LINK = """<link name="{}"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"""
 
 
 def urdf():
@@ -36,11 +37,11 @@ theirs.update_kinematics()
 np.testing.assert_allclose(ours.pose(q), theirs.get_T_world_frame(ours.tool), rtol=0.0, atol=1e-12)
 
 solver = placo.KinematicsSolver(theirs)
-solver.mask_fbase(True)
+solver.mask_fbase(True)  # noqa: FBT003
 solver.add_frame_task(ours.tool, ours.pose(q + 0.05)).configure("tool", "soft", 1.0, 1.0)
 controller = iq.Controller(ours, dt=0.01)
 for _ in range(100):
-    solver.solve(True)
+    solver.solve(True)  # noqa: FBT003
     theirs.update_kinematics()
     q = q + 0.01 * controller.step(q, ours.pose(np.array([0.35, -0.45, 0.75, 0.25, -0.35]))).velocity
 np.testing.assert_allclose(q, [0.35, -0.45, 0.75, 0.25, -0.35], atol=1e-3)
