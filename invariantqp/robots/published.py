@@ -17,7 +17,7 @@ from math import inf, pi, radians
 import numpy as np
 
 from invariantqp.geometry import se3
-from invariantqp.robots.urdf import Joint, rotation
+from invariantqp.robots.urdf import TreeJoint, rotation
 
 # Where a frame is: a translation [m], and quarter turns (roll, pitch, yaw).
 Place = tuple[tuple[float, float, float], tuple[int, int, int]]
@@ -26,7 +26,7 @@ WHOLE = 2.0 * pi
 UR_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
 
-def published(name: str) -> list[Joint]:
+def published(name: str) -> list[TreeJoint]:
     """The joints of an arm of this file, base first, and the fixed one of its flange.
 
     Raises:
@@ -34,7 +34,7 @@ def published(name: str) -> list[Joint]:
     """
     joints, flange = PUBLISHED[name]
     last = f"link{len(joints)}"
-    return [*joints, Joint("flange", "fixed", last, "tool0", _frame(flange), np.array((0.0, 0.0, 1.0)))]
+    return [*joints, TreeJoint("flange", "fixed", last, "tool0", _frame(flange), np.array((0.0, 0.0, 1.0)))]
 
 
 def _frame(place: Place) -> np.ndarray:
@@ -44,16 +44,16 @@ def _frame(place: Place) -> np.ndarray:
 
 def _joints(
     names: Sequence[str], places: Sequence[Place], limits: Sequence[tuple[float, float]], speeds: Sequence[float]
-) -> list[Joint]:
+) -> list[TreeJoint]:
     """Joints from their names, places in the frames before, position limits [rad] and velocity limits [rad/s]."""
     z = np.array((0.0, 0.0, 1.0))
     return [
-        Joint(called, "revolute", f"link{i}", f"link{i + 1}", _frame(place), z, lower, upper, speed)
+        TreeJoint(called, "revolute", f"link{i}", f"link{i + 1}", _frame(place), z, lower, upper, speed)
         for i, (called, place, (lower, upper), speed) in enumerate(zip(names, places, limits, speeds, strict=True))
     ]
 
 
-def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float, speeds: Sequence[float]) -> list[Joint]:
+def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float, speeds: Sequence[float]) -> list[TreeJoint]:
     """A Universal Robots arm from its DH parameters [m] and velocity limits [deg/s]."""
     places: list[Place] = [
         ((0.0, 0.0, d1), (0, 0, 0)),
@@ -67,7 +67,7 @@ def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float, speeds
     return _joints([f"{name}_joint" for name in UR_NAMES], places, limits, [radians(v) for v in speeds])
 
 
-def _iiwa(d: Sequence[float], speeds: Sequence[float]) -> tuple[list[Joint], Place]:
+def _iiwa(d: Sequence[float], speeds: Sequence[float]) -> tuple[list[TreeJoint], Place]:
     """A KUKA LBR iiwa from its shoulder's height, the lengths of its arms and its flange [m], and speeds [deg/s]."""
     places: list[Place] = [
         ((0.0, 0.0, 0.0), (0, 0, 0)),
@@ -135,7 +135,7 @@ LITE6 = _joints(
     [3.14] * 6,
 )
 # Joints and flange of each arm.
-PUBLISHED: dict[str, tuple[list[Joint], Place]] = {
+PUBLISHED: dict[str, tuple[list[TreeJoint], Place]] = {
     "ur3e": (_ur(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921, [180, 180, 180, 360, 360, 360]), HERE),
     "ur5e": (_ur(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996, [180] * 6), HERE),
     "ur10e": (_ur(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655, [120, 120, 180, 180, 180, 180]), HERE),

@@ -16,10 +16,10 @@ from invariantqp.errors import BadInput, RobotModelError, UnknownName
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.urdf import MOVING, Joint
+from invariantqp.robots.urdf import MOVING, TreeJoint
 
 
-def chain_to_link(joints: Sequence[Joint], name: str, tool: str | None, chosen: Sequence[str] | None) -> Chain:
+def chain_to_link(joints: Sequence[TreeJoint], name: str, tool: str | None, chosen: Sequence[str] | None) -> Chain:
     """The arm from the root of a tree to a tool link.
 
     Args:
@@ -79,13 +79,13 @@ def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen:
     return [joint for joint in can if joint in chosen]
 
 
-def path_to(above: dict[str, Joint], link: str, name: str) -> list[Joint]:
+def path_to(above: dict[str, TreeJoint], link: str, name: str) -> list[TreeJoint]:
     """The joints from the root to a link, given the joint above each link.
 
     Raises:
         RobotModelError: links that stand on each other in a circle.
     """
-    path: list[Joint] = []
+    path: list[TreeJoint] = []
     while link in above:
         path.append(above[link])
         link = above[link].parent
@@ -94,25 +94,25 @@ def path_to(above: dict[str, Joint], link: str, name: str) -> list[Joint]:
     return path[::-1]
 
 
-def displacement(joint: Joint, q: float) -> Array:
+def displacement(joint: TreeJoint, q: float) -> Array:
     """(4, 4) motion of a joint by q, in its own frame."""
     still = np.zeros(3)
     parts = (still, q * joint.axis) if joint.kind == "prismatic" else (q * joint.axis, still)
     return se3.exp(np.concatenate(parts), check=False)
 
 
-def rest(joint: Joint) -> float:
+def rest(joint: TreeJoint) -> float:
     """Where a held joint stands: zero, or the limit nearest to it."""
     return min(max(0.0, joint.lower), joint.upper)
 
 
-def _length(path: list[Joint]) -> int:
+def _length(path: list[TreeJoint]) -> int:
     """How many joints of their own a path has; -1 where one could not be part of an arm."""
     able = all(not joint.mimics and joint.kind in (*MOVING, "fixed") for joint in path)
     return sum(joint.kind in MOVING for joint in path) if able else -1
 
 
-def _chain(name: str, path: list[Joint], moving: set[str], tool: str) -> Chain:
+def _chain(name: str, path: list[TreeJoint], moving: set[str], tool: str) -> Chain:
     T, screws, places = np.eye(4), [], []
     for joint in path:
         T = T.dot(joint.origin)
@@ -137,7 +137,7 @@ def _chain(name: str, path: list[Joint], moving: set[str], tool: str) -> Chain:
     )
 
 
-def _require_one_coordinate(name: str, joint: Joint) -> None:
+def _require_one_coordinate(name: str, joint: TreeJoint) -> None:
     if joint.kind not in MOVING:
         raise RobotModelError(
             f"{name}: joint {joint.name!r} ({joint.kind}) has no single coordinate; only revolute and prismatic joints "

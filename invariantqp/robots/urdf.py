@@ -26,7 +26,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed", "floating", "planar")
 
 
-class Joint(NamedTuple):
+class TreeJoint(NamedTuple):
     """A joint of a tree of links.
 
     Attributes:
@@ -78,7 +78,7 @@ def read_xml(source: Path | str) -> tuple[str, ET.Element]:
         raise RobotModelError(f"{name}: not XML ({error}); expected a URDF <robot>") from error
 
 
-def joints_of(name: str, root: ET.Element) -> list[Joint]:
+def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
     """The joints of a URDF, in its order.
 
     Args:
@@ -123,7 +123,7 @@ class _Tree(ET.TreeBuilder):
         raise RobotModelError(f"{self._name}: a <!DOCTYPE>, which may declare entities; take it out of the file")
 
 
-def _joint(name: str, element: ET.Element) -> Joint:
+def _joint(name: str, element: ET.Element) -> TreeJoint:
     called, kind = element.get("name", ""), element.get("type", "")
     where = f"{name}: joint {called!r}"
     if kind not in TYPES:
@@ -141,7 +141,7 @@ def _joint(name: str, element: ET.Element) -> Joint:
     mimic = element.find("mimic")
     follows = "" if mimic is None else mimic.get("joint", "")
     limits = _limits(where, kind, element)
-    return Joint(called, kind, parent, child, origin, axis / (length or 1.0), *limits, follows)
+    return TreeJoint(called, kind, parent, child, origin, axis / (length or 1.0), *limits, follows)
 
 
 def _limits(where: str, kind: str, element: ET.Element) -> tuple[float, float, float]:

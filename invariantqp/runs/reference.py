@@ -25,7 +25,7 @@ from invariantqp.runs.taskfile import Acceptance, LawSpec, Task
 COLUMN, WIDTH = 42, 120
 
 
-class Table(NamedTuple):
+class TaskTable(NamedTuple):
     """A table of a task file: how it is headed, which of several kinds it is ("" for the only one), and its keys."""
 
     header: str
@@ -35,16 +35,16 @@ class Table(NamedTuple):
 
 PATHS = {get_args(path.model_fields["kind"].annotation)[0]: path for path in get_args(get_args(Path)[0])}
 TABLES = (
-    Table("robot", "", RobotSpec),
-    Table("robot.screws", "", Screw),
-    *(Table("path", kind, path) for kind, path in PATHS.items()),
-    Table("law", "", LawSpec),
-    Table("accept", "", Acceptance),
-    Table("contact", "", ContactSpec),
-    Table("force", "", ForceSpec),
-    Table("sensor", "", SensorSpec),
-    Table("operator", "", OperatorSpec),
-    Table("physics", "", Physics),
+    TaskTable("robot", "", RobotSpec),
+    TaskTable("robot.screws", "", Screw),
+    *(TaskTable("path", kind, path) for kind, path in PATHS.items()),
+    TaskTable("law", "", LawSpec),
+    TaskTable("accept", "", Acceptance),
+    TaskTable("contact", "", ContactSpec),
+    TaskTable("force", "", ForceSpec),
+    TaskTable("sensor", "", SensorSpec),
+    TaskTable("operator", "", OperatorSpec),
+    TaskTable("physics", "", Physics),
 )
 
 

@@ -66,6 +66,7 @@ class RobotSpec(Section):
             position_lower=[s.lower for s in self.screws],
             position_upper=[s.upper for s in self.screws],
             velocity_limit=[s.speed for s in self.screws],
+            tool="tool_point",
         )
 
     def beside(self, folder: FilePath | None) -> str | FilePath:

@@ -324,7 +324,7 @@ def test_the_picture_of_pitches(tmp_path):
     robot = five()
     found = iq.analysis.inspect(robot, name="five")
     text = iq.pictures.pitch_picture(found, robot, tmp_path / "p.svg").read_text(encoding="utf-8")
-    for said in ("five to tool_point: rank 5", f"recommended h = {found.recommended.h:.3g}", "states of the range"):
+    for said in ("five to tool: rank 5", f"recommended h = {found.recommended.h:.3g}", "states of the range"):
         assert said in text
     assert iq.pictures.pitch_picture(found, robot, tmp_path / "p.png").stat().st_size > 20_000
 

@@ -67,7 +67,7 @@ def ticks_of(task, wanted, **options):
     controller = iq.Controller(robot, dt=task.law.dt, **options)
     pose, dt, q, found = task.path.along(robot, task.start()), task.law.dt, task.start(), []
     for k in range(int(task.path.duration / dt)):
-        target, ahead = robot.target(pose(k * dt)), iq.log(pose((k + 1) * dt) @ iq.inverse(pose(k * dt))) / dt
+        target, ahead = pin.SE3(pose(k * dt)), iq.log(pose((k + 1) * dt) @ iq.inverse(pose(k * dt))) / dt
         solution = controller.step(q, target, ahead)
         if wanted(solution):
             found.append((q, target, ahead))

@@ -23,7 +23,7 @@ FULL = 0.99  # of the velocity limit
 def pink_step(robot, q, target, dt, **options):
     configuration = pink.Configuration(robot.model, robot.model.createData(), np.asarray(q, dtype=float))
     task = pink.FrameTask(robot.tool, 1.0, 1.0)
-    task.set_target(target)
+    task.set_target(pin.SE3(target.homogeneous))
     return pink.solve_ik(configuration, [task], dt, solver="daqp", safety_break=False, **options)
 
 

@@ -104,7 +104,7 @@ def robot_calls(name, robot):
 CONTROL = {
     # robots
     "load_robot": lambda: (iq.load_robot, {"source": "ur5", "tool": None, "joints": None, "offset": T}),
-    "load_robot, screws": lambda: (iq.load_robot, {"source": J, "tool": T, "joints": None}),
+    "load_robot, screws": lambda: (iq.load_robot, {"source": J, "tool": T, "joints": None, "offset": None}),
     "Chain": lambda: (
         iq.robots.Chain,
         {

@@ -52,7 +52,7 @@ class HandWritten:
         pin.forwardKinematics(self.model, self.data, q)
         tool = pin.updateFramePlacement(self.model, self.data, self.frame)
         J = pin.computeFrameJacobian(self.model, self.data, q, self.frame, pin.LOCAL)
-        gap = tool.actInv(target)
+        gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(target.homogeneous))
         ahead = np.zeros(6)
         if feedforward is not None:
             ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector

@@ -22,6 +22,7 @@ from invariantqp.compare.laws.peers import (
     QP_DAMPING,
     QP_DAMPING_BESIDE_POSTURE,
     at_point,
+    joints_of,
     lead_target,
     share_of,
 )
@@ -35,6 +36,8 @@ from invariantqp.velocity.solution import VelocitySolution
 
 # Pink's lm_damping in its own examples.
 LM_DAMPING = 1.0
+# What the frame at the told point is called.
+POINT = "told point"
 
 
 def has_pink() -> bool:
@@ -50,19 +53,27 @@ class PinkLaw:
 
         Raises:
             MissingExtra: Pink is not installed.
-            RobotModelError: the robot has no Pinocchio model.
+            RobotModelError: the robot has no Pinocchio model, or a helical joint, which Pink cannot have.
         """
+        joints_of(robot)
         if getattr(robot, "model", None) is None:
-            raise RobotModelError("Pink needs a robot from a URDF; this one is a chain of joint screws")
+            raise RobotModelError("Pink needs a robot with a Pinocchio model; this one has none")
         try:
             import pink
+
+            from invariantqp.robots.pinocchio import pin
         except ImportError as error:
             raise MissingExtra("pin-pink", "peers") from error
-        self._pink, self._robot = pink, robot
+        self._pink, self._pose = pink, pin.SE3
         self._dt, self._share = law.dt, share_of(law)
-        told: Any = robot.with_tool(at_point(law)) if law.exact is not None else robot
-        self._configuration = pink.Configuration(told.model, told.model.createData(), np.zeros(told.model.nq))
-        self._task = pink.FrameTask(getattr(robot, "tool", ""), 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
+        model: Any = robot.model  # type: ignore[attr-defined]
+        frame = str(getattr(robot, "tool", ""))
+        if law.exact is not None:
+            tool = model.frames[model.getFrameId(frame)]
+            place = tool.placement * pin.SE3(at_point(law))
+            model.addFrame(pin.Frame(POINT, tool.parentJoint, place, pin.FrameType.OP_FRAME))
+        self._configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
+        self._task = pink.FrameTask(frame, 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
         self._tasks, self._exact = [self._task], []
         mid, pull = posture_of(robot, law)
         self._damping = QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
@@ -70,19 +81,17 @@ class PinkLaw:
             self._tasks.append(pink.PostureTask(cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
             self._tasks[-1].set_target(mid)
         if law.exact is not None:
-            self._exact.append(_point_task(pink, told.tool, self._share))
+            self._exact.append(_point_task(pink, POINT, self._share))
         self._offset = at_point(law)
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick; raises whatever Pink raises."""
         pose = pose_of(target)
         ahead = lead_target(pose, feedforward, self._dt / self._share)
-        if ahead is not pose:
-            target = self._robot.target(ahead)
         self._configuration.update(np.asarray(q, dtype=np.float64))
-        self._task.set_target(target)
+        self._task.set_target(self._pose(ahead))
         for task in self._exact:
-            task.set_target(self._robot.target(ahead.dot(self._offset)))
+            task.set_target(self._pose(ahead.dot(self._offset)))
         x = self._pink.solve_ik(
             self._configuration,
             self._tasks,

@@ -52,7 +52,7 @@ def _by_pinocchio(robot: Any) -> Look:
         pin.forwardKinematics(model, data, q)
         tool = pin.updateFramePlacement(model, data, frame)
         J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL).take(ANGULAR_FIRST, axis=0)
-        gap = tool.actInv(target)
+        gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(pose_of(target)))
         error = pin.log6(gap).vector.take(ANGULAR_FIRST)
         if feedforward is None:
             return ToolView(J, error, np.zeros(6), gap.homogeneous)

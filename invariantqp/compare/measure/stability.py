@@ -159,9 +159,9 @@ def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | Non
         return np.full(len(np.asarray(q)), np.nan), target, feedforward
     if broken == "feedforward":
         return q, target, np.full(6, np.nan)
-    spoilt = target.copy()
-    spoilt.translation = np.full(3, np.nan)
-    return q, spoilt, feedforward
+    spoilt = target.pose.copy()
+    spoilt[:3, 3] = np.nan
+    return q, target._replace(pose=spoilt), feedforward
 
 
 def _stopped(still: Array, reason: str) -> VelocitySolution:

@@ -5,7 +5,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.geometry.surfaces import Cylinder, Plane
-from invariantqp.robots.load import KNOWN, urdf_of
+from invariantqp.robots.load import IN_DATA, urdf_of
 from invariantqp.runs.physics import Physics
 from invariantqp.runs.plants.sensor import SimulatedSensor
 from invariantqp.runs.plants.springs import HingeSprings, SurfaceSprings
@@ -24,7 +24,7 @@ def panda(touch=None, wrist=None, physics=SILENT):
     return robot, MujocoPlant(urdf_of("panda"), robot, READY, DT, touch, wrist, physics)
 
 
-@pytest.mark.parametrize("name", KNOWN)
+@pytest.mark.parametrize("name", IN_DATA)
 def test_two_readers_of_a_urdf_agree(name):
     robot = iq.load_robot(name)
     rng = np.random.default_rng(0)
