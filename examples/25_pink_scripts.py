@@ -56,9 +56,9 @@ def settled(errors, dt=DT):
 
 def tracking(make, name, *, smooth):
     """arm_ur5, and the second half of arm_ur3_velocity_smoothing."""
-    robot = iq.load_robot(name)
+    robot = iq.load_robot(name, tool="ee_link")
     here = configuration(robot, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    task = make("ee_link", position_cost=1.0, orientation_cost=1.0, lm_damping=1.0)
+    task = make(robot.tool, position_cost=1.0, orientation_cost=1.0, lm_damping=1.0)
     other = LowAccelerationTask(cost=1e-1) if smooth else PostureTask(cost=1e-3)
     for each in (task,) if smooth else (task, other):
         each.set_target_from_configuration(here)
@@ -107,13 +107,13 @@ def poses(make):
 
 def barrier(make):
     """barriers/arm_ur5: a wall in front of the target's way."""
-    robot = iq.load_robot("ur5")
+    robot = iq.load_robot("ur5", tool="ee_link")
     here = configuration(robot, [1.27153374, -0.87988708, 1.89104795, 1.73996951, -0.24610945, -0.74979019])
-    task, posture = make("ee_link", position_cost=10.0, orientation_cost=1.0), PostureTask(cost=1e-3)
+    task, posture = make(robot.tool, position_cost=10.0, orientation_cost=1.0), PostureTask(cost=1e-3)
     for each in (task, posture):
         each.set_target_from_configuration(here)
     sides = {"p_min": np.array([-0.4]), "p_max": np.array([0.6])}
-    wall = PositionBarrier("ee_link", indices=[1], gain=np.array([100.0]), safe_displacement_gain=1.0, **sides)
+    wall = PositionBarrier(robot.tool, indices=[1], gain=np.array([100.0]), safe_displacement_gain=1.0, **sides)
 
     def target(t):
         task.transform_target_to_world.translation[1:] = 0.65 * np.sin(t / 4.0), 0.5

@@ -248,9 +248,9 @@ def test_told_what_pinks_task_is_told_it_is_pinks_task(arms, name, arguments):
         np.testing.assert_array_equal(ours.position_cost, theirs.position_cost)
 
 
-def test_the_loop_of_pinks_example_with_a_ur5_is_the_same(arms):
+def test_the_loop_of_pinks_example_with_a_ur5_is_the_same():
     """A target that jumps 30 cm away and then moves; posture task, velocity limits active."""
-    robot, errors, limited = arms["ur5"], {}, 0
+    robot, errors, limited = iq.load_robot("ur5", tool="ee_link"), {}, 0
     for make in (pink.FrameTask, InvariantFrameTask):
         task, posture = make("ee_link", position_cost=1.0, orientation_cost=1.0, lm_damping=1.0), pink.PostureTask(1e-3)
         here = configuration(robot, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])

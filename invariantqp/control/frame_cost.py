@@ -208,7 +208,7 @@ class FrameCost:
     def _described(self) -> str:
         """The arguments in short."""
         form = "least squares" if self.form is None else self.form.describe()
-        return f"{form}, cost={self.cost}, lm_damping={self.lm_damping}, gain={self.gain}"
+        return ", ".join((form, f"cost={self.cost}", f"lm_damping={self.lm_damping}", f"gain={self.gain}"))
 
 
 def _costs(value: float | Sequence[float] | Array | None, argument: str) -> Array:
