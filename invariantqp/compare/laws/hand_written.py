@@ -47,6 +47,10 @@ class HandWritten:
         self.exact, self.point = law.exact is not None, np.asarray(law.point)
         self.sense = np.concatenate((np.zeros(m), np.full(3 if self.exact else 0, 5))).astype(np.int32)
 
+    def target(self, pose: Any) -> pin.SE3:
+        """A target as such a loop has it."""
+        return pin.SE3(pose)
+
     def step(self, q: Any, target: Any, feedforward: Any = None) -> VelocitySolution:
         """One tick."""
         pin.forwardKinematics(self.model, self.data, q)
