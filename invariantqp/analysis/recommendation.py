@@ -173,7 +173,9 @@ def _unseen_words(q: Array, lost: Array, root: Array) -> str:
     listed = [f"the twist {_tuple(twist)}" for twist in lost.T]
     if np.linalg.norm(measured[:3]) <= TURNING * np.linalg.norm(measured[3:]):
         slides = along_axes(np.vstack((np.zeros((3, lost.shape[1])), measured[3:])))
-        listed = [f"translation along {_tuple(v)}" for v in slides[3:].T]
+        # In an order that does not depend on rounding.
+        ways = sorted(slides[3:].T, key=lambda v: tuple(np.abs(v).round(6)), reverse=True)
+        listed = [f"translation along {_tuple(v)}" for v in ways]
     named = " and ".join(listed)
     return f"At q = ({at}) no pitch sees {named}: a form would neither ask for that motion nor correct it."
 
