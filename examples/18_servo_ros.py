@@ -1,9 +1,9 @@
 """A ROS 2 node that drives an arm by twists or poses from a joystick, a headset or a policy; without ROS, a rehearsal.
 
 In: joint states, geometry_msgs/TwistStamped, geometry_msgs/PoseStamped, both in the robot's base frame. Out: joint
-velocities for a velocity controller. Commands that stop coming stop the arm; a missed joint state is a missed tick.
+velocities for a velocity controller. Commands that stop coming stop the arm, and so do joint states.
 
-Run: python examples/16_servo_ros.py [robot, panda]
+Run: python examples/18_servo_ros.py [robot, panda]
 """
 
 import sys
@@ -42,7 +42,7 @@ def node():
     class ServoNode(Node):
         def __init__(self):
             super().__init__("invariantqp_servo")
-            self.q, self.command = None, None
+            self.q, self.command, self.missed = None, None, 0
             self.out = self.create_publisher(Float64MultiArray, "joint_velocity_controller/commands", 1)
             self.create_subscription(JointState, "joint_states", self.measured, 1)
             self.create_subscription(TwistStamped, "servo/twist", self.twisted, 1)
@@ -51,7 +51,8 @@ def node():
 
         def measured(self, message):
             by_name = dict(zip(message.name, message.position, strict=True))
-            self.q = np.array([by_name[name] for name in robot.names])
+            if by_name.keys() >= set(robot.names):  # others tell of a gripper alone
+                self.q = np.array([by_name[name] for name in robot.names])
 
         def twisted(self, message):
             v, w = message.twist.linear, message.twist.angular
@@ -62,10 +63,13 @@ def node():
             self.command = pose_of((p.x, p.y, p.z), (o.x, o.y, o.z, o.w))
 
         def tick(self):
-            if self.q is None:
+            q, self.q, self.missed = self.q, None, self.missed + 1
+            if q is None:
+                if self.missed > 10:
+                    self.out.publish(Float64MultiArray(data=[0.0] * len(robot.names)))
                 return
-            command, self.command = self.command, None
-            solution = servo.step(self.q, command)
+            command, self.command, self.missed = self.command, None, 0
+            solution = servo.step(q, command)
             if solution.status not in ("ok", "held"):
                 self.get_logger().warning(solution.reason, throttle_duration_sec=1.0)
             self.out.publish(Float64MultiArray(data=solution.velocity.tolist()))

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import same_turn
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.errors import BadInput, UnknownName, excerpt
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import cross
@@ -200,17 +200,30 @@ def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None)
         raise BadInput("target_frame_name", excerpt(frame), "the name of a frame")
     if given is not None and len(set(given)) < len(given):
         raise BadInput("joint_names", "a name twice", "each joint once")
-    arm = load_robot(source, frame)
-    if given is not None:
-        moving = [name for name in arm.names if name in given]
-        if not moving:
-            raise UnknownName("joint", ", ".join(given), list(arm.names), list(arm.names))
-        arm = load_robot(source, frame, moving)
+    moving = None if given is None else [name for name in given if _moves(source, frame, name)]
+    if moving is not None and not moving:
+        raise BadInput("joint_names", arrays.names(given or ()), f"joints that move {frame!r}")
+    arm = load_robot(source, frame, moving)
     turning = arm.jacobian(middle(arm))[:3].any(axis=0)
     if not turning.all():
         slides = arm.names[int(np.argmin(turning))]
         raise BadInput("urdf_path", f"joint {slides} slides", "joints that turn", "Positions are told in degrees.")
     return arm
+
+
+def _moves(source: str | PathLike[str], frame: str, joint: str) -> bool:
+    """Whether a joint moves the frame; a gripper's does not.
+
+    Raises:
+        UnknownName: no such joint or frame.
+    """
+    try:
+        load_robot(source, frame, [joint])
+    except BadInput as error:
+        if error.argument != "joints":
+            raise
+        return False
+    return True
 
 
 def _speeds(told: ArrayLike | None, limits: Array, names: Sequence[str]) -> Array:

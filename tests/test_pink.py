@@ -526,3 +526,18 @@ def test_a_target_may_be_an_array_and_nothing_else_is_taken_for_one(arms):
             array.set_target(wrong)
     with pytest.raises(iq.BadInput, match="frame: found None"):
         InvariantFrameTask(None)
+
+
+def test_damping_reaches_joints_that_do_not_move_the_frame():
+    model = iq.load_robot("ur5e").model.copy()
+    limits = -3.0 * np.ones(1), 3.0 * np.ones(1)
+    model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "side", np.ones(1), 10.0 * np.ones(1), *limits)
+    here = pink.Configuration(model, model.createData(), np.array([0.3, -1.2, 1.5, -1.0, 1.0, 0.3, 0.5]))
+    found = []
+    for make in (pink.FrameTask, InvariantFrameTask):
+        task = make("tool0", position_cost=1.0, orientation_cost=1.0, lm_damping=1.0)
+        task.set_target_from_configuration(here)
+        task.transform_target_to_world.translation[2] += 0.3
+        found.append(task.compute_qp_objective(here)[0][6, 6])
+    assert found[0] == pytest.approx(0.09)
+    assert found[1] == pytest.approx(found[0])

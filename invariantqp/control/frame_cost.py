@@ -175,6 +175,7 @@ class FrameCost:
         if objective.rank:  # 0 for [DS]'s own problem
             weights[objective.rank :] = NULL_WEIGHT * objective.weights.max() + more
         V = objective.V
+        H += unit * unit * more * np.eye(len(c))  # joints that do not move the frame, too
         H[np.ix_(indices, indices)] = unit * unit * (V * weights).dot(V.T)
         c[indices] = -unit * unit * V.dot(objective.weights * objective.optimum)
         return H, c

@@ -8,7 +8,7 @@ A twist command is a velocity to hold, a pose command a target to go to. Both ar
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -101,12 +101,14 @@ class Servo:
         positions = arrays.vector(q, len(loop.robot.names), "q")
         kept, age = (self._command, self._age + loop.dt) if command is None else (_checked(loop, command), 0.0)
         reason = self._reason(kept, age)
-        target = kept if kept is not None and not isinstance(kept, np.ndarray) else None
+        held, target = (None, None) if kept is None else kept
         sighting = loop.robot.sight(
             positions, loop.robot.target(loop.robot.pose(positions)) if target is None else target
         )
         root = loop.measure.root(loop.robot, sighting, sighting.pose)
-        wanted = np.zeros(6) if reason else kept if target is None else self._approach(root, sighting.error)
+        wanted = np.zeros(6)
+        if not reason:
+            wanted = self._approach(root, sighting.error) if held is None else held
         twist, rate = self._eased(root, wanted)
         if reason and not twist.any():
             solution = loop.rest(positions, reason, velocity, sighting)
@@ -114,7 +116,8 @@ class Servo:
             solution = loop.follow(positions, twist, velocity, sighting=sighting)
         self._command, self._age = kept, age
         # Where limits hold the tool back, it goes on from what it does.
-        self.twist, self._rate = (sighting.J.dot(solution.velocity), 0.0 * rate) if solution.active else (twist, rate)
+        self.twist = sighting.J.dot(solution.velocity) if solution.active else twist
+        self._rate = rate
         return with_trouble(solution, reason) if reason and solution.status != "held" else solution
 
     def _reason(self, command: Any, age: float) -> str:
@@ -149,9 +152,12 @@ class Servo:
         return self.twist + dt * moved, moved
 
 
-def _checked(loop: Controller, command: Any) -> Any:
-    """A (6,) twist as an array of its own, or a pose as the robot takes targets."""
+def _checked(loop: Controller, command: Any) -> tuple[Array | None, Any]:
+    """A (6,) twist as an array of its own, or a pose as the robot takes targets; None for the other."""
     given = arrays.array(getattr(command, "homogeneous", command), "command", "a twist (6,) or a pose (4, 4)")
     if given.ndim == 2:
-        return loop.robot.target(arrays.pose(given, "command"))
-    return arrays.vector(given, 6, "command").copy()
+        return None, loop.robot.target(arrays.pose(given, "command"))
+    twist = arrays.vector(given, 6, "command").copy()
+    if not np.vdot(twist, twist) < inf:  # which warns of no overflow
+        raise BadInput("command", "numbers beyond any scale", "a twist [rad/s; length/s]")
+    return twist, None

@@ -1,4 +1,4 @@
-"""What a controller needs to know of an arm: names, limits, tool pose, joint twists. Two classes provide it.
+"""What a controller needs to know of an arm: names, limits, tool pose, joint twists. `Chain` has it.
 
 Joint positions q are (m,) [rad, length]; poses (4, 4) and twists (omega; v) are in the base frame.
 """

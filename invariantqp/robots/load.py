@@ -64,11 +64,13 @@ def load_robot(
 
     Args:
         source: a name ("panda", "ur5", "so101", "xarm7", "kinova", "talos" for its left arm, ... come with the extra
-            `robots`; "ur5e", "fr3", "iiwa14", "gen3", "lite6", ... need nothing), the path of a URDF file, the text of
+            `robots`; "ur5e", "fr3", "iiwa14", "gen3", "lite6", ... need nothing; the base of a UR's e-Series is the
+            maker's, half a turn about z from "ur5" and from ROS's `base_link`), the path of a URDF file, the text of
             one (a `robot_description`), the path or text of an MJCF (extra `sim`), a `pinocchio.Model`, a
             `mujoco.MjModel`, a `yourdfpy.URDF`, or (6, m) joint screws at q = 0 in the base frame.
         tool: name of the tool frame: a link, or of MuJoCo a site or a body; None is the robot's usual one, for a URDF
-            or a model the end of its longest chain of joints. With screws: the (4, 4) tool pose at q = 0.
+            or a model the link that the last joint of its longest chain moves. With screws: the (4, 4) tool pose at
+            q = 0.
         joints: names of the joints that move; None is all between base and tool. With screws: their names.
         offset: (4, 4) pose in that frame of what is to be moved: a tool, a camera, a grasped object; None is the frame.
 

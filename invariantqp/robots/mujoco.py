@@ -47,7 +47,8 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
 
     Args:
         model: a `mujoco.MjModel`.
-        tool: name of a site or, where no site is called so, of a body; None is the last body of the longest chain.
+        tool: name of a site or, where no site is called so, of a body; None is the body at the end
+            of the longest chain of joints.
         chosen: the joints that move, all between base and tool; None is every one of them. The rest are held at zero,
             or at the limit nearest to it; free and ball joints as the model has them.
 
@@ -56,7 +57,8 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         UnknownName: a site, body or joint is not in the model.
         BadInput: a joint that does not move the tool.
     """
-    sites, bodies = ([of(i).name for i in range(n)] for of, n in ((model.site, model.nsite), (model.body, model.nbody)))
+    sites = [model.site(i).name for i in range(model.nsite)]
+    bodies = [model.body(i).name or f"unnamed body {i}" for i in range(model.nbody)]
     paths = [_joints_to(model, body) for body in range(model.nbody)]
     if tool is None:
         tool = max(bodies, key=lambda body: len(paths[bodies.index(body)]))
@@ -64,13 +66,13 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         known = [name for name in (*sites, *bodies) if name]
         raise UnknownName("frame", tool, difflib.get_close_matches(tool, known), known)
     body = int(model.site(tool).bodyid[0]) if tool in sites else bodies.index(tool)
-    names = [model.joint(i).name or f"joint {i}" for i in range(model.njnt)]
+    names = [model.joint(i).name or f"unnamed joint {i}" for i in range(model.njnt)]
     moving = selected("the MuJoCo model", tool, [names[i] for i in paths[body]], names, chosen)
     joints = [i for i in paths[body] if names[i] in moving]
     for i in joints:
         _require_one_coordinate(model, i, names[i])
     data = _posed(model, joints)
-    place = data.site(tool) if tool in sites else data.body(tool)
+    place = data.site(tool) if tool in sites else data.body(body)
     lower, upper = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], (-np.inf, np.inf)).T
     return Chain(
         np.column_stack([_screw(model, data, i) for i in joints]),

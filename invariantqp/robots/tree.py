@@ -25,7 +25,8 @@ def chain_to_link(joints: Sequence[TreeJoint], name: str, tool: str | None, chos
     Args:
         joints: all of the tree.
         name: what to call the robot in messages.
-        tool: name of a link, or of the joint that moves it; None is the last link of the longest chain of joints.
+        tool: name of a link, or of the joint that moves it; None is the link that the last joint of the longest
+            chain moves.
         chosen: the joints that move, all between base and tool; None is every one of them. The rest are held.
 
     Raises:

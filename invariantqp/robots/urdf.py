@@ -8,7 +8,7 @@ refused.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, inf, isfinite, sin
+from math import cos, hypot, inf, isfinite, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -91,7 +91,12 @@ def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
     elements = root.findall("joint")
     if root.tag != "robot" or not elements:
         raise RobotModelError(f"{name}: found <{root.tag}> without joints; expected a URDF <robot> with <joint>s")
-    return [_joint(name, element) for element in elements]
+    joints = [_joint(name, element) for element in elements]
+    names = [joint.name for joint in joints]
+    twice = next((called for called in names if names.count(called) > 1), None)
+    if twice is not None:
+        raise RobotModelError(f"{name}: two joints are called {twice!r}")
+    return joints
 
 
 def rotation(rpy: Sequence[float]) -> Array:
@@ -135,7 +140,7 @@ def _joint(name: str, element: ET.Element) -> TreeJoint:
     origin[:3, :3] = rotation(_numbers(where, element.find("origin"), "rpy", "0 0 0"))
     origin[:3, 3] = _numbers(where, element.find("origin"), "xyz", "0 0 0")
     axis = np.array(_numbers(where, element.find("axis"), "xyz", "1 0 0"))
-    length = float(np.linalg.norm(axis))
+    length = hypot(*axis.tolist())
     if kind in MOVING and length == 0.0:
         raise RobotModelError(f"{where}: an axis of length 0; expected a direction")
     mimic = element.find("mimic")
@@ -154,6 +159,8 @@ def _limits(where: str, kind: str, element: ET.Element) -> tuple[float, float, f
     lower, upper, speed = (_numbers(where, limit, key, "0", 1)[0] for key in ("lower", "upper", "velocity"))
     if kind == "continuous":
         lower, upper = -inf, inf
+    if lower > upper:
+        raise RobotModelError(f"{where}: lower limit {lower:g} above the upper one, {upper:g}")
     return open_limit(lower), open_limit(upper), open_limit(speed) if speed > 0.0 else inf
 
 

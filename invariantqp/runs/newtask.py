@@ -53,7 +53,8 @@ def new_task(
         press: contact force [N].
 
     Raises:
-        BadInput: no such kind of path or contact, a start that has not one number for each joint.
+        BadInput: no such kind of path or contact, a press below zero, a start that has not one number for each joint
+            or is outside the limits.
         TaskFileError: values that no task file may have.
         RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
     """
@@ -63,11 +64,16 @@ def new_task(
     arrays.choice(path, "path", list(PATHS))
     if contact is not None:
         arrays.choice(contact, "contact", list(SIDES))
-    press = arrays.number(press, "press", "a force [N]")
+    press = arrays.not_negative(press, "press", "a force [N]")
     arm = load_robot(robot)
     m = len(arm.names)
-    at = [round(x, 2) for x in (well_placed(arm) if start is None else arrays.vector(start, m, "start")).tolist()]
-    move = {"waypoints": [[round(x + STRIDE, 2) for x in at]]} if path == "joints" else MOVES[path]
+    at = (
+        [round(x, 2) for x in well_placed(arm).tolist()] if start is None else arrays.vector(start, m, "start").tolist()
+    )
+    if not ((arm.position_lower <= at) & (at <= arm.position_upper)).all():
+        raise BadInput("start", excerpt(at), "joint positions inside the limits")
+    ways = [x + STRIDE if x + STRIDE <= high else x - STRIDE for x, high in zip(at, arm.position_upper, strict=True)]
+    move = {"waypoints": [[round(x, 4) for x in ways]]} if path == "joints" else MOVES[path]
     law: dict[str, Any] = {"dt": 0.002}
     if m < 6:
         law["exact"] = "position"

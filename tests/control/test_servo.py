@@ -93,6 +93,51 @@ def test_at_a_limit_it_goes_on_from_what_the_tool_does():
     assert ((robot.position_lower <= q) & (q <= robot.position_upper)).all()
 
 
+def test_with_a_joint_at_its_limit_it_stops_as_soon_as_elsewhere():
+    servo, _ = begun()
+    robot = servo.controller.robot
+    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, robot.position_upper[6]])
+    _, solutions, q = driven(servo, q, [[0.0, 0.0, -1.0, 0.0, 0.2, 0.0]] * 300)
+    assert any(6 in s.active for s in solutions)
+    _, solutions, _ = driven(servo, q, [None] * 600)
+    assert solutions[-1].status == "held"
+
+
+def test_a_pose_behind_a_limit_is_reached():
+    servo, _ = begun()
+    robot = servo.controller.robot
+    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    target = robot.pose(q) @ iq.exp([0.0, 0.0, np.pi - 0.3, 0.0, 0.0, 0.0])  # joint 6 meets its limit on the way
+    limited = 0
+    for _ in range(4000):
+        solution = servo.step(q, target)
+        limited += bool(solution.active)
+        q = q + DT * solution.velocity
+    assert limited > 20
+    assert np.linalg.norm(iq.log(target @ iq.inverse(robot.pose(q)))) < 1e-6
+
+
+class Arrays:
+    """A robot of a user's, whose targets are plain arrays."""
+
+    def __init__(self, robot):
+        self._robot = robot
+
+    def __getattr__(self, name):
+        return getattr(self._robot, name)
+
+    def target(self, pose):
+        return np.asarray(getattr(pose, "homogeneous", pose))
+
+
+def test_a_robot_of_ones_own():
+    servo, q = begun()
+    own = Servo(iq.Controller(Arrays(servo.controller.robot), dt=DT), acceleration=1.0, jerk=20.0)
+    target = servo.controller.robot.pose(q + 0.05)
+    for _ in range(3):
+        np.testing.assert_allclose(own.step(q, target).velocity, servo.step(q, target).velocity, rtol=1e-9, atol=1e-12)
+
+
 def test_where_the_tool_frame_is_changes_nothing():
     servo, q = begun("ur5", point=[0.0, 0.0, 0.1])
     offset = iq.transform(iq.exp([0.3, 0.7, -0.2, 0, 0, 0])[:3, :3], [0.1, -0.2, 0.3])
@@ -111,19 +156,19 @@ def test_where_the_tool_frame_is_changes_nothing():
 def test_bad_commands_leave_it_as_it_was():
     servo, q = begun()
     _, _, q = driven(servo, q, [TWIST] * 20)
-    before = deepcopy(servo.__dict__ | {"controller": None})
+    before = deepcopy((servo.twist, servo._rate, servo._age, servo._command[0]))
     for arguments in (
         (q, np.full(6, np.nan)),
         (q, TWIST[:5]),
         (q, 2.0 * np.eye(4)),
         (q[:6], TWIST),
         (q * np.nan, TWIST),
+        (q, 1e200 * TWIST),
     ):
         with pytest.raises(iq.BadInput):
             servo.step(*arguments)
-    for name, value in before.items():
-        if name != "controller":
-            np.testing.assert_array_equal(getattr(servo, name), value)
+    for value, kept in zip((servo.twist, servo._rate, servo._age, servo._command[0]), before, strict=True):
+        np.testing.assert_array_equal(value, kept)
     with pytest.raises(iq.BadInput, match="controller"):
         Servo(servo, acceleration=1.0, jerk=1.0)
     with pytest.raises(iq.BadInput, match="jerk"):

@@ -65,3 +65,11 @@ def test_without_a_tool_the_longest_chain_is_meant():
     with pytest.raises(iq.errors.RobotModelError, match="float"):
         iq.load_robot(MJCF)
     assert iq.load_robot(MJCF, joints=JOINTS).tool == "ball"
+
+
+def test_bodies_without_names():
+    text = """<mujoco><worldbody><body><joint axis="0 0 1"/><geom size=".05"/>
+    <body pos=".4 0 0"><joint axis="0 1 0"/><geom size=".05"/></body></body></worldbody></mujoco>"""
+    arm = iq.load_robot(text)
+    assert arm.names == ("unnamed joint 0", "unnamed joint 1")
+    np.testing.assert_allclose(arm.pose(np.zeros(2))[:3, 3], [0.4, 0.0, 0.0])

@@ -95,7 +95,7 @@ REFUSED = {
     "a type of nobody's": (with_joint(kind="ball"), "type 'ball'; expected one of revolute, continuous"),
     "planar": (with_joint(kind="planar"), r"\(planar\) has no single coordinate"),
     "no limits": (ARM.replace("<limit", "<range"), "a revolute joint without <limit>"),
-    "crossed limits": (with_joint(lower='lower="5"'), "position_lower"),
+    "crossed limits": (with_joint(lower='lower="5"'), "above the upper one"),
     "a follower": (ARM.replace("<axis", '<mimic joint="other"/><axis'), "'turn' mimics 'other'"),
     "two above": (with_another("c", "tip"), "a link is moved by two joints"),
     "a circle": (with_another("tip", "base"), "in a circle"),
@@ -127,3 +127,14 @@ def test_held_joints_stand_at_zero_or_the_limit_nearest_to_it():
     whole, part = iq.load_robot(text, tool="end"), iq.load_robot(text, tool="end", joints=["turn"])
     np.testing.assert_allclose(part.pose([0.3]), whole.pose([0.3, 0.5]), atol=1e-15)
     assert whole.velocity_limit.tolist() == [3.0, np.inf]
+
+
+def test_limits_that_cross_and_names_that_come_twice():
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/>'
+        '<limit lower="{3}" upper="1" velocity="1"/></joint>'
+    )
+    for second, low, said in (("b", 2, "above the upper one"), ("a", -1, "two joints are called 'a'")):
+        text = f"<robot>{joint.format('a', 'x', 'y', -1)}{joint.format(second, 'y', 'z', low)}</robot>"
+        with pytest.raises(iq.errors.RobotModelError, match=said):
+            iq.load_robot(text)

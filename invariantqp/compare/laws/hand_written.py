@@ -36,7 +36,7 @@ class HandWritten:
         """
         self.model: Any = getattr(robot, "model", None)
         if self.model is None:
-            raise RobotModelError("the hand-written loop needs a robot from a URDF")
+            raise RobotModelError("the hand-written loop needs a robot with a Pinocchio model")
         self.data, self.frame = self.model.createData(), self.model.getFrameId(robot.tool)  # type: ignore[attr-defined]
         self.dt, self.gain = law.dt, tracking_gain(law.gain, law.dt)
         self.low, self.high, self.speed = robot.position_lower, robot.position_upper, robot.velocity_limit

@@ -46,7 +46,7 @@ def tick_times(cell: Cell) -> dict[str, Result]:
 
 
 def inputs_of(task: Task, robot: Robot, stretches: int) -> list[tuple[Array, Array, Array]]:
-    """(q, target pose, feedforward) of stretches of ticks that are spread over a run: over its ticks at limits, if any."""
+    """(q, target pose, feedforward) of stretches of ticks spread over a run: over its ticks at limits, if any."""
     dt = task.law.dt
     trace = run_task(task)
     pose = task.path.along(robot, task.start())

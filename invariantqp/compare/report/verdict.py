@@ -48,6 +48,8 @@ def accuracy(results: Results) -> list[str]:
             continue
         order = sorted(loops, key=lambda name: ticks.get(name, {}).get("median_us") or 0.0)
         good = as_good(loops)
+        if not good:
+            continue
         near = [f"{name}{_time(ticks, name)}" for name in order if name in good]
         off = [f"{name} {figure(loops[name]['position_mm'])}" for name in order if name not in good]
         least = min(loops[name]["position_mm"] for name in good)
@@ -85,7 +87,7 @@ def losses(results: Results) -> list[str]:
             continue
         mine, took = loops[OURS], ticks[OURS]["median_us"]
         faster = [f"{n}{_time(ticks, n)}" for n in as_good(loops) if n in ticks and ticks[n]["median_us"] < took]
-        nearer = [n for n, r in loops.items() if r["position_mm"] * AS_GOOD < mine["position_mm"] > NOTHING]
+        nearer = [n for n, r in loops.items() if _nearer(r["position_mm"], mine["position_mm"])]
         told = [f"{what}: {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
         turned = [
             f"{n} {figure(r['orientation_deg'])} deg, at {figure(r['position_mm'])} mm"
@@ -98,6 +100,11 @@ def losses(results: Results) -> list[str]:
         if told:
             sentences.append(f"{title(task)}, where {OURS} loses: {'; '.join(told)}.")
     return sentences
+
+
+def _nearer(theirs: float | None, mine: float | None) -> bool:
+    """Whether an error is less by more than nothing; one that was not measured is not."""
+    return theirs is not None and mine is not None and theirs * AS_GOOD < mine > NOTHING
 
 
 def _good_in(results: Results, name: str) -> tuple[list[str], list[str]]:
