@@ -41,10 +41,7 @@ bool pose(PyObject *object, Pose *T)
     if (!matrix(object, 4, 4, 4, H) || !all_finite(16, H) || H[12] != 0.0 || H[13] != 0.0 || H[14] != 0.0 ||
         H[15] != 1.0)
         return false;
-    for (int i = 0; i < 3; i++) {
-        memcpy(T->R[i], H + 4 * i, 3 * sizeof(double));
-        T->p[i] = H[4 * i + 3];
-    }
+    pose_from(H, T);
     return true;
 }
 

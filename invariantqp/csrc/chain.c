@@ -67,6 +67,22 @@ static void exponential(const double w[3], const double v[3], Pose *T)
     series(w, b, c, v, T->p);
 }
 
+/* A pose from its (4, 4) matrix, row by row. */
+void pose_from(const double H[16], Pose *T)
+{
+    for (int i = 0; i < 3; i++) {
+        memcpy(T->R[i], H + 4 * i, 3 * sizeof(double));
+        T->p[i] = H[4 * i + 3];
+    }
+}
+
+/* Where a point of the tool is in the base frame. */
+void place(const Pose *T, const double point[3], double p[3])
+{
+    for (int i = 0; i < 3; i++)
+        p[i] = dot(3, T->R[i], point) + T->p[i];
+}
+
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool)
 {
     Pose T = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}}, step;

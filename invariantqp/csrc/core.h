@@ -175,6 +175,13 @@ static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
 /* dense.c */
 double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);
+void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C);
+bool factored(int n, Row *H);
+void solved(int n, const Row *L, const double *g, double *x);
+
+/* chain.c */
+void pose_from(const double H[16], Pose *T);
+void place(const Pose *T, const double point[3], double p[3]);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);

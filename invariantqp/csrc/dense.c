@@ -1,4 +1,4 @@
-/* Sums over short vectors. */
+/* Sums over short vectors, products and factors of small matrices. */
 
 #include "core.h"
 
@@ -17,4 +17,42 @@ bool all_finite(int n, const double *a)
         if (!isfinite(a[i]))
             return false;
     return true;
+}
+
+/* D J */
+void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C)
+{
+    for (int i = 0; i < rows; i++) {
+        for (int j = 0; j < m; j++)
+            C[i][j] = 0.0;
+        for (int k = 0; k < 6; k++)
+            for (int j = 0; j < m; j++)
+                C[i][j] += D[i][k] * J[k][j];
+    }
+}
+
+/* H = L L', in its lower half; false where H is not positive definite. */
+bool factored(int n, Row *H)
+{
+    for (int j = 0; j < n; j++) {
+        double pivot = H[j][j] - dot(j, H[j], H[j]);
+        if (!(pivot > 0.0))
+            return false;
+        H[j][j] = sqrt(pivot);
+        for (int i = j + 1; i < n; i++)
+            H[i][j] = (H[i][j] - dot(j, H[i], H[j])) / H[j][j];
+    }
+    return true;
+}
+
+/* H^-1 g by the factor of H. */
+void solved(int n, const Row *L, const double *g, double *x)
+{
+    for (int i = 0; i < n; i++)
+        x[i] = (g[i] - dot(i, L[i], x)) / L[i][i];
+    for (int i = n - 1; i >= 0; i--) {
+        for (int k = i + 1; k < n; k++)
+            x[i] -= L[k][i] * x[k];
+        x[i] /= L[i][i];
+    }
 }

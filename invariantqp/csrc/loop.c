@@ -50,10 +50,8 @@ static void point_rows(const Loop *loop, double gain, const Pose *tool, const Po
                        Demand *demand)
 {
     double here[3], there[3], root[6][6];
-    for (int i = 0; i < 3; i++) {
-        here[i] = dot(3, tool->R[i], loop->exact) + tool->p[i];
-        there[i] = dot(3, target->R[i], loop->exact) + target->p[i];
-    }
+    place(tool, loop->exact, here);
+    place(target, loop->exact, there);
     demand->rows = 3;
     demand->row_rank = (int)loop->row_rank;
     demand->of_twist = true;
@@ -61,13 +59,9 @@ static void point_rows(const Loop *loop, double gain, const Pose *tool, const Po
     for (int i = 0; i < 3; i++) {
         for (int k = 0; k < 6; k++)
             demand->D[i][k] = root[3 + i][k];
-        for (int j = 0; j < demand->m; j++) {
-            demand->C[i][j] = 0.0;
-            for (int k = 0; k < 6; k++)
-                demand->C[i][j] += demand->D[i][k] * demand->J[k][j];
-        }
         demand->e[i] = gain * (there[i] - here[i]);
     }
+    product_of_rows(3, demand->D, demand->m, demand->J, demand->C);
     if (feedforward == NULL)
         return;
     root_at(there, 1.0, root);
@@ -79,29 +73,18 @@ static void point_rows(const Loop *loop, double gain, const Pose *tool, const Po
 static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 {
     double p[3], root[6][6];
-    for (int i = 0; i < 3; i++)
-        p[i] = dot(3, tool->R[i], loop->fast) + tool->p[i];
+    place(tool, loop->fast, p);
     root_at(p, 1.0, root);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 3; i++)
         demand->cone.start[i] = 0.0;
-        for (int j = 0; j < demand->m; j++) {
-            demand->cone.J[i][j] = 0.0;
-            for (int k = 0; k < 6; k++)
-                demand->cone.J[i][j] += root[3 + i][k] * demand->J[k][j];
-        }
-    }
+    product_of_rows(3, root + 3, demand->m, demand->J, demand->cone.J);
 }
 
 /* controller.py: the share of the gain that leaves the joints room to brake before the target. */
 static Outcome approach(const Loop *loop, const Demand *demand, const double measured[6], double *share)
 {
     Row A[6];
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < demand->m; j++) {
-            A[i][j] = 0.0;
-            for (int k = 0; k < 6; k++)
-                A[i][j] += demand->root[i][k] * demand->J[k][j];
-        }
+    product_of_rows(6, demand->root, demand->m, demand->J, A);
     return braking_share(loop, (const Row *)A, measured, share);
 }
 
@@ -114,16 +97,11 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     double error[6], p[3], measured[6], change[6], square = 0.0, share = 1.0;
     int m = demand.m = (int)loop->joints;
     demand.rows = 0;
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            home.R[i][j] = loop->home[4 * i + j];
-        home.p[i] = loop->home[4 * i + 3];
-    }
+    pose_from(loop->home, &home);
     kinematics(m, loop->screws, &home, q, demand.J, &tool);
     if (error_twist(target, &tool, error) == HAND_BACK)
         return HAND_BACK;
-    for (int i = 0; i < 3; i++)
-        p[i] = dot(3, tool.R[i], loop->point) + tool.p[i];
+    place(&tool, loop->point, p);
     root_at(p, loop->length, demand.root);
     for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);

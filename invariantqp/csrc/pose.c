@@ -15,18 +15,8 @@ typedef struct {
 static void placed(const Arm *arm, const double *q, Row J[6], Pose *tool)
 {
     Pose home;
-    for (int i = 0; i < 3; i++) {
-        memcpy(home.R[i], arm->home + 4 * i, 3 * sizeof(double));
-        home.p[i] = arm->home[4 * i + 3];
-    }
+    pose_from(arm->home, &home);
     kinematics((int)arm->joints, arm->screws, &home, q, J, tool);
-}
-
-/* Where a point of the tool is in the base frame. */
-static void place(const Pose *T, const double point[3], double p[3])
-{
-    for (int i = 0; i < 3; i++)
-        p[i] = dot(3, T->R[i], point) + T->p[i];
 }
 
 static void linearised(const Arm *arm, const Pose *target, const double *q, Linearization *state)
@@ -92,32 +82,6 @@ static Outcome curvature(const Arm *arm, const Pose *target, const double *q, co
                 H[i][j] += found.sigma[k] * found.V[k][i] * found.V[k][j];
         }
     return DONE;
-}
-
-/* H = L L', in its lower half; false where H is not positive definite. */
-static bool factored(int n, Row *H)
-{
-    for (int j = 0; j < n; j++) {
-        double pivot = H[j][j] - dot(j, H[j], H[j]);
-        if (!(pivot > 0.0))
-            return false;
-        H[j][j] = sqrt(pivot);
-        for (int i = j + 1; i < n; i++)
-            H[i][j] = (H[i][j] - dot(j, H[i], H[j])) / H[j][j];
-    }
-    return true;
-}
-
-/* H^-1 g by the factor of H. */
-static void solved(int n, const Row *L, const double *g, double *x)
-{
-    for (int i = 0; i < n; i++)
-        x[i] = (g[i] - dot(i, L[i], x)) / L[i][i];
-    for (int i = n - 1; i >= 0; i--) {
-        for (int k = i + 1; k < n; k++)
-            x[i] -= L[k][i] * x[k];
-        x[i] /= L[i][i];
-    }
 }
 
 static bool is_inside(int n, const double *x, const double *lower, const double *upper)

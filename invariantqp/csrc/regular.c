@@ -10,21 +10,16 @@ bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], R
     int n = demand->m;
     if (n < 6)
         return false;
-    double L[6][6], y[6], squares = 0.0, inverse_squares = 0.0;
+    Row L[6];
+    double y[6], squares = 0.0, inverse_squares = 0.0;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j <= i; j++) {
             double entry = dot(n, A[i], A[j]);
             squares += (i == j ? 1.0 : 2.0) * entry * entry;
             L[i][j] = entry;
         }
-    for (int j = 0; j < 6; j++) {
-        double pivot = L[j][j] - dot(j, L[j], L[j]);
-        if (!(pivot > 0.0))
-            return false;
-        L[j][j] = sqrt(pivot);
-        for (int i = j + 1; i < 6; i++)
-            L[i][j] = (L[i][j] - dot(j, L[i], L[j])) / L[j][j];
-    }
+    if (!factored(6, L))
+        return false;
     /* trace (AA')^-1 = |L^-1|^2 bounds its norm. */
     for (int j = 0; j < 6; j++) {
         double column[6];
@@ -42,13 +37,7 @@ bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], R
         return false;
     for (int i = 0; i < 6; i++)
         y[i] = demand->has_posture ? b[i] - dot(n, A[i], demand->posture) : b[i];
-    for (int i = 0; i < 6; i++)
-        y[i] = (y[i] - dot(i, L[i], y)) / L[i][i];
-    for (int i = 5; i >= 0; i--) {
-        for (int k = i + 1; k < 6; k++)
-            y[i] -= L[k][i] * y[k];
-        y[i] /= L[i][i];
-    }
+    solved(6, (const Row *)L, y, y);
     for (int j = 0; j < n; j++) {
         double sum = demand->has_posture ? demand->posture[j] : 0.0;
         for (int i = 0; i < 6; i++)

@@ -59,14 +59,9 @@ Outcome solve(const Demand *demand, Solution *solution)
     int m = demand->m;
     Row A[6];
     double b[6];
-    for (int i = 0; i < 6; i++) {
+    for (int i = 0; i < 6; i++)
         b[i] = dot(6, demand->root[i], demand->s);
-        for (int j = 0; j < m; j++)
-            A[i][j] = 0.0;
-        for (int k = 0; k < 6; k++)
-            for (int j = 0; j < m; j++)
-                A[i][j] += demand->root[i][k] * demand->J[k][j];
-    }
+    product_of_rows(6, demand->root, m, demand->J, A);
     bool plain = usual(6, b) && usual(m, demand->posture);
     for (int i = 0; i < 6; i++)
         plain = plain && usual(m, A[i]);
