@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.approach import BRAKING_SHARE
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
@@ -24,8 +25,6 @@ from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 # The gain towards a pose is at most this share of jerk / acceleration: the tool then comes to rest without overshoot.
 CALM_SHARE = 0.3
-# Share of the acceleration with which the tool brakes before a pose; the rest is a reserve.
-BRAKING_SHARE = 0.5
 # A commanded twist below this share of what the acceleration makes in a tick is rest.
 AT_REST = 1e-9
 

@@ -3,19 +3,9 @@ import subprocess
 import sys
 
 import pytest
-
-from invariantqp import cli
+from support.command_line import call
 
 FAR = "in the middle of the joint range"
-
-
-def call(monkeypatch, capsys, *words):
-    """(exit status, standard output, standard error) of a command line."""
-    monkeypatch.setattr(sys, "argv", ["invariantqp", *words])
-    with pytest.raises(SystemExit) as leaving:
-        cli.main()
-    printed = capsys.readouterr()
-    return leaving.value.code, printed.out, printed.err
 
 
 def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):

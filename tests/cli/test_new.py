@@ -1,18 +1,6 @@
-import sys
-
-import pytest
+from support.command_line import call
 
 import invariantqp as iq
-from invariantqp import cli
-
-
-def call(monkeypatch, capsys, *words):
-    """(exit status, standard output, standard error) of a command line."""
-    monkeypatch.setattr(sys, "argv", ["invariantqp", *words])
-    with pytest.raises(SystemExit) as leaving:
-        cli.main()
-    printed = capsys.readouterr()
-    return leaving.value.code, printed.out, printed.err
 
 
 def test_a_new_task_is_a_file_that_can_be_loaded(monkeypatch, capsys, tmp_path):

@@ -76,8 +76,8 @@ def _alone(setting: Setting) -> Solve:
     return lambda t: tick.solve(law, Demand(t.J, t.s, root, t.lower, t.upper)).velocity
 
 
-def _in(what: str) -> Takes:
-    return Takes("in the null space", "exact, slowed down where limits forbid it", "inside", what)
+WHERE_NEEDED = "where singular values are small, and with what is missed"
+OUR_TAKES = Takes("in the null space", "exact, slowed down where limits forbid it", "inside", WHERE_NEEDED)
 
 
 METHODS = [
@@ -85,7 +85,7 @@ METHODS = [
         name=OURS,
         family="invariant",
         why="this library's law as it is shipped" + (", by the compiled core" if native else ""),
-        takes=_in("where singular values are small, and with what is missed"),
+        takes=OUR_TAKES,
         make=_alone,
         system=our_controller,
         problem="law",
@@ -94,14 +94,14 @@ METHODS = [
         name=OURS_PYTHON,
         family="invariant",
         why="the same law in Python alone",
-        takes=_in("where singular values are small, and with what is missed"),
+        takes=OUR_TAKES,
         system=PythonAlone,
     ),
     Method(
         name="invariantqp with h",
         family="invariant",
         why="the same with a pitch form, which says what is attempted of a twist beyond the joints",
-        takes=_in("where singular values are small, and with what is missed"),
+        takes=OUR_TAKES,
         system=pitch_law,
         shown=False,
     ),
@@ -109,7 +109,7 @@ METHODS = [
         name="body inertia",
         family="invariant",
         why="the same measured by the inertia of the tool, a ball with a radius of gyration of 5 cm",
-        takes=_in("where singular values are small, and with what is missed"),
+        takes=OUR_TAKES,
         system=inertia_law,
         shown=False,
     ),

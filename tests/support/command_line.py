@@ -1,0 +1,16 @@
+"""The command line, called in this process."""
+
+import sys
+
+import pytest
+
+from invariantqp import cli
+
+
+def call(monkeypatch, capsys, *words):
+    """(exit status, standard output, standard error) of a command line."""
+    monkeypatch.setattr(sys, "argv", ["invariantqp", *words])
+    with pytest.raises(SystemExit) as leaving:
+        cli.main()
+    printed = capsys.readouterr()
+    return leaving.value.code, printed.out, printed.err
