@@ -133,9 +133,11 @@ class Chain(Value):
         limits = (self.position_lower, self.position_upper, self.velocity_limit)
         return Chain(self.screws, home, self.names, *limits, tool=f"{self.tool}+offset", places=self.places)
 
-    @property
+    @cached_property
     def model(self) -> Any:
         """These joints and the tool frame as a `pinocchio.Model` without masses, for limits and barriers made for Pink.
+
+        Made once: copy it before changing it.
 
         Raises:
             MissingExtra: without Pinocchio.
