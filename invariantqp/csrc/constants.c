@@ -12,6 +12,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.calm", DEVIATION_SHARE),
     ONE("velocity.calm", QUIET_SHARE),
     ONE("velocity.qp.quadratic", FEASIBLE),
+    ONE("velocity.qp.quadratic", COSINE_ROUNDING),
     ONE("velocity.qp.polytope", ROW_TOLERANCE),
     ONE("velocity.qp.active", DEPENDENT),
     ONE("velocity.qp.primal", PARALLEL),

@@ -235,6 +235,7 @@ extern const Constant CONSTANTS[];
 #define DEVIATION_SHARE 0.25
 #define QUIET_SHARE 1e-9
 #define FEASIBLE 1e-9
+#define COSINE_ROUNDING 1e-13
 #define PARALLEL 1e-9
 #define ROW_TOLERANCE 1e-12
 #define DEPENDENT 1e-12

@@ -68,6 +68,10 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
 {
     int n = problem->n;
     double longest = 0.0, length[LIMITS];
+    Row column = {0.0};
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            column[j] += problem->T[i][j] * problem->T[i][j];
     for (int i = 0; i < limits->count; i++) {
         length[i] = limits->box ? 1.0 : norm(n, limits->A[i]);
         longest = fmax(longest, length[i]);
@@ -91,7 +95,9 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
             double sum = limits->box ? problem->T[i][j] : 0.0;
             for (int l = 0; l < n && !limits->box; l++)
                 sum += limits->A[i][l] * problem->T[l][j];
-            room->N[k][j] = sum;
+            double rounding = COSINE_ROUNDING * length[i] * sqrt(column[j]);
+            double kept = rounding > 0.0 ? fmin(fmax(fabs(sum) - rounding, 0.0), rounding) / rounding : 0.0;
+            room->N[k][j] = kept * sum;
         }
         room->length[k] = norm(n, room->N[k]);
     }

@@ -10,8 +10,6 @@ from support.random_systems import motion
 import invariantqp as iq
 
 AGREE = 1e-10
-# Rounding moves a direction that moves nothing by 1e-16, and it weighs (1e-4)^2 beside what limits pull at it with.
-AGREE_WITH_A_NULL_SPACE = 1e-6
 SCENES = settings(max_examples=80, deadline=None, derandomize=True)
 
 
@@ -85,7 +83,6 @@ def question(rng, here, form, exact, limited, achievable, rows, named):
 def test_frames_and_units_change_nothing(kind, seed, m, exact, limited, achievable, rows, named):
     rng = np.random.default_rng(seed)
     here = arm(rng, kind, m)
-    spare = np.linalg.matrix_rank(here.J, tol=1e-9) < m
     # An arm that has no point of its own is asked about one that somebody names; one without a length, with that.
     named = named or kind in {"gantry", "mixed", "scara"}
     T, unit = motion(rng, 1.0), 10.0 ** rng.uniform(-3.0, 3.0)
@@ -98,9 +95,7 @@ def test_frames_and_units_change_nothing(kind, seed, m, exact, limited, achievab
         J, s, options = options_in(here, T, unit, told)
         y = iq.solve_velocity(J, s, **options)
         assert (y.status, y.method) == (x.status, x.method)
-        agree = AGREE_WITH_A_NULL_SPACE if spare and x.method == "qp" else AGREE
-        if kind == "nearly concurrent":  # a millimetre in a metre of coordinates: three digits cancel
-            agree *= 1e3
+        agree = 1e3 * AGREE if kind == "nearly concurrent" else AGREE  # a millimetre in a metre: three digits cancel
         difference = np.abs(y.velocity / here.joints_in(unit) - x.velocity).max()
         assert difference <= agree * max(np.abs(x.velocity).max(), 1e-3), (form, x.reason)
 

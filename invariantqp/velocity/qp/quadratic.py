@@ -28,6 +28,10 @@ CLOSE = 1e-7
 FEASIBLE = 1e-9
 # Corrections of the active set of a similar problem that are tried before a solver is called.
 CORRECTIONS = 6
+# A row and a column of T whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that
+# the law has no jump.
+COSINE_ROUNDING = 1e-13
+TINY = np.finfo(float).tiny
 
 
 class Quadratic(NamedTuple):
@@ -152,8 +156,11 @@ class Centred(NamedTuple):
 def centred(problem: Quadratic, limits: Polytope) -> Centred:
     """The limits on e."""
     value = limits.value(problem.centre)
-    N = problem.T if limits.A is None else limits.A.dot(problem.T)
-    return Centred(N, limits.lower - value, limits.upper - value)
+    T, A = problem.T, limits.A
+    N, length = (T, 1.0) if A is None else (A.dot(T), np.sqrt((A * A).sum(axis=1))[:, None])
+    rounding = COSINE_ROUNDING * length * np.sqrt((T * T).sum(axis=0))
+    kept = np.minimum(np.maximum(np.abs(N) - rounding, 0.0), rounding) / np.maximum(rounding, TINY)
+    return Centred(kept * N, limits.lower - value, limits.upper - value)
 
 
 def sides_of(optimum: Optimum) -> Sides:
