@@ -159,8 +159,10 @@ def centred(problem: Quadratic, limits: Polytope) -> Centred:
     T, A = problem.T, limits.A
     N, length = (T, 1.0) if A is None else (A.dot(T), np.sqrt((A * A).sum(axis=1))[:, None])
     rounding = COSINE_ROUNDING * length * np.sqrt((T * T).sum(axis=0))
-    kept = np.minimum(np.maximum(np.abs(N) - rounding, 0.0), rounding) / np.maximum(rounding, TINY)
-    return Centred(kept * N, limits.lower - value, limits.upper - value)
+    size = np.abs(N)
+    if (size < 2.0 * rounding).any():
+        N = N * np.minimum(np.maximum(size - rounding, 0.0) / np.maximum(rounding, TINY), 1.0)
+    return Centred(N, limits.lower - value, limits.upper - value)
 
 
 def sides_of(optimum: Optimum) -> Sides:
