@@ -139,6 +139,10 @@ EXTRAS = {
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
     "view": ("iq.view.Viewer(iq.load_task('scara'))", ["viser"]),
     "compare": ("import invariantqp.compare.exact.references", ["mpmath"]),
+    "placo": (
+        "import invariantqp.compare.laws.placo_law as p; p.PlacoLaw(iq.load_robot('ur5'), iq.load_task('scara').law)",
+        ["placo"],
+    ),
     "drake": ("from invariantqp.compare.laws.drake_law import METHODS; METHODS[0].make(None)", ["pydrake"]),
 }
 ABSENT = """

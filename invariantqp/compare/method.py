@@ -122,7 +122,7 @@ class Method:
     system: MakeController | None = None
     problem: Literal["", "law", "least squares", "ridge", "damped"] = ""
     needs: tuple[str, ...] = ()
-    extra: Literal["", "drake", "peers"] = ""
+    extra: Literal["", "drake", "peers", "placo"] = ""
     shown: bool = True
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-from invariantqp.compare.laws import drake_law, hand_written, linear, mink_law, ours, pink_law, quadratic
+from invariantqp.compare.laws import drake_law, hand_written, linear, mink_law, ours, pink_law, placo_law, quadratic
 from invariantqp.compare.laws.loop import controller_of
 from invariantqp.compare.method import FAMILIES, Method
 from invariantqp.errors import BadInput, UnknownName
@@ -21,6 +21,7 @@ _FAMILIES = (
     linear.METHODS,
     pink_law.METHODS,
     mink_law.METHODS,
+    placo_law.METHODS,
     drake_law.METHODS,
 )
 _METHODS = {method.name: method for family in _FAMILIES for method in family}

@@ -1,3 +1,4 @@
+import daqp
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -190,6 +191,28 @@ def test_saturation_and_scaling_keep_the_direction_inside_the_limits(m):
         assert min(1.0, (reach / np.abs(x0)).min()) - 1e-9 <= found.scale <= best + 1e-9
         x = solved("scaling", J, s, reach)
         np.testing.assert_allclose(J @ x, best * s, atol=3e-3 * np.linalg.norm(s))
+
+
+@pytest.mark.parametrize("m", [9, 12])
+def test_optimal_saturation_is_the_nearest_to_the_posture_of_what_achieves_the_twist(m):
+    let_go = 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        J = rng.normal(size=(6, m))
+        inside = rng.uniform(-1.0, 1.0, m)
+        inside[:2] = np.sign(inside[:2])
+        s, rest, one = J @ inside, 3.0 * rng.normal(size=m), np.ones(m)
+        wanted = daqp.solve(
+            np.eye(m), -rest, J, np.r_[one, s], np.r_[-one, s], np.r_[np.zeros(m), 5 + 0 * s].astype("i")
+        )
+        found = saturate(J, s, -one, one, rest, optimal=True)
+        if found.scale < 1.0:
+            continue
+        np.testing.assert_allclose(J @ found.velocity, s, atol=1e-9)
+        np.testing.assert_allclose(found.velocity, wanted[0], atol=1e-7)
+        plain = saturate(J, s, -one, one, rest)
+        let_go += plain.scale == 1.0 and np.abs(plain.velocity - found.velocity).max() > 1e-6
+    assert let_go > 2
 
 
 def test_saturation_outside_its_limits_goes_the_way_back():

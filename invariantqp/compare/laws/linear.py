@@ -67,8 +67,10 @@ def _priority(setting: Setting) -> Solve:
     return velocity
 
 
-def _saturation(_: Setting) -> Solve:
-    return lambda tick: saturate(tick.J, tick.s, tick.lower, tick.upper, tick.posture).velocity
+def _saturation(*, optimal: bool) -> Callable[[Setting], Solve]:
+    return lambda _: (
+        lambda tick: saturate(tick.J, tick.s, tick.lower, tick.upper, tick.posture, optimal=optimal).velocity
+    )
 
 
 def _sdls(setting: Setting) -> Solve:
@@ -114,8 +116,18 @@ METHODS = [
         why="saturation in the null space: joints stay at their limits and others make up for them (Flacco, De Luca "
         "& Khatib 2012)",
         takes=Takes(IN_NULL_SPACE, CANNOT, "inside; slows the twist down", "none"),
-        make=_saturation,
+        make=_saturation(optimal=False),
         problem="least squares",
+    ),
+    Method(
+        name="OSNS",
+        family="Moore-Penrose",
+        why="its optimal variant: of the velocities that achieve the twist, the one nearest to the posture (Flacco, De "
+        "Luca & Khatib 2015)",
+        takes=Takes(IN_NULL_SPACE, CANNOT, "inside; slows the twist down", "none"),
+        make=_saturation(optimal=True),
+        problem="least squares",
+        shown=False,
     ),
     Method(
         name="unit-consistent inverse",

@@ -66,7 +66,7 @@ class PinkLaw:
             raise MissingExtra("pin-pink", "peers") from error
         self._pink, self._pose = pink, pin.SE3
         self._dt, self._share = law.dt, share_of(law)
-        model: Any = robot.model  # type: ignore[attr-defined]
+        model: Any = robot.model.copy()  # type: ignore[attr-defined]
         frame = str(getattr(robot, "tool", ""))
         if law.exact is not None:
             tool = model.frames[model.getFrameId(frame)]

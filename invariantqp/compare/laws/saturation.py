@@ -4,7 +4,12 @@
 
 alpha scales the twist down: it is 1 if the other joints can achieve s, else the largest value found on the way.
 
-Reference: Flacco, De Luca & Khatib 2012, Algorithm 1.
+Optimal: of the velocities that achieve s, the one nearest to x_N. A saturated joint whose multiplier has the wrong sign
+is let go again,
+
+    x - x_N + J'lambda + mu = 0,   mu = 0 on free joints, mu >= 0 at an upper limit, mu <= 0 at a lower one
+
+Reference: Flacco, De Luca & Khatib 2012, Algorithm 1; 2015, the optimal variant.
 """
 
 from __future__ import annotations
@@ -12,6 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 
@@ -19,6 +25,8 @@ from invariantqp.geometry.arrays import Array
 RANK = 1e-10
 # A velocity exceeds a limit if it does so by more than this fraction of the largest limit: less is rounding.
 OUTSIDE = 1e-12
+# Rounds of the search for each joint: the optimal variant may saturate a joint again.
+ROUNDS = 3
 
 
 class Saturated(NamedTuple):
@@ -35,7 +43,9 @@ class Saturated(NamedTuple):
     saturated: tuple[int, ...]
 
 
-def saturate(J: Array, s: Array, lower: Array, upper: Array, rest: Array | None = None) -> Saturated:
+def saturate(
+    J: Array, s: Array, lower: Array, upper: Array, rest: Array | None = None, *, optimal: bool = False
+) -> Saturated:
     """The velocity inside the limits that achieves alpha s, with alpha as large as the method finds it.
 
     Args:
@@ -44,6 +54,7 @@ def saturate(J: Array, s: Array, lower: Array, upper: Array, rest: Array | None 
         lower: (m,) least joint velocities.
         upper: (m,) largest joint velocities.
         rest: (m,) joint velocity wanted in the null space; None is zero.
+        optimal: whether joints are let go again where that brings the velocity nearer to `rest`.
 
     Returns:
         The velocity, alpha and the saturated joints. If the bounds exclude zero velocity, alpha may be 0; the velocity
@@ -51,12 +62,13 @@ def saturate(J: Array, s: Array, lower: Array, upper: Array, rest: Array | None 
     """
     m = J.shape[1]
     free = np.ones(m, dtype=bool)
-    fixed = np.zeros(m) if rest is None else rest.copy()
+    rest = np.zeros(m) if rest is None else np.asarray(rest, np.float64)
+    fixed = rest.copy()
     rank = _rank(J, J)
     limits = np.abs(np.concatenate((lower, upper)))
     edge = OUTSIDE * float(limits[np.isfinite(limits)].max(initial=0.0))
     best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0, ())
-    for _ in range(m + 1):
+    for _ in range(ROUNDS * (m + 1)):
         inverse = np.linalg.pinv(J * free, rcond=RANK)
         along = inverse.dot(s)
         offset = fixed - inverse.dot(J.dot(fixed))
@@ -64,7 +76,12 @@ def saturate(J: Array, s: Array, lower: Array, upper: Array, rest: Array | None 
         outside = (x < lower - edge) | (x > upper + edge)
         out = tuple(np.flatnonzero(~free).tolist())
         if not outside.any():
-            return Saturated(np.minimum(np.maximum(x, lower), upper), 1.0, out)
+            best = Saturated(np.minimum(np.maximum(x, lower), upper), 1.0, out)
+            wrong = _held_too_long(J, inverse, np.asarray(x - rest), free, fixed == upper) if optimal else -1
+            if wrong < 0:
+                break
+            free[wrong], fixed[wrong] = True, rest[wrong]
+            continue
         scale, critical = _largest_share(along, offset, lower, upper)
         if scale > best.scale:
             share = np.minimum(np.maximum(scale * along + offset, lower), upper)
@@ -76,6 +93,14 @@ def saturate(J: Array, s: Array, lower: Array, upper: Array, rest: Array | None 
         if _rank(J * free, J) < rank:
             break
     return best
+
+
+def _held_too_long(J: Array, inverse: Array, pull: Array, free: NDArray[np.bool_], above: NDArray[np.bool_]) -> int:
+    """The saturated joint whose multiplier has the wrong sign by most; -1 for none."""
+    wrong = np.where(above, 1.0, -1.0) * (pull - J.T.dot(inverse.T.dot(pull * free)))
+    wrong[free] = 0.0
+    worst = int(np.argmax(wrong))
+    return worst if wrong[worst] > OUTSIDE * float(np.abs(pull).max()) else -1
 
 
 def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> tuple[float, int]:
