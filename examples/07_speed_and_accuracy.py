@@ -1,7 +1,7 @@
 """Speed against accuracy at equal information: table, verdict and chart, from results kept beside this script.
 
-Every figure is in examples/comparison/results.json: machine, versions, seeds. To measure all of it again, about ten
-minutes on an idle machine (extras compare and peers), and to draw the charts and write README's verdict and the report:
+Every figure is in examples/comparison/results.json: machine, versions, seeds. To measure all of it again in about ten
+minutes on an idle machine (extras compare, peers, placo), draw the charts, and write README's verdict and the report:
 
     python examples/07_speed_and_accuracy.py --measure
 
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from invariantqp.compare.report import chart
 from invariantqp.compare.report.page import table_markdown
-from invariantqp.compare.report.report import write_report
+from invariantqp.compare.report.report import guide, write_report
 from invariantqp.compare.report.tables import listed_sentences, summary, write_section
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import load_results
@@ -37,7 +37,7 @@ def main(word):
         chart.draw(results, PICTURES / "speed_and_accuracy.png")
         chart.draw(results, PICTURES / "speed_and_accuracy_dark.png", chart.DARK)
         write_section(HERE.parent / "README.md", listed_sentences(short(results)))
-        write_section(HERE / "guide" / "comparison.md", table_markdown(summary(results)))
+        write_section(HERE / "guide" / "comparison.md", guide(results))
         print(
             "\nREADME.md has the verdict, examples/guide/comparison.md the table; the charts are in examples/pictures"
         )

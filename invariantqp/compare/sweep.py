@@ -29,7 +29,7 @@ from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from invariantqp.compare.exact.failure import ReferenceFailure
-from invariantqp.compare.measure import loops, solves, ticks
+from invariantqp.compare.measure import calibration, loops, solves, ticks
 from invariantqp.compare.measure.cell import Cell, Kind, Result
 from invariantqp.compare.measure.machine import machine, source_digest, versions
 from invariantqp.compare.registry import chosen, left_out
@@ -53,7 +53,7 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 def kinds() -> dict[str, Kind]:
     """Every measurement by its name."""
-    return {**loops.KINDS, **solves.KINDS, **ticks.KINDS}
+    return {**loops.KINDS, **calibration.KINDS, **solves.KINDS, **ticks.KINDS}
 
 
 def cells(

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 
+Mask = NDArray[np.bool_]
 # A singular value of JW below this fraction of the largest of J counts as zero in the rank.
 RANK = 1e-10
 # A velocity exceeds a limit if it does so by more than this fraction of the largest limit: less is rounding.
@@ -62,14 +63,14 @@ def saturate(
     """
     m = J.shape[1]
     free = np.ones(m, dtype=bool)
-    rest = np.zeros(m) if rest is None else np.asarray(rest, np.float64)
-    fixed = rest.copy()
+    posture: Array = np.zeros(m) if rest is None else rest
+    fixed = posture.copy()
     rank = _rank(J, J)
     limits = np.abs(np.concatenate((lower, upper)))
     edge = OUTSIDE * float(limits[np.isfinite(limits)].max(initial=0.0))
     best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0, ())
     for _ in range(ROUNDS * (m + 1)):
-        inverse = np.linalg.pinv(J * free, rcond=RANK)
+        inverse = np.asarray(np.linalg.pinv(J * free, rcond=RANK), np.float64)
         along = inverse.dot(s)
         offset = fixed - inverse.dot(J.dot(fixed))
         x = along + offset
@@ -77,10 +78,10 @@ def saturate(
         out = tuple(np.flatnonzero(~free).tolist())
         if not outside.any():
             best = Saturated(np.minimum(np.maximum(x, lower), upper), 1.0, out)
-            wrong = _held_too_long(J, inverse, np.asarray(x - rest), free, fixed == upper) if optimal else -1
+            wrong = _held_too_long(J, inverse, x - posture, free, fixed == upper) if optimal else -1
             if wrong < 0:
                 break
-            free[wrong], fixed[wrong] = True, rest[wrong]
+            free[wrong], fixed[wrong] = True, posture[wrong]
             continue
         scale, critical = _largest_share(along, offset, lower, upper)
         if scale > best.scale:
@@ -95,7 +96,7 @@ def saturate(
     return best
 
 
-def _held_too_long(J: Array, inverse: Array, pull: Array, free: NDArray[np.bool_], above: NDArray[np.bool_]) -> int:
+def _held_too_long(J: Array, inverse: Array, pull: Array, free: Mask, above: Mask) -> int:
     """The saturated joint whose multiplier has the wrong sign by most; -1 for none."""
     wrong = np.where(above, 1.0, -1.0) * (pull - J.T.dot(inverse.T.dot(pull * free)))
     wrong[free] = 0.0

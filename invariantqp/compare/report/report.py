@@ -8,7 +8,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from invariantqp.compare.report import chart, tables
-from invariantqp.compare.report.page import Block, Bullets, Code, Folded, Heading, Paragraph, Picture, Table, html
+from invariantqp.compare.report.page import (
+    Block,
+    Bullets,
+    Code,
+    Folded,
+    Heading,
+    Paragraph,
+    Picture,
+    Table,
+    html,
+    table_markdown,
+)
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import Results, kinds_in
 from invariantqp.progress import Progress
@@ -28,6 +39,7 @@ ABOUT = {
     "beyond": "A target out of reach",
     "turns": "Ten turns of a closed path: drift of the joints [rad] with a posture and without",
     "noise": "Encoders wrong by 0.1 mrad",
+    "calibration": "Joints that are not where the model says, off by 5 mm and 5 mrad, and a camera that sees the tool",
     "error": "One solve against its exact answer",
     "tick": "Time of a tick [us]",
 }
@@ -54,6 +66,18 @@ def write_report(results: Results, out: Path, progress: Progress | None = None) 
     report = out / "report.html"
     report.write_text(html(TITLE, page(results, pictures)), encoding="utf-8")
     return [report, *(picture.file for picture in pictures)]
+
+
+def guide(results: Results) -> str:
+    """The tables of the guide's page, as Markdown."""
+    parts = (
+        table_markdown(tables.summary(results)),
+        "Other libraries, each where it was installed beside this one:",
+        table_markdown(tables.libraries(results)),
+        f"{ABOUT['calibration']}: largest position error [mm] · variation of the joint velocities [rad/s] of the run.",
+        table_markdown(tables.calibrated(results)),
+    )
+    return "\n\n".join(parts)
 
 
 def caption() -> str:

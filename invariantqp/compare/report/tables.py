@@ -88,6 +88,23 @@ def worst_frame(results: Results, name: str, kind: str = "loop") -> float | None
     return max(found, default=None)
 
 
+def calibrated(results: Results) -> Table:
+    """Largest position error [mm] and variation of the joint velocities of arms that are not where their model says."""
+    found = results_of(results, "calibration")
+    tasks = list(dict.fromkeys(task for task, _ in found))
+    rows = []
+    for name in shown(results):
+        runs = [found.get((task, name), {}) for task in tasks]
+        cells = [f"{figure(run.get('position_mm'))} · {figure(run.get('variation'))}" for run in runs]
+        rows.append([name, *cells])
+    return Table(["method", *map(title, tasks)], rows)
+
+
+def libraries(results: Results) -> Table:
+    """The summary of other libraries, installed where this was measured."""
+    return summary(results, [m["name"] for m in results["methods"] if m["family"] == "library"])
+
+
 def information(results: Results) -> Table:
     """What each method makes of what every row is told."""
     keys = ("posture", "exact", "limits", "damping", "feedforward")

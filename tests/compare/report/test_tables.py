@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from invariantqp.compare.report import tables
-from invariantqp.compare.report.page import table_markdown
-from invariantqp.compare.report.tables import BEGIN, END, figure, listed_sentences, summary, with_section
+from invariantqp.compare.report.report import guide
+from invariantqp.compare.report.tables import BEGIN, END, figure, listed_sentences, with_section
 from invariantqp.compare.report.verdict import short
 from invariantqp.errors import BadInput
 
@@ -85,7 +85,7 @@ def test_no_other_part_of_the_readme_compares_times_by_figures_of_its_own():
 
 def test_the_command_would_write_what_is_there():
     assert with_section(README, listed_sentences(short(RESULTS))) == README
-    assert with_section(PAGE, table_markdown(summary(RESULTS))) == PAGE
+    assert with_section(PAGE, guide(RESULTS)) == PAGE
     with pytest.raises(BadInput, match="no place for the comparison"):
         with_section("nothing", "")
 
