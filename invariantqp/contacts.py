@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from invariantqp.systems.contacts import peg_in_hole as peg_in_hole
     from invariantqp.systems.contacts import point_contact as point_contact
     from invariantqp.systems.contacts import surface_contact as surface_contact
+    from invariantqp.systems.two_contacts import two_contacts as two_contacts
 
 load_lazily(
     __name__,
@@ -32,5 +33,6 @@ load_lazily(
             "point_contact",
             "surface_contact",
         ),
+        "invariantqp.systems.two_contacts": ("two_contacts",),
     },
 )

@@ -41,7 +41,7 @@ SHORTER = {
     "14_defaults": ONE,
     "15_elastic_paths": ONE,
     "25_pink_scripts": ("--short",),
-    "22_contact_scenes": ("so101", "--seconds", "1.5"),
+    "22_contact_scenes": ("so101", "--seconds", "1.5", "--scene", "bar"),
     "24_gallery": ("gallery", "ur5_wrist"),
     "16_frame_race": ("film.gif", "3"),
 }

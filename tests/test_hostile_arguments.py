@@ -45,7 +45,7 @@ ALSO_CALLED = {
     ("InvariantFrameTask.set_target, mink", "transform_target_to_world"): "target",
 }
 # Arguments that may be functions; what a function of the user's raises is the user's.
-FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "contact", "rows"}
+FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "extent", "contact", "rows"}
 
 
 def words(table):

@@ -23,7 +23,8 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.place import load_at, way_out
+from invariantqp.force.normal import NormalEstimate
+from invariantqp.force.place import load_at, way_out, weakest
 from invariantqp.force.push import gains_of, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
@@ -109,7 +110,8 @@ class HybridController:
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self._watch = Watch()
         self._regulation = Regulation()
-        self._ways: deque[Array] = deque([np.zeros(3)] * self._dead_ticks())
+        self._normal = NormalEstimate()
+        self._ways = self._no_ways()
         self._split = task.split(contact.kind)
 
     @property
@@ -124,7 +126,8 @@ class HybridController:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
         self._regulation = Regulation()
-        self._ways = deque([np.zeros(3)] * self._dead_ticks())
+        self._normal = NormalEstimate()
+        self._ways = self._no_ways()
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
@@ -168,9 +171,10 @@ class HybridController:
         elif not isinstance(contact, Contact):
             raise BadInput("contact", excerpt(contact), "a Contact")
         split = self._split_for(contact)
-        exert = split.wanted(self.task.wrench)
-        if wanted is not None:
-            exert = split.wanted(wanted_of(wanted, "wanted"), "wanted")
+        contact, told = self._turned(contact)
+        exert = (
+            split.wanted(self.task.wrench) if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted")
+        )
         raw, measured, smoothing = self._measure(reading, tool)
 
         # From the contact frame to the base frame.
@@ -183,20 +187,11 @@ class HybridController:
         error = split.projectors.force.dot(exert - inside)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
-        answer = verdict(watch, self.task, can_leave=contact.kind.out is not None)
+        answer = verdict(watch, self.task, contact)
         press = None if felt.press is None else felt.press[1]
         gains = gains_of(self.task, split, regulation, press, self._late, touching=watch.touching or press is None)
-        pushed = push(
-            self.task,
-            contact,
-            A,
-            split,
-            gains,
-            exert,
-            error,
-            regulation.integral,
-            slow=answer.action == SLOW,
-        )
+        slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
+        pushed = push(self.task, contact, A, split, gains, exert, error, regulation.integral, slow=slow)
         force, where = pushed.twist, contact.point if self._at_contact else None
         if answer.action == HOLD:
             motion = force = np.zeros(6)
@@ -205,24 +200,24 @@ class HybridController:
             if answer.action == RETREAT:
                 speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
                 motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
-            elif watch.health.stale:
+            elif waits:
                 force = np.zeros(6)
             rows = self._rows(contact, sighting.J, force)
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where)
         moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
-        acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not watch.health.stale
+        acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
+        normal = self._found(told, watch, felt, regulation)
         self._ways.append(moved)
-        self._ways.popleft()
-        self._watch, self._smoothing = watch.after_motion(out.dot(moved)), smoothing
+        self._watch, self._smoothing, self._normal = watch.after_motion(out.dot(moved)), smoothing, normal
         self._regulation = regulation.after(
             error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
         )
-        trouble = "" if answer.status or press is None else watch.settling.trouble(press, self._late)
-        status = inner.status if inner.status == "held" or not trouble else "degraded"
+        unsettled = "" if answer.status or press is None else watch.settling.trouble(press, self._late)
+        status, reason = answer.with_others(normal.trouble(), unsettled, inner.status, inner.reason)
         return HybridSolution(
             velocity=inner.velocity,
-            status=answer.status or status,
-            reason="; ".join(r for r in (answer.reason, trouble, inner.reason) if r),
+            status=status,
+            reason=reason,
             motion=motion,
             force=force,
             wrench=measured.copy(),
@@ -236,16 +231,15 @@ class HybridController:
 
     def _felt(self, reading: Array, raw: Array, contact: Contact, tool: Array, parts: Array, exert: Array) -> Felt:
         """What the raw reading tells of the contact; raw and exert (6,) in the base frame, parts (6-k, 6) likewise."""
-        press, noise = None, 0.0 if self.sensor is None else self.sensor.noise
-        if contact.kind.unilateral:
-            press = (float(parts[0].dot(raw)), float(parts[0].dot(exert)))
+        noise = 0.0 if self.sensor is None else self.sensor.noise
+        press = weakest(parts[: contact.kind.presses], raw, exert)
         most = overload_of(self.task, *load_at(exert, contact.point), noise)
         return Felt(reading, press, *load_at(raw, contact.point, tool), most, noise)
 
     def _regulated(self, felt: Felt, out: Array, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""
         regulation = self._regulation
-        if self.task.stiffness is None and felt.press is not None:
+        if self.task.stiffness is None and felt.press is not None and self._split.kind.presses == 1:
             way = self._ways[0]  # the last one whose effect has been measured
             along = -out.dot(way)
             moved = np.array([along, *(way + along * out)])
@@ -255,9 +249,24 @@ class HybridController:
             regulation = regulation._replace(estimate=estimate)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 
-    def _dead_ticks(self) -> int:
-        """After how many ticks a command shows in the measurements."""
-        return 1 + round(self._delay / self.loop.dt)
+    def _turned(self, contact: Contact) -> tuple[Contact, Array]:
+        """The told contact with the normal found, and its normal as told, zero where that is trusted."""
+        if self.task.normal_within is None:
+            return contact, np.zeros(3)
+        told = way_out(contact, se3.adjoint(contact.pose, check=False))
+        return self._normal.applied(contact, told), told
+
+    def _found(self, told: Array, watch: Watch, felt: Felt, regulation: Regulation) -> NormalEstimate:
+        """The normal found, from the last way whose effect has been measured; in the air it is forgotten."""
+        bound, k = self.task.normal_within, regulation.known(self.task.stiffness)
+        if bound is None or k is None or felt.press is None or not watch.touching:
+            return NormalEstimate()
+        return self._normal.after(told, self._ways[0], felt.press, k, self.task.size, bound)
+
+    def _no_ways(self) -> deque[Array]:
+        """No way in the last ticks, as many as pass until a command shows in the measurements."""
+        ticks = 1 + round(self._delay / self.loop.dt)
+        return deque([np.zeros(3)] * ticks, maxlen=ticks)
 
     def _split_for(self, contact: Contact) -> Split:
         """The task's split for the kind of this contact, kept while the kind is the same."""

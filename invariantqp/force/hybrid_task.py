@@ -18,6 +18,7 @@ Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import pi
 from typing import Literal, get_args
 
 import numpy as np
@@ -41,6 +42,8 @@ OnOverload = Literal["hold", "retreat"]
 
 # Share of the wanted press below which the contact counts as lost: above the noise of a sensor in the air.
 LOST_SHARE = 0.1
+# How far a normal may be corrected [rad]: beyond it the told one says nothing.
+MOST_TILT = pi / 4.0
 # The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
 UNKNOWN = 1e-3
 
@@ -59,7 +62,9 @@ class HybridTask(Value):
         adapts: whether C is scaled to the stiffness, because no compliance was given.
         stiffness: of the contact along the press [force/length], or None where it is not known.
         size: over what length the contact spreads [length].
+        normal_within: how far off the told normal the found one may be [rad]; None trusts the told one.
         lost_below, lost_after, on_loss: when a contact is lost, and what is done then.
+        edge_margin: how near to the surface's edge that is told.
         approach_speed, approach_distance, approach_time: how it is looked for.
         max_force, max_moment, on_overload: what is too much, and what is done then.
         retreat_speed, retreat_distance: how a contact is left.
@@ -74,9 +79,11 @@ class HybridTask(Value):
     adapts: bool = field(repr=False)
     stiffness: float | None
     size: float = field(repr=False)
+    normal_within: float | None = field(repr=False)
     lost_below: float | None = field(repr=False)
     lost_after: float = field(repr=False)
     on_loss: str = field(repr=False)
+    edge_margin: float = field(repr=False)
     approach_speed: float = field(repr=False)
     approach_distance: float = field(repr=False)
     approach_time: float = field(repr=False)
@@ -98,9 +105,11 @@ class HybridTask(Value):
         adapts: bool | None = None,
         stiffness: float | None = None,
         size: float = 0.05,
+        normal_within: float | None = None,
         lost_below: float | None = None,
         lost_after: float = 0.1,
         on_loss: OnLoss = "approach",
+        edge_margin: float = 0.01,
         approach_speed: float = 0.02,
         approach_distance: float = 0.1,
         approach_time: float = 20.0,
@@ -127,10 +136,14 @@ class HybridTask(Value):
             stiffness: of the contact along the press [force/length]; None identifies it at each touch, unless a
                 compliance is given. Once it is known, the force law has integral action.
             size: over what length the contact spreads, which weighs moments against forces [length].
+            normal_within: corrects the told normal by how the tool moves along the surface, by this angle at most
+                [rad], up to pi/4; None trusts the told one. Friction does not disturb it. One press only.
             lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
                 it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
+            edge_margin: a contact nearer to the edge of its surface than this is told [length]; beyond the edge nothing
+                is pushed. Only for contacts that say where their edge is.
             approach_speed: the most that the force law moves the place of contact in the air [length/s].
             approach_distance: after this way towards the contact without feeling it, stand still [length]; inf is
                 never.
@@ -166,9 +179,11 @@ class HybridTask(Value):
             adapts=compliance is None if adapts is None else arrays.flag(adapts, "adapts"),
             stiffness=None if stiffness is None else arrays.number(stiffness, "stiffness", "N/m", positive=True),
             size=length,
+            normal_within=None if normal_within is None else _angle(normal_within),
             lost_below=None if lost_below is None else arrays.not_negative(lost_below, "lost_below", "a force"),
             lost_after=arrays.not_negative(lost_after, "lost_after", "a time in seconds"),
             on_loss=arrays.choice(on_loss, "on_loss", get_args(OnLoss)),
+            edge_margin=arrays.not_negative(edge_margin, "edge_margin", "a length"),
             approach_speed=arrays.number(approach_speed, "approach_speed", "a speed", positive=True),
             approach_distance=_limit(approach_distance, "approach_distance"),
             approach_time=_limit(approach_time, "approach_time"),
@@ -206,6 +221,9 @@ class HybridTask(Value):
             raise BadInput("kind", excerpt(kind), "a ContactKind, such as contact.kind")
         if kind.out is None and "retreat" in (self.on_loss, self.on_overload):
             raise BadInput("contact", f"a {kind.name} and a retreat", "a contact that can be left", "Hold instead.")
+        if self.normal_within is not None and kind.presses != 1:
+            found = f"an angle, and a {kind.name} with {kind.presses} presses"
+            raise BadInput("normal_within", found, "None for a contact without a press or with more than one")
         S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance
         complement = self.complement
         if self.h is None and self.metric is None and complement is None:
@@ -259,6 +277,13 @@ def _compliance(value: ArrayLike, size: float) -> Array:
         one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
         c = np.repeat((one / size**2, one), 3)
     return arrays.positive_definite(c, 6, "compliance")
+
+
+def _angle(value: float) -> float:
+    angle = arrays.number(value, "normal_within", "an angle in radians", positive=True)
+    if angle > MOST_TILT:
+        raise BadInput("normal_within", f"{angle:g} rad", f"at most {MOST_TILT:g} rad")
+    return angle
 
 
 def _limit(value: float, argument: str) -> float:

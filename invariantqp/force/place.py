@@ -21,6 +21,26 @@ def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
     return sqrt(f.dot(f)), sqrt(min(moment.dot(moment) for moment in moments))
 
 
+def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | None:
+    """The press that is felt and wanted, of several the one of which least is felt, in the unit of the smallest.
+
+    Args:
+        parts: (n, 6) from a wrench to its n presses; n = 0 for a contact that cannot be lost.
+        felt: (6,) wrench.
+        exert: (6,) wrench that is wanted.
+    """
+    if not len(parts):
+        return None
+    if len(parts) == 1:
+        return float(parts[0].dot(felt)), float(parts[0].dot(exert))
+    here, wanted = parts.dot(felt), parts.dot(exert)
+    pressed = wanted > 0.0
+    if not pressed.any():
+        return float(here.min()), 0.0
+    least = float(wanted[pressed].min())
+    return least * float((here[pressed] / wanted[pressed]).min()), least
+
+
 def way_out(contact: Contact, A: Array) -> Array:
     """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be.
 

@@ -86,9 +86,12 @@ def push(
         integral: (6,) likewise.
         slow: whether contact is looked for.
     """
-    if slow and gains.gentle is not None:
+    twist = gains.factor * A.dot(split.admittance.dot(error + integral))
+    speed = task.approach_speed
+    if slow and gains.gentle is not None and split.kind.presses > 1:
+        speed = gains.gentle  # one of them may be felt already: only what is missing
+    elif slow and gains.gentle is not None:
         ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
         return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)
-    twist = gains.factor * A.dot(split.admittance.dot(error + integral))
-    share = min(1.0, task.approach_speed / speed_at(contact, twist, task.size)) if slow else 1.0
+    share = min(1.0, speed / speed_at(contact, twist, task.size)) if slow else 1.0
     return Push(np.asarray(share * twist), not slow)

@@ -43,8 +43,9 @@ class Split(NamedTuple):
         if found != n:
             expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
             raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
-        if self.kind.unilateral and wrench[0] < 0.0:
+        if (wrench[: self.kind.presses] < 0.0).any():
             expected = "zero or more: the contact's z is the way the tool presses"
-            raise BadInput(argument, f"a press of {wrench[0]:g}", expected, "A contact that pulls is not unilateral.")
+            press = wrench[: self.kind.presses].min()
+            raise BadInput(argument, f"a press of {press:g}", expected, "A contact that pulls is not unilateral.")
         parts: Array = W.dot(wrench)
         return parts

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from invariantqp.errors import written
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.watch import Watch
+from invariantqp.systems.contacts import Contact
 
 # A retreat is over at this share of its distance: the rest is rounding.
 ALL_THE_WAY = 1.0 - 1e-9
@@ -18,15 +19,35 @@ LOSS = {"hold": (HOLD, ": standing still"), "continue": (FOLLOW, "")}
 
 
 class Verdict(NamedTuple):
-    """What to do in this tick, with which status, and why; "" is the velocity law's own status."""
+    """What to do in this tick, with which status, and why; "" is the velocity law's own status.
+
+    `edge` says that the surface's edge is near, "" that it is not; `beyond` is whether nothing is to be pushed there.
+    """
 
     action: str
     status: str
     reason: str
+    edge: str = ""
+    beyond: bool = False
+
+    def with_others(self, normal: str, unsettled: str, status: str, reason: str) -> tuple[str, str]:
+        """The status and the reason of the tick, with what troubles the force law and what the velocity law says."""
+        trouble = [words for words in (self.edge, normal, unsettled) if words]
+        law = "degraded" if trouble and status != "held" else status
+        return self.status or law, "; ".join(words for words in (self.reason, *trouble, reason) if words)
 
 
-def verdict(watch: Watch, task: HybridTask, *, can_leave: bool) -> Verdict:
-    """What to do now; `can_leave` is whether the contact can be left."""
+def verdict(watch: Watch, task: HybridTask, contact: Contact) -> Verdict:
+    """What to do now, about loss, overload and faults first, and then about the edge of the surface."""
+    answer, edge = _without_edge(watch, task, can_leave=contact.kind.out is not None), contact.edge
+    if edge is None or edge >= task.edge_margin or answer.action in (HOLD, RETREAT):
+        return answer
+    if edge > 0.0:
+        return answer._replace(edge=f"{written(edge)} before the edge of the surface")
+    return Verdict(FOLLOW, "lost", f"{written(-edge)} beyond the edge of the surface: not pushing", beyond=True)
+
+
+def _without_edge(watch: Watch, task: HybridTask, *, can_leave: bool) -> Verdict:
     if watch.status:
         answer = task.on_loss if watch.status == "lost" else task.on_overload or (RETREAT if can_leave else HOLD)
         action = RETREAT if answer == "retreat" and watch.left < ALL_THE_WAY * task.retreat_distance else HOLD

@@ -44,6 +44,7 @@ class ContactKind(Value):
         constraints: (6, 6-k) wrenches W that the tool can exert on it.
         unilateral: whether the tool can press but not pull: the first constraint is the press, and contact is lost
             below zero.
+        presses: how many of the first constraints are presses: 0 unless unilateral, 2 for two contacts at once.
         out: (6,) unit twist that leads out of the contact, or None where there is no way out.
         origin: (3,) the place of contact in this frame; zero unless the frame has been displaced.
     """
@@ -52,6 +53,7 @@ class ContactKind(Value):
     freedoms: Array = field(converter=own)
     constraints: Array = field(converter=own)
     unilateral: bool
+    presses: int
     out: Array | None = field(converter=optional(own))
     origin: Array = field(converter=own)
 
@@ -63,6 +65,7 @@ class ContactKind(Value):
         unilateral: bool = False,  # noqa: FBT002 (a field like the others)
         out: ArrayLike | None = None,
         origin: ArrayLike = (0.0, 0.0, 0.0),
+        presses: int | None = None,
     ) -> None:
         """A kind of contact from what it allows.
 
@@ -73,6 +76,7 @@ class ContactKind(Value):
             unilateral: whether the tool can press but not pull.
             out: (6,) unit twist that leads out of the contact, if there is one.
             origin: (3,) the place of contact.
+            presses: how many of the first constraints the tool can press but not pull; None is 1 if unilateral.
 
         Raises:
             BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
@@ -86,12 +90,15 @@ class ContactKind(Value):
         if S.shape[1] + W.shape[1] != 6:
             raise BadInput("constraints", f"{W.shape[1]} wrenches", f"{6 - S.shape[1]}, S has {S.shape[1]} twists")
         work = np.abs(W.T.dot(S))
-        if (work > DUAL_TOLERANCE * np.abs(W).T.dot(np.abs(S)).max(initial=0.0)).any():
+        if (work > DUAL_TOLERANCE * _powers(W, S).max(initial=0.0)).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
         if pressed and not W.shape[1]:
             raise BadInput("unilateral", "True without constraints", "a contact that can be pressed")
+        count = int(pressed) if presses is None else arrays.count(presses, "presses")
+        if (count > 0) != pressed or count > W.shape[1]:
+            raise BadInput("presses", f"{count}", f"1 to {W.shape[1]} if unilateral, else 0")
         way_out = None if out is None else arrays.twist(out, "out")
-        self.__attrs_init__(name, S, W, pressed, way_out, arrays.vector(origin, 3, "origin"))
+        self.__attrs_init__(name, S, W, pressed, count, way_out, arrays.vector(origin, 3, "origin"))
 
     def relabelled(self, offset: ArrayLike) -> ContactKind:
         """The same physical contact expressed in a frame displaced by a (4, 4) offset in the old one."""
@@ -99,7 +106,15 @@ class ContactKind(Value):
         A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
         out = None if self.out is None else A.dot(self.out)
         origin = back[:3, :3].dot(self.origin) + back[:3, 3]
-        return ContactKind(self.name, A.dot(self.freedoms), B.dot(self.constraints), self.unilateral, out, origin)
+        S, W = A.dot(self.freedoms), B.dot(self.constraints)
+        return ContactKind(self.name, S, W, self.unilateral, out, origin, self.presses)
+
+
+def _powers(W: Array, S: Array) -> Array:
+    """(6-k, k) |m||w| + |f||v|: how large W'S could be."""
+    m, f, w, v = (np.linalg.norm(part, axis=0) for part in (W[:3], W[3:], S[:3], S[3:]))
+    powers: Array = np.outer(m, w) + np.outer(f, v)
+    return powers
 
 
 def _independent(columns: ArrayLike, argument: str) -> Array:

@@ -47,22 +47,25 @@ class Contact(Value):
     Attributes:
         kind: what it is in its own frame.
         pose: (4, 4) of its own frame.
+        edge: how far the surface's edge is from the place of contact [length], negative beyond it; None is no edge.
     """
 
     kind: ContactKind
     pose: Array = field(converter=own)
+    edge: float | None
 
-    def __init__(self, kind: ContactKind, pose: ArrayLike) -> None:
+    def __init__(self, kind: ContactKind, pose: ArrayLike, edge: float | None = None) -> None:
         """A kind of contact at a pose.
 
         Args:
             kind: what it is in its own frame.
             pose: (4, 4) of its own frame in the base frame.
+            edge: how far the surface's edge is from the place of contact [length], negative beyond it.
 
         Raises:
-            BadInput: not a finite rigid motion.
+            BadInput: not a finite rigid motion, an edge that is no number.
         """
-        self.__attrs_init__(kind, arrays.pose(pose))
+        self.__attrs_init__(kind, arrays.pose(pose), None if edge is None else arrays.number(edge, "edge", "a length"))
 
     @property
     def name(self) -> str:
@@ -89,12 +92,12 @@ class Contact(Value):
 
     def moved(self, pose: ArrayLike) -> Contact:
         """The contact after a (4, 4) rigid motion: twists go by Ad, wrenches by the coadjoint."""
-        return _at(self.kind, arrays.pose(pose).dot(self.pose))
+        return _at(self.kind, arrays.pose(pose).dot(self.pose), self.edge)
 
     def relabelled(self, offset: ArrayLike) -> Contact:
         """The same contact, not moved, with its own frame displaced by a (4, 4) offset in that frame."""
         X = arrays.pose(offset, "offset")
-        return Contact(self.kind.relabelled(X), self.pose.dot(X))
+        return Contact(self.kind.relabelled(X), self.pose.dot(X), self.edge)
 
 
 def point_contact(
@@ -157,6 +160,7 @@ def surface_contact(
     normal: Callable[[Array], ArrayLike] | None = None,
     implicit: Callable[[Array], float] | None = None,
     slip: bool = True,
+    extent: Callable[[Array], float] | None = None,
 ) -> Contact:
     """A point of the tool on a curved surface, with the normal at the point of contact.
 
@@ -165,6 +169,7 @@ def surface_contact(
         normal: function that gives the outward normal (3,) at a point.
         implicit: or a function that is zero on the surface and grows outwards; its gradient is the normal.
         slip: whether the point slides.
+        extent: function that gives how far the surface's edge is from a point, negative beyond it [length].
 
     Raises:
         BadInput: not one of normal and implicit, NaN, a normal or a gradient that is zero.
@@ -179,7 +184,11 @@ def surface_contact(
         steps = GRADIENT_STEP * max(1.0, float(np.abs(p).max())) * np.eye(3)
         ahead = [height(p + step) - height(p - step) for step in steps]
         n = arrays.direction(ahead, "implicit")
-    return point_contact(p, n, slip=slip)
+    contact = point_contact(p, n, slip=slip)
+    if extent is None:
+        return contact
+    edge = arrays.function(extent, "extent", "a function of a point (3,)")(p)
+    return _at(contact.kind, contact.pose, arrays.number(edge, "extent", "a function that gives a length"))
 
 
 def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
@@ -234,8 +243,8 @@ def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None
     return np.array(rows)
 
 
-def _at(kind: ContactKind, pose: Array) -> Contact:
+def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
     """A contact at a pose that needs no check."""
     contact = Contact.__new__(Contact)
-    contact.__attrs_init__(kind, pose)
+    contact.__attrs_init__(kind, pose, edge)
     return contact

@@ -113,7 +113,11 @@ ALGEBRA = {
     "peg_in_hole": lambda: (iq.contacts.peg_in_hole, {"point": POINT, "axis": AXIS}),
     "surface_contact": lambda: (
         iq.contacts.surface_contact,
-        {"point": POINT, "normal": lambda _: AXIS, "implicit": None, "slip": True},
+        {"point": POINT, "normal": lambda _: AXIS, "implicit": None, "slip": True, "extent": None},
+    ),
+    "two_contacts": lambda: (
+        iq.contacts.two_contacts,
+        {"first": contact(), "second": iq.point_contact(POINT, np.roll(AXIS, 1))},
     ),
     "ContactKind": lambda: (
         iq.contacts.ContactKind,
@@ -124,10 +128,11 @@ ALGEBRA = {
             "unilateral": False,
             "out": None,
             "origin": POINT,
+            "presses": None,
         },
     ),
     "ContactKind.relabelled": lambda: (contact().kind.relabelled, {"offset": T}),
-    "Contact": lambda: (iq.contacts.Contact, {"kind": contact().kind, "pose": T}),
+    "Contact": lambda: (iq.contacts.Contact, {"kind": contact().kind, "pose": T, "edge": None}),
     "Contact.moved": lambda: (contact().moved, {"pose": T}),
     "Contact.relabelled": lambda: (contact().relabelled, {"offset": T}),
     # velocity

@@ -1,0 +1,114 @@
+"""The scenes of examples/22: the same in any frame; an edge is told before the fall, two presses are both held."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.random_systems import motion
+from support.spring_plane import PANDA, UP
+
+import invariantqp as iq
+
+SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"))
+DT = 0.004
+NAMES = (
+    "the same, found by motion",
+    "1e6 N/m, told",
+    "over an edge and back",
+    "corner, two contacts",
+    "peg, hole tilted 2 deg",
+    "door, hinge 10 mm off",
+    "screw, 63 mm a turn",
+)
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return iq.load_robot("panda")
+
+
+def loop_of(robot, task, noise=0.1):
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=noise)
+    return iq.HybridController(robot, task, dt=DT, sensor=sensor)
+
+
+def reading_of(scene, tool, twist, random, noise=0.1):
+    reading = iq.coadjoint(iq.inverse(tool)) @ scene.world(tool, twist)
+    return reading + np.concatenate((np.zeros(3), random.normal(0.0, noise, 3)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_frames_of_tool_sensor_and_contact_change_nothing(panda, name):
+    scene, random = SHARED["scenes"](panda.pose(PANDA), 0.03)[name], np.random.default_rng(1)
+    X, Y, Z = motion(random, 0.3), motion(random, 0.3), motion(random, 0.3)  # of contact, tool and sensor
+    # The stiffness is told, so that it touches soon. About which place a moment is too much depends on the tool frame.
+    task = iq.HybridTask(scene.told, scene.wanted, **{"stiffness": 1e4, "max_moment": 10.0, **scene.options})
+    here = loop_of(panda, task, noise=0.02)
+    moved = here.sensor.relabelled(Z, Y)
+    there = iq.HybridController(panda.with_tool(Y), task.relabelled(X, Y), dt=DT, sensor=moved)
+    lower = 0.0018 * panda.pose(PANDA)[:3, 2] * name.startswith("1e6")  # where the approach is slow
+    q = iq.solve_pose(panda, iq.transform(translation=lower) @ scene.path(0.5)[0], q0=PANDA).q
+    twist, pressed, worst = np.zeros(6), 0, 0.0
+    for k in range(100):
+        tool, (target, ahead) = panda.pose(q), scene.path(0.5 + k * DT)
+        reading = reading_of(scene, tool, twist, random, noise=0.02)
+        pressed += np.abs(scene.world(tool, twist)).max() > 1e-3
+        a = here.step(q, target, reading, ahead)
+        b = there.step(q, target @ Y, iq.coadjoint(iq.inverse(Z)) @ reading, ahead)
+        worst = max(worst, np.abs(a.velocity - b.velocity).max())
+        assert a.status == b.status
+        twist, q = a.J @ a.velocity, q + DT * a.velocity
+    assert pressed > 20
+    assert 0.0 < worst < 1e-10
+
+
+def test_an_edge_is_told_before_the_tool_is_over_it_and_nothing_is_pushed_beyond(panda):
+    scene, random = SHARED["scenes"](panda.pose(PANDA), 0.03)["over an edge and back"], np.random.default_rng(0)
+    loop = loop_of(panda, iq.HybridTask(scene.told, scene.wanted, **scene.options))
+    q, seen = PANDA, []
+    for k in range(1000):
+        tool, (target, ahead) = panda.pose(q), scene.path(k * DT)
+        solution = loop.step(q, target, reading_of(scene, tool, np.zeros(6), random), ahead)
+        q = q + DT * solution.velocity
+        seen.append((solution.contact.edge, solution.status, solution.reason, panda.pose(q)[2, 3]))
+    near = [s for s in seen if 0.0 < s[0] < 0.005]
+    beyond = [s for s in seen if s[0] <= 0.0]
+    assert len(near) > 20
+    assert all(s[1] == "degraded" and "before the edge of the surface" in s[2] for s in near)
+    assert all(s[1] == "lost" and "beyond the edge" in s[2] for s in beyond)
+    assert np.ptp([s[3] for s in beyond]) < 1e-4  # it neither falls nor rises
+    assert seen[-1][1] == "ok"  # and presses again
+
+
+def test_both_of_two_contacts_are_pressed_and_the_loss_of_one_is_told(panda):
+    scene, random = SHARED["scenes"](panda.pose(PANDA), 0.03)["corner, two contacts"], np.random.default_rng(0)
+    loop = loop_of(panda, iq.HybridTask(scene.told, scene.wanted))
+    q, start = PANDA, panda.pose(PANDA)
+    wall, presses, said, aside = True, [], [], []
+    for k in range(700):
+        tool, wall = panda.pose(q), k < 400
+        reading = reading_of(scene, tool, np.zeros(6), random)
+        if not wall:
+            reading[3] = random.normal(0.0, 0.1)  # x of the tool and of the wall
+        solution = loop.step(q, start, reading)
+        q = q + DT * solution.velocity
+        presses.append(solution.intensities[:2])
+        said.append(solution.status)
+        aside.append(np.linalg.norm(panda.pose(q)[:2, 3] - tool[:2, 3]) / DT)
+    np.testing.assert_allclose(np.mean(presses[300:400], axis=0), [5.0, 3.0], rtol=0.02)
+    assert set(said[300:400]) == {"ok"}
+    assert set(said[450:]) == {"lost"}
+    assert max(aside[450:]) < 0.02 * 1.01  # looked for no faster than approach_speed
+    np.testing.assert_allclose(np.mean(presses[500:], axis=0)[0], 5.0, rtol=0.05)  # the floor is not pressed harder
+
+
+def test_two_contacts_that_press_on_one_line_are_refused():
+    floor = iq.point_contact([0.4, 0.0, 0.1], UP)
+    with pytest.raises(iq.BadInput, match=r"second: found a point and a point with 2 wrenches of rank 1"):
+        iq.contacts.two_contacts(floor, iq.point_contact([0.4, 0.0, 0.3], -UP))
+    ends = iq.contacts.two_contacts(floor, iq.point_contact([0.5, 0.0, 0.1], -UP))
+    assert ends.kind.out is None  # pressed from both sides: no way out
+    bottom = iq.contacts.two_contacts(iq.contacts.peg_in_hole([0.4, 0.0, 0.1], -UP), floor)
+    assert (bottom.freedoms.shape, bottom.kind.presses, bottom.kind.unilateral) == ((6, 1), 1, True)
+    np.testing.assert_allclose(bottom.constraints[:, 0], floor.constraints[:, 0], atol=1e-12)
