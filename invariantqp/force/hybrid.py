@@ -179,12 +179,12 @@ class HybridController:
 
         # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        felt = self._felt(reading, raw, contact, tool[:3, 3], split.intensities.dot(A.T), B.dot(exert))
+        inside = A.T.dot(measured)
+        error = split.projectors.force.dot(exert - inside)
+        felt = self._felt(reading, raw, contact, tool[:3, 3], split.intensities.dot(A.T), B.dot(exert), B.dot(error))
         watch = self._watch.after(self.task, felt, loop.dt)
         out = way_out(contact, A)
         regulation = self._regulated(felt, out, watch)
-        inside = A.T.dot(measured)
-        error = split.projectors.force.dot(exert - inside)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
         answer = verdict(watch, self.task, contact)
@@ -212,7 +212,7 @@ class HybridController:
         self._regulation = regulation.after(
             error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
         )
-        unsettled = "" if answer.status or press is None else watch.settling.trouble(press, self._late)
+        unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
         status, reason = answer.with_others(normal.trouble(), unsettled, inner.status, inner.reason)
         return HybridSolution(
             velocity=inner.velocity,
@@ -229,12 +229,15 @@ class HybridController:
             J=sighting.J,
         )
 
-    def _felt(self, reading: Array, raw: Array, contact: Contact, tool: Array, parts: Array, exert: Array) -> Felt:
-        """What the raw reading tells of the contact; raw and exert (6,) in the base frame, parts (6-k, 6) likewise."""
+    def _felt(
+        self, reading: Array, raw: Array, contact: Contact, tool: Array, parts: Array, exert: Array, missing: Array
+    ) -> Felt:
+        """What a reading tells; raw, exert and missing (6,) wrenches in the base frame, parts (6-k, 6) likewise."""
         noise = 0.0 if self.sensor is None else self.sensor.noise
         press = weakest(parts[: contact.kind.presses], raw, exert)
         most = overload_of(self.task, *load_at(exert, contact.point), noise)
-        return Felt(reading, press, *load_at(raw, contact.point, tool), most, noise)
+        off = load_at(missing, contact.point)[0]
+        return Felt(reading, press, *load_at(raw, contact.point, tool), off, most, noise)
 
     def _regulated(self, felt: Felt, out: Array, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""

@@ -1,7 +1,8 @@
 """Whether the press settles: contact lost again and again, or a press that is not reached, are told.
 
 chatters     CHATTER losses within a second, each after a press too high: a surface that is left slowly is no chatter
-not reached  the press is off by more than MISSED of the wanted one for longer than PATIENCE while it touches
+not reached  the press is off by more than MISSED of the wanted one for longer than PATIENCE while it touches; the force
+             on a contact that cannot be lost, by more than MISSED of what would be an overload
 """
 
 from __future__ import annotations
@@ -48,19 +49,29 @@ class Settling(NamedTuple):
         off = abs(press - wanted) > MISSED * wanted > 0.0
         return Settling(losses, highest, press, self.missed + dt if off else 0.0)
 
+    def after_missing(self, missing: float, most: float, dt: float) -> Settling:
+        """The same where contact cannot be lost: a force error and what is an overload [force]."""
+        error = missing if self.press is None else self.press + min(1.0, dt / AVERAGED) * (missing - self.press)
+        return Settling(press=error, missed=self.missed + dt if error > MISSED * most else 0.0)
+
     @property
     def chatters(self) -> bool:
         """Whether a loss too many has just happened."""
         return len(self.losses) >= CHATTER and self.losses[0] == 0.0
 
-    def trouble(self, wanted: float, late: float) -> str:
-        """What is wrong, in words, "" for nothing; `late` [s] as the loop was told."""
+    def trouble(self, wanted: float | None, late: float) -> str:
+        """What is wrong, in words, "" for nothing.
+
+        Args:
+            wanted: press [force]; None where contact cannot be lost.
+            late: sum of tick, delay and low-pass, as the loop was told [s].
+        """
         if len(self.losses) >= CHATTER:
             return (
                 f"contact lost {len(self.losses)} times in {written(MEMORY)} s: the force gain is too high for "
                 f"{written(1e3 * late, 2)} ms of tick, filter and delay; tell delay= and stiffness=, or less compliance"
             )
         if self.missed > PATIENCE and self.press is not None:
-            press = f"{written(self.press, 3)} of {written(wanted, 3)} N"
-            return f"the force is not reached: {press} for {written(self.missed, 2)} s"
+            off = f"{written(self.press, 3)} " + ("N off" if wanted is None else f"of {written(wanted, 3)} N")
+            return f"the force is not reached: {off} for {written(self.missed, 2)} s"
         return ""

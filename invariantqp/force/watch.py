@@ -32,6 +32,7 @@ class Felt(NamedTuple):
         reading: (6,) as it came.
         press: felt and wanted [force]; None where the contact cannot be lost.
         force, moment: about the place of contact.
+        missing: size of the force that is missing from the wanted one, smoothed [force].
         most: force and moment that are an overload.
         noise: standard deviation of a force component [force].
     """
@@ -40,6 +41,7 @@ class Felt(NamedTuple):
     press: tuple[float, float] | None
     force: float
     moment: float
+    missing: float
     most: tuple[float, float]
     noise: float
 
@@ -88,6 +90,8 @@ class Watch(NamedTuple):
             return self._replace(health=health, status="fault", leaving=health.fault, left=0.0)
         touch = self.touch.after(press, limit, felt.noise, dt)
         settling = self.settling.after(press, wanted, touch.touching, dt) if limit > 0.0 else self.settling
+        if felt.press is None:
+            settling = self.settling.after_missing(felt.missing, felt.most[0], dt)
         watch = self._replace(touch=touch, health=health, settling=settling)
         if touch.touching:
             return watch._replace(approached=0.0, waited=0.0)

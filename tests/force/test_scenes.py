@@ -112,3 +112,20 @@ def test_two_contacts_that_press_on_one_line_are_refused():
     bottom = iq.contacts.two_contacts(iq.contacts.peg_in_hole([0.4, 0.0, 0.1], -UP), floor)
     assert (bottom.freedoms.shape, bottom.kind.presses, bottom.kind.unilateral) == ((6, 1), 1, True)
     np.testing.assert_allclose(bottom.constraints[:, 0], floor.constraints[:, 0], atol=1e-12)
+
+
+def test_a_door_that_five_joints_cannot_yield_to_is_no_ok():
+    robot, q = iq.load_robot("so101"), np.array([0.1, -0.4, 0.5, 0.6, 0.2])
+    scene, random = SHARED["scenes"](robot.pose(q), 0.015)["door, hinge 10 mm off"], np.random.default_rng(0)
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.1)
+    task = iq.HybridTask(scene.told, scene.wanted)
+    loop = iq.HybridController(robot, task, dt=DT, sensor=sensor, exact="position")
+    for k in range(900):
+        tool, (target, ahead) = robot.pose(q), scene.path(DT * k)
+        solution = loop.step(q, target, reading_of(scene, tool, np.zeros(6), random), ahead)
+        q = q + DT * solution.velocity
+        if solution.status != "ok":
+            break
+    assert solution.status == "degraded"
+    assert "the force is not reached" in solution.reason
+    assert np.linalg.norm(scene.world(tool, np.zeros(6))[3:]) > 4.0
