@@ -235,7 +235,10 @@ class HybridController:
         """What a reading tells; raw, exert and missing (6,) wrenches in the base frame, parts (6-k, 6) likewise."""
         noise = 0.0 if self.sensor is None else self.sensor.noise
         press = weakest(parts[: contact.kind.presses], raw, exert)
-        most = overload_of(self.task, *load_at(exert, contact.point), noise)
+        # What was wanted until now is no overload when less is wanted.
+        force, moment = load_at(self._split.wanted(self.task.wrench), np.asarray(contact.kind.origin))
+        now = load_at(exert, contact.point)
+        most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
         off = load_at(missing, contact.point)[0]
         return Felt(reading, press, *load_at(raw, contact.point, tool), off, most, noise)
 

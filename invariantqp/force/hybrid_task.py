@@ -148,8 +148,8 @@ class HybridTask(Value):
             approach_distance: after this way towards the contact without feeling it, stand still [length]; inf is
                 never.
             approach_time: likewise [s].
-            max_force: force [N] above which the status is "overload"; None is twice the wanted one, 20 N where none
-                is wanted; inf is never.
+            max_force: force [N] above which the status is "overload"; None is twice the wanted one, the task's or the
+                tick's, whichever is larger, 20 N where none is wanted; inf is never.
             max_moment: moment about the place of contact likewise [N length]; None is twice the wanted one, or
                 `size` times the force where that is more.
             on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
