@@ -30,6 +30,7 @@ SAYS = {
     "18_servo_ros": "ok, no command",
     "19_force_servo": "told: approaching, ok",
     "22_contact_scenes": "bar of 100 mm",
+    "26_late_operator": "the tool's velocity jumps by",
     "20_stewart_platform": "",
     "21_paper": "7 differ, each by an erratum",
     "23_conventions": "conventions.svg",

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from invariantqp.control.demands import ExactPlane as ExactPlane
     from invariantqp.control.demands import ExactPoint as ExactPoint
     from invariantqp.control.demands import View as View
+    from invariantqp.control.passivity import LinkEnd as LinkEnd
+    from invariantqp.control.passivity import LinkTick as LinkTick
     from invariantqp.control.path_follower import PathFollower as PathFollower
     from invariantqp.control.path_solution import PathSolution as PathSolution
     from invariantqp.control.servo import Servo as Servo
@@ -29,6 +31,7 @@ load_lazily(
         "invariantqp.control.controller": ("Controller",),
         "invariantqp.control.controls": ("Controls",),
         "invariantqp.control.demands": ("Exact", "ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint", "View"),
+        "invariantqp.control.passivity": ("LinkEnd", "LinkTick"),
         "invariantqp.control.path_follower": ("PathFollower",),
         "invariantqp.control.path_solution": ("PathSolution",),
         "invariantqp.control.servo": ("Servo",),

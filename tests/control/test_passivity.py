@@ -1,0 +1,90 @@
+"""An operator 100 ms away: the two ends of the link let out no more than came in, in any frame, and say when."""
+
+from collections import deque
+
+import numpy as np
+import pytest
+from support.random_systems import motion
+
+import invariantqp as iq
+
+DT, LATE, WALL, STORE = 0.004, 25, 1e3, 0.02  # [s], [ticks] each way, [N/m], [J]
+STEADY = 60.0 * WALL * 0.03 / (60.0 + WALL)  # where hand and wall balance [N]
+UP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+class Everything:
+    """An end that passes on all: what there is without `LinkEnd`, with its books."""
+
+    def __init__(self, passes):
+        self.end = iq.control.LinkEnd(dt=DT, passes=passes)
+
+    def step(self, twist, wrench, _):
+        return self.end.step(twist, wrench, 1e9)
+
+    came_in = property(lambda self: self.end.came_in)
+    went_out = property(lambda self: self.end.went_out)
+
+
+def pushed(robot_end, device_end, seconds=6.0):
+    """A hand pushes a device 40 mm up; the tool meets a wall at 10 mm: forces [N], balances [J], what was said.
+
+    The hand is a spring of 60 N/m with 5 N s/m, the device 0.3 kg. Forces are felt, twists arrive, LATE ticks late.
+    """
+    hand = speed = tool = 0.0
+    there = deque([(0.0, 0.0)] * LATE, maxlen=LATE)
+    back = deque([(0.0, 0.0)] * LATE, maxlen=LATE)
+    forces, balances, said = [], [], []
+    for k in range(round(seconds / DT)):
+        wanted = 0.02 * (1.0 - np.cos(np.pi * min(1.0, k * DT)))
+        (felt, told_by_robot), (asked, told_by_hand) = back[0], there[0]
+        felt = device_end.step(speed * UP, felt * UP, told_by_robot)
+        speed += DT * (felt.passed[5] + 60.0 * (wanted - hand) - 5.0 * speed) / 0.3
+        hand += DT * speed
+        force = WALL * max(0.0, tool - 0.01)
+        tick = robot_end.step(asked * UP, force * UP, told_by_hand)
+        tool += DT * tick.passed[5]
+        there.append((speed, device_end.came_in))
+        back.append((-force, robot_end.came_in))
+        forces.append(force)
+        out = robot_end.went_out + device_end.went_out
+        balances.append(robot_end.came_in + device_end.came_in - out)
+        said.append((tick.status, tick.reason))
+    return np.array(forces), np.array(balances), said
+
+
+def test_a_late_operator_pushes_no_harder_and_harder():
+    alone, balance, _ = pushed(Everything("twist"), Everything("wrench"))
+    assert alone.max() > 4.0 * STEADY  # hand and tool push each other higher
+    assert balance.min() < -1.0
+    ends = [iq.control.LinkEnd(dt=DT, passes=what, store=STORE) for what in ("twist", "wrench")]
+    forces, balance, said = pushed(*ends)
+    assert forces.max() < 1.5 * np.sqrt(2.0 * WALL * STORE)  # the spring that the store fills, and a tick's share
+    assert forces[-500:].max() < 1e-9  # let go of slowly
+    # What a tick more of the wall's rising force lets out.
+    assert balance.min() > -2.0 * STORE - 2e-3
+    assert said[0] == ("ok", "")
+    assert any(s == "scaled" and "the link would give out energy" in why for s, why in said)
+
+
+def test_an_end_is_the_same_in_every_frame():
+    random, T = np.random.default_rng(0), motion(np.random.default_rng(1))
+    here, there = (iq.control.LinkEnd(dt=DT, passes="twist", store=1e-3) for _ in range(2))
+    shares = []
+    for _ in range(50):
+        v, w = random.normal(size=(2, 6))
+        a, b = here.step(v, w, 0.01), there.step(iq.adjoint(T) @ v, iq.coadjoint(T) @ w, 0.01)
+        np.testing.assert_allclose(b.passed, iq.adjoint(T) @ a.passed, atol=1e-10)
+        shares.append(a.share)
+    assert min(shares) == 0.0
+    assert here.went_out == pytest.approx(there.went_out, abs=1e-10)
+
+
+def test_free_motion_and_what_comes_in_cost_nothing():
+    end = iq.control.LinkEnd(dt=DT, passes="twist", store=0.0)
+    assert end.step(UP, np.zeros(6), 0.0).status == "ok"
+    end.step(UP, -UP, 0.0)  # pushed along by the world
+    assert end.step(UP, -UP, 0.0).share == 1.0
+    assert end.came_in == pytest.approx(1.5 * DT)
+    assert end.step(UP, UP, 0.0).share == 0.0
+    assert end.step(UP, UP, 1.0).share == 1.0  # the operator has worked for it
