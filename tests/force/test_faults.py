@@ -2,31 +2,10 @@
 
 import numpy as np
 import pytest
-from support.noisy_plane import press_on_plane
+from support.noisy_plane import FAULTS, press_on_plane
 
 PHASES = {"at the start": 0.0, "in the air": 0.2, "just after touch": 0.54, "settled": 1.5}
 PRESS = 10.0
-
-
-class Dead:
-    """A sensor that repeats its last reading."""
-
-    def __init__(self):
-        self.last = None
-
-    def __call__(self, reading, normal):
-        self.last = reading if self.last is None else self.last
-        return self.last
-
-
-FAULTS = {
-    "dead": (Dead, "fault", "has not changed"),
-    "unplugged": (lambda: lambda reading, normal: np.zeros(6), "fault", "has not changed"),
-    "order": (lambda: lambda reading, normal: np.roll(reading, 3), "overload", "N m of"),
-    "sign": (lambda: lambda reading, normal: -reading, "fault", "pulls with"),
-    "falls by 12 N": (lambda: lambda reading, normal: reading - np.r_[0, 0, 0, 12 * normal], "fault", "pulls with"),
-    "rises by 30 N": (lambda: lambda reading, normal: reading + np.r_[0, 0, 0, 30 * normal], "overload", "N of 20"),
-}
 
 
 @pytest.mark.parametrize("phase", PHASES)
@@ -43,6 +22,16 @@ def test_a_fault_is_told_and_nothing_presses_on(name, phase):
     assert run.press[-1] == 0.0  # left
     assert run.height[-1] > run.height[stop] + 1e-3
     assert "retreating" in run.solutions[-1].reason
+
+
+@pytest.mark.parametrize("name", ["dead", "order", "sign"])
+def test_a_fault_while_a_normal_is_found_stops_the_push(name):
+    make, status, _ = FAULTS[name]
+    run = press_on_plane(PRESS, fault=make(), since=1.0, seconds=1.3, tilt=0.1, dt=0.004, normal_within=0.3)
+    assert -run.solutions[249].contact.pose[1, 2] < 0.06  # part of the tilt was found
+    assert run.solutions[run.stopped()].status == status
+    assert run.press.max() <= 2.0 * PRESS
+    assert run.press[-1] == 0.0
 
 
 def test_a_jump_below_the_press_leaves_less_than_twice_the_press():

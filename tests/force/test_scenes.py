@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.noisy_plane import FAULTS
 from support.random_systems import motion
 from support.spring_plane import PANDA, UP
 
@@ -101,6 +102,28 @@ def test_both_of_two_contacts_are_pressed_and_the_loss_of_one_is_told(panda):
     assert set(said[450:]) == {"lost"}
     assert max(aside[450:]) < 0.02 * 1.01  # looked for no faster than approach_speed
     np.testing.assert_allclose(np.mean(presses[500:], axis=0)[0], 5.0, rtol=0.05)  # the floor is not pressed harder
+
+
+@pytest.mark.parametrize("since", [0.6, 1.2])  # one of them is felt, both are
+@pytest.mark.parametrize("name", ["dead", "order", "sign"])
+def test_a_fault_in_two_contacts_stops_both_pushes(panda, name, since):
+    make, status, _ = FAULTS[name]
+    scene, random = SHARED["scenes"](panda.pose(PANDA), 0.03)["corner, two contacts"], np.random.default_rng(0)
+    loop, fault = loop_of(panda, iq.HybridTask(scene.told, scene.wanted)), make()
+    q, start, forces, said = PANDA, panda.pose(PANDA), [], []
+    for k in range(round((since + 0.4) / DT)):
+        tool = panda.pose(q)
+        reading = reading_of(scene, tool, np.zeros(6), random)
+        if k * DT >= since:
+            reading = fault(reading, tool[:3, :3].T @ UP)
+        solution = loop.step(q, start, reading)
+        q = q + DT * solution.velocity
+        forces.append(np.linalg.norm(scene.world(tool, np.zeros(6))[3:]))
+        said.append(solution.status)
+    assert status in said
+    assert said[-1] == status
+    assert max(forces) < 2.0 * np.hypot(5.0, 3.0)
+    assert forces[-1] == 0.0
 
 
 def test_two_contacts_that_press_on_one_line_are_refused():

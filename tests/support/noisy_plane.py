@@ -29,6 +29,28 @@ class Run(NamedTuple):
         return next((k for k, s in enumerate(self.solutions) if s.status in ("overload", "fault")), None)
 
 
+class Dead:
+    """A sensor that repeats its last reading."""
+
+    def __init__(self):
+        self.last = None
+
+    def __call__(self, reading, normal):
+        self.last = reading if self.last is None else self.last
+        return self.last
+
+
+# What happens to a reading, for the outward normal in the tool frame; the status and a part of the reason then.
+FAULTS = {
+    "dead": (Dead, "fault", "has not changed"),
+    "unplugged": (lambda: lambda reading, normal: np.zeros(6), "fault", "has not changed"),
+    "order": (lambda: lambda reading, normal: np.roll(reading, 3), "overload", "N m of"),
+    "sign": (lambda: lambda reading, normal: -reading, "fault", "pulls with"),
+    "falls by 12 N": (lambda: lambda reading, normal: reading - np.r_[0, 0, 0, 12 * normal], "fault", "pulls with"),
+    "rises by 30 N": (lambda: lambda reading, normal: reading + np.r_[0, 0, 0, 30 * normal], "overload", "N of 20"),
+}
+
+
 def press_on_plane(
     press=10.0,
     *,
