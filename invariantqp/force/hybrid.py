@@ -181,7 +181,7 @@ class HybridController:
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
-        felt = self._felt(reading, raw, contact, tool[:3, 3], split.intensities.dot(A.T), B.dot(exert), B.dot(error))
+        felt = self._felt(reading, raw, contact, tool, split.intensities.dot(A.T), B.dot(exert), B.dot(error))
         watch = self._watch.after(self.task, felt, loop.dt)
         out = way_out(contact, A)
         regulation = self._regulated(felt, out, watch)
@@ -239,8 +239,8 @@ class HybridController:
         force, moment = load_at(self._split.wanted(self.task.wrench), np.asarray(contact.kind.origin))
         now = load_at(exert, contact.point)
         most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
-        off = load_at(missing, contact.point)[0]
-        return Felt(reading, press, *load_at(raw, contact.point, tool), off, most, noise)
+        grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
+        return Felt(reading, press, *load_at(raw, contact.point, grip), float(np.linalg.norm(missing[3:])), most, noise)
 
     def _regulated(self, felt: Felt, out: Array, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""

@@ -67,6 +67,7 @@ class HybridTask(Value):
         edge_margin: how near to the surface's edge that is told.
         approach_speed, approach_distance, approach_time: how it is looked for.
         max_force, max_moment, on_overload: what is too much, and what is done then.
+        grip: (3,) where the tool holds what it moves, in the tool frame.
         retreat_speed, retreat_distance: how a contact is left.
     """
 
@@ -90,6 +91,7 @@ class HybridTask(Value):
     max_force: float | None = field(repr=False)
     max_moment: float | None = field(repr=False)
     on_overload: str | None = field(repr=False)
+    grip: Array = field(converter=own, repr=False)
     retreat_speed: float = field(repr=False)
     retreat_distance: float = field(repr=False)
 
@@ -116,6 +118,7 @@ class HybridTask(Value):
         max_force: float | None = None,
         max_moment: float | None = None,
         on_overload: OnOverload | None = None,
+        grip: ArrayLike = (0.0, 0.0, 0.0),
         retreat_speed: float = 0.02,
         retreat_distance: float = 0.02,
     ) -> None:
@@ -150,10 +153,11 @@ class HybridTask(Value):
             approach_time: likewise [s].
             max_force: force [N] above which the status is "overload"; None is twice the wanted one, the task's or the
                 tick's, whichever is larger, 20 N where none is wanted; inf is never.
-            max_moment: moment about the place of contact likewise [N length]; None is twice the wanted one, or
-                `size` times the force where that is more.
+            max_moment: moment likewise, about the place of contact or the grip, where it is less [N length]; None is
+                twice the wanted one, or `size` times the force where that is more.
             on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
                 is "retreat" from a contact that can be left.
+            grip: (3,) where the tool holds a handle, which may be far from its hinge, in the tool frame [length].
             retreat_speed: along the contact's way out [length/s].
             retreat_distance: after it, stand still [length].
 
@@ -192,6 +196,7 @@ class HybridTask(Value):
             on_overload=None
             if on_overload is None
             else arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
+            grip=arrays.vector(grip, 3, "grip"),
             retreat_speed=arrays.number(retreat_speed, "retreat_speed", "a speed", positive=True),
             retreat_distance=arrays.number(retreat_distance, "retreat_distance", "a length", positive=True),
         )
@@ -254,6 +259,7 @@ class HybridTask(Value):
             complement=None if Z is None else A.dot(Z),
             metric=None if M is None else B.dot(M).dot(B.T),
             compliance=A.dot(self.compliance).dot(A.T),
+            grip=Y[:3, :3].T.dot(self.grip - Y[:3, 3]),
         )
 
 

@@ -2,7 +2,7 @@
 
 lost        unilateral contact that is not felt (`touch`) for longer than lost_after; over when it is felt again
             an approach that meets nothing within approach_distance or approach_time stands still until `reset`
-overload    |f| > max_force or |m about the place of contact| > max_moment; until `reset`
+overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`
 fault       what the readings say of the sensor (`health`); until `reset`
 """
 

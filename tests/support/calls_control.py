@@ -189,6 +189,7 @@ CONTROL = {
             "max_force": 60.0,
             "max_moment": 10.0,
             "on_overload": "hold",
+            "grip": POINT,
             "retreat_speed": 0.02,
             "retreat_distance": 0.02,
         },
