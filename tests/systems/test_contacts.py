@@ -23,6 +23,7 @@ ALL = {
     "bolt": (iq.contacts.hinge(P, N, pitch=0.02), 1),
     "drawer": (iq.contacts.hinge(P, N, pitch=np.inf), 1),
     "sphere": (iq.contacts.surface_contact(P, normal=lambda p: p), 5),
+    "corner": (iq.contacts.two_contacts(iq.point_contact(P, N), iq.point_contact(P, [1.0, 0.0, -0.2])), 4),
 }
 
 
@@ -207,3 +208,19 @@ def test_what_is_no_contact(make, argument):
     with pytest.raises(iq.BadInput) as caught:
         make()
     assert caught.value.argument == argument
+
+
+def test_an_edge_stays_with_its_contact():
+    desk = iq.contacts.surface_contact(P, implicit=lambda p: p[2], extent=lambda p: 0.5 - p[0])
+    assert desk.edge == pytest.approx(0.1)
+    T = motion(np.random.default_rng(0))
+    assert (desk.moved(T).edge, desk.relabelled(T).edge) == (desk.edge, desk.edge)
+    assert iq.contacts.two_contacts(desk, iq.point_contact(P, [1.0, 0.0, 0.0])).edge == desk.edge
+    assert iq.point_contact(P, N).edge is None
+
+
+def test_a_frame_displaced_by_rounding_alone_changes_no_kind():
+    nearly = np.eye(4)
+    nearly[0, 2] = 1e-19
+    kind = iq.point_contact(P, N).kind
+    np.testing.assert_allclose(kind.relabelled(nearly).constraints, kind.constraints, atol=1e-15)
