@@ -16,8 +16,9 @@ class HybridSolution(Compared):
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "lost", "overload" or "fault" (the sensor's), "degraded" where the force chatters or is not
-            reached, or the velocity law's own: "ok", "scaled", "guarded", "degraded", "held".
+        status: "lost", "overload" or "fault" (the sensor's), "degraded" where the force chatters or is not reached, the
+            edge is near or the normal is out of bounds, or the velocity law's own: "ok", "scaled", "guarded",
+            "degraded", "held".
         reason: why, in words, "" where there is nothing to report.
         motion: (6,) the wanted twist along S, P s_motion.
         force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
@@ -25,7 +26,7 @@ class HybridSolution(Compared):
         error: (6,) P*(W_d - W), in S*.
         intensities: (6-k,) the measured wrench's parts in the contact's constraints; the first is the press.
         wanted: (6,) W_d.
-        contact: the contact of this tick.
+        contact: the contact of this tick, with the normal found.
         velocity_solution: the velocity law's answer.
         J: (6, m) joint twists.
     """

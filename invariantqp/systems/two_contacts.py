@@ -17,7 +17,7 @@ from invariantqp.systems.contacts import Contact
 from invariantqp.systems.span import span
 from invariantqp.systems.subspaces import annihilator
 
-# Ways out whose sum is below this share of one of them lead nowhere: the tool is between two walls.
+# Ways out of unit speed whose sum is slower than this lead nowhere: the tool is between two walls.
 NOWHERE = 1e-6
 
 
@@ -53,17 +53,17 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
         S,
         W,
         unilateral=n + k > 0,
-        out=_way_out(kind.out, other.out),
+        out=_way_out(kind.out, other.out, kind.origin),
         origin=kind.origin,
         presses=n + k,
     )
     return Contact(both, first.pose, first.edge)
 
 
-def _way_out(first: Array | None, second: Array | None) -> Array | None:
-    """A unit twist that leads out of both, from those that lead out of one; None where there is none."""
+def _way_out(first: Array | None, second: Array | None, place: Array) -> Array | None:
+    """A twist out of both, from those that lead out of one, of unit speed at a place; None if there is none."""
     if first is None or second is None:
         return None
     out = first + second
-    size = float(np.linalg.norm(out))
-    return out / size * np.linalg.norm(first) if size > NOWHERE * np.linalg.norm(first) else None
+    speed = float(np.linalg.norm(se3.velocity_at(out, place)))
+    return out / speed if speed > NOWHERE else None

@@ -35,7 +35,9 @@ def test_a_fault_while_a_normal_is_found_stops_the_push(name):
 
 
 def test_a_jump_below_the_press_leaves_less_than_twice_the_press():
-    run = press_on_plane(PRESS, fault=lambda reading, normal: reading - np.r_[0, 0, 0, 6 * normal], since=1.5)
+    run = press_on_plane(
+        PRESS, fault=lambda reading, normal: reading - np.r_[0, 0, 0, 6 * normal], since=1.5, seconds=2.3
+    )
     assert run.press.max() <= 2.0 * PRESS
     assert run.press[-1] == pytest.approx(16.0, rel=0.05)  # no reading tells; the true press is off by the jump
 
@@ -54,7 +56,11 @@ def test_an_approach_that_meets_nothing_ends():
 
 def test_without_another_word_an_overload_is_finite():
     """A spring that is wound up: the tool is pushed from outside."""
-    run = press_on_plane(PRESS, fault=lambda reading, normal: reading + np.r_[0, 0, 0, 15 * normal], since=1.5)
+    run = press_on_plane(
+        PRESS, fault=lambda reading, normal: reading + np.r_[0, 0, 0, 15 * normal], since=1.2, seconds=1.4
+    )
     assert "N of 20" in run.solutions[run.stopped()].reason
-    turned = press_on_plane(PRESS, fault=lambda reading, normal: reading + np.r_[1.5, 0, 0, 0, 0, 0], since=1.5)
+    turned = press_on_plane(
+        PRESS, fault=lambda reading, normal: reading + np.r_[1.5, 0, 0, 0, 0, 0], since=1.2, seconds=1.4
+    )
     assert "N m of 1" in turned.solutions[turned.stopped()].reason

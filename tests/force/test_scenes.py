@@ -68,7 +68,7 @@ def test_an_edge_is_told_before_the_tool_is_over_it_and_nothing_is_pushed_beyond
     scene, random = SHARED["scenes"](panda.pose(PANDA), 0.03)["over an edge and back"], np.random.default_rng(0)
     loop = loop_of(panda, iq.HybridTask(scene.told, scene.wanted, **scene.options))
     q, seen = PANDA, []
-    for k in range(1000):
+    for k in range(780):
         tool, (target, ahead) = panda.pose(q), scene.path(k * DT)
         solution = loop.step(q, target, reading_of(scene, tool, np.zeros(6), random), ahead)
         q = q + DT * solution.velocity
