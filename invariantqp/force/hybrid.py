@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from copy import deepcopy
-from math import inf, pi
+from math import inf, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -236,11 +236,11 @@ class HybridController:
         noise = 0.0 if self.sensor is None else self.sensor.noise
         press = weakest(parts[: contact.kind.presses], raw, exert)
         # What was wanted until now is no overload when less is wanted.
-        force, moment = load_at(self._split.wanted(self.task.wrench), np.asarray(contact.kind.origin))
+        force, moment = self._split.load
         now = load_at(exert, contact.point)
         most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
-        return Felt(reading, press, *load_at(raw, contact.point, grip), float(np.linalg.norm(missing[3:])), most, noise)
+        return Felt(reading, press, *load_at(raw, contact.point, grip), sqrt(missing[3:].dot(missing[3:])), most, noise)
 
     def _regulated(self, felt: Felt, out: Array, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""

@@ -27,6 +27,7 @@ from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.place import load_at
 from invariantqp.force.reading import Wrench, by_name, wanted_of
 from invariantqp.force.split import Split
 from invariantqp.geometry import arrays, se3
@@ -238,8 +239,7 @@ class HybridTask(Value):
         parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
         press = float(W[:, 0].dot(C).dot(W[:, 0])) if W.shape[1] else 0.0
         split = Split(kind, projectors, F.T.dot(C).dot(F), parts, press)
-        split.wanted(self.wrench)
-        return split
+        return split._replace(load=load_at(split.wanted(self.wrench), np.asarray(kind.origin)))
 
     def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
         """The same task in other frames: the contact's displaced by `offset` in itself, the tool's by `tool_offset`.

@@ -3,9 +3,9 @@
     n . w = -(change of the press) / k          for every way w along a surface with normal n and stiffness k
     t = argmin sum (n0 . w + t . w + change / k)^2 + STEP^2/4 |t|^2,     t . n0 = 0,     n = (n0 + t) / |n0 + t|
 
-n0 is the normal as told. A tilt across the ways is not seen, and stays as it was told. The direction of the force is not used: friction turns it. Ways are cut into pieces, each a
-STEP along the surface, and the last MEMORY of them count, so that ticks at rest forget nothing. Everything is in the
-base frame, so that no frame of tool, sensor or contact matters.
+n0 is the normal as told. A tilt across the ways is not seen, and stays as told. The direction of the force is not
+used: friction turns it. Ways are cut into pieces, each a STEP along the surface, and the last MEMORY of them count, so
+that ticks at rest forget nothing. Everything is in the base frame: no frame of tool, sensor or contact matters.
 
 Reference: Yoshikawa & Sudou 1993, who estimate a constraint surface from positions likewise.
 """

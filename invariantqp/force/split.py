@@ -21,6 +21,7 @@ class Split(NamedTuple):
         admittance: (6, 6) (I - P) C (I - P)', from a wrench error to the twist that reduces it.
         intensities: (6-k, 6), from a wrench to its parts in the constraints.
         compliance: of the press, the first constraint: W_1'C W_1 [length/s/force]; 0 without constraints.
+        load: force and moment about the place of contact of the task's own wanted wrench [force, force length].
     """
 
     kind: ContactKind
@@ -28,6 +29,7 @@ class Split(NamedTuple):
     admittance: Array
     intensities: Array
     compliance: float
+    load: tuple[float, float] = (0.0, 0.0)
 
     def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
         """(6,) W_d in S*, from parts in the constraints or from a wrench.
@@ -43,9 +45,9 @@ class Split(NamedTuple):
         if found != n:
             expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
             raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
-        if (wrench[: self.kind.presses] < 0.0).any():
+        press = min(wrench[: self.kind.presses].tolist(), default=0.0)
+        if press < 0.0:
             expected = "zero or more: the contact's z is the way the tool presses"
-            press = wrench[: self.kind.presses].min()
             raise BadInput(argument, f"a press of {press:g}", expected, "A contact that pulls is not unilateral.")
         parts: Array = W.dot(wrench)
         return parts
