@@ -5,6 +5,7 @@ Every figure and every name is computed from the results, one arm at a time.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from invariantqp.compare.names import HAND_WRITTEN, OURS, OURS_PYTHON, PENROSE, TOLD_LEAST_SQUARES
@@ -89,17 +90,23 @@ def losses(results: Results) -> list[str]:
         faster = [f"{n}{_time(ticks, n)}" for n in as_good(loops) if n in ticks and ticks[n]["median_us"] < took]
         nearer = [n for n, r in loops.items() if _nearer(r["position_mm"], mine["position_mm"])]
         told = [f"{what}: {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
-        turned = [
-            f"{n} {figure(r['orientation_deg'])} deg, at {figure(r['position_mm'])} mm"
+        turned = {
+            n: r
             for n, r in loops.items()
             if (r["orientation_deg"] or 0.0) * AS_GOOD < (mine["orientation_deg"] or 0.0) > NOTHING
-        ]
+        }
         if turned:
-            ours = f"{figure(mine['orientation_deg'])} deg, at {figure(mine['position_mm'])} mm"
-            told.append(f"it tilts by {ours}; less tilted are {'; '.join(turned)}")
+            told.append(f"it tilts by {_missed([mine])}; less tilted: {', '.join(turned)} ({_missed(turned.values())})")
         if told:
             sentences.append(f"{title(task)}, where {OURS} loses: {'; '.join(told)}.")
     return sentences
+
+
+def _missed(loops: Iterable[dict[str, Any]]) -> str:
+    """The largest errors of some runs, from the least to the largest."""
+    runs = list(loops)
+    deg, mm = (sorted(r[key] or 0.0 for r in runs) for key in ("orientation_deg", "position_mm"))
+    return f"{_span(deg)} deg, at {_span(mm)} mm"
 
 
 def _nearer(theirs: float | None, mine: float | None) -> bool:
@@ -155,7 +162,8 @@ def _ratios(results: Results, name: str) -> list[float]:
 
 
 def _span(values: list[float]) -> str:
-    return f"{figure(values[0])} to {figure(values[-1])}"
+    least, most = figure(values[0]), figure(values[-1])
+    return least if least == most else f"{least} to {most}"
 
 
 def _one_answer(results: Results) -> list[str]:
