@@ -1,6 +1,7 @@
 """A run as frames to draw: where everything is in each of a few hundred frames, and the curves beside it.
 
-An arm is drawn from its kinematics alone: straight links from joint to joint, each joint along its axis.
+An arm is drawn as its meshes look, or from its kinematics alone: straight links from joint to joint, each joint along
+its axis.
 """
 
 from __future__ import annotations
@@ -13,18 +14,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.palette import BLUE, ORANGE, SCREEN_COLOURS, SKY, VERMILION
+from invariantqp.pictures.palette import BLUE, GREEN, ORANGE, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
+from invariantqp.view.look import Look, Part, look_of
 from invariantqp.view.surroundings import Surroundings, surroundings
 
 # The most frames of a run; players interpolate. Of the ticks between two frames the worst values are shown.
 FRAMES = 600
 # A logarithmic axis has no zero: smaller errors, below a picometre, are drawn as this [mm, deg].
 SMALLEST_ERROR = 1e-9
-FORCE = VERMILION
+FORCE, TRAVEL = VERMILION, GREEN
 
 
 class ArmShape(NamedTuple):
@@ -76,6 +78,9 @@ class Film:
         points: (k, m + 2, 3) base, joints, tool.
         axes: (k, m, 3) unit directions of the joints.
         tool: (k, 4, 4) tool poses.
+        screws: (6, m) joint twists at q = 0.
+        home: the arm at q = 0.
+        look: its meshes.
         wanted: (k, 4, 4) poses that were asked for.
         q: (k, m) joint positions.
         limits: (2, m) lower and upper.
@@ -85,6 +90,7 @@ class Film:
         status: (k) of the law, the first of those ticks' that is not "ok".
         charts: curves to draw.
         surroundings: what the tool touches.
+        travel: (k, 3) velocity of the tool frame's origin [length/s].
         force: (k, 3) that the tool exerts [N]; None without contact.
     """
 
@@ -96,6 +102,9 @@ class Film:
     points: Array
     axes: Array
     tool: Array
+    screws: Array
+    home: ArmShape
+    look: Look
     wanted: Array
     q: Array
     limits: Array
@@ -105,6 +114,7 @@ class Film:
     status: list[str]
     charts: tuple[CurveChart, ...]
     surroundings: Surroundings
+    travel: Array
     force: Array | None = None
 
     @property
@@ -124,14 +134,34 @@ class Film:
         return int(np.abs(self.time - t).argmin())
 
     @property
+    def floor(self) -> float:
+        """Height of what is lowest of the arm [length]."""
+        return float(min(self.points[..., 2].min(), *(part.vertices[:, 2].min() for part in self._fixed)))
+
+    @property
     def strongest(self) -> float:
-        """The force to scale arrows by [N]: positive, and exceeded in one frame of a hundred."""
-        return 1.0 if self.force is None else max(float(np.percentile(np.linalg.norm(self.force, axis=1), 99)), 1e-9)
+        """The force to scale arrows by [N]."""
+        return 1.0 if self.force is None else _usual(self.force)
+
+    @property
+    def fastest(self) -> float:
+        """The velocity to scale arrows by [length/s]."""
+        return _usual(self.travel)
+
+    @property
+    def _fixed(self) -> list[Part]:
+        """Parts that no joint moves."""
+        return [part for part in self.look.parts if part.joint == 0]
 
     def _box(self) -> tuple[Array, Array]:
-        touched = self.surroundings.faces.reshape(-1, 3)
-        drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched))
+        touched, fixed = self.surroundings.faces.reshape(-1, 3), [part.vertices for part in self._fixed]
+        drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched, *fixed))
         return drawn.min(axis=0), drawn.max(axis=0)
+
+
+def _usual(vectors: Array) -> float:
+    """A size, positive, that vectors (k, 3) exceed in one frame of a hundred."""
+    return max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 1e-9)
 
 
 def arm_shape(robot: Robot, q: ArrayLike) -> ArmShape:
@@ -166,6 +196,7 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
         limit_active=[any(trace.limit_active[a:b]) for a, b in _ticks(ends)],
         status=status,
         charts=(_error_chart(extremes(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
+        travel=_travel(robot, trace.q[ends], trace.velocity[np.maximum(ends - 1, 0)]),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
 
@@ -182,7 +213,7 @@ def film_before(task: Task, frames: int = FRAMES) -> Film:
 
 def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:
     """A film without results."""
-    shapes = [arm_shape(robot, state) for state in q]
+    shapes, zero = [arm_shape(robot, state) for state in q], np.zeros(len(robot.names))
     return Film(
         title=task.name,
         about=task.about,
@@ -192,6 +223,9 @@ def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Fil
         points=np.array([s.points for s in shapes]),
         axes=np.array([s.axes for s in shapes]),
         tool=np.array([s.tool for s in shapes]),
+        screws=robot.jacobian(zero),
+        home=arm_shape(robot, zero),
+        look=look_of(task, robot.names),
         wanted=wanted,
         q=q,
         limits=np.stack((robot.position_lower, robot.position_upper)),
@@ -201,7 +235,15 @@ def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Fil
         status=[""] * len(time),
         charts=(),
         surroundings=surroundings(task, robot, wanted[:, :3, 3]),
+        travel=np.zeros((len(time), 3)),
     )
+
+
+def _travel(robot: Robot, q: Array, velocity: Array) -> Array:
+    """(k, 3) velocities of the tool frame's origin at joint positions and velocities (k, m)."""
+    twists = np.array([robot.jacobian(state).dot(speed) for state, speed in zip(q, velocity, strict=True)])
+    origins = np.array([robot.pose(state)[:3, 3] for state in q])
+    return twists[:, 3:] + np.cross(twists[:, :3], origins)
 
 
 def extremes(values: Array, ends: Array) -> Array:

@@ -1,6 +1,6 @@
 """A run as one HTML file, for any browser: it needs no network, no server and no library.
 
-Arrays are written as base64 of float32, so a run of any length takes a few hundred kilobytes.
+Arrays are written as base64 of float32, so a run of any length and an arm's meshes take a few hundred kilobytes.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.palette import BLUE, ORANGE
 from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
-from invariantqp.view.film import FORCE, CurveChart, Film, colours, film_of
+from invariantqp.view.film import FORCE, TRAVEL, CurveChart, Film, colours, film_of
+from invariantqp.view.look import Part
 
-SCRIPTS = ("painter.js", "charts.js", "player.js")
+SCRIPTS = ("motion.js", "painter.js", "charts.js", "player.js")
 # A chart of more curves than this has no key: the colours are those of the joints' bars.
 KEYED = 3
 
@@ -54,9 +55,10 @@ def _run(film: Film) -> dict[str, Any]:
     """What the page draws, as JSON has it."""
     named = {
         "time": film.time,
-        "points": film.points,
-        "axes": film.axes,
-        "tool": film.tool,
+        "screws": film.screws,
+        "places": film.home.points[1:-1],
+        "home": film.home.tool,
+        "travel": film.travel,
         "wanted": film.wanted,
         "q": film.q,
         "limits": film.limits,
@@ -69,14 +71,18 @@ def _run(film: Film) -> dict[str, Any]:
     return {
         "joints": film.joints,
         "colours": colours(len(film.joints)),
-        "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE},
+        "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE, "travel": TRAVEL},
         "slides": film.slides,
         "centre": film.centre.tolist(),
         "size": film.size,
         "status": film.status,
         "limit_active": film.limit_active,
         "axis": None if film.surroundings.axis is None else film.surroundings.axis.tolist(),
+        "floor": film.floor,
         "strongest": film.strongest,
+        "fastest": film.fastest,
+        "parts": [_part(part) for part in film.look.parts],
+        "missing": film.look.missing,
         "charts": [_chart(c) for c in film.charts],
         "arrays": {name: _pack(a) for name, a in named.items()},
     }
@@ -86,5 +92,9 @@ def _chart(chart: CurveChart) -> dict[str, Any]:
     return {**chart._asdict(), "values": _pack(chart.values), "keyed": len(chart.names) <= KEYED}
 
 
-def _pack(a: Array) -> dict[str, Any]:
-    return {"shape": a.shape, "data": base64.b64encode(np.ascontiguousarray(a, dtype="<f4").tobytes()).decode("ascii")}
+def _part(part: Part) -> dict[str, Any]:
+    return {**part._asdict(), "vertices": _pack(part.vertices), "faces": _pack(part.faces, "<u2")}
+
+
+def _pack(a: Array, kind: str = "<f4") -> dict[str, Any]:
+    return {"shape": a.shape, "data": base64.b64encode(np.ascontiguousarray(a, dtype=kind).tobytes()).decode("ascii")}

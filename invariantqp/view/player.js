@@ -1,9 +1,9 @@
 // Play, pause and seek; each moment draws the scene, the cursors of the curves and the bars of the joints.
 
 const $ = id => document.getElementById(id);
-const decoded = a => {
+const decoded = (a, kind = Float32Array) => {
   const bytes = Uint8Array.from(atob(a.data), c => c.charCodeAt(0));
-  return { shape: a.shape, data: new Float32Array(bytes.buffer) };
+  return { shape: a.shape, data: new kind(bytes.buffer) };
 };
 const run = JSON.parse($("run").textContent);
 const arrays = Object.fromEntries(Object.entries(run.arrays).map(([name, a]) => [name, decoded(a)]));
@@ -22,7 +22,6 @@ const between = (name, f) => {
 };
 const triples = flat => Array.from({ length: flat.length / 3 }, (_, i) => flat.slice(3 * i, 3 * i + 3));
 const spot = T => [T[3], T[7], T[11]];
-const path = name => Array.from({ length: frames }, (_, i) => spot(row(name, i)));
 const frameAt = t => {
   let low = 0, high = frames - 1;
   while (high - low > 1) { const mid = (low + high) >> 1; if (time[mid] <= t) low = mid; else high = mid; }
@@ -30,18 +29,27 @@ const frameAt = t => {
 };
 
 const state = { t: 0, playing: false, rate: 1 };
-const r = run.size, wanted = path("wanted"), drawn = path("tool");
+const arm = new Arm(arrays.screws.data, arrays.places.data, Array.from(arrays.home.data));
+const parts = run.parts.map(part => {
+  const vertices = decoded(part.vertices).data, faces = decoded(part.faces, Uint16Array).data;
+  return { ...part, vertices, faces, normals: smooth(vertices, faces) };
+});
+const each = place => Array.from({ length: frames }, (_, i) => place(i));
+const r = run.size, wanted = each(i => spot(row("wanted", i))), states = each(i => arm.at(row("q", i)));
+const drawn = states.map(s => spot(s.tool));
 const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
 const painter = new Painter($("view"), [run.centre, r], [mix(...ends, 0.5), norm(add(...ends, -1)) / 2]);
-const floor = Math.min(...arrays.points.data.filter((_, i) => i % 3 === 2)) - 0.01 * r;
+const floor = run.floor - 0.01 * r;
 const corners = triples([...arrays.faces.data]);
 const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
 const charts = run.charts.map(c => new Chart($("side"), c, time, limited, t => { play(false); seek(t); }));
-const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
+const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force), travel: rgb(run.hues.travel),
   dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
 $("key").innerHTML = `<i style="color:${run.hues.wanted}"></i>path wanted<i style="color:${run.hues.drawn}"></i>path drawn`
   + (arrays.force ? `<i style="color:${run.hues.force}"></i>force of the tool` : "")
-  + "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far";
+  + `<i style="color:${run.hues.travel}"></i>velocity of the tool`
+  + "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far"
+  + (run.missing ? `<br>${run.missing}` : "");
 const caption = $("side").appendChild(document.createElement("p"));
 caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
 
@@ -54,11 +62,37 @@ function triad(T, length, width, alpha, names) {
   });
 }
 
+// An arrow whose length is a share of the longest, with its size and unit at the tip.
+function arrow(at, way, share, hue, words) {
+  if (share < 0.01) return;
+  const tip = add(at, unit(way), 0.35 * r * share), neck = add(tip, unit(way), -Math.min(0.06, 0.2 * share) * r);
+  painter.bar(at, neck, 0.01 * r, 0.01 * r, hue);
+  painter.bar(neck, tip, 0.028 * r, 0.001 * r, hue);
+  painter.text(words, tip, `rgb(${hue})`, at);
+}
+
+// Links as bars from joint to joint, where an arm has no look of its own.
+function bones(points) {
+  const link = rgb(ink("--link")), n = points.length, taper = k => 0.03 * r * (1 - 0.45 * k / (n - 1));
+  painter.bar(add(points[0], [0, 0, -0.004 * r]), add(points[0], [0, 0, 0.012 * r]), 0.09 * r, 0.09 * r, HUES.dark);
+  points.slice(1).forEach((p, k) => {
+    const pieces = Math.max(1, Math.round(norm(add(p, points[k], -1)) / (0.1 * r)));
+    painter.bar(points[k], p, taper(k), taper(k + 1), link, pieces);
+  });
+}
+
+// A joint: a drum along its axis; a slide is a sleeve, long and thin. On a look, a rod along the axis, seen through it.
+function joint(p, u, k) {
+  const hue = rgb(run.colours[k]), slide = run.slides[k], half = (slide ? 0.075 : 0.052) * r, a = add(p, u, -half);
+  if (parts.length) painter.line([a, add(p, u, half)], hue, 4, 1, 0.3 * r);
+  else if (slide) painter.bar(a, add(p, u, half), 0.036 * r, 0.036 * r, hue, 2, HUES.dark);
+  else painter.bar(a, add(p, u, half), 0.045 * r, 0.045 * r, HUES.dark, 1, hue);
+}
+
 function draw() {
   const f = frameAt(state.t), i = Math.round(f);
   painter.begin(ink("--well"));
-  const points = triples(between("points", f)), axes = triples(between("axes", f));
-  const tool = between("tool", f), goal = between("wanted", f);
+  const { motions, points, axes, tool } = arm.at(between("q", f)), goal = between("wanted", f);
   painter.floor(floor, ink("--rule"));
   painter.shadow(points, floor, 0.05 * r, "rgba(0,0,0,0.10)");
   for (let k = 0; k < corners.length; k += 4) {
@@ -74,23 +108,11 @@ function draw() {
     }
     painter.bar(a, b, 0.012 * r, 0.012 * r, HUES.dark, 4);
   }
-  painter.line(wanted, HUES.wanted, 5, 0.75, 0.01 * r);
+  painter.line(wanted, HUES.wanted, 5, 1, 0.01 * r);
   painter.line([...drawn.slice(0, Math.floor(f) + 1), spot(tool)], HUES.drawn, 2, 1, 0.02 * r);
-  const link = rgb(ink("--link")), m = axes.length, thick = 0.03 * r;
-  painter.bar(add(points[0], [0, 0, -0.004 * r]), add(points[0], [0, 0, 0.012 * r]), 0.09 * r, 0.09 * r, HUES.dark);
-  points.slice(1).forEach((p, k) => {
-    const pieces = Math.max(1, Math.round(norm(add(p, points[k], -1)) / (0.1 * r)));
-    const taper = s => thick * (1 - 0.45 * s / (m + 1));
-    painter.bar(points[k], p, taper(k), taper(k + 1), link, pieces);
-  });
-  axes.forEach((u, k) => {
-    const p = points[k + 1], hue = rgb(run.colours[k]), half = (run.slides[k] ? 0.075 : 0.052) * r;
-    if (run.slides[k]) {  // a slide is a sleeve, drawn long and thin
-      painter.bar(add(p, u, -half), add(p, u, half), 0.036 * r, 0.036 * r, hue, 2, HUES.dark);
-      return;
-    }
-    painter.bar(add(p, u, -half), add(p, u, half), 0.045 * r, 0.045 * r, HUES.dark, 1, hue);
-  });
+  if (parts.length) for (const part of parts) painter.mesh(part, motions[part.joint]);
+  else bones(points);
+  axes.forEach((u, k) => joint(points[k + 1], u, k));
   triad(goal, 0.13 * r, 2, 0.35, false);
   triad(tool, 0.13 * r, 3.5, 1, true);
   const told = [`t      ${state.t.toFixed(2)} s`];
@@ -100,13 +122,11 @@ function draw() {
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
     told.push(`force  ${size.toFixed(2)} N`);
-    if (size > 0) {
-      const way = unit(push), tip = add(at, way, 0.35 * r * size / run.strongest), neck = add(tip, way, -0.06 * r);
-      if (dot(add(neck, at, -1), way) > 0) painter.bar(at, neck, 0.014 * r, 0.014 * r, HUES.force, 3);
-      painter.bar(neck, tip, 0.035 * r, 0.001 * r, HUES.force);
-      painter.text(`${size.toFixed(1)} N`, tip, run.hues.force, at);
-    }
+    arrow(at, push, size / run.strongest, HUES.force, `${size.toFixed(1)} N`);
   }
+  const going = between("travel", f), pace = norm(going);
+  told.push(`speed  ${written(1000 * pace)} mm/s`);
+  arrow(spot(tool), going, pace / run.fastest, HUES.travel, `${written(1000 * pace)} mm/s`);
   painter.end();
   $("told").replaceChildren(...told.map(words => {
     const line = document.createElement("span");

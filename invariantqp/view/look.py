@@ -1,0 +1,177 @@
+"""What an arm looks like: the visual shapes of its URDF, reduced to a few thousand triangles.
+
+A part that stands behind i joints is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,  p its points at q = 0 in the base frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.tree import displacement, rest
+from invariantqp.robots.urdf import MOVING, TreeJoint, joints_of, read_xml, rotation
+from invariantqp.runs.taskfile import Task
+
+if TYPE_CHECKING:
+    from invariantqp.view.meshes import Mesh
+
+# Triangles of a whole robot, about: 200 kB of a page.
+TRIANGLES = 9000
+# What a file without a colour is drawn in.
+GREY = (205, 210, 215)
+
+
+class Part(NamedTuple):
+    """A rigid part of an arm, of one colour.
+
+    Attributes:
+        joint: how many of the arm's joints move it.
+        colour: red, green, blue, 0 ... 255.
+        vertices: (n, 3) at q = 0 in the base frame [length].
+        faces: (f, 3) indices of corners, anticlockwise as seen from outside.
+    """
+
+    joint: int
+    colour: tuple[int, int, int]
+    vertices: Array
+    faces: Array
+
+
+class Look(NamedTuple):
+    """The parts of an arm; none, and why, where it can only be drawn by its joints.
+
+    Attributes:
+        parts: in no order.
+        missing: why there are none; "" if there are, or if the robot has no visual shapes.
+    """
+
+    parts: tuple[Part, ...] = ()
+    missing: str = ""
+
+
+def look_of(task: Task, names: Iterable[str]) -> Look:
+    """What a task's robot looks like.
+
+    Args:
+        task: its robot is a name or a URDF, else it has no look.
+        names: of the arm's joints; others are held where the arm holds them.
+    """
+    try:
+        file = task.urdf()
+        name, root = read_xml(file)
+        if root.find("link/visual") is None:
+            return Look()
+        parts = tuple(_parts(file, root, joints_of(name, root), list(names)))
+    except (BadInput, RobotModelError, UnknownName):  # joints alone, an MJCF, or a mesh that is not there
+        return Look()
+    except MissingExtra as error:
+        return Look(missing=f"pip install 'invariantqp[{error.extra}]' draws its meshes")
+    return Look(parts)
+
+
+def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:
+    from invariantqp.view.meshes import reduced
+
+    places = _places(joints, names)
+    colours = {m.get("name"): _rgb(m) for m in root.findall("material")}
+    found: list[tuple[int, Mesh]] = []
+    for link in root.findall("link"):
+        joint, T = places.get(link.get("name", ""), (0, np.eye(4)))
+        for visual in link.findall("visual"):
+            place = T.dot(_origin(visual.find("origin")))
+            for mesh in _shapes(file, visual.find("geometry")):
+                material = visual.find("material")
+                own = None if material is None else _rgb(material) or colours.get(material.get("name"))
+                vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
+                found.append((joint, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
+    merged = _merged(found)
+    for (joint, colour), mesh in zip(merged, reduced(list(merged.values()), TRIANGLES), strict=True):
+        yield Part(joint, colour, mesh.vertices, mesh.faces)
+
+
+def _merged(found: list[tuple[int, Mesh]]) -> dict[tuple[int, tuple[int, int, int]], Mesh]:
+    """One mesh for each joint and colour."""
+    groups: dict[tuple[int, tuple[int, int, int]], list[Mesh]] = {}
+    for joint, mesh in found:
+        groups.setdefault((joint, mesh.colour or GREY), []).append(mesh)
+    merged = {}
+    for key, meshes in groups.items():
+        first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+        faces = np.vstack([mesh.faces + n for mesh, n in zip(meshes, first, strict=True)])
+        merged[key] = meshes[0]._replace(vertices=np.vstack([mesh.vertices for mesh in meshes]), faces=faces)
+    return merged
+
+
+def _places(joints: list[TreeJoint], names: list[str]) -> dict[str, tuple[int, Array]]:
+    """How many of the arm's joints move each link, and its (4, 4) pose at q = 0."""
+    below: dict[str, list[TreeJoint]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+    children = {joint.child for joint in joints}
+    places = {link: (0, np.eye(4)) for link in below if link not in children}
+    todo = list(places)
+    while todo:
+        link = todo.pop()
+        count, T = places[link]
+        for joint in below.get(link, ()):
+            at = T.dot(joint.origin)
+            if joint.name in names:
+                places[joint.child] = names.index(joint.name) + 1, at
+            else:
+                held = at.dot(displacement(joint, rest(joint))) if joint.kind in MOVING else at
+                places[joint.child] = count, held
+            todo.append(joint.child)
+    return places
+
+
+def _shapes(file: Path, geometry: ET.Element | None) -> list[Mesh]:
+    """The shapes of a visual, in its own frame."""
+    from invariantqp.view import meshes
+
+    for shape in () if geometry is None else geometry:
+        if shape.tag == "mesh":
+            scale = _numbers(shape.get("scale", "1 1 1"))
+            found = meshes.read_meshes(_file(file, shape.get("filename", "")))
+            return [mesh._replace(vertices=mesh.vertices * scale) for mesh in found]
+        if shape.tag == "box":
+            return [meshes.box(_numbers(shape.get("size", "")))]
+        if shape.tag == "cylinder":
+            return [meshes.cylinder(float(shape.get("radius", "")), float(shape.get("length", "")))]
+        if shape.tag == "sphere":
+            return [meshes.sphere(float(shape.get("radius", "")))]
+    return []
+
+
+def _file(urdf: Path, name: str) -> Path:
+    """The file of a mesh: beside the URDF, or, after "package://", in a folder of the package's name above it."""
+    if not name.startswith("package://"):
+        return urdf.parent / name.removeprefix("file://")
+    package, _, rest_of_path = name.removeprefix("package://").partition("/")
+    folder = next((folder for folder in urdf.resolve().parents if folder.name == package), urdf.parent)
+    return folder / rest_of_path
+
+
+def _origin(element: ET.Element | None) -> Array:
+    if element is None:
+        return np.eye(4)
+    xyz, rpy = (_numbers(element.get(key, "0 0 0")) for key in ("xyz", "rpy"))
+    return se3.transform(rotation(rpy), xyz)
+
+
+def _rgb(material: ET.Element) -> tuple[int, int, int] | None:
+    colour = material.find("color")
+    if colour is None:
+        return None
+    red, green, blue = (round(255 * x) for x in _numbers(colour.get("rgba", "1 1 1 1"))[:3])
+    return red, green, blue
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(word) for word in text.split()]

@@ -1,0 +1,126 @@
+"""Triangles of mesh files and plain shapes, and fewer of them that look the same. The one file that imports trimesh.
+
+STL and OBJ are read by trimesh alone, DAE with pycollada; triangles are merged by fast-simplification (quadric errors).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.geometry.arrays import Array
+
+try:
+    import collada  # noqa: F401 (trimesh reads DAE with it)
+    import fast_simplification
+    import trimesh
+except ImportError as error:
+    raise MissingExtra(error.name or "trimesh", "meshes") from error
+
+# Cells along a mesh's longest side: at the first, half a millimetre of an arm's link.
+CELLS = (400, 200, 100, 50)
+# How many times the wanted triangles are few enough.
+ENOUGH = 1.1
+# No mesh is reduced to fewer triangles.
+FEWEST = 24
+
+
+class Mesh(NamedTuple):
+    """Triangles of one colour.
+
+    Attributes:
+        vertices: (n, 3).
+        faces: (f, 3) indices of corners, anticlockwise as seen from outside.
+        colour: red, green, blue, 0 ... 255; None where the file says none.
+    """
+
+    vertices: Array
+    faces: Array
+    colour: tuple[int, int, int] | None
+
+
+def read_meshes(file: Path) -> list[Mesh]:
+    """The meshes of a file.
+
+    Raises:
+        RobotModelError: a file that is not there or not a mesh.
+    """
+    try:
+        scene = trimesh.load_scene(file)
+        found = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
+    except Exception as error:  # whatever a reader of a broken file raises
+        raise RobotModelError(f"{file}: cannot be read as a mesh ({error})") from error
+    return [Mesh(np.array(part.vertices), np.array(part.faces), _colour(part)) for part in found]
+
+
+def box(size: Sequence[float]) -> Mesh:
+    """A box about the origin with sides along the axes."""
+    return _plain(trimesh.creation.box(size))
+
+
+def cylinder(radius: float, length: float) -> Mesh:
+    """A cylinder about the origin along z."""
+    return _plain(trimesh.creation.cylinder(radius, length, sections=24))
+
+
+def sphere(radius: float) -> Mesh:
+    """A ball about the origin."""
+    return _plain(trimesh.creation.icosphere(2, radius))
+
+
+def reduced(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
+    """Meshes of about so many triangles together; those of a larger surface keep more."""
+    weight = np.sqrt([_area(mesh) for mesh in meshes])
+    share = most * weight / (weight.sum() or 1.0)
+    fewer = [_fewer(mesh, max(FEWEST, int(n))) for mesh, n in zip(meshes, share, strict=True)]
+    return [mesh for mesh in fewer if len(mesh.faces)]
+
+
+def _fewer(mesh: Mesh, most: int) -> Mesh:
+    """About so many triangles.
+
+    Small holes keep triangles from being merged: the corners of each cell of a grid are made one before, and of a
+    coarser one where that is not enough.
+    """
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    for cells in CELLS:
+        mesh = _snapped(mesh, size / cells)
+        if len(mesh.faces) <= ENOUGH * most:
+            break
+        vertices, faces = fast_simplification.simplify(
+            np.ascontiguousarray(mesh.vertices, np.float32), np.ascontiguousarray(mesh.faces, np.int32), target_count=most
+        )
+        mesh = Mesh(vertices.astype(float), faces, mesh.colour)
+    return mesh
+
+
+def _snapped(mesh: Mesh, reach: float) -> Mesh:
+    """A mesh with the corners of each cell of a grid made one, at their mean; files often give each triangle its own."""
+    cell = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / reach).astype(np.int64)
+    _, at = np.unique(cell @ (1, 1 << 20, 1 << 40), return_inverse=True)
+    count = np.bincount(at)
+    vertices = np.column_stack([np.bincount(at, x) / count for x in mesh.vertices.T])
+    a, b, c = at[mesh.faces].T
+    return Mesh(vertices, at[mesh.faces][(a != b) & (b != c) & (c != a)], mesh.colour)
+
+
+def _area(mesh: Mesh) -> float:
+    a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
+
+
+def _plain(part: Any) -> Mesh:
+    return Mesh(np.array(part.vertices), np.array(part.faces), None)
+
+
+def _colour(part: Any) -> tuple[int, int, int] | None:
+    """The main colour of a material; a file of triangles alone has none."""
+    material = getattr(part.visual, "material", None)
+    if material is None:
+        return None
+    red, green, blue = (int(c) for c in material.main_color[:3])
+    return red, green, blue
