@@ -101,9 +101,10 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
     """Where a run is to be seen: a page to write, or a browser that shows it from now on; neither if nobody asked."""
     if view is None:
         return None, None
-    from invariantqp.view.display import has_display, page_name
+    from invariantqp.view.display import has_display, is_remote, page_name
 
-    if view or not has_display():
+    remote = is_remote()
+    if view or not (has_display() or remote):
         page = Path(view or page_name(task))
         writable("--view", page, PAGES)
         require("pictures", "jinja2")
@@ -112,8 +113,11 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
 
     viewer = Viewer(task)
     ctx.call_on_close(viewer.close)
-    viewer.open_browser()
-    if not quiet:
+    if remote:
+        say(f"on your machine: {viewer.tunnel}")
+    else:
+        viewer.open_browser()
+    if remote or not quiet:
         say(f"the view is at {viewer.url}")
     return None, viewer
 

@@ -1,10 +1,12 @@
-"""Whether there is a screen for a browser, and the file for a page when there is none."""
+"""Where a person looks: at a browser on this machine's screen, from another machine over SSH, or at a file later."""
 
 from __future__ import annotations
 
 import os
 import re
+import socket
 import sys
+from getpass import getuser
 
 from invariantqp.runs.taskfile import Task
 
@@ -19,6 +21,21 @@ def has_display() -> bool:
     if any(os.environ.get(name) for name in ELSEWHERE):
         return False
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in SCREEN)
+
+
+def is_remote() -> bool:
+    """Whether somebody sits at a terminal of this machine over SSH."""
+    return bool(os.environ.get("SSH_CONNECTION")) and not os.environ.get("CI") and sys.stdin.isatty()
+
+
+def tunnel(port: int) -> str:
+    """The command that, on another machine, makes http://localhost:PORT there show what is served here.
+
+    This machine is named by the address that SSH came to, else by its name.
+    """
+    words = os.environ.get("SSH_CONNECTION", "").split()
+    host, at = (words[2], words[3]) if len(words) == 4 else (socket.gethostname(), "22")
+    return f"ssh -L {port}:localhost:{port} {'' if at == '22' else f'-p {at} '}{getuser()}@{host}"
 
 
 def page_name(task: Task) -> str:

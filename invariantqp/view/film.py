@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.palette import BLUE, GREEN, ORANGE, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
@@ -136,7 +137,7 @@ class Film:
     @property
     def floor(self) -> float:
         """Height of what is lowest of the arm [length]."""
-        return float(min(self.points[..., 2].min(), *(part.vertices[:, 2].min() for part in self._fixed)))
+        return min(float(points[..., 2].min()) for points in (self.points, *(part.vertices for part in self._fixed)))
 
     @property
     def strongest(self) -> float:
@@ -164,6 +165,14 @@ def _usual(vectors: Array) -> float:
     return max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 1e-9)
 
 
+def motions(screws: Array, q: Array) -> list[Array]:
+    """The m + 1 motions (4, 4) exp(s_1 q_1) ... exp(s_i q_i), i = 0 ... m, of what is behind i joints."""
+    T = [np.eye(4)]
+    for screw, x in zip(screws.T, q, strict=True):
+        T.append(T[-1].dot(se3.exp(x * screw, check=False)))
+    return T
+
+
 def arm_shape(robot: Robot, q: ArrayLike) -> ArmShape:
     """What to draw of an arm at joint positions q (m,)."""
     J, T = robot.jacobian(q), robot.pose(q)
@@ -187,6 +196,7 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
     ends = np.unique(np.linspace(0, n, min(n + 1, frames)).round().astype(int))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
     status = [next((s for s in trace.statuses[a:b] if s != "ok"), trace.statuses[b - 1]) for a, b in _ticks(ends)]
+    then = trace.velocity[np.maximum(ends - 1, 0)]
     drawn = _film(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
     drawn = replace(drawn, speed=extremes(trace.velocity, ends))
     errors = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
@@ -196,7 +206,7 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
         limit_active=[any(trace.limit_active[a:b]) for a, b in _ticks(ends)],
         status=status,
         charts=(_error_chart(extremes(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
-        travel=_travel(robot, trace.q[ends], trace.velocity[np.maximum(ends - 1, 0)]),
+        travel=np.array([tool_velocity(robot, *state) for state in zip(trace.q[ends], then, strict=True)]),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
 
@@ -239,11 +249,10 @@ def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Fil
     )
 
 
-def _travel(robot: Robot, q: Array, velocity: Array) -> Array:
-    """(k, 3) velocities of the tool frame's origin at joint positions and velocities (k, m)."""
-    twists = np.array([robot.jacobian(state).dot(speed) for state, speed in zip(q, velocity, strict=True)])
-    origins = np.array([robot.pose(state)[:3, 3] for state in q])
-    return twists[:, 3:] + np.cross(twists[:, :3], origins)
+def tool_velocity(robot: Robot, q: Array, velocity: Array) -> Array:
+    """(3,) velocity of the tool frame's origin at joint positions and velocities (m,)."""
+    twist = robot.jacobian(q).dot(velocity)
+    return twist[3:] + np.cross(twist[:3], robot.pose(q)[:3, 3])
 
 
 def extremes(values: Array, ends: Array) -> Array:

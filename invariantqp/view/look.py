@@ -6,13 +6,14 @@ A part that stands behind i joints is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName
+from invariantqp.errors import BadInput, MissingExtra, RobotModelError
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.tree import displacement, rest
@@ -65,15 +66,23 @@ def look_of(task: Task, names: Iterable[str]) -> Look:
     """
     try:
         file = task.urdf()
+    except (BadInput, RobotModelError):  # joint screws alone
+        return Look()
+    return read_look(file, tuple(names))
+
+
+@lru_cache(maxsize=8)
+def read_look(file: Path, names: tuple[str, ...]) -> Look:
+    """What the arm of these joints looks like, by a URDF file."""
+    try:
         name, root = read_xml(file)
-        if root.find("link/visual") is None:
+        if root.find("link/visual") is None:  # an MJCF among others
             return Look()
-        parts = tuple(_parts(file, root, joints_of(name, root), list(names)))
-    except (BadInput, RobotModelError, UnknownName):  # joints alone, an MJCF, or a mesh that is not there
+        return Look(tuple(_parts(file, root, joints_of(name, root), list(names))))
+    except (RobotModelError, ValueError):  # a mesh that is not there, or numbers that are none
         return Look()
     except MissingExtra as error:
         return Look(missing=f"pip install 'invariantqp[{error.extra}]' draws its meshes")
-    return Look(parts)
 
 
 def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:

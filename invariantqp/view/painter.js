@@ -8,7 +8,7 @@ const unit = a => { const n = norm(a); return n > 0 ? a.map(x => x / n) : [0, 0,
 const mix = (a, b, s) => a.map((x, i) => x + s * (b[i] - x));
 const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
 const LIGHT = unit([0.4, -0.5, 0.9]);
-const lit = (normal, light = LIGHT) => 0.62 + 0.38 * dot(normal, light);
+const lit = (normal, light = LIGHT) => 0.56 + 0.44 * dot(normal, light);
 // Corners arrive projected: [x, y, depth] as WebGL has them, and a colour with its alpha.
 const VERTEX = `attribute vec3 at; attribute vec4 ink; varying lowp vec4 paint;
   void main() { gl_Position = vec4(at, 1.0); paint = vec4(ink.rgb * ink.a, ink.a); }`;
@@ -123,9 +123,11 @@ class Painter {
 
   // Words beside a point, on its side away from another point.
   text(words, at, ink, other = null) {
-    const p = this.project(at), q = other && this.project(other), left = q && p && q[0] > p[0];
+    const p = this.project(at), q = other && this.project(other);
     if (p) this.words.push(pen => {
-      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink; pen.textAlign = left ? "right" : "left";
+      pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink;
+      const left = (q && q[0] > p[0]) || p[0] + 14 + pen.measureText(words).width > this.width;
+      pen.textAlign = left ? "right" : "left";
       pen.fillText(words, p[0] + (left ? -14 : 14), p[1] + 4);
     });
   }

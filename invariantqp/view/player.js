@@ -48,7 +48,8 @@ const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: 
 $("key").innerHTML = `<i style="color:${run.hues.wanted}"></i>path wanted<i style="color:${run.hues.drawn}"></i>path drawn`
   + (arrays.force ? `<i style="color:${run.hues.force}"></i>force of the tool` : "")
   + `<i style="color:${run.hues.travel}"></i>velocity of the tool`
-  + "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far"
+  + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
+    : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far")
   + (run.missing ? `<br>${run.missing}` : "");
 const caption = $("side").appendChild(document.createElement("p"));
 caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";

@@ -17,6 +17,7 @@ from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.view.display import tunnel
 from invariantqp.view.film import (
     FORCE,
     ArmShape,
@@ -27,6 +28,7 @@ from invariantqp.view.film import (
     film_before,
     film_of,
     limit_charts,
+    tool_velocity,
 )
 from invariantqp.view.stage import Stage
 from invariantqp.view.widgets import joint_bars, paragraph, span, with_cursor
@@ -46,7 +48,8 @@ class Viewer:
     """A page with robot, path, playback and curves, for one run.
 
     Attributes:
-        url: what to open in a browser.
+        url: what to open in a browser on this machine.
+        tunnel: the command that makes the same address work on another machine, over SSH.
     """
 
     def __init__(self, task: Task, port: int = PORT) -> None:
@@ -65,14 +68,16 @@ class Viewer:
         self._film = film_before(task)
         with redirect_stdout(io.StringIO()):  # viser prints when it starts and stops
             self._server = viser.ViserServer(host="127.0.0.1", port=port, label=task.name, verbose=False)
-        self.url: str = f"http://localhost:{self._server.get_port()}"
+        at = self._server.get_port()
+        self.url: str = f"http://localhost:{at}"
+        self.tunnel: str = tunnel(at)
         self._open = True
         self._t, self._shown, self._playing = 0.0, -1.0, False
         self._seen: list[tuple[Array, Array, Array, Array]] = []
         self._next_picture = self._next_plots = 0.0
         self._plots: dict[str, tuple[Any, dict[str, Any]]] = {}
         self._stage = Stage(self._server, self._film)
-        self._stage.arm(arm_shape(self._robot, task.start()))
+        self._stage.arm(arm_shape(self._robot, task.start()), np.array(task.start()))
         self._stage.goal(self._film.wanted[0], np.empty((0, 3)))
         self._add_panel()
 
@@ -91,7 +96,8 @@ class Viewer:
             return
         self._next_picture = now + 1.0 / PICTURES
         with self._server.atomic():
-            self._stage.arm(arm_shape(self._robot, state.q))
+            self._stage.arm(arm_shape(self._robot, state.q), state.q)
+            self._stage.travel(state.pose, tool_velocity(self._robot, state.q, solution.velocity))
             self._stage.push(state.pose, -state.wrench[3:])
             drawn = np.array([point for *_, point in self._seen[:: 1 + tick // COARSE]])
             self._stage.goal(self._film.wanted[self._film.frame(self._dt * tick)], drawn)
@@ -184,7 +190,8 @@ class Viewer:
         film, now = self._film, monotonic()
         i = film.frame(t)
         with self._server.atomic():
-            self._stage.arm(ArmShape(film.points[i], film.axes[i], film.tool[i]))
+            self._stage.arm(ArmShape(film.points[i], film.axes[i], film.tool[i]), film.q[i])
+            self._stage.travel(film.tool[i], film.travel[i])
             self._stage.goal(film.wanted[i], film.tool[: i + 1, :3, 3])
             if film.force is not None:
                 self._stage.push(film.tool[i], film.force[i])

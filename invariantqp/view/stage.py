@@ -11,19 +11,24 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.view.film import ArmShape, Film, colours
+from invariantqp.view.film import ArmShape, Film, colours, motions
+from invariantqp.view.look import Part
 
 if TYPE_CHECKING:
     import viser
 
 WANTED, DRAWN, LINK, DARK = (230, 159, 0), (0, 114, 178), (174, 186, 198), (74, 87, 100)
-TOUCHED, FORCE = (205, 187, 159), (190, 60, 0)
+TOUCHED, FORCE, TRAVEL = (205, 187, 159), (190, 60, 0), (0, 158, 115)
 # A face of four corners as two triangles.
 HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-# Length of the arrow of the strongest force.
+# Length of the arrow of the strongest force, and of the highest velocity.
 LONGEST = 0.35
+# No arrow is drawn that is a smaller part of the longest.
+SHORTEST = 0.01
 # Where the camera is, from the centre.
 EYE = np.array([1.45, -1.65, 1.0])
+# What is in the middle of a narrow screen, whose lower half the panel covers.
+BELOW = np.array([0.0, 0.0, -1.3])
 
 
 class Stage:
@@ -36,40 +41,55 @@ class Stage:
         server.initial_camera.position = EYE
         server.initial_camera.look_at = np.zeros(3)
         server.initial_camera.fov = 0.9
-        floor = float(self._at(film.points)[..., 2].min()) - 0.01
+        server.on_client_connect(_step_back)
+        floor = (film.floor - float(self._centre[2])) / self._size - 0.01
         self._draw.add_grid("/floor", infinite_grid=True, cell_size=0.2, fade_distance=12.0, position=(0.0, 0.0, floor))
         self._draw.add_line_segments("/wanted", _segments(self._at(film.wanted[:, :3, 3])), WANTED, thickness=0.008)
         self._trail = self._draw.add_line_segments("/drawn", np.zeros((1, 2, 3)), DRAWN, thickness=0.012, visible=False)
         self._tool = self._draw.add_frame("/tool", axes_length=0.13, axes_radius=0.007, origin_radius=0.012)
         self._goal = self._draw.add_frame("/goal", axes_length=0.1, axes_radius=0.003, origin_radius=0.006)
-        self._draw.add_cylinder("/base", 0.09, 0.016, DARK, position=self._at(film.points[0, 0]))
         axis = film.surroundings.axis
         self._axis = None if axis is None else self._at(axis)
         self._add_surroundings(film)
-        self._strongest = film.strongest if film.force is not None else 0.0
-        nowhere = np.zeros((1, 2, 3))
-        self._push = self._draw.add_arrows(
-            "/force", nowhere, FORCE, shaft_radius=0.012, head_radius=0.03, head_length=0.06, visible=False
-        )
-        self._newtons = self._draw.add_label("/force in newtons", "", visible=False)
-        m = len(film.joints)
-        self._links = [
-            self._draw.add_cylinder(f"/links/{i}", 0.028 - 0.012 * i / (m + 1), 1.0, LINK) for i in range(m + 1)
-        ]
-        self._joints: list[tuple[Any, Any]] = []
+        self._force = _Arrow(self._draw, "/force", FORCE, film.strongest if film.force is not None else 0.0)
+        self._travel = _Arrow(self._draw, "/velocity", TRAVEL, film.fastest)
+        self._screws = film.screws
+        self._parts = [(part.joint, self._add_part(i, part)) for i, part in enumerate(film.look.parts)]
+        self._links: list[Any] = []
+        self._joints: list[tuple[Any, ...]] = []
+        self._add_joints(film)
+
+    def _add_part(self, i: int, part: Part) -> Any:
+        vertices = (part.vertices / self._size).astype(np.float32)
+        return self._draw.add_mesh_simple(f"/parts/{i}", vertices, part.faces.astype(np.uint32), color=part.colour)
+
+    def _add_joints(self, film: Film) -> None:
+        """Rods along the axes of an arm with a look, and drums and links of one without."""
+        m, bare = len(film.joints), not film.look.parts
+        if bare:
+            self._draw.add_cylinder("/base", 0.09, 0.016, DARK, position=self._at(film.points[0, 0]))
+            self._links = [
+                self._draw.add_cylinder(f"/links/{i}", 0.028 - 0.012 * i / (m + 1), 1.0, LINK) for i in range(m + 1)
+            ]
         for i, (name, hue, slide) in enumerate(zip(film.joints, colours(m), film.slides, strict=True)):
             colour = np.array(list(bytes.fromhex(hue[1:])))
+            node = f"/joints/{i} {name.replace('/', '_')}"
+            if not bare:
+                self._joints.append((self._draw.add_cylinder(node, 0.006, 0.26, colour),))
+                continue
             outer, inner = (colour, np.array(DARK)) if slide else (np.array(DARK), colour)
             half, radius = (0.15, 0.036) if slide else (0.1, 0.045)
-            node = f"/joints/{i} {name.replace('/', '_')}"
             body = self._draw.add_cylinder(node, radius, half, outer)
             caps = self._draw.add_cylinder(f"{node} axis", 0.8 * radius, 1.12 * half, inner)
             self._joints.append((body, caps))
 
-    def arm(self, shape: ArmShape) -> None:
-        """Move the robot."""
+    def arm(self, shape: ArmShape, q: Array) -> None:
+        """Move the robot to joint positions q (m,), where it has this shape."""
+        moved = motions(self._screws, q) if self._parts else []
+        for joint, part in self._parts:
+            self._frame(part, moved[joint])
         points = self._at(shape.points)
-        for link, a, b in zip(self._links, points[:-1], points[1:], strict=True):
+        for link, a, b in zip(self._links, points[:-1], points[1:], strict=False):  # with a look there are none
             along = b - a
             length = float(np.linalg.norm(along))
             link.visible = length > 0.0
@@ -94,14 +114,11 @@ class Stage:
 
     def push(self, tool: Array, force: Array) -> None:
         """Draw the force (3,) that a tool at pose (4, 4) exerts [N]."""
-        size = float(np.linalg.norm(force))
-        self._push.visible = self._newtons.visible = size > 0.0
-        if size > 0.0:
-            self._strongest = max(self._strongest, size)
-            a = self._at(tool[:3, 3])
-            b = a + LONGEST / self._strongest * force
-            self._push.points = np.array([[a, b]], dtype=np.float32)
-            self._newtons.position, self._newtons.text = b, f"{size:.1f} N"
+        self._force.draw(self._at(tool[:3, 3]), force, f"{np.linalg.norm(force):.1f} N")
+
+    def travel(self, tool: Array, velocity: Array) -> None:
+        """Draw the velocity (3,) of the origin of a tool at pose (4, 4) [m/s]."""
+        self._travel.draw(self._at(tool[:3, 3]), velocity, f"{1e3 * np.linalg.norm(velocity):.3g} mm/s")
 
     def _add_surroundings(self, film: Film) -> None:
         """Add what the tool touches."""
@@ -127,6 +144,36 @@ class Stage:
     def _frame(self, handle: Any, T: Array) -> None:
         handle.position = self._at(T[:3, 3])
         handle.wxyz = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+
+
+class _Arrow:
+    """An arrow with its size beside it; the longest that is known at first is `LONGEST`."""
+
+    def __init__(self, draw: viser.SceneApi, name: str, colour: tuple[int, int, int], most: float) -> None:
+        self._most = most
+        nowhere = np.zeros((1, 2, 3))
+        self._arrow = draw.add_arrows(
+            name, nowhere, colour, shaft_radius=0.012, head_radius=0.03, head_length=0.06, visible=False
+        )
+        self._label = draw.add_label(f"{name} in words", "", visible=False)
+
+    def draw(self, at: Array, vector: Array, words: str) -> None:
+        """Draw a vector (3,) at a place (3,); none where it is short."""
+        size = float(np.linalg.norm(vector))
+        self._most = max(self._most, size)
+        seen = size > SHORTEST * self._most
+        self._arrow.visible = self._label.visible = seen
+        if seen:
+            tip = at + LONGEST / self._most * vector
+            self._arrow.points = np.array([[at, tip]], dtype=np.float32)
+            self._label.position, self._label.text = tip, words
+
+
+def _step_back(client: viser.ClientHandle) -> None:
+    """Show all of the scene on a screen that is higher than wide, above the panel."""
+    if client.camera.aspect < 1.0:
+        client.camera.position = EYE / client.camera.aspect + BELOW
+        client.camera.look_at = BELOW  # moving a camera moves where it looks
 
 
 def _segments(points: Array) -> Array:

@@ -14,7 +14,7 @@ from support.views import TASK
 import invariantqp as iq
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view import server
-from invariantqp.view.film import film_of
+from invariantqp.view.film import film_of, motions
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium; it comes with the extra 'test'")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -86,7 +86,7 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
     for canvas in opened.find_elements("css selector", "canvas"):
         assert colours(canvas.screenshot_as_png) > COLOURFUL
     seen = pixels(opened.find_element("id", "view").screenshot_as_png)
-    for drawn in ((230, 159, 0), (0, 114, 178), (47, 98, 214), (74, 87, 100)):  # paths, z axis of the tool, a joint
+    for drawn in ((230, 159, 0), (0, 114, 178), (47, 98, 214), (204, 121, 167)):  # paths, z axis of the tool, a joint
         assert np.abs(seen - drawn).max(axis=1).min() < 40
     assert len(opened.find_elements("css selector", "canvas")) == 1 + len(film.charts)
     rows = [row.text for row in opened.find_elements("css selector", "#joints tr")[1:]]
@@ -96,6 +96,15 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
     assert header.split(maxsplit=3)[:3] == ["position,", "in", "its"]
     assert "velocity, of its limit" in header
     assert "error" in opened.find_element("id", "told").text
+
+
+def test_the_page_places_the_arm_where_it_is(opened, trace):
+    film = film_of(trace)
+    seen = opened.execute_script("return arm.at(between('q', 37))")
+    np.testing.assert_allclose(seen["points"], film.points[37], atol=1e-6)  # the page has float32
+    np.testing.assert_allclose(seen["axes"], film.axes[37], atol=1e-6)
+    np.testing.assert_allclose(np.reshape(seen["tool"], (3, 4)), film.tool[37, :3], atol=1e-6)
+    np.testing.assert_allclose(np.reshape(seen["motions"][7], (3, 4)), motions(film.screws, film.q[37])[7][:3], atol=1e-6)
 
 
 def test_the_page_asks_nothing_of_a_network(opened):
@@ -153,7 +162,8 @@ def test_time_can_be_dragged_and_the_picture_follows(opened):
 def test_the_served_page_plays_and_pauses(browser, monkeypatch):
     monkeypatch.setattr(server, "PICTURES", 5)  # software draws each of them
     monkeypatch.setattr(server, "PLOTS", 1)
-    task = task_from({**TASK, "path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}, "a minute")
+    minute = {"path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}
+    task = task_from({**TASK, **minute, "robot": {**TASK["robot"], "source": "fr3"}}, "a minute")  # no meshes to draw
     viewer = iq.view.Viewer(task, port=0)
     serving = threading.Thread(target=viewer.play, args=(iq.run_task(task, observer=viewer.watch),))
     try:
@@ -170,7 +180,7 @@ def test_the_served_page_plays_and_pauses(browser, monkeypatch):
             return float(found[1]) if found else 0.0
 
         assert until(lambda: seconds() > 0.0), said()
-        for title in ("tracking error", "joint position / range", "joint velocity / limit", "panda_joint7"):
+        for title in ("tracking error", "joint position / range", "joint velocity / limit", "fr3_joint7"):
             assert title in said()
         button = browser.find_element("xpath", "//button[contains(., 'Pause')]")
         before = seconds()

@@ -230,8 +230,8 @@ def test_before_a_run_in_touch_the_path_waits():
 # The page
 
 
-def unpacked(packed):
-    return np.frombuffer(base64.b64decode(packed["data"]), dtype="<f4").reshape(packed["shape"])
+def unpacked(packed, kind="<f4"):
+    return np.frombuffer(base64.b64decode(packed["data"]), dtype=kind).reshape(packed["shape"])
 
 
 def test_a_page_needs_nothing_from_anywhere(film):
@@ -248,12 +248,26 @@ def test_a_page_needs_nothing_from_anywhere(film):
 
 def test_a_page_has_all_of_the_film(film):
     run = json.loads(read(page(film)).scripts[0])
-    for name in ("time", "points", "axes", "tool", "wanted", "q", "limits", "speed", "speed_limit"):
+    for name in ("time", "screws", "travel", "wanted", "q", "limits", "speed", "speed_limit"):
         np.testing.assert_array_equal(unpacked(run["arrays"][name]), getattr(film, name).astype("f4"))
     assert [c["title"] for c in run["charts"]] == [c.title for c in film.charts]
     for packed, chart in zip(run["charts"], film.charts, strict=True):
         np.testing.assert_array_equal(unpacked(packed["values"]), chart.values.astype("f4"))
     assert (tuple(run["joints"]), run["status"], run["limit_active"]) == (film.joints, film.status, film.limit_active)
+
+
+def test_a_look_is_on_the_page(film):
+    run = json.loads(read(page(film)).scripts[0])
+    assert len(run["parts"]) == len(film.look.parts) > 9
+    for packed, part in zip(run["parts"], film.look.parts, strict=True):
+        assert (packed["joint"], tuple(packed["colour"])) == (part.joint, part.colour)
+        np.testing.assert_array_equal(unpacked(packed["vertices"]), part.vertices.astype("f4"))
+        np.testing.assert_array_equal(unpacked(packed["faces"], "<u2"), part.faces)
+
+
+def test_a_velocity_is_how_the_tool_moves(film, trace):
+    np.testing.assert_allclose(film.travel[2:], np.diff(film.tool[1:, :3, 3], axis=0) / 0.01, atol=0.01)
+    assert np.linalg.norm(film.travel[50]) > 0.2
 
 
 def test_the_longest_film_is_a_small_file(tmp_path):

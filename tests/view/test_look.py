@@ -1,0 +1,100 @@
+"""What an arm looks like: its parts are where Pinocchio places its meshes, and few enough to send."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.views import TASK
+
+import invariantqp as iq
+from invariantqp.robots.load import urdf_of
+from invariantqp.runs.taskfile import task_from
+from invariantqp.view import look
+from invariantqp.view.film import motions
+from invariantqp.view.look import TRIANGLES, Look, look_of
+
+meshes = pytest.importorskip("invariantqp.view.meshes", reason="the extra 'meshes' is not installed")
+WHEELED = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
+<link name="base"><visual><origin xyz="0 0 0.1"/><geometry><box size="0.2 0.4 0.2"/></geometry></visual></link>
+<link name="arm"><visual><origin xyz="0.5 0 0" rpy="0 1.5707963267948966 0"/>
+<geometry><cylinder radius="0.1" length="1"/></geometry><material name="red"/></visual></link>
+<link name="tip"><visual><geometry><sphere radius="0.05"/></geometry></visual></link>
+<link name="far"><visual><geometry>{far}</geometry></visual></link>
+<joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/></joint>
+<joint name="slide" type="prismatic"><parent link="arm"/><child link="tip"/><origin xyz="1 0 0"/><axis xyz="1 0 0"/>
+<limit lower="0.1" upper="0.5" velocity="1"/></joint>
+<joint name="end" type="fixed"><parent link="tip"/><child link="far"/><origin xyz="0.2 0 0"/></joint></robot>"""
+
+
+def task_of(source, n, **robot):
+    path = {"kind": "joints", "duration": 0.1, "waypoints": [[0.2] * n]}
+    return task_from({**TASK, "robot": {"source": source, "start": [0.2] * n, **robot}, "path": path}, "one")
+
+
+def box(vertices):
+    return np.array([vertices.min(axis=0), vertices.max(axis=0)])
+
+
+def written(tmp_path, far="<sphere radius='0.1'/>"):
+    file = tmp_path / "arm.urdf"
+    file.write_text(WHEELED.format(far=far))
+    return file
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    look.read_look.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_parts_are_where_pinocchio_places_the_meshes(name):
+    robot = iq.load_robot(name)
+    file = urdf_of(name)
+    found = look_of(task_of(name, len(robot.names)), robot.names)
+    assert 0.5 * TRIANGLES < sum(len(part.faces) for part in found.parts) < 1.2 * TRIANGLES
+    model = pin.buildModelFromUrdf(str(file))
+    shapes = pin.buildGeomFromUrdf(model, str(file), pin.GeometryType.VISUAL, None, str(file.parents[4]))
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, len(robot.names))
+    full = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
+    for joint, x in zip(robot.names, q, strict=True):
+        full[model.joints[model.getJointId(joint)].idx_q] = x
+    data, seen = model.createData(), shapes.createData()
+    pin.updateGeometryPlacements(model, data, shapes, seen, full)
+    corners = []
+    for shape, place in zip(shapes.geometryObjects, seen.oMg, strict=True):
+        for mesh in meshes.read_meshes(Path(shape.meshPath)):
+            corners.append(mesh.vertices * shape.meshScale @ place.rotation.T + place.translation)
+    moved = motions(robot.jacobian(np.zeros(len(q))), q)
+    parts = [part.vertices @ moved[part.joint][:3, :3].T + moved[part.joint][:3, 3] for part in found.parts]
+    np.testing.assert_allclose(box(np.vstack(parts)), box(np.vstack(corners)), atol=0.006)
+
+
+def test_plain_shapes_are_as_the_urdf_says(tmp_path):
+    found = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
+    at = {(part.joint, part.colour): box(part.vertices) for part in found.parts}
+    np.testing.assert_allclose(at[0, look.GREY], [[-0.1, -0.2, 0.0], [0.1, 0.2, 0.2]], atol=1e-9)
+    np.testing.assert_allclose(at[1, (255, 0, 0)], [[0.0, -0.1, 0.1], [1.0, 0.1, 0.3]], atol=2e-3)
+    np.testing.assert_allclose(at[2, look.GREY], [[0.95, -0.1, 0.1], [1.3, 0.1, 0.3]], atol=5e-3)
+
+
+def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
+    file = written(tmp_path)
+    robot = iq.load_robot(file, "tip", ["turn"])
+    found = look_of(task_of(str(file), 1, tool="tip", joints=["turn"]), robot.names)
+    assert {part.joint for part in found.parts} == {0, 1}
+    assert max(part.vertices[:, 0].max() for part in found.parts) == pytest.approx(robot.pose([0.0])[0, 3] + 0.3, abs=5e-3)
+
+
+def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
+    for gone in ("<mesh filename='none.stl'/>", "<mesh filename='package://none/none.stl'/>"):
+        look.read_look.cache_clear()
+        assert look_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]) == Look()
+    assert look_of(task_of("ur5e", 6), iq.load_robot("ur5e").names) == Look()
+    look.read_look.cache_clear()
+    monkeypatch.setitem(sys.modules, "invariantqp.view.meshes", None)
+    monkeypatch.setitem(sys.modules, "fast_simplification", None)
+    monkeypatch.delitem(sys.modules, "invariantqp.view.meshes")
+    said = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
+    assert said == Look(missing="pip install 'invariantqp[meshes]' draws its meshes")
