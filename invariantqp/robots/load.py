@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
+from invariantqp.robots.compose import stand_on
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
@@ -59,6 +60,7 @@ def load_robot(
     tool: str | ArrayLike | None = None,
     joints: Sequence[str] | None = None,
     offset: ArrayLike | None = None,
+    base: Chain | ArrayLike | None = None,
 ) -> Robot:
     """An arm from its base to its tool; nothing beyond is modelled.
 
@@ -73,6 +75,8 @@ def load_robot(
             q = 0.
         joints: names of the joints that move; None is all between base and tool. With screws: their names.
         offset: (4, 4) pose in that frame of what is to be moved: a tool, a camera, a grasped object; None is the frame.
+        base: what the arm stands on: a (4, 4) pose of its base, or a chain whose joints then come first, a
+            `robots.rail`, a `robots.mobile_base` or another arm; None is the arm's own base frame.
 
     Returns:
         A `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q). It can be used in
@@ -86,7 +90,8 @@ def load_robot(
         BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape.
     """
     arm = _loaded(source, tool, None if joints is None else arrays.strings(joints, "joints"))
-    return arm if offset is None else arm.with_tool(offset)
+    arm = arm if offset is None else arm.with_tool(offset)
+    return arm if base is None else stand_on(base, arm)
 
 
 def _loaded(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] | None) -> Chain:

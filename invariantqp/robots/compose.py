@@ -1,0 +1,154 @@
+"""Arms put together: an arm on a rail, on a mobile base or on another arm, and one arm's tool as seen from another's.
+
+Each is a `Chain` again, so that everything that takes a robot takes it. With T = exp(s_1 q_1) ... exp(s_m q_m) T_0:
+
+    a stands on b     screws  (b_1, ..., b_n, Ad(B_0) a_1, ..., Ad(B_0) a_m)                         T_0 = B_0 A_0
+    a seen from b     screws  (-Ad(B_0^-1) b_n, ..., -Ad(B_0^-1) b_1, Ad(B_0^-1) a_1, ...)      T_0 = B_0^-1 A_0
+
+since B^-1 A = B_0^-1 exp(-b_n p_n) ... exp(-b_1 p_1) exp(a_1 q_1) ... A_0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import prismatic, revolute
+from invariantqp.robots.chain import Chain
+
+AXES = np.eye(3)
+LIMITS = ("position_lower", "position_upper", "velocity_limit")
+
+
+def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float = inf, *, name: str = "rail") -> Chain:
+    """A slide, to put an arm on.
+
+    Args:
+        axis: (3,) its direction in the base frame, of any length.
+        lower: position limit [length].
+        upper: likewise.
+        speed: velocity limit [length/s].
+        name: of the joint.
+
+    Raises:
+        BadInput: an axis of length 0, limits that are none.
+    """
+    screw = prismatic(arrays.direction(axis, "axis"))
+    return Chain(screw[:, None], np.eye(4), [_text(name)], [lower], [upper], [speed], tool=f"{name}_carriage")
+
+
+def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "base") -> Chain:
+    """A base that moves on the floor in any direction: joints NAME_x, NAME_y [length] and NAME_turn [rad], about z.
+
+    Args:
+        speed: velocity limit along x, and along y [length/s].
+        turn_speed: velocity limit of the turn [rad/s].
+        name: what the joints' names begin with.
+
+    Raises:
+        BadInput: limits that are not positive.
+    """
+    screws = np.column_stack((prismatic(AXES[0]), prismatic(AXES[1]), revolute(AXES[2])))
+    slide = arrays.number(speed, "speed", positive=True, infinite=True)
+    limits = [slide, slide, arrays.number(turn_speed, "turn_speed", positive=True, infinite=True)]
+    names = [f"{_text(name)}_{part}" for part in ("x", "y", "turn")]
+    return Chain(screws, np.eye(4), names, velocity_limit=limits, tool=name)
+
+
+def stand_on(base: Chain | ArrayLike, arm: Chain) -> Chain:
+    """An arm whose base frame is the tool frame of another chain, or at a pose.
+
+    Args:
+        base: a chain, such as `rail` or another arm, or a (4, 4) pose in the new base frame.
+        arm: what stands on it.
+
+    Returns:
+        The chain of both, the base's joints first, with the arm's tool.
+
+    Raises:
+        BadInput: no chain, no rigid motion, or a joint name that both have.
+    """
+    _require_chain("arm", arm)
+    if isinstance(base, Chain):
+        below, first = base.home, [base]
+    else:
+        below, first = arrays.pose(base, "base"), []
+    return _chain([*first, _carried(arm, below)], below.dot(arm.home), arm.tool)
+
+
+def relative(arm: Chain, other: Chain) -> Chain:
+    """The tool of one arm as seen from the tool of another that has the same base frame.
+
+    Its pose is that of `arm`'s tool in the frame of `other`'s; its joint twists, in that frame, are
+
+        J = (-Ad(B^-1) J_other, Ad(B^-1) J_arm),    B the pose of the other's tool, with the other's columns reversed,
+
+    so that J x is the relative twist. Put arms where they stand with `stand_on` or `load_robot(base=)` first.
+
+    Args:
+        arm: what is seen, the one that welds for instance.
+        other: from where, the one that holds the part.
+
+    Returns:
+        A chain whose joints are the other's, tool first, then the arm's: q = (q_other[::-1], q_arm). A joint's name
+        that both have begins with "other/" where it is the other's.
+
+    Raises:
+        BadInput: no chain.
+    """
+    _require_chain("arm", arm)
+    _require_chain("other", other)
+    back = se3.inverse(other.home, check=False)
+    names = [f"other/{name}" if name in arm.names else name for name in other.names]
+    turned = _carried(other, back)
+    reverse = Chain(
+        -turned.screws[:, ::-1],
+        np.eye(4),
+        names[::-1],
+        other.position_lower[::-1],
+        other.position_upper[::-1],
+        other.velocity_limit[::-1],
+        places=turned.places[::-1],
+    )
+    return _chain([reverse, _carried(arm, back)], back.dot(arm.home), arm.tool)
+
+
+def _text(name: object) -> str:
+    if not isinstance(name, str):
+        raise BadInput("name", excerpt(name), "text")
+    return name
+
+
+def _carried(arm: Chain, place: Array) -> Chain:
+    """The same joints with the base frame at a (4, 4) place of a new one."""
+    screws = se3.adjoint(place, check=False).dot(arm.screws)
+    places = arm.places.dot(place[:3, :3].T) + place[:3, 3]
+    limits = (arm.position_lower, arm.position_upper, arm.velocity_limit)
+    return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, places=places)
+
+
+def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
+    """The joints of all parts, whose screws are at zero in one base frame."""
+    names = [name for part in parts for name in part.names]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise BadInput("base", f"a joint {twice!r} that the arm has too", "joints with names of their own")
+    return Chain(
+        np.hstack([part.screws for part in parts]),
+        home,
+        names,
+        *(np.concatenate([getattr(part, limit) for part in parts]) for limit in LIMITS),
+        tool=tool,
+        places=np.vstack([part.places for part in parts]),
+    )
+
+
+def _require_chain(argument: str, value: object) -> None:
+    if not isinstance(value, Chain):
+        raise BadInput(argument, excerpt(value), "a Chain, such as load_robot returns")

@@ -1,0 +1,93 @@
+"""Arms on rails, on mobile bases and on poses, and one tool seen from another: against Pinocchio and finite differences."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import invariantqp as iq
+from invariantqp.robots import mobile_base, rail, relative, stand_on
+
+RNG = np.random.default_rng(4)
+PLACE = iq.exp([0.3, -0.2, 1.0, 0.4, -0.1, 0.7])
+FIRST_ANGULAR = [3, 4, 5, 0, 1, 2]
+
+
+def appended(base, arm, place=None):
+    """Pinocchio's own model of an arm on a base, and the pose and Jacobian of its tool."""
+    model = pin.appendModel(base.model, arm.model, base.model.getFrameId(base.tool), pin.SE3(np.eye(4)))
+    data = model.createData()
+
+    def tool(q):
+        J = pin.computeFrameJacobian(model, data, q, model.getFrameId(arm.tool), pin.ReferenceFrame.WORLD)
+        return pin.updateFramePlacement(model, data, model.getFrameId(arm.tool)).homogeneous, J[FIRST_ANGULAR]
+
+    return tool
+
+
+def turned(arm, q, step=1e-6):
+    """(6, m) joint twists by central differences, in the frame of arm's base."""
+    T = arm.pose(q)
+    moved = [
+        [iq.log(arm.pose(q + s * e) @ np.linalg.inv(T)) for s in (step, -step)] for e in np.eye(len(q))
+    ]
+    return np.array([(a - b) / (2 * step) for a, b in moved]).T
+
+
+@pytest.mark.parametrize("base", [rail([0, 2.0, 1.0]), mobile_base(1.0, 2.0), iq.load_robot("so101")], ids=["rail", "mobile", "arm"])
+def test_an_arm_on_a_base_is_pinocchios_appended_model(base):
+    arm = iq.load_robot("ur5e")
+    both = iq.load_robot("ur5e", base=base)
+    assert both.names == (*base.names, *arm.names)
+    assert both.velocity_limit.tolist() == [*base.velocity_limit, *arm.velocity_limit]
+    tool = appended(base, arm)
+    for _ in range(4):
+        q = RNG.uniform(-2.0, 2.0, len(both.names))
+        T, J = tool(q)
+        np.testing.assert_allclose(both.pose(q), T, atol=1e-12)
+        np.testing.assert_allclose(both.jacobian(q), J, atol=1e-12)
+
+
+def test_an_arm_at_a_place_moves_as_it_does_in_its_own_frame():
+    arm, q = iq.load_robot("panda"), RNG.uniform(-1.0, 1.0, 7)
+    placed = iq.load_robot("panda", base=PLACE)
+    np.testing.assert_allclose(placed.pose(q), PLACE @ arm.pose(q), atol=1e-13)
+    np.testing.assert_allclose(placed.jacobian(q), iq.adjoint(PLACE) @ arm.jacobian(q), atol=1e-13)
+    np.testing.assert_allclose(placed.origins(q), arm.origins(q) @ PLACE[:3, :3].T + PLACE[:3, 3], atol=1e-13)
+
+
+def two_arms():
+    return iq.load_robot("panda", base=PLACE), iq.load_robot("panda", base=iq.transform(translation=(0.0, 0.9, 0.0)))
+
+
+def test_a_tool_seen_from_another():
+    arm, other = two_arms()
+    seen = relative(arm, other)
+    for _ in range(4):
+        p, q = RNG.uniform(-1.5, 1.5, (2, 7))
+        both = np.concatenate((p[::-1], q))
+        back = np.linalg.inv(other.pose(p))
+        np.testing.assert_allclose(seen.pose(both), back @ arm.pose(q), atol=1e-12)
+        J = iq.adjoint(back) @ np.hstack((-other.jacobian(p)[:, ::-1], arm.jacobian(q)))
+        np.testing.assert_allclose(seen.jacobian(both), J, atol=1e-12)
+    np.testing.assert_allclose(seen.jacobian(both), turned(seen, both), atol=1e-8)
+    assert seen.names[:2] == ("other/panda_joint7", "other/panda_joint6")
+    np.testing.assert_array_equal(seen.position_upper, [*other.position_upper[::-1], *arm.position_upper])
+
+
+def test_two_arms_follow_each_other_by_one_controller():
+    arm, other = two_arms()
+    seen = relative(arm, other)
+    p, q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]), np.array([0.3, -0.2, 0.1, -2.0, 0.2, 1.9, 0.5])
+    joints = np.concatenate((p[::-1], q))
+    controller = iq.Controller(seen, dt=0.01)
+    wanted = seen.pose(joints) @ iq.exp([0.1, 0, 0, 0.05, 0, 0.1])
+    for _ in range(300):
+        joints = joints + 0.01 * controller.step(joints, wanted).velocity
+    apart = np.linalg.inv(other.pose(joints[6::-1])) @ arm.pose(joints[7:])
+    np.testing.assert_allclose(apart, wanted, atol=1e-6)
+    assert np.abs(joints[:7] - p[::-1]).max() > 0.01  # both arms take their part
+
+
+def test_names_that_both_have_are_refused():
+    with pytest.raises(iq.BadInput, match="panda_joint1"):
+        stand_on(iq.load_robot("panda"), iq.load_robot("panda"))
