@@ -19,13 +19,16 @@ PAGE = """<!doctype html>
 @media (prefers-color-scheme: dark) {{ :root {{ --ink: #e6edf3; --paper: #0d1117; --link: #58a6ff }} }}
 body {{ font: 16px/1.55 system-ui, sans-serif; color: var(--ink); background: var(--paper); margin: 0 auto;
   max-width: 1180px; padding: 16px; display: grid; grid-template-columns: 240px minmax(0, 1fr); gap: 36px }}
-nav {{ font-size: 14px; position: sticky; top: 16px; align-self: start }} nav a {{ display: block; padding: 3px 0 }}
+nav {{ font-size: 14px; position: sticky; top: 16px; align-self: start;
+  max-height: calc(100vh - 32px); overflow-y: auto }}
+nav a {{ display: block; padding: 3px 0 }}
 nav a.here {{ color: var(--ink); font-weight: 600 }} a {{ color: var(--link); text-decoration: none }}
 main {{ max-width: 880px }} img {{ max-width: 100% }} code {{ font-size: 13.5px }}
 pre {{ padding: 12px; overflow-x: auto; border: 1px solid var(--rule); border-radius: 6px }}
 table {{ border-collapse: collapse; display: block; overflow-x: auto }}
 td, th {{ border: 1px solid var(--rule); padding: 5px 10px; text-align: left; vertical-align: top }}
-@media (max-width: 760px) {{ body {{ display: block }} nav {{ position: static }} }}
+@media (max-width: 760px) {{ body {{ display: block }}
+  nav {{ position: static; max-height: 112px; padding: 0 8px; border: 1px solid var(--rule); border-radius: 6px }} }}
 {light} @media (prefers-color-scheme: dark) {{ {dark} }}
 </style></head><body><nav><a href="../invariantqp.html">API reference</a>{nav}</nav><main>{body}</main></body></html>
 """

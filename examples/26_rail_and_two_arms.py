@@ -3,6 +3,8 @@
 Each is one chain of joints, so that one controller drives it, with limits and exact demands as for an arm.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 import invariantqp as iq
@@ -12,12 +14,12 @@ DT, SECONDS = 0.01, 8.0
 
 
 def drive(robot: Robot, q: np.ndarray, way) -> tuple[np.ndarray, str]:
-    """Follow a path, a pose for each u from 0 to 1, that begins and ends at rest: the joint positions, and how far off."""
+    """Follow a path, a pose for each u from 0 to 1, that begins and ends at rest: joint positions, and how far off."""
     controller = iq.Controller(robot, dt=DT, exact="position", posture=False)
     states, off, reasons = [q], 0.0, set()
     time = np.arange(0.0, 1.0, DT / SECONDS)
     poses = [way(u * u * (3.0 - 2.0 * u)) for u in (*time, 1.0)]
-    for target, after in zip(poses, poses[1:], strict=False):
+    for target, after in pairwise(poses):
         forward = iq.log(after @ np.linalg.inv(target)) / DT
         solution = controller.step(q, target, forward)
         q = q + DT * solution.velocity

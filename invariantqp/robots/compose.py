@@ -23,7 +23,6 @@ from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain
 
 AXES = np.eye(3)
-LIMITS = ("position_lower", "position_upper", "velocity_limit")
 
 
 def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float = inf, *, name: str = "rail") -> Chain:
@@ -143,7 +142,9 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
         np.hstack([part.screws for part in parts]),
         home,
         names,
-        *(np.concatenate([getattr(part, limit) for part in parts]) for limit in LIMITS),
+        np.concatenate([part.position_lower for part in parts]),
+        np.concatenate([part.position_upper for part in parts]),
+        np.concatenate([part.velocity_limit for part in parts]),
         tool=tool,
         places=np.vstack([part.places for part in parts]),
     )

@@ -11,15 +11,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.palette import BLUE, GREEN, ORANGE, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
+from invariantqp.view.arm import ArmShape, arm_shape, tool_velocity
 from invariantqp.view.look import Look, Part, look_of
 from invariantqp.view.surroundings import Surroundings, surroundings
 
@@ -28,20 +27,6 @@ FRAMES = 600
 # A logarithmic axis has no zero: smaller errors, below a picometre, are drawn as this [mm, deg].
 SMALLEST_ERROR = 1e-9
 FORCE, TRAVEL = VERMILION, GREEN
-
-
-class ArmShape(NamedTuple):
-    """What to draw of an arm in one state.
-
-    Attributes:
-        points: (m + 2, 3) base, joints, tool.
-        axes: (m, 3) unit directions of the joints.
-        tool: (4, 4) pose.
-    """
-
-    points: Array
-    axes: Array
-    tool: Array
 
 
 class CurveChart(NamedTuple):
@@ -165,22 +150,6 @@ def _usual(vectors: Array) -> float:
     return max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 1e-9)
 
 
-def motions(screws: Array, q: Array) -> list[Array]:
-    """The m + 1 motions (4, 4) exp(s_1 q_1) ... exp(s_i q_i), i = 0 ... m, of what is behind i joints."""
-    T = [np.eye(4)]
-    for screw, x in zip(screws.T, q, strict=True):
-        T.append(T[-1].dot(se3.exp(x * screw, check=False)))
-    return T
-
-
-def arm_shape(robot: Robot, q: ArrayLike) -> ArmShape:
-    """What to draw of an arm at joint positions q (m,)."""
-    J, T = robot.jacobian(q), robot.pose(q)
-    axes = np.where(J[:3].any(axis=0), J[:3], J[3:])
-    points = np.vstack((np.zeros(3), robot.origins(q), T[:3, 3]))
-    return ArmShape(points, (axes / np.linalg.norm(axes, axis=0)).T, T)
-
-
 def film_of(trace: Trace, frames: int = FRAMES) -> Film:
     """A run as frames.
 
@@ -247,12 +216,6 @@ def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Fil
         surroundings=surroundings(task, robot, wanted[:, :3, 3]),
         travel=np.zeros((len(time), 3)),
     )
-
-
-def tool_velocity(robot: Robot, q: Array, velocity: Array) -> Array:
-    """(3,) velocity of the tool frame's origin at joint positions and velocities (m,)."""
-    twist = robot.jacobian(q).dot(velocity)
-    return twist[3:] + np.cross(twist[:3], robot.pose(q)[:3, 3])
 
 
 def extremes(values: Array, ends: Array) -> Array:

@@ -1,6 +1,6 @@
 """What an arm looks like: the visual shapes of its URDF, reduced to a few thousand triangles.
 
-A part that stands behind i joints is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,  p its points at q = 0 in the base frame.
+What i joints move is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,  p its points at q = 0 in the base frame.
 """
 
 from __future__ import annotations

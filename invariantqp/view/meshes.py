@@ -92,14 +92,16 @@ def _fewer(mesh: Mesh, most: int) -> Mesh:
         if len(mesh.faces) <= ENOUGH * most:
             break
         vertices, faces = fast_simplification.simplify(
-            np.ascontiguousarray(mesh.vertices, np.float32), np.ascontiguousarray(mesh.faces, np.int32), target_count=most
+            np.ascontiguousarray(mesh.vertices, np.float32),
+            np.ascontiguousarray(mesh.faces, np.int32),
+            target_count=most,
         )
         mesh = Mesh(vertices.astype(float), faces, mesh.colour)
     return mesh
 
 
 def _snapped(mesh: Mesh, reach: float) -> Mesh:
-    """A mesh with the corners of each cell of a grid made one, at their mean; files often give each triangle its own."""
+    """A mesh with the corners in each cell of a grid made one, at their mean; many files give each triangle its own."""
     cell = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / reach).astype(np.int64)
     _, at = np.unique(cell @ (1, 1 << 20, 1 << 40), return_inverse=True)
     count = np.bincount(at)

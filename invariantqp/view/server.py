@@ -17,18 +17,16 @@ from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.view.arm import ArmShape, arm_shape, tool_velocity
 from invariantqp.view.display import tunnel
 from invariantqp.view.film import (
     FORCE,
-    ArmShape,
     CurveChart,
     Film,
-    arm_shape,
     extremes,
     film_before,
     film_of,
     limit_charts,
-    tool_velocity,
 )
 from invariantqp.view.stage import Stage
 from invariantqp.view.widgets import joint_bars, paragraph, span, with_cursor

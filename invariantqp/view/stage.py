@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.view.film import ArmShape, Film, colours, motions
+from invariantqp.view.arm import ArmShape, motions
+from invariantqp.view.film import Film, colours
 from invariantqp.view.look import Part
 
 if TYPE_CHECKING:

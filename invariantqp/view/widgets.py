@@ -52,9 +52,10 @@ def joint_bars(film: Film, i: int) -> str:
             place = f"calc({np.clip((q - low) / (high - low), 0.0, 1.0):.4f} * (100% - 6px))"
             mark = f'<b style="position:absolute;left:{place};width:6px;height:100%;background:{colour}"></b>'
         bar = "flex:1 0 40px;position:relative;height:9px;border:1px solid #9995;border-radius:5px;overflow:hidden"
+        label = "flex:0 1 110px;min-width:0;overflow:hidden;text-overflow:ellipsis"
         rows.append(
             '<div style="display:flex;gap:8px;align-items:center;font-size:12px">'
-            f'<span style="flex:0 1 110px;min-width:0;overflow:hidden;text-overflow:ellipsis">{html.escape(name)}</span>'
+            f'<span style="{label}">{html.escape(name)}</span>'
             f'<span style="{bar}">{mark}</span>'
             f'<span style="width:60px;text-align:right">{_with_unit(q, slide)}</span>'
             f'<span style="width:70px;text-align:right">{_with_unit(speed, slide)}/s</span></div>'

@@ -1,4 +1,4 @@
-"""Arms on rails, on mobile bases and on poses, and one tool seen from another: against Pinocchio and finite differences."""
+"""Arms on rails, mobile bases and poses, one tool seen from another: against Pinocchio and finite differences."""
 
 import numpy as np
 import pinocchio as pin
@@ -27,13 +27,13 @@ def appended(base, arm, place=None):
 def turned(arm, q, step=1e-6):
     """(6, m) joint twists by central differences, in the frame of arm's base."""
     T = arm.pose(q)
-    moved = [
-        [iq.log(arm.pose(q + s * e) @ np.linalg.inv(T)) for s in (step, -step)] for e in np.eye(len(q))
-    ]
+    moved = [[iq.log(arm.pose(q + s * e) @ np.linalg.inv(T)) for s in (step, -step)] for e in np.eye(len(q))]
     return np.array([(a - b) / (2 * step) for a, b in moved]).T
 
 
-@pytest.mark.parametrize("base", [rail([0, 2.0, 1.0]), mobile_base(1.0, 2.0), iq.load_robot("so101")], ids=["rail", "mobile", "arm"])
+@pytest.mark.parametrize(
+    "base", [rail([0, 2.0, 1.0]), mobile_base(1.0, 2.0), iq.load_robot("so101")], ids=["rail", "mobile", "arm"]
+)
 def test_an_arm_on_a_base_is_pinocchios_appended_model(base):
     arm = iq.load_robot("ur5e")
     both = iq.load_robot("ur5e", base=base)

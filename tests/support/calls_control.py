@@ -104,7 +104,10 @@ def robot_calls(name, robot):
 CONTROL = {
     # robots
     "load_robot": lambda: (iq.load_robot, {"source": "ur5", "tool": None, "joints": None, "offset": T, "base": T}),
-    "load_robot, screws": lambda: (iq.load_robot, {"source": J, "tool": T, "joints": None, "offset": None, "base": None}),
+    "load_robot, screws": lambda: (
+        iq.load_robot,
+        {"source": J, "tool": T, "joints": None, "offset": None, "base": None},
+    ),
     "rail": lambda: (iq.robots.rail, {"axis": [0, 0, 1.0], "lower": -1.0, "upper": 1.0, "speed": 1.0, "name": "rail"}),
     "mobile_base": lambda: (iq.robots.mobile_base, {"speed": 1.0, "turn_speed": 1.0, "name": "base"}),
     "stand_on": lambda: (iq.robots.stand_on, {"base": T, "arm": chain()}),

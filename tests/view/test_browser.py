@@ -14,7 +14,8 @@ from support.views import TASK
 import invariantqp as iq
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view import server
-from invariantqp.view.film import film_of, motions
+from invariantqp.view.arm import motions
+from invariantqp.view.film import film_of
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium; it comes with the extra 'test'")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -104,7 +105,9 @@ def test_the_page_places_the_arm_where_it_is(opened, trace):
     np.testing.assert_allclose(seen["points"], film.points[37], atol=1e-6)  # the page has float32
     np.testing.assert_allclose(seen["axes"], film.axes[37], atol=1e-6)
     np.testing.assert_allclose(np.reshape(seen["tool"], (3, 4)), film.tool[37, :3], atol=1e-6)
-    np.testing.assert_allclose(np.reshape(seen["motions"][7], (3, 4)), motions(film.screws, film.q[37])[7][:3], atol=1e-6)
+    np.testing.assert_allclose(
+        np.reshape(seen["motions"][7], (3, 4)), motions(film.screws, film.q[37])[7][:3], atol=1e-6
+    )
 
 
 def test_the_page_asks_nothing_of_a_network(opened):

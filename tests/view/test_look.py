@@ -12,7 +12,7 @@ import invariantqp as iq
 from invariantqp.robots.load import urdf_of
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view import look
-from invariantqp.view.film import motions
+from invariantqp.view.arm import motions
 from invariantqp.view.look import TRIANGLES, Look, look_of
 
 meshes = pytest.importorskip("invariantqp.view.meshes", reason="the extra 'meshes' is not installed")
@@ -22,7 +22,8 @@ WHEELED = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></mater
 <geometry><cylinder radius="0.1" length="1"/></geometry><material name="red"/></visual></link>
 <link name="tip"><visual><geometry><sphere radius="0.05"/></geometry></visual></link>
 <link name="far"><visual><geometry>{far}</geometry></visual></link>
-<joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/></joint>
+<joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.2"/>
+<axis xyz="0 0 1"/></joint>
 <joint name="slide" type="prismatic"><parent link="arm"/><child link="tip"/><origin xyz="1 0 0"/><axis xyz="1 0 0"/>
 <limit lower="0.1" upper="0.5" velocity="1"/></joint>
 <joint name="end" type="fixed"><parent link="tip"/><child link="far"/><origin xyz="0.2 0 0"/></joint></robot>"""
@@ -64,8 +65,8 @@ def test_parts_are_where_pinocchio_places_the_meshes(name):
     pin.updateGeometryPlacements(model, data, shapes, seen, full)
     corners = []
     for shape, place in zip(shapes.geometryObjects, seen.oMg, strict=True):
-        for mesh in meshes.read_meshes(Path(shape.meshPath)):
-            corners.append(mesh.vertices * shape.meshScale @ place.rotation.T + place.translation)
+        found_there = meshes.read_meshes(Path(shape.meshPath))
+        corners += [m.vertices * shape.meshScale @ place.rotation.T + place.translation for m in found_there]
     moved = motions(robot.jacobian(np.zeros(len(q))), q)
     parts = [part.vertices @ moved[part.joint][:3, :3].T + moved[part.joint][:3, 3] for part in found.parts]
     np.testing.assert_allclose(box(np.vstack(parts)), box(np.vstack(corners)), atol=0.006)
@@ -84,7 +85,9 @@ def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
     robot = iq.load_robot(file, "tip", ["turn"])
     found = look_of(task_of(str(file), 1, tool="tip", joints=["turn"]), robot.names)
     assert {part.joint for part in found.parts} == {0, 1}
-    assert max(part.vertices[:, 0].max() for part in found.parts) == pytest.approx(robot.pose([0.0])[0, 3] + 0.3, abs=5e-3)
+    assert max(part.vertices[:, 0].max() for part in found.parts) == pytest.approx(
+        robot.pose([0.0])[0, 3] + 0.3, abs=5e-3
+    )
 
 
 def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):

@@ -19,7 +19,8 @@ import invariantqp as iq
 from invariantqp.robots.load import KNOWN
 from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.film import arm_shape, extremes, film_before, film_of
+from invariantqp.view.arm import arm_shape
+from invariantqp.view.film import extremes, film_before, film_of
 from invariantqp.view.page import page
 from invariantqp.view.widgets import joint_bars, paragraph, with_cursor
 
