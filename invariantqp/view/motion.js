@@ -12,7 +12,8 @@ const times = (A, B) => {
   return rigid(column(0), column(1), column(2), act(A, [B[3], B[7], B[11]]));
 };
 
-// exp(q s), s = (w; v):  R = 1 + sin t W + (1 - cos t) W^2,  p = (t + (1 - cos t) W + (t - sin t) W^2) v / |w|,  t = |w| q.
+// exp(q s), s = (w; v), t = |w| q:
+//   R = 1 + sin t W + (1 - cos t) W^2,    p = (t + (1 - cos t) W + (t - sin t) W^2) v / |w|
 function exp(w, v, q) {
   const rate = norm(w);
   if (rate === 0) return rigid([1, 0, 0], [0, 1, 0], [0, 0, 1], v.map(x => q * x));

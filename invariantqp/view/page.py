@@ -20,7 +20,7 @@ from invariantqp.template import fill_template
 from invariantqp.view.film import FORCE, TRAVEL, CurveChart, Film, colours, film_of
 from invariantqp.view.look import Part
 
-SCRIPTS = ("motion.js", "painter.js", "charts.js", "player.js")
+SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # A chart of more curves than this has no key: the colours are those of the joints' bars.
 KEYED = 3
 

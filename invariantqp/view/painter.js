@@ -1,4 +1,4 @@
-// The scene in three dimensions on a 2D canvas: lit faces, by WebGL, or sorted by depth where there is none.
+// The scene in three dimensions on a 2D canvas: lit faces, by WebGL; where there is none, sorted by depth and without meshes.
 
 const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -8,13 +8,7 @@ const unit = a => { const n = norm(a); return n > 0 ? a.map(x => x / n) : [0, 0,
 const mix = (a, b, s) => a.map((x, i) => x + s * (b[i] - x));
 const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
 const LIGHT = unit([0.4, -0.5, 0.9]);
-const lit = (normal, light = LIGHT) => 0.56 + 0.44 * dot(normal, light);
-// Corners arrive projected: [x, y, depth] as WebGL has them, and a colour with its alpha.
-const VERTEX = `attribute vec3 at; attribute vec4 ink; varying lowp vec4 paint;
-  void main() { gl_Position = vec4(at, 1.0); paint = vec4(ink.rgb * ink.a, ink.a); }`;
-const FRAGMENT = "varying lowp vec4 paint; void main() { gl_FragColor = paint; }";
-const NUMBERS = 7;  // of a corner
-
+const lit = normal => 0.56 + 0.44 * dot(normal, LIGHT);
 class Painter {
   // The ball that is seen at first, and a smaller one in it that a double click shows.
   constructor(canvas, [centre, size], [spot, extent]) {
@@ -26,34 +20,11 @@ class Painter {
     this.size = size;
     this.near = 0.02 * size;
     this.polygons = [];
+    this.meshes = [];
     this.words = [];
-    this.sheet = document.createElement("canvas");
-    this.gl = this.sheet.getContext("webgl", { antialias: true });
-    if (this.gl) this.prepare();
+    const sheet = document.createElement("canvas"), gl = sheet.getContext("webgl", { antialias: true });
+    this.hardware = gl && new Hardware(gl, sheet);
     this.listen();
-  }
-
-  // Compile the shaders; everything is sent anew in each picture.
-  prepare() {
-    const { gl } = this, program = gl.createProgram();
-    for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    gl.useProgram(program);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    for (const [name, count, from] of [["at", 3, 0], ["ink", 4, 12]]) {
-      const place = gl.getAttribLocation(program, name);
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, count, gl.FLOAT, false, 4 * NUMBERS, from);
-    }
-    gl.enable(gl.DEPTH_TEST);
-    gl.enable(gl.BLEND);
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    this.numbers = new Float32Array(1 << 16);
   }
 
   // Begin a picture: the camera's axes, and a canvas as fine as the screen.
@@ -73,6 +44,7 @@ class Painter {
     this.eye = add(camera.target, this.back, camera.reach);
     this.focal = 1.25 * Math.min(this.width, this.height);
     this.polygons = [];
+    this.meshes = [];
     this.words = [];
   }
 
@@ -84,16 +56,16 @@ class Painter {
     return [this.width / 2 + s * dot(r, this.right), this.height / 2 - s * dot(r, this.up), depth];
   }
 
-  // Add a polygon that is projected: how light each corner is, and how much farther than it is it counts.
-  polygon(seen, colour, lights, alpha = 1, farther = 0) {
-    this.polygons.push({ seen, colour, lights, alpha, farther });
+  // Add a polygon that is projected: how light it is, and how much farther than it is it counts.
+  polygon(seen, colour, light, alpha = 1, farther = 0) {
+    this.polygons.push({ seen, colour, light, alpha, farther });
   }
 
   // Add a face: points in space, a colour [r, g, b], lit by its normal unless that is null; farther draws it behind
   // what lies on it.
   face(points, colour, normal = null, alpha = 1, farther = 0) {
     const seen = points.map(p => this.project(p));
-    if (!seen.includes(null)) this.polygon(seen, colour, Array(seen.length).fill(normal ? lit(normal) : 1), alpha, farther);
+    if (!seen.includes(null)) this.polygon(seen, colour, normal ? lit(normal) : 1, alpha, farther);
   }
 
   // A line through points, as flat pieces; nearer draws it in front of what it lies on.
@@ -105,21 +77,13 @@ class Painter {
       const long = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1, s = width / 2 / long;
       const [x, y] = [s * (b[0] - a[0]), s * (b[1] - a[1])], end = 0.4 * (alpha === 1);
       const corner = (p, along, across) => [p[0] + along * x - across * y, p[1] + along * y + across * x, p[2]];
-      this.polygon([corner(a, -end, 1), corner(a, -end, -1), corner(b, end, -1), corner(b, end, 1)], colour, [1, 1, 1, 1],
-        alpha, -nearer);
+      const four = [corner(a, -end, 1), corner(a, -end, -1), corner(b, end, -1), corner(b, end, 1)];
+      this.polygon(four, colour, 1, alpha, -nearer);
     }
   }
 
-  // A part of many triangles, moved by a 3x4 matrix.
-  mesh({ vertices, faces, normals, colour }, T) {
-    const light = back(T, LIGHT), seen = [];
-    for (let i = 0; i < vertices.length; i += 3) seen.push(this.project(act(T, vertices.subarray(i, i + 3))));
-    for (let i = 0; i < faces.length; i += 3) {
-      const corners = [seen[faces[i]], seen[faces[i + 1]], seen[faces[i + 2]]];
-      if (corners.includes(null)) continue;
-      this.polygon(corners, colour, [0, 3, 6].map(k => lit(normals.subarray(3 * i + k, 3 * i + k + 3), light)));
-    }
-  }
+  // Add a part of many triangles, moved by a 3x4 matrix; only WebGL draws it.
+  mesh(part, T) { this.meshes.push([part, T]); }
 
   // Words beside a point, on its side away from another point.
   text(words, at, ink, other = null) {
@@ -188,54 +152,16 @@ class Painter {
   end() {
     const far = p => p.seen.reduce((s, c) => s + c[2], 0) / p.seen.length + p.farther;
     const sorted = list => list.map(p => [far(p), p]).sort((a, b) => b[0] - a[0]).map(([, p]) => p);
-    if (this.gl) {
+    if (this.hardware) {
       const solid = this.polygons.filter(p => p.alpha === 1), clear = sorted(this.polygons.filter(p => p.alpha < 1));
-      this.send(solid, clear);
-      this.pen.drawImage(this.sheet, 0, 0, this.width, this.height);
+      this.hardware.draw(this, solid, clear);
+      this.pen.drawImage(this.hardware.sheet, 0, 0, this.width, this.height);
     } else for (const p of sorted(this.polygons)) this.trace(p);
     for (const write of this.words) write(this.pen);
   }
 
-  // Draw by WebGL: what is solid hides what is behind it, what is clear is laid over it.
-  send(solid, clear) {
-    const { gl, sheet, canvas } = this;
-    if (sheet.width !== canvas.width || sheet.height !== canvas.height) {
-      sheet.width = canvas.width; sheet.height = canvas.height;
-    }
-    gl.viewport(0, 0, sheet.width, sheet.height);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    for (const [list, solids] of [[solid, true], [clear, false]]) {
-      const count = this.corners(list);
-      gl.depthMask(solids);
-      gl.bufferData(gl.ARRAY_BUFFER, this.numbers.subarray(0, NUMBERS * count), gl.STREAM_DRAW);
-      gl.drawArrays(gl.TRIANGLES, 0, count);
-    }
-    gl.depthMask(true);
-  }
-
-  // Write the corners of polygons, as triangles, and return how many there are.
-  corners(polygons) {
-    const count = polygons.reduce((n, p) => n + 3 * (p.seen.length - 2), 0);
-    if (NUMBERS * count > this.numbers.length) this.numbers = new Float32Array(2 * NUMBERS * count);
-    const { numbers, width, height, near } = this;
-    let at = 0;
-    for (const { seen, colour, lights, alpha, farther } of polygons) {
-      for (let k = 2; k < seen.length; k++) {
-        for (const i of [0, k - 1, k]) {
-          const [x, y, depth] = seen[i], light = lights[i] / 255;
-          numbers[at++] = 2 * x / width - 1;
-          numbers[at++] = 1 - 2 * y / height;
-          numbers[at++] = 1 - 2 * near / Math.max(near, depth + farther);
-          for (let c = 0; c < 3; c++) numbers[at++] = colour[c] * light;
-          numbers[at++] = alpha;
-        }
-      }
-    }
-    return count;
-  }
-
-  trace({ seen, colour, lights, alpha }) {
-    const { pen } = this, light = lights.reduce((a, b) => a + b) / lights.length;
+  trace({ seen, colour, light, alpha }) {
+    const { pen } = this;
     const ink = `rgba(${colour.map(x => Math.min(255, light * x) | 0)},${alpha})`;
     pen.beginPath();
     seen.forEach((p, i) => i ? pen.lineTo(p[0], p[1]) : pen.moveTo(p[0], p[1]));

@@ -30,21 +30,21 @@ const frameAt = t => {
 
 const state = { t: 0, playing: false, rate: 1 };
 const arm = new Arm(arrays.screws.data, arrays.places.data, Array.from(arrays.home.data));
-const parts = run.parts.map(part => {
-  const vertices = decoded(part.vertices).data, faces = decoded(part.faces, Uint16Array).data;
-  return { ...part, vertices, faces, normals: smooth(vertices, faces) };
-});
 const each = place => Array.from({ length: frames }, (_, i) => place(i));
 const r = run.size, wanted = each(i => spot(row("wanted", i))), states = each(i => arm.at(row("q", i)));
 const drawn = states.map(s => spot(s.tool));
 const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
 const painter = new Painter($("view"), [run.centre, r], [mix(...ends, 0.5), norm(add(...ends, -1)) / 2]);
+const parts = (painter.hardware ? run.parts : []).map(part => {
+  const vertices = decoded(part.vertices).data, faces = decoded(part.faces, Uint16Array).data;
+  return { ...part, vertices, faces, normals: smooth(vertices, faces) };
+});
 const floor = run.floor - 0.01 * r;
 const corners = triples([...arrays.faces.data]);
 const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
 const charts = run.charts.map(c => new Chart($("side"), c, time, limited, t => { play(false); seek(t); }));
-const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force), travel: rgb(run.hues.travel),
-  dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
+const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
+  travel: rgb(run.hues.travel), dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
 $("key").innerHTML = `<i style="color:${run.hues.wanted}"></i>path wanted<i style="color:${run.hues.drawn}"></i>path drawn`
   + (arrays.force ? `<i style="color:${run.hues.force}"></i>force of the tool` : "")
   + `<i style="color:${run.hues.travel}"></i>velocity of the tool`

@@ -12,6 +12,7 @@ from support.views import TASK, read
 
 from invariantqp import cli
 from invariantqp.runs.taskfile import task_from
+from invariantqp.view import display
 from invariantqp.view.display import has_display, page_name
 
 
@@ -96,6 +97,32 @@ def test_where_a_browser_would_be_seen(monkeypatch, platform, environment, displ
     monkeypatch.setattr(sys, "platform", platform)
     monkeypatch.setattr(os, "environ", environment)
     assert has_display() is display
+
+
+def test_over_ssh_a_command_is_told_that_shows_the_view(monkeypatch):
+    monkeypatch.setattr(display, "getuser", lambda: "me")
+    monkeypatch.setattr(display.socket, "gethostname", lambda: "lab")
+    monkeypatch.setattr(os, "environ", {"SSH_CONNECTION": "10.0.0.9 5000 10.0.0.2 22"})
+    assert display.tunnel(8080) == "ssh -L 8080:localhost:8080 me@10.0.0.2"
+    monkeypatch.setattr(os, "environ", {"SSH_CONNECTION": "10.0.0.9 5000 10.0.0.2 2222"})
+    assert display.tunnel(8081) == "ssh -L 8081:localhost:8081 -p 2222 me@10.0.0.2"
+    monkeypatch.setattr(os, "environ", {})
+    assert display.tunnel(8080) == "ssh -L 8080:localhost:8080 me@lab"
+
+
+@pytest.mark.parametrize(
+    ("environment", "terminal", "remote"),
+    [
+        ({"SSH_CONNECTION": "a 1 b 22"}, True, True),
+        ({"SSH_CONNECTION": "a 1 b 22"}, False, False),  # a script that nobody watches
+        ({"SSH_CONNECTION": "a 1 b 22", "CI": "true"}, True, False),
+        ({"DISPLAY": ":0"}, True, False),
+    ],
+)
+def test_where_somebody_sits_at_another_machine(monkeypatch, environment, terminal, remote):
+    monkeypatch.setattr(os, "environ", environment)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: terminal, raising=False)
+    assert display.is_remote() is remote
 
 
 def test_a_pages_name_is_a_files_name():

@@ -11,11 +11,10 @@ from support.views import TASK
 import invariantqp as iq
 from invariantqp.robots.load import urdf_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view import look
+from invariantqp.view import look, meshes
 from invariantqp.view.arm import motions
 from invariantqp.view.look import TRIANGLES, Look, look_of
 
-meshes = pytest.importorskip("invariantqp.view.meshes", reason="the extra 'meshes' is not installed")
 WHEELED = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
 <link name="base"><visual><origin xyz="0 0 0.1"/><geometry><box size="0.2 0.4 0.2"/></geometry></visual></link>
 <link name="arm"><visual><origin xyz="0.5 0 0" rpy="0 1.5707963267948966 0"/>
