@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 from invariantqp.cli.places import PAGES, PICTURES, writable, write, writing
 from invariantqp.cli.status import NotAccepted
 from invariantqp.errors import BadInput
-from invariantqp.extras import require
+from invariantqp.extras import is_installed, require
 from invariantqp.printing import print_contact_frame_check, print_frame_check, print_run, progress, say
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
         return None, None
     from invariantqp.view.display import has_display, is_remote, page_name
 
-    remote = is_remote()
+    remote = is_remote() and is_installed("viser")
     if view or not (has_display() or remote):
         page = Path(view or page_name(task))
         writable("--view", page, PAGES)

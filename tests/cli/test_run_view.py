@@ -144,3 +144,14 @@ def test_ctrl_c_leaves_cleanly(run, tmp_path):
     assert said[1] == "playing; Ctrl-C ends it\n"
     assert f"open {url}\n" in out
     assert "accepted" in out
+
+
+def test_over_ssh_the_run_is_served_to_another_machine(run, monkeypatch):
+    monkeypatch.setattr("invariantqp.view.display.is_remote", lambda: True)
+    monkeypatch.setattr("invariantqp.view.server.Viewer.play", lambda *_: None)
+    monkeypatch.setenv("SSH_CONNECTION", "10.0.0.9 5000 10.0.0.2 22")
+    status, _, err = run("short.toml", "--view")
+    assert status == 0
+    assert re.search(
+        r"on your machine: ssh -L (\d+):localhost:\1 \S+@10.0.0.2\nthe view is at http://localhost:\1\n", err
+    )

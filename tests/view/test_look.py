@@ -95,7 +95,6 @@ def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
         assert look_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]) == Look()
     assert look_of(task_of("ur5e", 6), iq.load_robot("ur5e").names) == Look()
     look.read_look.cache_clear()
-    monkeypatch.setitem(sys.modules, "invariantqp.view.meshes", None)
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     monkeypatch.delitem(sys.modules, "invariantqp.view.meshes")
     said = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
