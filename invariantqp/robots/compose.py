@@ -39,7 +39,9 @@ def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float 
         BadInput: an axis of length 0, limits that are none.
     """
     screw = prismatic(arrays.direction(axis, "axis"))
-    return Chain(screw[:, None], np.eye(4), [_text(name)], [lower], [upper], [speed], tool=f"{name}_carriage")
+    low, high = arrays.number(lower, "lower", infinite=True), arrays.number(upper, "upper", infinite=True)
+    most = arrays.number(speed, "speed", positive=True, infinite=True)
+    return Chain(screw[:, None], np.eye(4), [_text(name)], low, high, most, tool=f"{name}_carriage")
 
 
 def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "base") -> Chain:
