@@ -40,6 +40,8 @@ def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float 
     """
     screw = prismatic(arrays.direction(axis, "axis"))
     low, high = arrays.number(lower, "lower", infinite=True), arrays.number(upper, "upper", infinite=True)
+    if low > high:
+        raise BadInput("lower", f"{low:g}, above the upper limit {high:g}", "lower <= upper")
     most = arrays.number(speed, "speed", positive=True, infinite=True)
     return Chain(screw[:, None], np.eye(4), [_text(name)], low, high, most, tool=f"{name}_carriage")
 
