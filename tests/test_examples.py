@@ -35,7 +35,7 @@ SAYS = {
     "21_paper": "7 differ, each by an erratum",
     "23_conventions": "conventions.svg",
     "24_gallery": "tasks and",
-    "26_rail_and_two_arms": "m of the 2 m, the arm does the rest",
+    "27_rail_and_two_arms": "m of the 2 m, the arm does the rest",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
