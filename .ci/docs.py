@@ -24,7 +24,7 @@ from invariantqp.geometry.arrays import Array
 
 # What a newcomer looks for comes first on the page of public names.
 ORDER = (
-    *("robots", "control", "velocity", "force", "pose", "runs", "analysis", "pictures", "view"),
+    *("robots", "control", "velocity", "batches", "force", "pose", "runs", "analysis", "pictures", "view"),
     *("geometry", "systems", "compare", "engine", "errors"),
 )
 # Aliases that a signature would spell out, as signatures spell them out, and what they are called.

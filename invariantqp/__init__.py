@@ -13,6 +13,7 @@ from invariantqp.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from invariantqp import analysis as analysis
+    from invariantqp import batches as batches
     from invariantqp import compare as compare
     from invariantqp import contacts as contacts
     from invariantqp import control as control
@@ -111,6 +112,7 @@ load_lazily(
     },
     namespaces=(
         "analysis",
+        "batches",
         "compare",
         "contacts",
         "control",

@@ -20,7 +20,7 @@ NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection Involution MethodChoice "
     "NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation SensorCheck Sighting "
-    "StationaryPoint Survey "
+    "StationaryPoint Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "

@@ -149,7 +149,7 @@ class Chain(Value):
         return model_of(self.screws, self.places, self.home, self.names, limits, self.tool)
 
     @cached_property
-    def _powers(self) -> tuple[Array, Array]:
+    def powers(self) -> tuple[Array, Array]:
         """(m,) rates |omega| of the joints, 1 for slides, and (m, 3, 16) powers 1 to 3 of S / rate as 4x4 matrices."""
         rates = np.array([hypot(*s[:3].tolist()) or 1.0 for s in self.screws.T])
         S = np.array([_matrix(s) for s in (self.screws / rates).T])
@@ -160,7 +160,7 @@ class Chain(Value):
 
         exp(tS) = 1 + tS + (1 - cos t) S^2 + (t - sin t) S^3 for a hinge or screw of rate 1, and 1 + tS for a slide.
         """
-        rates, powers = self._powers
+        rates, powers = self.powers
         t = rates * q
         half = np.sin(0.5 * t)
         parts = np.stack((t, 2.0 * half * half, t - np.sin(t)), axis=1)[:, None]

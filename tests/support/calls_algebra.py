@@ -164,6 +164,22 @@ ALGEBRA = {
     ),
     "solve_velocity": lambda: (iq.solve_velocity, {"J": J, "twist": TWIST, **law_options()}),
     "method_for": lambda: (iq.velocity.method_for, {"J": J, "twist": TWIST, **law_options()}),
+    "exps": lambda: (iq.batches.exps, {"twists": TWIST}),
+    "logs": lambda: (iq.batches.logs, {"poses": T}),
+    "adjoints": lambda: (iq.batches.adjoints, {"poses": T}),
+    "velocities": lambda: (
+        iq.batches.velocities,
+        {
+            "J": J,
+            "twist": TWIST,
+            "point": POINT,
+            "bounds": None,
+            "posture": None,
+            "length": None,
+            "damping": None,
+            "dt": 0.0,
+        },
+    ),
     "solve_velocities": lambda: (
         iq.solve_velocities,
         {"J": np.stack([J, J]), "twist": np.stack([TWIST, TWIST]), **law_options("exact", "rows", "tool_speed")},

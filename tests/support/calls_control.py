@@ -1,6 +1,7 @@
 """Calls of robots, control, force, pose and what is above them with the right arguments."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -31,6 +32,16 @@ def chain():
 @cache
 def controller():
     return iq.Controller(ur5(), dt=0.01, form=H)
+
+
+def batch_ik():
+    return iq.batches.DifferentialIK(SimpleNamespace(command_type="pose"), 1, quaternion="wxyz")
+
+
+def commanded():
+    controller = batch_ik()
+    controller.set_command(np.array([[0.1, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]))
+    return controller
 
 
 def task():
@@ -321,6 +332,28 @@ CONTROL = {
         {"transform_target_to_world": T},
     ),
     # LeRobot
+    "kinematics": lambda: (iq.batches.kinematics, {"robot": chain(), "q": Q}),
+    "DifferentialIK": lambda: (
+        iq.batches.DifferentialIK,
+        {
+            "cfg": SimpleNamespace(command_type="pose"),
+            "num_envs": 2,
+            "device": "cpu",
+            "quaternion": "wxyz",
+            "position_limits": None,
+            "velocity_limit": None,
+            "dt": 1.0,
+        },
+    ),
+    "DifferentialIK.reset": lambda: (batch_ik().reset, {"env_ids": None}),
+    "DifferentialIK.set_command": lambda: (
+        batch_ik().set_command,
+        {"command": np.ones((1, 7)), "ee_pos": None, "ee_quat": None},
+    ),
+    "DifferentialIK.compute": lambda: (
+        commanded().compute,
+        {"ee_pos": np.ones((1, 3)), "ee_quat": np.ones((1, 4)), "jacobian": J[None], "joint_pos": Q[None]},
+    ),
     "RobotKinematics": lambda: (
         iq.lerobot.RobotKinematics,
         {

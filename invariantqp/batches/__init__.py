@@ -1,0 +1,31 @@
+"""Many rows at once where they are: numpy, torch on any device, JAX under jit and vmap, CuPy, by the Python array API.
+
+Each name is loaded when first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from invariantqp.lazy import load_lazily
+
+if TYPE_CHECKING:
+    from invariantqp.batches.differential_ik import DifferentialIK as DifferentialIK
+    from invariantqp.batches.kinematics import Kinematics as Kinematics
+    from invariantqp.batches.kinematics import kinematics as kinematics
+    from invariantqp.batches.motions import adjoints as adjoints
+    from invariantqp.batches.motions import exps as exps
+    from invariantqp.batches.motions import logs as logs
+    from invariantqp.batches.velocities import STATUSES as STATUSES
+    from invariantqp.batches.velocities import Velocities as Velocities
+    from invariantqp.batches.velocities import velocities as velocities
+
+load_lazily(
+    __name__,
+    {
+        "invariantqp.batches.differential_ik": ("DifferentialIK",),
+        "invariantqp.batches.kinematics": ("Kinematics", "kinematics"),
+        "invariantqp.batches.motions": ("adjoints", "exps", "logs"),
+        "invariantqp.batches.velocities": ("STATUSES", "Velocities", "velocities"),
+    },
+)

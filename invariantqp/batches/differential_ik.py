@@ -1,0 +1,199 @@
+"""A batched differential-IK controller with Isaac Lab's calls, inside joint limits; it imports no Isaac Lab.
+
+    DifferentialIK(cfg, num_envs, device, quaternion="wxyz")
+        .set_command(command, ee_pos, ee_quat)
+        .compute(ee_pos, ee_quat, jacobian, joint_pos) -> joint position targets
+
+What differs from `isaaclab.controllers.DifferentialIKController`: position and velocity limits hold in every answer;
+rows with NaN hold their joints; the law's own damping stands in place of `ik_method` and `ik_params`, so that an arm
+comes to rest where its target is out of reach.
+
+Reference: Isaac Lab, source/isaaclab/isaaclab/controllers/differential_ik.py (2.3 and 3.0).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.batches.motions import vector_of
+from invariantqp.batches.namespace import Namespace, Rows, chosen_text, shaped, together
+from invariantqp.batches.velocities import velocities
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays
+
+ORDERS = ("wxyz", "xyzw")
+# More rows than any memory holds.
+MOST_ROWS = 10**12
+
+
+class DifferentialIK:
+    """Joint position targets for tool commands, `num_envs` rows at once.
+
+    Attributes:
+        cfg: as it was given.
+        num_envs: how many rows.
+        ee_pos_des: (N, 3) the target's position, None before the first command.
+        ee_quat_des: (N, 4) its orientation.
+        status: (N,) of the last answer, as `Velocities.status`.
+    """
+
+    def __init__(
+        self,
+        cfg: Any,
+        num_envs: int,
+        device: str | None = None,  # noqa: ARG002 (a place in the call)
+        *,
+        quaternion: str,
+        position_limits: tuple[ArrayLike, ArrayLike] | None = None,
+        velocity_limit: ArrayLike | None = None,
+        dt: float = 1.0,
+    ) -> None:
+        """A controller.
+
+        Args:
+            cfg: anything with `command_type` ("position" or "pose") and `use_relative_mode`, such as a
+                `DifferentialIKControllerCfg`.
+            num_envs: how many rows.
+            device: taken for the sake of the call; arrays stay where they are given.
+            quaternion: the order of quaternions, "wxyz" up to Isaac Lab 2.3, "xyzw" from 3.0.
+            position_limits: lower and upper joint positions, (m,) or (N, m).
+            velocity_limit: (m,) or (N, m) positive [rad/s, length/s]; None is none.
+            dt: time between two calls [s], which turns the velocity limit into a step.
+
+        Raises:
+            BadInput: another command type or order of quaternions, limits that are not two arrays.
+        """
+        self.cfg = cfg
+        self._position = chosen_text(getattr(cfg, "command_type", cfg), ("position", "pose"), "cfg") == "position"
+        self._relative = arrays.flag(getattr(cfg, "use_relative_mode", False), "cfg")
+        self.num_envs = arrays.count(num_envs, "num_envs", MOST_ROWS)
+        self._order = chosen_text(quaternion, ORDERS, "quaternion")
+        self._dt = arrays.number(dt, "dt", "a time", positive=True)
+        if position_limits is not None and (
+            not isinstance(position_limits, (tuple, list)) or len(position_limits) != 2
+        ):
+            raise BadInput("position_limits", excerpt(position_limits), "(lower, upper)")
+        self._limits = (*(position_limits or (None, None)), velocity_limit)
+        self.ee_pos_des: Rows | None = None
+        self.ee_quat_des: Rows | None = None
+        self.status: Rows | None = None
+
+    @property
+    def action_dim(self) -> int:
+        """How many numbers a command has: 3 of a position, 6 of a relative pose, 7 of a pose."""
+        return 3 if self._position else 6 if self._relative else 7
+
+    def reset(self, env_ids: Any = None) -> None:
+        """Nothing is remembered that would have to be reset; commands stay."""
+
+    def set_command(
+        self, command: ArrayLike, ee_pos: ArrayLike | None = None, ee_quat: ArrayLike | None = None
+    ) -> None:
+        """Where the tool is to go.
+
+        Args:
+            command: (N, 3) a position or, relative, a way; (N, 6) a way and a rotation vector; (N, 7) a pose, position
+                before quaternion.
+            ee_pos: (N, 3) where the tool is, for relative commands.
+            ee_quat: (N, 4) likewise, and for positions.
+
+        Raises:
+            BadInput: shapes that do not fit, or a pose of the tool that is needed and missing.
+        """
+        needed = {"ee_pos": self._relative, "ee_quat": self._relative or self._position}
+        given = {"ee_pos": ee_pos, "ee_quat": ee_quat}
+        for name, value in given.items():
+            if needed[name] and value is None:
+                raise BadInput(name, "None", "the tool's, which this kind of command needs")
+        xp, (c, p, quat) = together({"command": command}, given)
+        self._rows(command=(c, self.action_dim), ee_pos=(p, 3), ee_quat=(quat, 4))
+        way = c[..., :3]
+        self.ee_pos_des = p + way if self._relative else way
+        if self._position:
+            self.ee_quat_des = quat
+        elif self._relative:
+            turn = _quaternion(xp, c[..., 3:])
+            self.ee_quat_des = self._ordered(xp, product(xp, turn, self._scalar_first(xp, quat)))
+        else:
+            self.ee_quat_des = c[..., 3:]
+
+    def compute(self, ee_pos: ArrayLike, ee_quat: ArrayLike, jacobian: ArrayLike, joint_pos: ArrayLike) -> Rows:
+        """(N, m) joint position targets.
+
+        Args:
+            ee_pos: (N, 3) the tool's position.
+            ee_quat: (N, 4) its orientation.
+            jacobian: (N, 6, m) of the tool's point, linear rows first, as simulators give it.
+            joint_pos: (N, m) joint positions.
+
+        Raises:
+            BadInput: shapes that do not fit, or no command yet.
+        """
+        if self.ee_pos_des is None:
+            raise BadInput("command", "none yet", "set_command before compute")
+        lower, upper, speed = self._limits
+        here = {"ee_pos": ee_pos, "ee_quat": ee_quat, "jacobian": jacobian, "joint_pos": joint_pos}
+        there = {"ee_pos_des": self.ee_pos_des, "ee_quat_des": self.ee_quat_des}
+        limits = {"position_limits[0]": lower, "position_limits[1]": upper, "velocity_limit": speed}
+        xp, (p, quat, J, q, p_des, quat_des, low, high, fastest) = together(here, there | limits)
+        shaped(J, (6, None), "jacobian", "shape (N, 6, m), linear rows first")
+        self._rows(ee_pos=(p, 3), ee_quat=(quat, 4), joint_pos=(q, J.shape[-1]))
+        with np.errstate(all="ignore"):  # quaternions of size zero: such rows are held
+            turn = product(xp, self._scalar_first(xp, quat_des), conjugate(xp, self._scalar_first(xp, quat)))
+            twist = xp.concat((vector_of(xp, turn), p_des - p), axis=-1)
+        if self._position:
+            twist = xp.concat((xp.zeros_like(p), p_des - p), axis=-1)
+        twists = xp.concat((J[..., 3:, :], J[..., :3, :]), axis=-2)
+        step = q * 0.0 + (xp.inf if fastest is None else fastest * self._dt)
+        room = (-step if low is None else xp.minimum(xp.maximum(low - q, -step), step),
+                step if high is None else xp.minimum(xp.maximum(high - q, -step), step))  # fmt: skip
+        answer = velocities(twists, twist, point=p * 0.0, bounds=room, length=0.0 if self._position else None, dt=1.0)
+        self.status = answer.status
+        return q + answer.velocity
+
+    def _rows(self, **given: tuple[Rows, int]) -> None:
+        """Check that arguments have a row for each environment."""
+        for name, (value, size) in given.items():
+            expected = (self.num_envs, size)
+            if value is not None and tuple(value.shape) != expected:
+                raise BadInput(name, f"shape {tuple(value.shape)}", f"shape {expected}, a row for each environment")
+
+    def _scalar_first(self, xp: Namespace, quaternion: Rows) -> Rows:
+        """(w, x, y, z) of a quaternion in the caller's order."""
+        return quaternion if self._order == "wxyz" else xp.roll(quaternion, 1, axis=-1)
+
+    def _ordered(self, xp: Namespace, quaternion: Rows) -> Rows:
+        """The caller's order of (w, x, y, z)."""
+        return quaternion if self._order == "wxyz" else xp.roll(quaternion, -1, axis=-1)
+
+
+def product(xp: Namespace, a: Rows, b: Rows) -> Rows:
+    """(..., 4) the product of quaternions (w, x, y, z): the rotation b, then a."""
+    s, x, y, z = (a[..., i] for i in range(4))
+    t, u, v, w = (b[..., i] for i in range(4))
+    return xp.stack(
+        (
+            s * t - x * u - y * v - z * w,
+            s * u + x * t + y * w - z * v,
+            s * v - x * w + y * t + z * u,
+            s * w + x * v - y * u + z * t,
+        ),
+        axis=-1,
+    )
+
+
+def conjugate(xp: Namespace, quaternion: Rows) -> Rows:
+    """(..., 4) the inverse rotation of (w, x, y, z)."""
+    return xp.concat((quaternion[..., :1], -quaternion[..., 1:]), axis=-1)
+
+
+def _quaternion(xp: Namespace, vector: Rows) -> Rows:
+    """(..., 4) (w, x, y, z) of rotation vectors (..., 3)."""
+    square = xp.sum(vector * vector, axis=-1, keepdims=True)
+    some = square > 0.0
+    angle = xp.sqrt(xp.where(some, square, xp.ones_like(square)))
+    share = xp.where(some, xp.sin(0.5 * angle) / angle, 0.5 * xp.ones_like(angle))
+    return xp.concat((xp.where(some, xp.cos(0.5 * angle), xp.ones_like(angle)), share * vector), axis=-1)

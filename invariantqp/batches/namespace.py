@@ -1,0 +1,191 @@
+"""Arrays of any library that has the Python array API, and the little that the API leaves out.
+
+Numpy, torch, JAX and CuPy arrays stay where they are, on their device and in their precision; anything else becomes a
+numpy array. Functions of this room have no branch on values, so that they can be traced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.extras import require
+from invariantqp.geometry import arrays as checks
+
+# An array of one of the libraries; they have no type in common.
+Rows = Any
+Namespace = Any
+
+
+def together(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> tuple[Namespace, list[Rows]]:
+    """The namespace of several arguments, and each as a floating array of it, on one device, in one precision.
+
+    The first argument that is an array of a library decides for all.
+
+    Args:
+        needed: arguments by name.
+        optional: likewise; None stays None.
+
+    Raises:
+        BadInput: not real numbers, or arrays of two libraries.
+        MissingExtra: array-api-compat is not installed.
+    """
+    missing = [name for name, value in needed.items() if value is None]
+    if missing:
+        raise BadInput(missing[0], "None", "an array")
+    values = needed | (optional or {})
+    require("batches", "array_api_compat")
+    import array_api_compat as api
+
+    given = {name: v for name, v in values.items() if api.is_array_api_obj(v) and not api.is_numpy_array(v)}
+    if not given:
+        return _numpy(api, values)
+    first = next(iter(given))
+    try:
+        xp = api.array_namespace(*given.values())
+    except TypeError as error:
+        kinds = ", ".join(sorted({type(v).__module__.split(".")[0] for v in given.values()}))
+        raise BadInput(first, f"arrays of {kinds}", "arrays of one library") from error
+    floating = [v for v in given.values() if xp.isdtype(v.dtype, "real floating")]
+    like = floating[0] if floating else xp.astype(given[first], xp.asarray(1.0).dtype)
+    return xp, [_as(xp, like, name, v, known=name in given) for name, v in values.items()]
+
+
+def _as(xp: Namespace, like: Rows, name: str, value: Any, *, known: bool) -> Rows:
+    """One argument as an array like another."""
+    if value is None:
+        return None
+    if known:
+        if not xp.isdtype(value.dtype, ("real floating", "integral")):
+            raise BadInput(name, f"an array of {value.dtype}", "real numbers")
+        return value if value.dtype == like.dtype else xp.astype(value, like.dtype)
+    return constant(xp, like, checks.array(value, name, "real numbers"))
+
+
+def _numpy(api: Any, values: dict[str, Any]) -> tuple[Namespace, list[Rows]]:
+    """Arguments that no other library owns: float32 where the first is, float64 otherwise."""
+    found = [None if v is None else checks.array(v, name, "real numbers") for name, v in values.items()]
+    first = next((v for v in values.values() if isinstance(v, np.ndarray)), None)
+    if first is not None and first.dtype == np.float32:
+        found = [None if a is None else a.astype(np.float32) for a in found]
+    return api.array_namespace(np.empty(0)), found
+
+
+def constant(xp: Namespace, like: Rows, value: Any) -> Rows:
+    """A number or a numpy array as an array like another: its library, device and precision."""
+    import array_api_compat as api
+
+    return xp.asarray(np.array(value), dtype=like.dtype, device=api.device(like))
+
+
+def shaped(value: Rows, tail: tuple[int | None, ...], argument: str, expected: str) -> Rows:
+    """`value`, if its last axes are `tail`; None is any length of at least one.
+
+    Raises:
+        BadInput: they are not.
+    """
+    shape = tuple(value.shape)
+    fits = len(shape) >= len(tail) and all(
+        (n is None and k >= 1) or n == k for n, k in zip(tail, shape[len(shape) - len(tail) :], strict=True)
+    )
+    if not fits:
+        raise BadInput(argument, f"shape {shape}", expected)
+    return value
+
+
+def joined(rows: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
+    """The leading axes that all arguments broadcast to.
+
+    Raises:
+        BadInput: they do not fit; the one that does not is named.
+    """
+    lead: tuple[int, ...] = ()
+    for name, shape in rows.items():
+        try:
+            lead = np.broadcast_shapes(lead, shape)
+        except ValueError as error:
+            raise BadInput(name, f"{shape} rows", f"{lead} rows, as of the arguments before, or one for all") from error
+    return lead
+
+
+def constant_of(value: Rows) -> Rows:
+    """The same numbers without their derivatives."""
+    import array_api_compat as api
+
+    if api.is_torch_array(value):
+        return value.detach()
+    if api.is_jax_array(value):
+        import jax
+
+        return jax.lax.stop_gradient(value)
+    return value
+
+
+def carries_derivatives(*values: Rows) -> bool:
+    """Whether any of the arrays may be asked for a derivative: in torch where one requires it, in JAX always."""
+    import array_api_compat as api
+
+    return any(api.is_jax_array(v) or (api.is_torch_array(v) and v.requires_grad) for v in values if v is not None)
+
+
+def settled(step: Callable[[Any, Any], Any], problem: Any, state: Any, times: int) -> Any:
+    """The state of all rows after steps until each is `settled`, `times` at most.
+
+    Under JAX it is one traced loop. Elsewhere rows that are settled take no part any more once they are half of all;
+    a device is asked each time how many are left.
+
+    Args:
+        step: the next state of (problem, state).
+        problem: a named tuple of arrays with the rows last.
+        state: likewise, with a field `settled` (N,).
+        times: how many steps at most.
+    """
+    import array_api_compat as api
+
+    if api.is_jax_array(state.settled):
+        import jax
+
+        def going(carried: Any) -> Any:
+            return (carried[0] < times) & ~carried[1].settled.all()
+
+        return jax.lax.while_loop(going, lambda c: (c[0] + 1, step(problem, c[1])), (0, state))[1]
+    whole, here = state, slice(None)
+    for _ in range(times):
+        state = step(problem, state)
+        open_rows = api.array_namespace(state.settled).nonzero(~state.settled)[0]
+        left, count = open_rows.shape[0], state.settled.shape[0]
+        if left == 0:
+            break
+        if 2 * left <= count:
+            whole = _written(whole, here, state)
+            here = open_rows if isinstance(here, slice) else here[open_rows]
+            problem, state = (type(v)(*(a[..., open_rows] for a in v)) for v in (problem, state))
+    return _written(whole, here, state)
+
+
+def _written(whole: Any, here: Any, part: Any) -> Any:
+    """The state of all rows, with that of some replaced."""
+    if isinstance(here, slice):
+        return part
+    for a, b in zip(whole, part, strict=True):
+        a[..., here] = b
+    return whole
+
+
+def precision(xp: Namespace, value: Rows) -> float:
+    """The rounding of an array's numbers."""
+    return float(xp.finfo(value.dtype).eps)
+
+
+def chosen_text(value: Any, choices: tuple[str, ...], argument: str) -> str:
+    """One of some words.
+
+    Raises:
+        BadInput: another.
+    """
+    if not isinstance(value, str) or value not in choices:
+        raise BadInput(argument, excerpt(value), " or ".join(f'"{c}"' for c in choices))
+    return value

@@ -1,0 +1,204 @@
+"""The law's damped least squares inside a box, for rows of any library, with its derivative.
+
+    minimise |A x - b|^2 + |x - x_p|^2_Lambda   over lower <= x <= upper,     Lambda = V diag(lambda_i^2) V'
+
+V and lambda as in `velocity.objective` and `velocity.damping`. The answer is computed without derivatives. They come
+from the optimum's own equation: with g the gradient of the objective and H its Hessian, on the free joints
+
+    H_FF dx_F = -(dg + H_FB dx_B),       dx_B = that of the bound
+
+so one solve gives them, of first order; the passes that found the optimum take no part.
+
+Reference: Daleckii & Krein 1965, for the derivative of Lambda; the implicit function theorem for the rest.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.batches.box import Problem, inverse_hessian_times, least_squares_in_box
+from invariantqp.batches.measure import beside_largest, length_of
+from invariantqp.batches.namespace import Namespace, Rows, carries_derivatives, constant, constant_of, precision
+from invariantqp.velocity.calm import CALM, DEVIATION_SHARE, QUIET_SHARE
+from invariantqp.velocity.damping import UNLIMITED_CEILING, UNLIMITED_THRESHOLD, Adaptive, Fixed
+from invariantqp.velocity.objective import NULL_RATIO, NULL_WEIGHT
+
+# In single precision, directions that the law damps by less than this share of the largest singular value are damped by
+# so much: the square of a smaller one would be rounding beside the others.
+SINGLE_CEILING = 1e-3
+SINGLE_NULL_RATIO = 1e-6
+# eps above which an array is of single precision.
+SINGLE = 1e-10
+
+
+class Least(NamedTuple):
+    """The optimum of each row.
+
+    Attributes:
+        x: (..., m) inside the box.
+        side: (..., m) -1 at the lower bound, 1 at the upper, 0 between.
+        settled: (...) whether it is the optimum.
+        lost: (...) what damping gives up of b where no bound is met, beside the largest entry of b.
+    """
+
+    x: Rows
+    side: Rows
+    settled: Rows
+    lost: Rows
+
+
+class Damped(NamedTuple):
+    """lambda^2 as a function of s = sigma^2.
+
+    Attributes:
+        values: (..., m).
+        slopes: (..., m, m) its divided differences, for the derivative of Lambda.
+        by_largest: (..., m) its derivative by the largest s.
+    """
+
+    values: Rows
+    slopes: Rows
+    by_largest: Rows
+
+
+def damped_least_squares(
+    xp: Namespace,
+    A: Rows,
+    b: Rows,
+    lower: Rows,
+    upper: Rows,
+    posture: Rows,
+    damping: Adaptive | Fixed | None,
+    unit: Rows,
+    dt: float = 0.0,
+) -> Least:
+    """The optimum and its derivative.
+
+    Args:
+        xp: namespace.
+        A: (..., k, m) finite, of size one or zero.
+        b: (..., k) finite.
+        lower: (..., m) at most `upper`.
+        upper: likewise.
+        posture: (..., m) x_p.
+        damping: the policy; None is the law's default for each row.
+        unit: (..., 1) what A and b were divided by, for a fixed lambda.
+        dt: how long the velocity is held, for `velocity.calm`; the answer then has no derivative.
+    """
+    A0, b0, low, high, towards = (constant_of(v) for v in (A, b, lower, upper, posture))
+    m = A0.shape[-1]
+    if A0.shape[-2] < m:
+        fill = xp.broadcast_to(xp.zeros_like(A0[..., :1, :]), (*A0.shape[:-2], m - A0.shape[-2], m))
+        A0, b0 = xp.concat((A0, fill), axis=-2), xp.concat((b0, fill[..., 0]), axis=-1)
+    U, sigma, Vt = xp.linalg.svd(A0, full_matrices=False)
+    largest = sigma[..., :1]
+    still = largest == 0.0
+    ratio = SINGLE_NULL_RATIO if precision(xp, A0) > SINGLE else NULL_RATIO
+    largest = xp.where(still, xp.ones_like(largest), largest)
+    sigma = sigma * xp.clip(sigma / (ratio * largest) - 1.0, 0.0, 1.0)
+    null = sigma == 0.0
+    limited = xp.all(xp.isfinite(low) & xp.isfinite(high), axis=-1)[..., None]
+    damped = _damped(xp, sigma, largest, null, damping, limited, unit)
+    weights = sigma * sigma + damped.values
+    wanted = _times(xp, xp.matrix_transpose(U), b0)
+    optimum = (sigma * wanted + damped.values * _times(xp, Vt, towards)) / weights
+    missed = xp.where(null, xp.zeros_like(sigma), damped.values) * wanted / weights
+    spectrum = (Vt, sigma, damped)
+    x, side, settled, K, free = _boxed(xp, Vt, weights, optimum, low, high)
+    if dt > 0.0:
+        speed = length_of(xp, xp.where(null, xp.zeros_like(sigma), _times(xp, Vt, x)))
+        added = _calm(xp, A0, b0, x, speed, dt)[..., None]
+        x, side, settled, K, free = _boxed(xp, Vt, weights + added, optimum * (weights / (weights + added)), low, high)
+    lost = length_of(xp, missed / beside_largest(xp, b0)[1])
+    if dt == 0.0 and carries_derivatives(A, b, lower, upper, posture):
+        bound = xp.where(side < 0.0, lower, xp.where(side > 0.0, upper, x))
+        change = _gradient(xp, A, b, posture, bound, spectrum)
+        change = _rows_last(xp, change - constant_of(change), 1)
+        newton = inverse_hessian_times(xp, K, free, change)
+        x = bound - xp.reshape(xp.matrix_transpose(newton), side.shape)
+    return Least(x, side, settled, lost)
+
+
+def _boxed(
+    xp: Namespace, Vt: Rows, weights: Rows, optimum: Rows, low: Rows, high: Rows
+) -> tuple[Rows, Rows, Rows, Rows, Rows]:
+    """x, side (..., m) and settled (...) for K = diag(sqrt(weights)) V'; K (m, m, N), free joints (m, N)."""
+    roots = xp.sqrt(weights)
+    centre, axes = _times(xp, xp.matrix_transpose(Vt), optimum), Vt.ndim - 2
+    condition = xp.reshape(xp.max(roots, axis=-1) / xp.min(roots, axis=-1), (-1,))
+    K, start, lower, upper = (_rows_last(xp, v, v.ndim - axes) for v in (roots[..., None] * Vt, centre, low, high))
+    found = least_squares_in_box(xp, Problem(K, start, lower, upper, condition))
+    x, side = (xp.reshape(xp.matrix_transpose(v), centre.shape) for v in (found.x, found.side))
+    return x, side, xp.reshape(found.settled, centre.shape[:-1]), K, found.side == 0.0
+
+
+def _calm(xp: Namespace, A: Rows, b: Rows, x: Rows, speed: Rows, dt: float) -> Rows:
+    """(...) mu of `velocity.calm`."""
+    size, left = xp.sqrt(xp.sum(A * A, axis=(-2, -1))), length_of(xp, b - _times(xp, A, x))
+    deviation = DEVIATION_SHARE * dt * size * speed * speed - length_of(xp, b)
+    error = left + xp.maximum(deviation, xp.zeros_like(deviation))
+    return xp.maximum(0.5 * CALM * dt * error * size - QUIET_SHARE * size * size, xp.zeros_like(error))
+
+
+def _gradient(xp: Namespace, A: Rows, b: Rows, posture: Rows, x: Rows, spectrum: tuple[Rows, Rows, Damped]) -> Rows:
+    """(..., m) A'(A x - b) + Lambda(A) (x - x_p), right to first order in everything."""
+    Vt, sigma, damped = spectrum
+    AV = A @ xp.matrix_transpose(Vt)
+    S = xp.matrix_transpose(AV) @ AV
+    S = S - constant_of(S)
+    m = sigma.shape[-1]
+    one = constant(xp, sigma, np.eye(m))
+    change = damped.slopes * S + one * (damped.by_largest * S[..., 0, 0][..., None])[..., None, :]
+    left = _times(xp, Vt, x - posture)
+    pulled = damped.values * left + _times(xp, change, left)
+    return _times(xp, xp.matrix_transpose(A), _times(xp, A, x) - b) + _times(xp, xp.matrix_transpose(Vt), pulled)
+
+
+def _damped(
+    xp: Namespace,
+    sigma: Rows,
+    largest: Rows,
+    null: Rows,
+    damping: Adaptive | Fixed | None,
+    limited: Rows,
+    unit: Rows,
+) -> Damped:
+    """The policy's squares; directions that move nothing have a weight in any case."""
+    s, top = sigma * sigma, largest * largest
+    single = precision(xp, sigma) > SINGLE
+    if isinstance(damping, Fixed):
+        values, inside = xp.zeros_like(s) + (damping.value / unit) ** 2, xp.zeros_like(s) > 1.0
+        inner, by_largest = xp.zeros_like(s)[..., None], xp.zeros_like(s)
+    else:
+        policy = damping or Adaptive()
+        one = xp.ones_like(top)
+        threshold, ceiling = one * policy.threshold, one * policy.ceiling
+        if damping is None:
+            threshold = xp.where(limited, threshold, one * UNLIMITED_THRESHOLD)
+            ceiling = xp.where(limited, ceiling, one * UNLIMITED_CEILING)
+        ceiling = xp.maximum(ceiling, one * SINGLE_CEILING) if single else ceiling
+        c, t = ceiling * ceiling, threshold * threshold
+        u = xp.minimum(s / (t * top), one)
+        values, by_largest, inside = c * top * (1.0 - u) ** 2, c * (1.0 - u * u), u < 1.0
+        inner = -(c / t)[..., None] * (2.0 - u[..., :, None] - u[..., None, :])
+    floor = (SINGLE_CEILING**2 if single else NULL_WEIGHT) * top
+    bare = null & (values == 0.0)
+    values, by_largest = xp.where(bare, floor, values), xp.where(bare, floor / top, by_largest)
+    apart = s[..., :, None] - s[..., None, :]
+    steps = values[..., :, None] - values[..., None, :]
+    quotient = xp.where(apart == 0.0, xp.zeros_like(apart), steps / xp.where(apart == 0.0, xp.ones_like(apart), apart))
+    both = inside[..., :, None] & inside[..., None, :]
+    return Damped(values, xp.where(both, inner + 0.0 * apart, quotient), by_largest)
+
+
+def _rows_last(xp: Namespace, value: Rows, axes: int) -> Rows:
+    """(m, ..., N) rows after the last `axes` axes, whatever axes of rows there are, contiguous."""
+    rows = xp.reshape(value, (-1, *value.shape[value.ndim - axes :]))
+    return xp.stack([xp.moveaxis(rows, 0, -1)], axis=0)[0]
+
+
+def _times(xp: Namespace, M: Rows, v: Rows) -> Rows:  # noqa: ARG001 (called beside functions of xp)
+    """(..., k) the product of (..., k, m) and (..., m)."""
+    return (M @ v[..., None])[..., 0]

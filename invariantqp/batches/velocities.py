@@ -1,0 +1,187 @@
+"""The velocity law for rows of any array library: `solve_velocity` without forms, exact rows and limits but the bounds.
+
+minimise L^2 |omega error|^2 + |v error at the point|^2 + damping   over lower <= x <= upper,      row by row
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.batches.measure import at_point, beside_largest, length_of, reaches
+from invariantqp.batches.namespace import Namespace, Rows, constant_of, joined, shaped, together
+from invariantqp.batches.objective import Least, damped_least_squares
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays
+from invariantqp.velocity.damping import Adaptive, Damping, Fixed, damping_of
+from invariantqp.velocity.problem import SLIDING
+from invariantqp.velocity.report import LOSS_TOLERANCE, MET_TOLERANCE, PRODUCT_ROUNDING, PROGRESS_SHARE
+
+# What the numbers in `Velocities.status` mean.
+STATUSES = ("ok", "degraded", "held")
+
+
+class Velocities(NamedTuple):
+    """The answers, arrays of the library that was given; a pytree of JAX.
+
+    Attributes:
+        velocity: (..., m) inside the bounds, to the last bit.
+        status: (...) 0 "ok", 1 "degraded", 2 "held", as `STATUSES` lists them.
+        active: (..., m) -1 at the lower bound, 1 at the upper, 0 at neither.
+        residual: (..., 6) s - J x in the frame of J.
+    """
+
+    velocity: Rows
+    status: Rows
+    active: Rows
+    residual: Rows
+
+
+class Question(NamedTuple):
+    """Finite rows of one shape: J (..., 6, m), s (..., 6), p (..., 3), low, high, posture (..., m), L (...) or None."""
+
+    J: Rows
+    s: Rows
+    p: Rows
+    low: Rows
+    high: Rows
+    posture: Rows
+    L: Rows | None
+
+
+def velocities(
+    J: ArrayLike,
+    twist: ArrayLike,
+    *,
+    point: ArrayLike,
+    bounds: tuple[ArrayLike, ArrayLike] | None = None,
+    posture: ArrayLike | None = None,
+    length: ArrayLike | None = None,
+    damping: Damping | float | None = None,
+    dt: float = 0.0,
+) -> Velocities:
+    """Joint velocities for a twist in every row, where the arrays are: numpy, torch, JAX, CuPy.
+
+    Each row is what `solve_velocity` says for the same arguments. A row with NaN, infinity or crossed bounds is "held":
+    velocity zero, or the nearest that its bounds allow; no other row notices. First derivatives by J, twist, point,
+    bounds, posture and length are the solution's own, where it has them: not where a joint just meets its bound.
+
+    Args:
+        J: (..., 6, m) joint twists (omega; v) as columns, each row in any one frame.
+        twist: (..., 6) wanted, in the frame of J.
+        point: (..., 3) in the frame of J, the physical point at which the error is least.
+        bounds: lower and upper, (..., m) each, -inf and inf where there is none; None is no bounds.
+        posture: (..., m) wanted where the twist leaves joints free; None is zero.
+        length: (...) L [length/rad]; None is the arm's reach to the point.
+        damping: `Adaptive`, `Fixed` or a number lambda; None as in `solve_velocity`, row by row.
+        dt: how long the velocity is held [s], for the damping that brings a `Controller`'s loop to rest where its
+            target is out of reach; 0 is none. With it the answer carries no derivative.
+
+    Returns:
+        Velocities; leading axes of the arguments broadcast.
+
+    Raises:
+        BadInput: shapes that do not fit, another policy, arrays of two libraries.
+        MissingExtra: array-api-compat is not installed.
+    """
+    policy, tick = _policy(damping), arrays.not_negative(dt, "dt", "a tick")
+    lower, upper = _pair(bounds)
+    optional = {"bounds[0]": lower, "bounds[1]": upper, "posture": posture, "length": length}
+    xp, rows = together({"J": J, "twist": twist, "point": point}, optional)
+    with np.errstate(all="ignore"):  # a row that overflows is held
+        question, good, still = _question(xp, rows)
+        x, status, side = _answer(xp, question, policy, tick)
+        done = good & xp.all(xp.isfinite(x), axis=-1)
+        x = xp.where(done[..., None], x, still)
+        residual = question.s - (question.J @ x[..., None])[..., 0]
+        status = xp.where(done, status, xp.zeros_like(status) + 2)
+    return Velocities(x, status, xp.where(done[..., None], side, xp.zeros_like(side)), residual)
+
+
+def _answer(xp: Namespace, q: Question, policy: Adaptive | Fixed | None, dt: float) -> tuple[Rows, Rows, Rows]:
+    """Velocity, status and active bounds of rows that can be computed with."""
+    J, s = at_point(xp, q.J, q.p), at_point(xp, q.s[..., None], q.p)[..., 0]
+    size = length_of(xp, q.p) + xp.max(xp.abs(q.J[..., 3:, :]), axis=(-2, -1))
+    L = reaches(xp, J, s, size) if q.L is None else q.L
+    per_radian = xp.stack((L, L, L, *[xp.ones_like(L)] * 3), axis=-1)
+    A, b = per_radian[..., None] * J, per_radian * s
+    t = _metric(xp, q.J, L)
+    largest = constant_of(xp.max(xp.abs(A * t[..., None, :]), axis=(-2, -1)))[..., None]
+    unit = xp.where(largest > 0.0, largest, xp.ones_like(largest))
+    A, b = A * t[..., None, :] / unit[..., None], b / unit
+    least = damped_least_squares(xp, A, b, q.low / t, q.high / t, q.posture / t, policy, unit, dt)
+    at_low, at_high = least.side < 0.0, least.side > 0.0
+    x = xp.minimum(xp.maximum(t * least.x, q.low), q.high)
+    x = xp.where(at_low, q.low, xp.where(at_high, q.high, x))
+    zero = xp.zeros_like(least.settled, dtype=xp.int8)
+    degraded = _is_degraded(xp, constant_of(A), constant_of(b), constant_of(least.x), least)
+    side = xp.astype(at_high, xp.int8) - xp.astype(at_low, xp.int8)
+    return x, xp.where(degraded, zero + 1, zero), side
+
+
+def _is_degraded(xp: Namespace, A: Rows, b: Rows, x: Rows, least: Least) -> Rows:
+    """(...) whether damping gives up part of the twist, no velocity reduces the error, or no optimum was found."""
+    left = b - (A @ x[..., None])[..., 0]
+    b, size = beside_largest(xp, b)
+    left, x = left / size, x / size
+    wanted, missed = xp.sum(b * b, axis=-1), xp.sum(left * left, axis=-1)
+    rounding = PRODUCT_ROUNDING**2 * xp.sum(A * A, axis=(-2, -1)) * xp.sum(x * x, axis=-1)
+    met = (missed <= MET_TOLERANCE**2 * wanted) | (missed <= rounding)
+    little = xp.sum(b * (b - left), axis=-1) < PROGRESS_SHARE * wanted
+    return ~least.settled | (least.lost > LOSS_TOLERANCE * xp.sqrt(wanted)) | (little & ~met)
+
+
+def _metric(xp: Namespace, J: Rows, L: Rows) -> Rows:
+    """(..., m) how much of a joint counts as one: L of a slide beside joints that turn."""
+    turning, moving = (xp.sqrt(xp.sum(constant_of(v) ** 2, axis=-2)) for v in (J[..., :3, :], J[..., 3:, :]))
+    slides = (turning * constant_of(L)[..., None] <= SLIDING * moving) & (moving > 0.0)
+    mixed = xp.any(slides, axis=-1) & ~xp.all(slides, axis=-1)
+    one = xp.ones_like(turning)
+    return xp.where(slides & mixed[..., None] & (L[..., None] > 0.0), L[..., None] * one, one)
+
+
+def _question(xp: Namespace, rows: Sequence[Rows]) -> tuple[Question, Rows, Rows]:
+    """The rows in one shape, zeros where one cannot be computed with; which can; and the velocity that holds."""
+    J, s, p, low, high, posture, L = rows
+    m = shaped(J, (6, None), "J", "shape (..., 6, m): joint twists as columns, angular part first").shape[-1]
+    tails: dict[str, tuple[Any, tuple[int, ...]]] = {"J": (J, (6, m)), "twist": (s, (6,)), "point": (p, (3,))}
+    optional = {"bounds[0]": (low, (m,)), "bounds[1]": (high, (m,)), "posture": (posture, (m,)), "length": (L, ())}
+    tails |= {name: (v, tail) for name, (v, tail) in optional.items() if v is not None}
+    for name, (v, tail) in tails.items():
+        shaped(v, tail, name, f"shape (..., {', '.join(map(str, tail))})")
+    lead = joined({name: tuple(v.shape[: v.ndim - len(tail)]) for name, (v, tail) in tails.items()})
+    J, s, p, *_ = wide = [xp.broadcast_to(v, lead + tail) for v, tail in tails.values()]
+    named = dict(zip(tails, wide, strict=True))
+    zero = xp.zeros_like(J[..., 0, :])
+    low, high = named.get("bounds[0]", zero - xp.inf), named.get("bounds[1]", zero + xp.inf)
+    posture, L = named.get("posture", zero), named.get("length")
+    good = xp.all(xp.isfinite(J), axis=(-2, -1))
+    for v in (s, p, posture):
+        good = good & xp.all(xp.isfinite(v), axis=-1)
+    boxed = (low <= high) & (low < xp.inf) & (high > -xp.inf)  # not for NaN
+    good = good & xp.all(boxed, axis=-1)
+    if L is not None:
+        good = good & xp.isfinite(L) & (L >= 0.0)
+        L = xp.where(good, L, xp.ones_like(L))
+    still = constant_of(xp.where(boxed, xp.minimum(xp.maximum(zero, low), high), zero))
+    one = good[..., None]
+    s, p, posture, low, high = (xp.where(one, v, xp.zeros_like(v)) for v in (s, p, posture, low, high))
+    return Question(xp.where(one[..., None], J, xp.zeros_like(J)), s, p, low, high, posture, L), good, still
+
+
+def _policy(damping: Damping | float | None) -> Adaptive | Fixed | None:
+    policy = None if damping is None else damping_of(damping, limited=True)
+    if policy is not None and type(policy) not in (Adaptive, Fixed):
+        raise BadInput("damping", type(policy).__name__, "Adaptive, Fixed or a number", "Use solve_velocities for it.")
+    return policy  # type: ignore[return-value]
+
+
+def _pair(bounds: Any) -> tuple[Any, Any]:
+    if bounds is None:
+        return None, None
+    if not isinstance(bounds, (tuple, list)) or len(bounds) != 2 or bounds[0] is None or bounds[1] is None:
+        raise BadInput("bounds", excerpt(bounds), "(lower, upper), arrays of shape (..., m), or None")
+    return bounds[0], bounds[1]
