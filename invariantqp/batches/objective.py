@@ -186,11 +186,16 @@ def _damped(
     floor = (SINGLE_CEILING**2 if single else NULL_WEIGHT) * top
     bare = null & (values == 0.0)
     values, by_largest = xp.where(bare, floor, values), xp.where(bare, floor / top, by_largest)
+    both = inside[..., :, None] & inside[..., None, :]
+    return Damped(values, xp.where(both, inner, _quotients(xp, s, values)), by_largest)
+
+
+def _quotients(xp: Namespace, s: Rows, values: Rows) -> Rows:
+    """(..., m, m) divided differences of values (..., m) over s (..., m), 0 where s are equal."""
     apart = s[..., :, None] - s[..., None, :]
     steps = values[..., :, None] - values[..., None, :]
-    quotient = xp.where(apart == 0.0, xp.zeros_like(apart), steps / xp.where(apart == 0.0, xp.ones_like(apart), apart))
-    both = inside[..., :, None] & inside[..., None, :]
-    return Damped(values, xp.where(both, inner + 0.0 * apart, quotient), by_largest)
+    same = apart == 0.0
+    return xp.where(same, xp.zeros_like(apart), steps / xp.where(same, xp.ones_like(apart), apart))
 
 
 def _rows_last(xp: Namespace, value: Rows, axes: int) -> Rows:

@@ -40,8 +40,8 @@ class Velocities(NamedTuple):
     residual: Rows
 
 
-class Question(NamedTuple):
-    """Finite rows of one shape: J (..., 6, m), s (..., 6), p (..., 3), low, high, posture (..., m), L (...) or None."""
+class Inputs(NamedTuple):
+    """Rows of one shape: J (..., 6, m), s (..., 6), p (..., 3), low, high, posture (..., m), L (...) or None."""
 
     J: Rows
     s: Rows
@@ -75,7 +75,7 @@ def velocities(
         point: (..., 3) in the frame of J, the physical point at which the error is least.
         bounds: lower and upper, (..., m) each, -inf and inf where there is none; None is no bounds.
         posture: (..., m) wanted where the twist leaves joints free; None is zero.
-        length: (...) L [length/rad]; None is the arm's reach to the point.
+        length: (...) L [length/rad]; None is the arm's reach to the point, 0 leaves out how the tool turns.
         damping: `Adaptive`, `Fixed` or a number lambda; None as in `solve_velocity`, row by row.
         dt: how long the velocity is held [s], for the damping that brings a `Controller`'s loop to rest where its
             target is out of reach; 0 is none. With it the answer carries no derivative.
@@ -92,16 +92,16 @@ def velocities(
     optional = {"bounds[0]": lower, "bounds[1]": upper, "posture": posture, "length": length}
     xp, rows = together({"J": J, "twist": twist, "point": point}, optional)
     with np.errstate(all="ignore"):  # a row that overflows is held
-        question, good, still = _question(xp, rows)
-        x, status, side = _answer(xp, question, policy, tick)
+        inputs, good, still = _sound(xp, _broadcast(xp, rows))
+        x, status, side = _answer(xp, inputs, policy, tick)
         done = good & xp.all(xp.isfinite(x), axis=-1)
         x = xp.where(done[..., None], x, still)
-        residual = question.s - (question.J @ x[..., None])[..., 0]
+        residual = inputs.s - (inputs.J @ x[..., None])[..., 0]
         status = xp.where(done, status, xp.zeros_like(status) + 2)
     return Velocities(x, status, xp.where(done[..., None], side, xp.zeros_like(side)), residual)
 
 
-def _answer(xp: Namespace, q: Question, policy: Adaptive | Fixed | None, dt: float) -> tuple[Rows, Rows, Rows]:
+def _answer(xp: Namespace, q: Inputs, policy: Adaptive | Fixed | None, dt: float) -> tuple[Rows, Rows, Rows]:
     """Velocity, status and active bounds of rows that can be computed with."""
     J, s = at_point(xp, q.J, q.p), at_point(xp, q.s[..., None], q.p)[..., 0]
     size = length_of(xp, q.p) + xp.max(xp.abs(q.J[..., 3:, :]), axis=(-2, -1))
@@ -143,8 +143,12 @@ def _metric(xp: Namespace, J: Rows, L: Rows) -> Rows:
     return xp.where(slides & mixed[..., None] & (L[..., None] > 0.0), L[..., None] * one, one)
 
 
-def _question(xp: Namespace, rows: Sequence[Rows]) -> tuple[Question, Rows, Rows]:
-    """The rows in one shape, zeros where one cannot be computed with; which can; and the velocity that holds."""
+def _broadcast(xp: Namespace, rows: Sequence[Rows]) -> Inputs:
+    """The rows in one shape, with what stands for arguments that were left out.
+
+    Raises:
+        BadInput: shapes that do not fit.
+    """
     J, s, p, low, high, posture, L = rows
     m = shaped(J, (6, None), "J", "shape (..., 6, m): joint twists as columns, angular part first").shape[-1]
     tails: dict[str, tuple[Any, tuple[int, ...]]] = {"J": (J, (6, m)), "twist": (s, (6,)), "point": (p, (3,))}
@@ -153,11 +157,17 @@ def _question(xp: Namespace, rows: Sequence[Rows]) -> tuple[Question, Rows, Rows
     for name, (v, tail) in tails.items():
         shaped(v, tail, name, f"shape (..., {', '.join(map(str, tail))})")
     lead = joined({name: tuple(v.shape[: v.ndim - len(tail)]) for name, (v, tail) in tails.items()})
-    J, s, p, *_ = wide = [xp.broadcast_to(v, lead + tail) for v, tail in tails.values()]
-    named = dict(zip(tails, wide, strict=True))
-    zero = xp.zeros_like(J[..., 0, :])
-    low, high = named.get("bounds[0]", zero - xp.inf), named.get("bounds[1]", zero + xp.inf)
-    posture, L = named.get("posture", zero), named.get("length")
+    wide = {name: xp.broadcast_to(v, lead + tail) for name, (v, tail) in tails.items()}
+    zero = xp.zeros_like(wide["J"][..., 0, :])
+    low, high = wide.get("bounds[0]", zero - xp.inf), wide.get("bounds[1]", zero + xp.inf)
+    left = wide.get("posture", zero), wide.get("length")
+    return Inputs(wide["J"], wide["twist"], wide["point"], low, high, *left)
+
+
+def _sound(xp: Namespace, inputs: Inputs) -> tuple[Inputs, Rows, Rows]:
+    """The rows, zeros where one cannot be computed with; which can; and the velocity that holds."""
+    J, s, p, low, high, posture, L = inputs
+    zero = xp.zeros_like(low)
     good = xp.all(xp.isfinite(J), axis=(-2, -1))
     for v in (s, p, posture):
         good = good & xp.all(xp.isfinite(v), axis=-1)
@@ -169,7 +179,7 @@ def _question(xp: Namespace, rows: Sequence[Rows]) -> tuple[Question, Rows, Rows
     still = constant_of(xp.where(boxed, xp.minimum(xp.maximum(zero, low), high), zero))
     one = good[..., None]
     s, p, posture, low, high = (xp.where(one, v, xp.zeros_like(v)) for v in (s, p, posture, low, high))
-    return Question(xp.where(one[..., None], J, xp.zeros_like(J)), s, p, low, high, posture, L), good, still
+    return Inputs(xp.where(one[..., None], J, xp.zeros_like(J)), s, p, low, high, posture, L), good, still
 
 
 def _policy(damping: Damping | float | None) -> Adaptive | Fixed | None:
