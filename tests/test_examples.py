@@ -36,7 +36,7 @@ SAYS = {
     "23_conventions": "conventions.svg",
     "24_gallery": "tasks and",
     "27_rail_and_two_arms": "m of the 2 m, the arm does the rest",
-    "26_batches": "tight batches.velocities, numpy",
+    "28_batches": "tight batches.velocities, numpy",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
@@ -46,7 +46,7 @@ SHORTER = {
     "25_pink_scripts": ("--short",),
     "22_contact_scenes": ("so101", "--seconds", "1.5", "--scene", "bar"),
     "24_gallery": ("gallery", "ur5_wrist"),
-    "26_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
+    "28_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
     "16_frame_race": ("film.gif", "3"),
 }
 

@@ -4,7 +4,7 @@ Joint positions all over the range of a Franka Research 3, random twists, two bo
 that nearly every row meets. Every library is asked for the same rows; the largest difference from the loop is printed
 with the rates. Calls take turns; a rate is of the median call, with that of the slowest in a hundred beside it.
 
-Run: python examples/26_batches.py [--rows 4096] [--device cuda] [--single] [--libraries numpy,torch,jax,cupy]
+Run: python examples/28_batches.py [--rows 4096] [--device cuda] [--single] [--libraries numpy,torch,jax,cupy]
 """
 
 import argparse
