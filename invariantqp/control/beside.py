@@ -1,19 +1,21 @@
 """Where the tool is beside its path: how far along, and how far across.
 
-    e = log(P T^-1) = shift t + e_across,     shift = <t, e> / <t, t>,   t the path's tangent
+    e = log(P T^-1) = shift t + e_across,     shift = <t, e> / (<t, t> + slow^2),   t the path's tangent
 
 P is the place where the tool is expected; it is behind that by `shift`, and feedback is left with e_across. Both are
-measured in what is asked of the arm (`asked`).
+measured in what is asked of the arm (`asked`). Where the path nearly stands still, feedback acts along it too. A tool
+beyond an end of the path is beside that end: what it is beyond is then part of e_across.
 """
 
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from invariantqp.control.asked import asked
 from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve
+from invariantqp.control.given_path import GivenPath
 from invariantqp.control.joint_path import OFF_PATH
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.geometry.arrays import Array
@@ -21,50 +23,55 @@ from invariantqp.robots.kinematics import Sighting
 
 
 class Beside(NamedTuple):
-    """The tool and its path in a tick.
+    """The tool and its path at the beginning of a tick.
 
     Attributes:
         sighting: the arm.
-        tangent: (6,) of the path in the middle of the tick.
+        target: the pose where it was expected, in the form that `robot.sight` takes.
         asked: (k, 6) rows of what is asked.
-        shift: how far the tool is behind the expected place.
-        across: (6,) the twist back to the path.
+        place: on the path nearest the tool.
+        across: (6,) the twist back to that place.
         off: its size in what is asked.
+        left: whether the path cannot be had here, and the plan's joint motion is followed instead.
     """
 
     sighting: Sighting
-    tangent: Array
+    target: Any
     asked: Array
-    shift: float
+    place: float
     across: Array
     off: float
+    left: bool
 
 
-def look(controller: Controller, curve: Curve, plan: PathPlan, q: Array, place: float, rate: float) -> Beside:
+def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expected: float, tangent: Array) -> Beside:
     """Where the tool is.
 
     Args:
         controller: with the arm.
-        curve: the path.
+        path: the path.
         plan: where it cannot be had, its joint motion is the path.
         q: (m,) joint positions.
-        place: where the tool is expected.
-        rate: how fast the place moves.
+        expected: the place where the tool is expected.
+        tangent: (6,) of the path about there.
     """
     robot = controller.robot
-    i = plan.piece(place)
-    middle = min(max(place + 0.5 * controller.dt * rate, 0.0), plan.end)
-    if max(plan.off[i], plan.off[i + 1]) > OFF_PATH * controller.measure.length:
-        target = robot.target(robot.pose(plan.joints(place)[0]))
-        sighting = robot.sight(q, target)
-        tangent = sighting.J.dot(plan.joints(middle)[1])
-    else:
-        target = robot.target(curve.pose(place))
-        sighting = robot.sight(q, target)
-        tangent = curve.tangent(middle)
+    left = plan.leaves(expected, OFF_PATH * controller.measure.length)
+    target = robot.target(robot.pose(plan.joints(expected)[0]) if left else path.curve.pose(expected))
+    sighting = robot.sight(q, target)
     R = asked(controller, sighting, controller.measure.root(robot, sighting, target))
     ahead, error = R.dot(tangent), R.dot(sighting.error)
-    square = float(ahead.dot(ahead))
-    shift = float(ahead.dot(error)) / square if square > 0.0 else 0.0
+    shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + path.slow * path.slow)
+    place = min(max(expected - shift, plan.start), plan.end)
+    shift = expected - place
     rest = error - shift * ahead
-    return Beside(sighting, tangent, R, shift, sighting.error - shift * tangent, sqrt(float(rest.dot(rest))))
+    return Beside(sighting, target, R, place, sighting.error - shift * tangent, sqrt(float(rest.dot(rest))), left)
+
+
+def tangent_at(controller: Controller, curve: Curve, plan: PathPlan, at: float, *, left: bool) -> Array:
+    """(6,) the tangent of what is followed at a place: of the path or, where that is left, of the joint motion."""
+    if not left:
+        return curve.tangent(at)
+    joints, slope = plan.joints(at)
+    tangent: Array = controller.robot.jacobian(joints).dot(slope)
+    return tangent

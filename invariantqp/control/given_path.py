@@ -18,6 +18,8 @@ from invariantqp.robots.kinematics import Robot, middle
 
 # A path shorter than this, relative to the measure's length, stands still.
 STILL = 1e-9
+# A path that goes at this share of its mean speed nearly stands still: rounding decides which place is nearest there.
+SLOW = 1e-3
 
 
 class GivenPath(NamedTuple):
@@ -26,10 +28,12 @@ class GivenPath(NamedTuple):
     Attributes:
         curve: with the parameter that is driven: the caller's, or the length in the measure.
         places: (n,) the caller's parameter at the knots of the curve.
+        slow: a tangent of this size, in the measure, is that of a path that nearly stands still.
     """
 
     curve: Curve
     places: Array
+    slow: float
 
     def place(self, at: float) -> float:
         """The caller's parameter at a place of the curve."""
@@ -76,7 +80,9 @@ def given_path(
     along, places = by_length(curve, size)
     if len(along.knots) < 2 or not along.end > STILL * measure.length:
         raise BadInput("path", "a path that stands still", "one along which the tool moves")
-    return GivenPath(curve, curve.at) if timed else GivenPath(along, places)
+    if timed:
+        return GivenPath(curve, curve.at, SLOW * along.end / curve.end)
+    return GivenPath(along, places, SLOW)
 
 
 def _poses(path: Any) -> Array:

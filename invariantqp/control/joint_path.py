@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import sqrt
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from invariantqp.control.asked import asked
 from invariantqp.control.controller import Controller
-from invariantqp.control.curve import Curve
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Sighting
@@ -71,6 +70,23 @@ class Knot(NamedTuple):
     ratio: float
 
 
+class Poses(Protocol):
+    """A path: a `Curve`, or one the other way round."""
+
+    @property
+    def end(self) -> float:
+        """The largest parameter."""
+        ...
+
+    def pose(self, at: float) -> Array:
+        """(4, 4) the pose at a place."""
+        ...
+
+    def tangent(self, at: float) -> Array:
+        """(6,) the twist per unit of the parameter at a place, base frame."""
+        ...
+
+
 class JointPath:
     """Knots from a start on; `extend` finds the next one.
 
@@ -82,7 +98,7 @@ class JointPath:
     def __init__(
         self,
         controller: Controller,
-        curve: Curve,
+        curve: Poses,
         q: Array,
         start: float = 0.0,
         *,

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.curve import piece_of
-from invariantqp.control.joint_path import AT_LIMIT, SHORTEST, JointPath
+from invariantqp.control.curve import Curve, piece_of
+from invariantqp.control.joint_path import AT_LIMIT, SHORTEST, Knot
 from invariantqp.control.path_speed import drivable, top_speed
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
@@ -37,8 +37,8 @@ class PathPlan(NamedTuple):
         forward: the largest v^2 at each knot, driven forward, as a list.
         backward: the same, driven backward.
         ruling: (n,) what limits the speed at each knot, in words.
-        off: (n,) how far the tool is off the path, in the measure.
-        ratio: (n,) how far from a singularity the arm is, as in `Knot`.
+        off: how far the tool is off the path at each knot, in the measure, as a list.
+        ratio: how far from a singularity the arm is at each, as in `Knot`.
         blocked: why the path ends at the last knot, in words; "" where it does not.
         braking: the least path acceleration of which the joints are capable anywhere.
     """
@@ -49,15 +49,25 @@ class PathPlan(NamedTuple):
     forward: list[float]
     backward: list[float]
     ruling: list[str]
-    off: Array
-    ratio: Array
+    off: list[float]
+    ratio: list[float]
     blocked: str
     braking: float
+
+    @property
+    def start(self) -> float:
+        """Where it begins."""
+        return self.at[0]
 
     @property
     def end(self) -> float:
         """Where it ends."""
         return self.at[-1]
+
+    def leaves(self, at: float, reachable: float) -> bool:
+        """Whether the tool is farther off the path than `reachable` on the piece at a place."""
+        i = self.piece(at)
+        return max(self.off[i], self.off[i + 1]) > reachable
 
     def piece(self, at: float) -> int:
         """The number of the piece at a place."""
@@ -110,21 +120,23 @@ class PathPlan(NamedTuple):
         return max(0.0, min(v, sign * ((knots[0] if back else knots[-1]) - at) / dt))
 
 
-def plan_of(path: JointPath, fastest: float = inf) -> PathPlan:
-    """The plan of the knots found so far; the tool stops at the last of them.
+def plan_of(controller: Controller, curve: Curve, knots: list[Knot], blocked: str, fastest: float = inf) -> PathPlan:
+    """The plan of knots; the tool stops at the first and the last of them.
 
     Args:
-        path: with a knot or more.
+        controller: whose limits hold.
+        curve: the path.
+        knots: one or more.
+        blocked: why the path ends at the last of them, in words; "" where it does not.
         fastest: the largest v that will be asked for.
     """
-    controller, knots = path.controller, path.knots
     if len(knots) == 1:  # blocked from the start on
-        knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * path.curve.end)]
+        knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * curve.end)]
     acceleration = accelerations_of(controller)
     at = np.array([k.at for k in knots])
     q = np.array([k.q for k in knots])
     slopes = np.array([k.slope for k in knots])
-    top, ruling = _top(path, at, q, slopes, acceleration)
+    top, ruling = _top(controller, curve, at, q, slopes, acceleration)
     top = np.minimum(top, fastest)
     final = 0.0 if np.isfinite(acceleration).any() else inf
     forward = drivable(at, q, slopes, top, acceleration, final)
@@ -140,9 +152,9 @@ def plan_of(path: JointPath, fastest: float = inf) -> PathPlan:
         forward=forward.tolist(),
         backward=backward.tolist(),
         ruling=ruling,
-        off=np.array([k.off for k in knots]),
-        ratio=np.array([k.ratio for k in knots]),
-        blocked=path.blocked,
+        off=[k.off for k in knots],
+        ratio=[k.ratio for k in knots],
+        blocked=blocked,
         braking=braking,
     )
 
@@ -155,9 +167,10 @@ def accelerations_of(controller: Controller) -> Array:
     return acceleration
 
 
-def _top(path: JointPath, at: Array, q: Array, slopes: Array, acceleration: Array) -> tuple[Array, list[str]]:
+def _top(
+    controller: Controller, curve: Curve, at: Array, q: Array, slopes: Array, acceleration: Array
+) -> tuple[Array, list[str]]:
     """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
-    controller = path.controller
     robot, names = controller.robot, controller.robot.names
     limit = np.broadcast_to(VELOCITY_SHARE * robot.velocity_limit, slopes.shape)
     words = [f"velocity of joint {i} ({name})" for i, name in enumerate(names)]
@@ -175,7 +188,7 @@ def _top(path: JointPath, at: Array, q: Array, slopes: Array, acceleration: Arra
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
     if controller.tool_speed is not None:
         point = np.append(np.zeros(3) if controller.tool_speed.point is None else controller.tool_speed.point, 1.0)
-        fast = [velocity_at(path.curve.tangent(t), path.curve.pose(t).dot(point)[:3]) for t in at.tolist()]
+        fast = [velocity_at(curve.tangent(t), curve.pose(t).dot(point)[:3]) for t in at.tolist()]
         speed, _ = top_speed(np.linalg.norm(fast, axis=1)[:, None], VELOCITY_SHARE * controller.tool_speed.limit)
         slower(speed, ["the tool's speed"] * len(top))
     if controller.joint_rows is not None:

@@ -198,3 +198,11 @@ def test_an_elastic_path_is_late_and_not_off():
     assert figures["path_lag"] > 0.1
     assert any(name.startswith("velocity of joint") for name in figures["slowed_by"])
     assert 0.0 < figures["path_speed"]["median"] < 1.0
+
+
+def test_an_elastic_path_is_the_same_in_any_frame_of_the_tool():
+    task = iq.load_task("ur5_elastic")
+    task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.004})})
+    (ours,) = iq.compare.frame_check(task, seed=2)
+    assert ours.change < 1e-10
+    assert ours.control < 1e-8

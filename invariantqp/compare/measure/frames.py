@@ -18,7 +18,7 @@ from invariantqp.compare.registry import controller_named
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
-from invariantqp.runs.controllers import MakeController
+from invariantqp.runs.controllers import MakeController, our_controller
 from invariantqp.runs.pilots import pilot_of
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.run import run
@@ -64,20 +64,25 @@ def moved_start(task: Task, setup: Setup) -> Setup:
 
 
 def frame_check(
-    task: Task, seed: int = 0, progress: Progress | None = None, laws: Mapping[str, MakeController] = LAWS
+    task: Task, seed: int = 0, progress: Progress | None = None, laws: Mapping[str, MakeController] | None = None
 ) -> list[FrameCheck]:
     """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
+
+    Runs of an elastic path may differ in length: the shorter one rests at its end.
 
     Args:
         task: from `load_task`.
         seed: seed of the displacement.
         progress: called with (ticks done, ticks in all).
-        laws: the laws by name; ours, least squares by a QP, Moore-Penrose and damped by default.
+        laws: the laws by name; None is ours, least squares by a QP, Moore-Penrose and damped, and for an elastic path,
+            which the others do not have, ours.
 
     Returns:
         One FrameCheck for each law.
     """
     tool = random_displacement(seed)
+    if laws is None:
+        laws = LAWS if task.path.timing == "fixed" else {OURS: our_controller}
     checks = []
     done = 0
     total = 3 * len(laws) * task.ticks
@@ -86,13 +91,19 @@ def frame_check(
         nonlocal done
         done += 1
         if progress is not None:
-            progress(done, total)
+            progress(min(done, total), total)
 
     for name, make in laws.items():
         as_told, moved = prepare(task), displaced(prepare(task), tool)
         plain, other, nudged = (
             run(setup, pilot_of(setup.brief, make), count) for setup in (as_told, moved, moved_start(task, as_told))
         )
-        change, control = (float(np.abs(plain.q - trace.q).max()) for trace in (other, nudged))
+        change, control = (_change(plain.q, trace.q) for trace in (other, nudged))
         checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
     return checks
+
+
+def _change(a: Array, b: Array) -> float:
+    """The largest difference of two joint trajectories (n, m) and (k, m)."""
+    n = max(len(a), len(b))
+    return float(max(np.abs(a[min(i, len(a) - 1)] - b[min(i, len(b) - 1)]).max() for i in range(n)))

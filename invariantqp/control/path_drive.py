@@ -1,0 +1,137 @@
+"""A tick along a planned path: how fast, and the joint velocity that goes so far and no farther off.
+
+    s = P'(sigma) v + gain e_across,     v <= what the joints can do here and can still brake from before what comes
+
+The tangent P' and the arm are taken in the middle of the tick, so that a straight step follows a bent path to third
+order. Where limits take the tool off all the same, the tick is solved again with s as exact rows, which slow down.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.control.beside import Beside, tangent_at
+from invariantqp.control.controller import Controller
+from invariantqp.control.curve import Curve
+from invariantqp.control.path_pace import Pace
+from invariantqp.control.path_plan import PathPlan
+from invariantqp.control.path_rate import rate_inside
+from invariantqp.control.path_state import PathState
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.solution import VelocitySolution
+
+# A tool this far off, relative, slows down, and at AWAY_STOP times that waits until feedback has brought it back.
+AWAY, AWAY_STOP = 5e-3, 4.0
+# A tick that drives less than this share of the path is at rest: a drive may turn.
+STANDING = 1e-7
+# Gain [1/s] towards the joint motion that was looked at, where the path leaves joints free.
+JOINT_GAIN = 5.0
+# Below this ratio of singular values the tool follows that motion also where the path leaves nothing free; above the
+# second one it follows the path's own tangent, and so do joints that are farther than STRAYED [rad, length] from it.
+SINGULAR, REGULAR = 1e-2, 3e-2
+STRAYED = 1e-2
+# Where limits would take the tool this far off its path in a tick, relative to the measure's length, the tick is solved
+# again with the twist as exact rows, which slow down instead.
+MISSED = 1e-6
+
+
+class Driven(NamedTuple):
+    """A tick along a path.
+
+    Attributes:
+        answer: of the law.
+        state: after the tick.
+        here: where the tool was before it.
+        rate: of the place, negative backward.
+        ruling: what rules it, in words.
+    """
+
+    answer: VelocitySolution
+    state: PathState
+    here: Beside
+    rate: float
+    ruling: str
+
+
+def drive(
+    controller: Controller,
+    curve: Curve,
+    plan: PathPlan,
+    state: PathState,
+    here: Beside,
+    q: Array,
+    pace: Pace,
+    *,
+    override: float,
+    stop: str,
+    back: bool,
+) -> Driven:
+    """One tick.
+
+    Args:
+        controller: whose law answers.
+        curve: the path.
+        plan: the joint motion along it, and how fast it may be driven.
+        state: after the tick before, with the joint velocity now.
+        here: where the tool is.
+        q: (m,) joint positions.
+        pace: how fast it is meant to be driven.
+        override: share of the speed asked for.
+        stop: why the tool is to come to rest, "" where it is not.
+        back: whether it is to go backward, once at rest.
+    """
+    dt, place = controller.dt, here.place
+    away = max(here.off / (AWAY * controller.measure.length), 1.0)
+    near = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
+    speed, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
+    rate = -speed if state.back else speed
+    joints, _ = plan.joints(place)
+    _, slope = plan.joints(place + 0.5 * dt * rate)
+    if controller.braking is not None:
+        possible = plan.speed(place, dt, back=state.back)
+        rate = rate_inside(slope, rate, possible, state.along, dt * controller.braking.acceleration)
+    rate = min(max(rate, (plan.start - place) / dt), (plan.end - place) / dt)
+    middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
+    tangent = tangent_at(controller, curve, plan, middle, left=here.left)
+    sighting = controller.robot.sight(q + 0.5 * dt * rate * slope, here.target)
+    posture = rate * slope + JOINT_GAIN * (joints - q)
+    # Near a singularity the twist of the joint motion that was looked at: no other asks as little of the joints.
+    i = plan.piece(place)
+    regular = (min(plan.ratio[i], plan.ratio[i + 1]) - SINGULAR) / (REGULAR - SINGULAR)
+    own = min(max(regular, float(np.abs(joints - q).max()) / STRAYED, 0.0), 1.0)
+    turning = sighting.J.dot(slope)
+    along = tangent if own == 1.0 else (1.0 - own) * turning + own * tangent
+    # The way back to the path, carried along with the tool to the middle of the tick.
+    across = here.across + se3.lie(0.5 * dt * rate * turning, here.across)
+    twist = rate * along + controller.gain * across
+    answer = controller.follow(q, twist, state.velocity, None, sighting, None, posture)
+    kept = answer.scale if controller.exact else 1.0
+    if not controller.exact and controller.braking is None and answer.active and rate != 0.0:
+        missed = here.asked.dot(answer.residual)
+        if sqrt(float(missed.dot(missed))) * dt > MISSED * controller.measure.length:
+            rows = ExactRows.of(sighting.J, here.asked, here.asked.dot(twist))
+            slower = controller.follow(q, twist, state.velocity, rows, sighting, None, posture)
+            if slower.status in ("ok", "scaled"):
+                answer, kept = slower, slower.scale
+    rate *= kept
+    v = abs(rate)
+    acceleration = (v - state.speed) / dt
+    turned = back != state.back and v * dt <= STANDING * plan.end
+    if turned:
+        v = acceleration = 0.0
+    after = PathState(
+        place=place + dt * rate,
+        speed=v,
+        acceleration=acceleration,
+        back=back if turned else state.back,
+        along=rate * slope,
+        velocity=answer.velocity,
+        tangent=tangent,
+        ticks=state.ticks + 1,
+    )
+    return Driven(answer, after, here, rate, ruling)

@@ -1,0 +1,73 @@
+"""The speed along a path that is asked for in a tick, and what rules it.
+
+    v = what was asked for, what limits allow here and ahead, or less: off the path, before a pause or a turn
+
+With a jerk, the speed follows an S-curve (`time_law`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from invariantqp.control.path_plan import PathPlan
+from invariantqp.control.path_state import PathState
+from invariantqp.control.time_law import Ramp
+
+# With a jerk but no acceleration, the path accelerates at this share of what the slowest joint could.
+EASY_SHARE = 0.7
+
+
+class Pace(NamedTuple):
+    """How a path is meant to be driven.
+
+    Attributes:
+        dt: tick [s].
+        rate: of the path's parameter [1/s]; None is as fast as limits allow.
+        acceleration: along the path, inf where there is no limit.
+        jerk: along the path; None is no limit.
+    """
+
+    dt: float
+    rate: float | None
+    acceleration: float
+    jerk: float | None
+
+    def speed(
+        self, plan: PathPlan, state: PathState, place: float, *, near: float, override: float, stop: str
+    ) -> tuple[float, str]:
+        """The speed of this tick, not negative, and what rules it.
+
+        Args:
+            plan: what limits allow.
+            state: of the drive.
+            place: where the tool is.
+            near: share of the speed for a tool this near its path, 0 to 1.
+            override: share of the speed asked for.
+            stop: why the tool is to come to rest, "" where it is not.
+        """
+        dt, back = self.dt, state.back
+        part = min(1.0, override) if self.rate is None else 1.0
+        possible = plan.speed(place, dt, part, back=back)
+        wanted, ruling = possible, plan.ruling[plan.nearest(place)]
+        if self.rate is not None and self.rate * override <= wanted:
+            wanted, ruling = self.rate * override, "the rate asked for"
+        elif part < 1.0:
+            ruling = "the override"
+        if near < 1.0:
+            wanted, ruling = near * wanted, "the tool is off its path"
+        if stop:
+            wanted, ruling = 0.0, stop
+        if self.jerk is None:
+            most = state.speed + self.acceleration * dt
+            least = max(state.speed - self.acceleration * dt, 0.0) if wanted < possible else 0.0
+            return max(min(wanted, most), min(least, possible)), ruling
+        ramp = Ramp(min(self.acceleration, EASY_SHARE * plan.braking), self.jerk)
+        sign = -1.0 if back else 1.0
+        a = ramp.next(
+            state.speed,
+            state.acceleration,
+            wanted,
+            lambda ahead: part * plan.speeds(place + sign * ahead, back=back),
+            dt,
+        )
+        return min(max(state.speed + a * dt, 0.0), possible), ruling

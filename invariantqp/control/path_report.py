@@ -1,0 +1,66 @@
+"""What is told of a tick along a path: a status, why, and where the tool is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from invariantqp.control.controller import Controller
+from invariantqp.control.given_path import GivenPath
+from invariantqp.control.joint_path import OFF_PATH
+from invariantqp.control.path_drive import STANDING, Driven
+from invariantqp.control.path_pace import Pace
+from invariantqp.control.path_plan import PathPlan
+from invariantqp.control.path_solution import PathSolution
+
+# The end is reached within this share of the path, by joints slower than this share of their limits; what blocks the
+# path is reached within a larger one: at the edge of its reach an arm moves much for little.
+ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
+# Why a tool stands still that was told to.
+PAUSE = "a pause"
+
+
+def reported(
+    controller: Controller, path: GivenPath, plan: PathPlan, driven: Driven, pace: Pace, *, tolerance: float, stop: str
+) -> PathSolution:
+    """The solution of a tick along a path.
+
+    Args:
+        controller: whose law answered.
+        path: the path.
+        plan: the joint motion along it.
+        driven: the tick.
+        pace: how fast the path is meant to be driven.
+        tolerance: how far from the path's end a tool that is there may be, in the measure.
+        stop: why the tool was to come to rest, "" where it was not.
+    """
+    answer, after, here, rate, ruling = driven
+    dt = controller.dt
+    at = path.place(after.place)
+    i = plan.nearest(here.place)
+    reachable = OFF_PATH * controller.measure.length
+    speed = controller.robot.velocity_limit
+    fastest = np.where(np.isfinite(speed), speed, 1.0)
+    still = not stop and bool((np.abs(answer.velocity) <= AT_REST * fastest).all())
+    blocked = plan.blocked
+    if plan.off[-1] > reachable:
+        blocked = blocked or f"it is out of reach, by {plan.off[-1]:.3g}"
+    near = (STOPPED if blocked else ARRIVED) * path.curve.end
+    arrived = still and plan.end - after.place <= near
+    status, reason = "moving", answer.reason
+    if arrived and blocked:
+        status, reason = "blocked", f"the path cannot be had from {at:.6g} on: {blocked}"
+    elif (
+        arrived
+        and here.off + dt * float(np.linalg.norm(here.asked.dot(here.sighting.J.dot(answer.velocity)))) <= tolerance
+    ):
+        status, reason, ruling = "done", "", "the path's end"
+    elif plan.off[i] > reachable:
+        status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
+    elif stop == PAUSE and abs(rate) * dt <= STANDING * path.curve.end:
+        status = "paused"
+    elif ruling != "the rate asked for":
+        status = "slowed"
+    lag = None if pace.rate is None else after.ticks * dt - at / pace.rate
+    return PathSolution(
+        answer.velocity, status, reason, at, (at - path.place(here.place)) / dt, ruling, lag, here.off, answer
+    )

@@ -1,0 +1,38 @@
+"""What a drive along a path keeps from tick to tick."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+
+
+class PathState(NamedTuple):
+    """A drive between two ticks.
+
+    Attributes:
+        place: where the tool will be, by the curve's own parameter.
+        speed: along the path, not negative.
+        acceleration: of that.
+        back: whether the path is driven backward.
+        along: (m,) the joint velocity along the path in the tick before.
+        velocity: (m,) and all of it.
+        tangent: (6,) of the path in the middle of that tick; None before the first.
+        ticks: since the tool set out.
+    """
+
+    place: float
+    speed: float
+    acceleration: float
+    back: bool
+    along: Array
+    velocity: Array
+    tangent: Array | None
+    ticks: int
+
+
+def at_rest(place: float, velocity: Array, ticks: int = 0, *, back: bool = False) -> PathState:
+    """A tool that is about to set out from a place, its joints at `velocity` (m,)."""
+    return PathState(place, 0.0, 0.0, back, np.zeros(len(velocity)), velocity, None, ticks)
