@@ -30,6 +30,7 @@ class Beside(NamedTuple):
         target: the pose where it was expected, in the form that `robot.sight` takes.
         asked: (k, 6) rows of what is asked.
         place: on the path nearest the tool.
+        joints: (m,) the plan's joint positions there.
         across: (6,) the twist back to that place.
         off: its size in what is asked.
         left: whether the path cannot be had here, and the plan's joint motion is followed instead.
@@ -39,6 +40,7 @@ class Beside(NamedTuple):
     target: Any
     asked: Array
     place: float
+    joints: Array
     across: Array
     off: float
     left: bool
@@ -57,7 +59,7 @@ def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expe
     """
     robot = controller.robot
     left = plan.leaves(expected, OFF_PATH * controller.measure.length)
-    target = robot.target(robot.pose(plan.joints(expected)[0]) if left else path.curve.pose(expected))
+    target = robot.target(robot.pose(plan.joints(expected)) if left else path.curve.pose(expected))
     sighting = robot.sight(q, target)
     R = asked(controller, sighting, controller.measure.root(robot, sighting, target))
     ahead, error = R.dot(tangent), R.dot(sighting.error)
@@ -65,13 +67,21 @@ def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expe
     place = min(max(expected - shift, plan.start), plan.end)
     shift = expected - place
     rest = error - shift * ahead
-    return Beside(sighting, target, R, place, sighting.error - shift * tangent, sqrt(float(rest.dot(rest))), left)
+    return Beside(
+        sighting,
+        target,
+        R,
+        place,
+        plan.joints(place),
+        sighting.error - shift * tangent,
+        sqrt(float(rest.dot(rest))),
+        left,
+    )
 
 
 def tangent_at(controller: Controller, curve: Curve, plan: PathPlan, at: float, *, left: bool) -> Array:
     """(6,) the tangent of what is followed at a place: of the path or, where that is left, of the joint motion."""
     if not left:
         return curve.tangent(at)
-    joints, slope = plan.joints(at)
-    tangent: Array = controller.robot.jacobian(joints).dot(slope)
+    tangent: Array = controller.robot.jacobian(plan.joints(at)).dot(plan.slope(at))
     return tangent

@@ -88,22 +88,21 @@ def drive(
     dt, place = controller.dt, here.place
     away = max(here.off / (AWAY * controller.measure.length), 1.0)
     near = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
-    speed, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
+    speed, possible, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
     rate = -speed if state.back else speed
-    joints, _ = plan.joints(place)
-    _, slope = plan.joints(place + 0.5 * dt * rate)
+    slope = plan.slope(place + 0.5 * dt * rate)
     if controller.braking is not None:
-        possible = plan.speed(place, dt, back=state.back)
         rate = rate_inside(slope, rate, possible, state.along, dt * controller.braking.acceleration)
     rate = min(max(rate, (plan.start - place) / dt), (plan.end - place) / dt)
     middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
     tangent = tangent_at(controller, curve, plan, middle, left=here.left)
     sighting = controller.robot.sight(q + 0.5 * dt * rate * slope, here.target)
-    posture = rate * slope + JOINT_GAIN * (joints - q)
+    astray = here.joints - q
+    posture = rate * slope + JOINT_GAIN * astray
     # Near a singularity the twist of the joint motion that was looked at: no other asks as little of the joints.
     i = plan.piece(place)
     regular = (min(plan.ratio[i], plan.ratio[i + 1]) - SINGULAR) / (REGULAR - SINGULAR)
-    own = min(max(regular, float(np.abs(joints - q).max()) / STRAYED, 0.0), 1.0)
+    own = min(max(regular, float(np.abs(astray).max()) / STRAYED, 0.0), 1.0)
     turning = sighting.J.dot(slope)
     along = tangent if own == 1.0 else (1.0 - own) * turning + own * tangent
     # The way back to the path, carried along with the tool to the middle of the tick.

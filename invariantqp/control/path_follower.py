@@ -169,7 +169,7 @@ class PathFollower:
             state = self._state._replace(velocity=before)
             tangent = self._curve.tangent(state.place) if state.tangent is None else state.tangent
             here = look(self.controller, self._path, self.plan, positions, state.place, tangent)
-            if not self._pushed(self.plan, here, positions):
+            if not self._pushed(here, positions):
                 return self._drive(self.plan, state, here, positions, part)
             self._lose(here)
         return self._set_out(positions, before)
@@ -204,11 +204,11 @@ class PathFollower:
         stop = "" if stop == "the turn" and driven.state.back == back else stop
         return reported(self.controller, self._path, plan, driven, self._pace, tolerance=self._tolerance, stop=stop)
 
-    def _pushed(self, plan: PathPlan, here: Beside, q: Array) -> bool:
+    def _pushed(self, here: Beside, q: Array) -> bool:
         """Whether the arm is so far from where it should be that it has to come back first."""
         if here.off > PUSHED * self.controller.measure.length:
             return True
-        return not here.left and float(np.abs(plan.joints(here.place)[0] - q).max()) > DISPLACED
+        return not here.left and float(np.abs(here.joints - q).max()) > DISPLACED
 
     def _lose(self, here: Beside) -> None:
         """Give the joint motion up; the tool sets out again from the place where it was."""

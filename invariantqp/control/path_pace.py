@@ -34,8 +34,8 @@ class Pace(NamedTuple):
 
     def speed(
         self, plan: PathPlan, state: PathState, place: float, *, near: float, override: float, stop: str
-    ) -> tuple[float, str]:
-        """The speed of this tick, not negative, and what rules it.
+    ) -> tuple[float, float, str]:
+        """The speed of this tick, not negative, the largest that limits allow, and what rules it.
 
         Args:
             plan: what limits allow.
@@ -47,7 +47,8 @@ class Pace(NamedTuple):
         """
         dt, back = self.dt, state.back
         part = min(1.0, override) if self.rate is None else 1.0
-        possible = plan.speed(place, dt, part, back=back)
+        most_now = plan.speed(place, dt, back=back)
+        possible = most_now if part == 1.0 else plan.speed(place, dt, part, back=back)
         wanted, ruling = possible, plan.ruling[plan.nearest(place)]
         if self.rate is not None and self.rate * override <= wanted:
             wanted, ruling = self.rate * override, "the rate asked for"
@@ -60,7 +61,7 @@ class Pace(NamedTuple):
         if self.jerk is None:
             most = state.speed + self.acceleration * dt
             least = max(state.speed - self.acceleration * dt, 0.0) if wanted < possible else 0.0
-            return max(min(wanted, most), min(least, possible)), ruling
+            return max(min(wanted, most), min(least, possible)), most_now, ruling
         ramp = Ramp(min(self.acceleration, EASY_SHARE * plan.braking), self.jerk)
         sign = -1.0 if back else 1.0
         a = ramp.next(
@@ -70,4 +71,4 @@ class Pace(NamedTuple):
             lambda ahead: part * plan.speeds(place + sign * ahead, back=back),
             dt,
         )
-        return min(max(state.speed + a * dt, 0.0), possible), ruling
+        return min(max(state.speed + a * dt, 0.0), possible), most_now, ruling

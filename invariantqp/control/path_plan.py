@@ -78,16 +78,23 @@ class PathPlan(NamedTuple):
         i = self.piece(at)
         return i if at - self.at[i] < self.at[i + 1] - at else i + 1
 
-    def joints(self, at: float) -> tuple[Array, Array]:
-        """Joint positions (m,) and their slope (m,) at a place."""
+    def joints(self, at: float) -> Array:
+        """Joint positions (m,) at a place."""
         i = self.piece(at)
         h = self.at[i + 1] - self.at[i]
         u = (at - self.at[i]) / h
-        near, far = self.slopes[i], self.slopes[i + 1]
-        step = self.q[i + 1] - self.q[i]
-        q = self.q[i] + u * u * (3.0 - 2.0 * u) * step + h * u * (1.0 - u) * ((1.0 - u) * near - u * far)
-        slope = (6.0 * u * (1.0 - u) / h) * step + (1.0 - u) * (1.0 - 3.0 * u) * near + u * (3.0 * u - 2.0) * far
-        return q, slope
+        a, b, c = u * u * (3.0 - 2.0 * u), h * u * (1.0 - u) * (1.0 - u), h * u * u * (1.0 - u)
+        q: Array = (1.0 - a) * self.q[i] + a * self.q[i + 1] + b * self.slopes[i] - c * self.slopes[i + 1]
+        return q
+
+    def slope(self, at: float) -> Array:
+        """(m,) the slope of the joint positions at a place."""
+        i = self.piece(at)
+        h = self.at[i + 1] - self.at[i]
+        u = (at - self.at[i]) / h
+        a, b, c = 6.0 * u * (1.0 - u) / h, (1.0 - u) * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
+        slope: Array = a * (self.q[i + 1] - self.q[i]) + b * self.slopes[i] + c * self.slopes[i + 1]
+        return slope
 
     def speeds(self, at: Array, *, back: bool = False) -> Array:
         """The largest speeds at places (k,); zero beyond the ends."""

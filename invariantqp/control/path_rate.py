@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+from math import inf
 
 from invariantqp.geometry.arrays import Array
 
@@ -24,15 +24,16 @@ def rate_inside(slope: Array, rate: float, possible: float, before: Array, step:
         before: (m,) joint velocity along the path in the tick before.
         step: (m,) positive, inf where there is no limit.
     """
-    moving = slope != 0.0
-    if not moving.any():
+    # Of a handful of joints plain numbers are faster than arrays.
+    joints = zip(slope.tolist(), before.tolist(), step.tolist(), strict=True)
+    middle: list[tuple[float, float]] = [(b / s, d / abs(s)) for s, b, d in joints if s]
+    if not middle:
         return rate
-    b, s, d = before[moving], slope[moving], step[moving]
-    middle, width = b / s, d / np.abs(s)
     for share in (EASY_SHARE, TICK_SHARE):
-        low, high = float((middle - share * width).max()), float((middle + share * width).min())
+        low, high = max(m - share * w for m, w in middle), min(m + share * w for m, w in middle)
         nearest = min(max(rate, low), high)
         if low <= high and (share == TICK_SHARE or abs(nearest) <= possible > abs(rate)):
             return nearest
-    weights = np.where(np.isfinite(d), 1.0 / (d * d), 0.0)
-    return float((weights * s * b).sum() / (weights * s * s).sum())
+    # Least squares in the joints' velocities over what each may change.
+    weights = [(1.0 / (w * w), m) for m, w in middle if w < inf]
+    return sum(k * m for k, m in weights) / sum(k for k, _ in weights)

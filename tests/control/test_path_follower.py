@@ -226,6 +226,30 @@ def test_a_push_off_the_path_is_taken_back():
     assert largest_error(robot, pose, pushed[-1:], q[-2:])[0] < MM
 
 
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_after_a_large_push_it_comes_back_to_where_it_was(name):
+    robot = iq.load_robot(name)
+    joints = joint_path(robot, 7)
+
+    def pose(u):
+        return robot.pose(joints(u))
+
+    follower = follower_on(robot, pose)
+    follower.prepare(joints(0.0))
+    before, q, x = drive(follower, joints(0.0), 150)
+    after, p, y = drive(follower, q[-1] + 0.1 * (-1.0) ** np.arange(len(robot.names)))
+    away = [s for s in after if s.status == "waiting"]
+    assert "pushed off the path, on the way back" in away[0].reason
+    assert all(s.place == before[-1].place for s in away)
+    back = after[len(away) :]
+    assert back[0].place - before[-1].place < 1e-3
+    assert back[-1].status == "done"
+    assert (largest_error(robot, pose, back, p[len(away) :]) < (MM, RAD)).all()
+    velocities = np.vstack((x, y))
+    assert (np.abs(velocities) <= robot.velocity_limit + 1e-9).all()
+    assert acceleration_share(robot, velocities) <= 1.0 + 1e-9
+
+
 def test_pause_turn_and_override_keep_the_path():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 7)
@@ -301,6 +325,25 @@ def test_an_exact_point_is_what_stays_on_the_path():
     assert largest_error(robot, pose, solutions, q, radian=0.0)[0] < MM
 
 
+def test_done_means_at_the_end():
+    arm = iq.load_robot("so101")  # 10 rad/s, from which it stops within a tick where nothing limits acceleration
+    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    home = arm.pose(q)
+    end = home[:3, 3] + [0.0, 0.1, 0.0]
+    follower = follower_on(
+        arm,
+        lambda u: iq.transform(home[:3, :3], home[:3, 3] + u * (end - home[:3, 3])),
+        limit=False,
+        options={"exact": "position"},
+        tolerance=1e-6,
+    )
+    follower.prepare(q)
+    solutions, positions, _ = drive(follower, q)
+    assert solutions[-1].status == "done"
+    assert all(np.linalg.norm(arm.pose(p)[:3, 3] - end) < 1e-6 for p in positions[-2:])
+    assert max(s.across for s in solutions) < MM
+
+
 def test_tool_speed_and_rows_slow_it_down():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 13)
@@ -309,15 +352,15 @@ def test_tool_speed_and_rows_slow_it_down():
     def pose(u):
         return robot.pose(joints(u))
 
-    rows = iq.limits.LimitRows(row, [-0.2], [0.2])
-    follower = follower_on(robot, pose, options={"tool_speed": 0.1, "rows": rows})
+    rows = iq.limits.LimitRows(row, [-0.4], [0.4])
+    follower = follower_on(robot, pose, options={"tool_speed": 0.2, "rows": rows})
     follower.prepare(joints(0.0))
     solutions, q, x = drive(follower, joints(0.0))
     assert solutions[-1].status == "done"
     assert (largest_error(robot, pose, solutions, q) < (MM, RAD)).all()
     tool = np.linalg.norm(np.diff([robot.pose(p)[:3, 3] for p in q], axis=0), axis=1) / DT
-    assert tool.max() < 0.1 * 1.001
-    assert np.abs(x @ row[0]).max() <= 0.2 + 1e-9
+    assert tool.max() < 0.2 * 1.001
+    assert np.abs(x @ row[0]).max() <= 0.4 + 1e-9
     assert {"the tool's speed", "rows"} & {s.ruling for s in solutions}
 
 

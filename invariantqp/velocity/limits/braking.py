@@ -60,29 +60,29 @@ class BrakingBox(Value):
         """The box at joint positions q (m,), coming from the joint velocity `before` (m,)."""
         fastest = self.box.velocity_limit
         ahead, behind = self.box.room(q)
-        least, most = self._one_way(ahead, behind, before)
-        # The other direction is the same problem with all signs changed.
-        least_back, most_back = self._one_way(behind, ahead, -before)
+        # Down is the same problem as up with all signs changed.
+        (least, least_back), (most, most_back) = self._towards(np.array((ahead, behind)), np.array((before, -before)))
         lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)
         lower = np.minimum(np.maximum(lower, -fastest), fastest)
         upper = np.maximum(np.minimum(np.maximum(upper, -fastest), fastest), lower)
         return BrakingBounds(lower, upper, self._strained(np.maximum(-ahead, -behind), before, lower, upper))
 
-    def _one_way(self, room: Array, behind: Array, before: Array) -> tuple[Array, Array]:
-        """(least, most) velocity towards a limit `room` away, `behind` from the opposite one.
+    def _towards(self, room: Array, before: Array) -> tuple[Array, Array]:
+        """(least, most) velocities (2, m) towards the limits `room` (2, m) away, up and down.
 
         `least` is what one tick of braking leaves of `before`, or `most` where that is not slow enough.
         """
         dt = self.box.dt
-        step = self.acceleration * dt
-        slowest = before - step
+        slowest = before - self.acceleration * dt
+        braking = braking_speed(room, self.acceleration, dt)
         # Outside: never further out, and back inside as fast as acceleration and the opposite limit allow.
-        back = np.maximum(room / dt, -braking_speed(behind, self.acceleration, dt))
+        back = np.maximum(room / dt, -braking[::-1])
         inside = room >= 0.0
         returning = np.minimum(np.maximum(back, slowest), 0.0)
-        most = np.where(inside, braking_speed(room, self.acceleration, dt), returning)
+        most = np.where(inside, braking, returning)
         late = inside & (most < slowest)
-        most = np.where(late, _late_braking(room, before, dt), most)
+        if late.any():
+            most = np.where(late, _late_braking(room, before, dt), most)
         return np.minimum(slowest, most), most
 
     def _strained(self, outside: Array, before: Array, lower: Array, upper: Array) -> tuple[tuple[int, str], ...]:
@@ -90,11 +90,11 @@ class BrakingBox(Value):
         step = self.acceleration * self.box.dt
         jerked = np.maximum(lower - before, before - upper) - step
         allowance = STRAIN_TOLERANCE * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
-        contradictions = [
-            (int(i), f"{outside[i]:.3g} outside its position range")
-            for i in np.flatnonzero(outside > allowance * self.box.dt)
-        ]
-        for i in np.flatnonzero(jerked > allowance).tolist():
+        far, fast = outside > allowance * self.box.dt, jerked > allowance
+        if not (far.any() or fast.any()):
+            return ()
+        contradictions = [(int(i), f"{outside[i]:.3g} outside its position range") for i in np.flatnonzero(far)]
+        for i in np.flatnonzero(fast).tolist():
             needed = (jerked[i] + step[i]) / self.box.dt
             contradictions.append((i, f"acceleration {needed:.3g}, above its limit {self.acceleration[i]:.3g}"))
         return tuple(contradictions)
