@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from invariantqp.control.path_solution import PathSolution as PathSolution
     from invariantqp.control.servo import Servo as Servo
     from invariantqp.control.shared import SharedTask as SharedTask
+    from invariantqp.control.streamed_path import StreamedPath as StreamedPath
 
 load_lazily(
     __name__,
@@ -36,5 +37,6 @@ load_lazily(
         "invariantqp.control.path_solution": ("PathSolution",),
         "invariantqp.control.servo": ("Servo",),
         "invariantqp.control.shared": ("SharedTask",),
+        "invariantqp.control.streamed_path": ("StreamedPath",),
     },
 )

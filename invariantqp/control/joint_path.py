@@ -31,7 +31,7 @@ ON_PATH = 1e-12
 OFF_PATH = 1e-5
 # A joint this close to a position limit [rad, length] is at it.
 AT_LIMIT = 1e-6
-# Steps of a path at least, and the shortest one as a share of it.
+# Steps of a path at least, and the shortest one as a share of it (or of another scale).
 LEAST_STEPS = 200
 SHORTEST = 1e-6
 # The share of the slope by which it may differ from its extrapolation after a step.
@@ -104,6 +104,7 @@ class JointPath:
         *,
         rate: float | None = None,
         stops: bool = True,
+        scale: float | None = None,
     ) -> None:
         """Nothing is found yet.
 
@@ -114,6 +115,7 @@ class JointPath:
             start: the path's parameter where to begin.
             rate: of the parameter [1/s] at which the path is meant to be driven; None is as fast as limits allow.
             stops: whether to end before what cannot be reached; otherwise it is passed as near as the law goes.
+            scale: of which steps are shares; None is the whole path.
         """
         self.controller = controller
         self.curve = curve
@@ -122,7 +124,8 @@ class JointPath:
         self._reachable = OFF_PATH * controller.measure.length
         self.knots: list[Knot] = []
         self._no_limit = np.full(len(q), np.inf)
-        self._longest = curve.end / LEAST_STEPS
+        self._scale: float = curve.end if scale is None else scale
+        self._longest = self._scale / LEAST_STEPS
         self._law = replace(controller.law, dt=0.0)
         if not stops:
             self._law = replace(controller.law, dt=CALMING * self._longest, damping=PASSING)
@@ -150,9 +153,10 @@ class JointPath:
         left = self.curve.end - last.at
         h = left if left <= self._step else min(self._step, 0.5 * left)
         expected = (last.slope - before.slope) * (h / (last.at - before.at))
-        knot = self._knot(last.at + h, last.q + h * (last.slope + 0.5 * expected), last.slope)
+        at = last.at + h if h < left else self.curve.end
+        knot = self._knot(at, last.q + h * (last.slope + 0.5 * expected), last.slope)
         if knot.off > self._reachable and self._stops:
-            if h > SHORTEST * self.curve.end:
+            if h > SHORTEST * self._scale:
                 self._step = 0.5 * h
             else:
                 self.blocked = self._cause(knot.q)
@@ -161,8 +165,8 @@ class JointPath:
             self.blocked = "the joints would have to turn too often"
             return
         turned = float((np.abs(knot.slope - last.slope - expected) / self._speed).max())
-        share = turned / max(float((np.abs(knot.slope) / self._speed).max()), STILL / self.curve.end)
-        if share > TURN and h > SHORTEST * self.curve.end:
+        share = turned / max(float((np.abs(knot.slope) / self._speed).max()), STILL / self._scale)
+        if share > TURN and h > SHORTEST * self._scale:
             self._step = 0.5 * h
             return
         if self._stops and share > KINK and knot.ratio < BRANCH:
@@ -188,7 +192,7 @@ class JointPath:
             q = q + self._answer(q, sighting, root, sighting.error, 1.0, None)
         tangent = curve.tangent(at)
         if not self._stops:  # back to the path a little at a time
-            tangent = tangent + sighting.error / (REJOIN * curve.end)
+            tangent = tangent + sighting.error / (REJOIN * self._scale)
         if before is None:
             before = self._answer(q, sighting, root, tangent, self._step, None)
         slope = self._answer(q, sighting, root, tangent, self._step, self._posture(q, before))

@@ -1,49 +1,23 @@
 """A tool that stays on its path: where limits bind it is late, not off.
 
-    setting out    to the path's start, and looking along it: a joint motion along all of it (`path_search`)
-    driving        as fast as that allows (`path_drive`)
-
-The path's parameter sigma is measured in every tick: it is the place on the path nearest the tool, so feedback acts
-across the path only, and a tool held up goes on from where it is. A tool that is pushed far off comes back to the place
-where it was and looks along the path again from there, with the joints as they are then.
+How it drives is in `path_driver`; here is which path, and how fast.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, sqrt
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.asked import asked
-from invariantqp.control.beside import Beside, look
 from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath, given_path
-from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
-from invariantqp.control.path_pace import Pace
-from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import PAUSE, reported
-from invariantqp.control.path_search import PathSearch
-from invariantqp.control.path_solution import PathSolution
-from invariantqp.control.path_state import PathState, at_rest
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.control.path_driver import PathDriver
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import PaperLambda
-from invariantqp.velocity.solution import VelocitySolution
-
-# Largest speed override.
-FASTEST = 1.5
-# The tool is at a place, to look along the path from there or as its end, within this, relative to the measure.
-AT_PLACE = 1e-5
-# A tool farther off than this, relative, or joints farther from the joint motion along the path [rad, length], have
-# been pushed: the motion is looked for again.
-PUSHED, DISPLACED = AWAY * AWAY_STOP, 0.2
 
 
-class PathFollower:
+class PathFollower(PathDriver):
     """Drives the tool of a controller along a path; `step` is one tick.
 
     Attributes:
@@ -82,33 +56,12 @@ class PathFollower:
         Raises:
             BadInput: not a path, fewer than two poses, times that do not increase, a path that stands still.
         """
-        if not isinstance(controller, Controller):
-            raise BadInput("controller", excerpt(controller), "a Controller")
-        if isinstance(controller.law.damping, PaperLambda):
-            raise BadInput("controller", "one with PaperLambda", "another damping", "That one keeps no bounds.")
-        self.controller = controller
-        self.plan: PathPlan | None = None
-        length = controller.measure.length
-        self._tolerance = AT_PLACE * length
-        if tolerance is not None:
-            self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
-        asked_rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
-        self._stops = arrays.choice(blocked, "blocked", ("stop", "leave")) == "stop"
-        most = inf
-        if acceleration is not None:
-            most = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
-        smooth = None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True)
-        self._pace = Pace(controller.dt, asked_rate, most, smooth)
-        self._path: GivenPath = given_path(
-            controller.robot, controller.measure, path, end, times, timed=rate is not None
-        )
-        self._curve = self._path.curve
-        self._search: PathSearch | None = None
-        self._goal: Any = controller.robot.target(self._curve.pose(0.0))
-        self._trouble = ""
-        self._paused = False
-        self._wants_back = False
-        self._state: PathState = at_rest(0.0, np.zeros(len(controller.robot.names)))
+        stops = arrays.choice(blocked, "blocked", ("stop", "leave")) == "stop"
+        super().__init__(controller, rate=rate, acceleration=acceleration, jerk=jerk, stops=stops, tolerance=tolerance)
+        robot, measure = controller.robot, controller.measure
+        self._given: GivenPath = given_path(robot, measure, path, end, times, timed=rate is not None)
+        self._path = self._given
+        self._goal = robot.target(self._given.curve.pose(0.0))
 
     def pose(self, place: float) -> Array:
         """(4, 4) the path's pose at a place, as solutions tell it.
@@ -116,15 +69,7 @@ class PathFollower:
         Raises:
             BadInput: not a number.
         """
-        return self._path.pose(arrays.number(place, "place", "the path's parameter"))
-
-    def pause(self) -> None:
-        """Come to rest on the path, and stay."""
-        self._paused = True
-
-    def resume(self) -> None:
-        """Go on after a pause."""
-        self._paused = False
+        return self._given.pose(arrays.number(place, "place", "the path's parameter"))
 
     def reverse(self) -> None:
         """Come to rest and drive the path in the other direction."""
@@ -142,99 +87,6 @@ class PathFollower:
             BadInput: NaN or a wrong shape.
         """
         positions = arrays.vector(q, len(self.controller.robot.names), "q")
-        search = self._new_search(positions, 0.0)
+        search = self._search_from(self._given, positions, 0.0)
         while not search.done:
-            search.extend()
-        self._adopt(search)
-
-    def step(self, q: ArrayLike, velocity: ArrayLike | None = None, override: float = 1.0) -> PathSolution:
-        """One tick: the joint velocity to command until the next.
-
-        Args:
-            q: (m,) measured joint positions [rad, length].
-            velocity: (m,) joint velocity now, for the acceleration limits; None is the one commanded last.
-            override: share of the speed asked for, 0 to 1.5. Above 1 the rate grows where limits allow it; without a
-                rate nothing is faster than the limits.
-
-        Raises:
-            BadInput: NaN, wrong shapes, an override out of its range; the follower is as it was.
-        """
-        m = len(self.controller.robot.names)
-        positions = arrays.vector(q, m, "q")
-        before = self._state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
-        part = arrays.not_negative(override, "override", "a share of the speed, 0 to 1.5")
-        if part > FASTEST:
-            raise BadInput("override", f"{part:g}", f"a share of the speed, 0 to {FASTEST:g}")
-        if self.plan is not None:
-            state = self._state._replace(velocity=before)
-            tangent = self._curve.tangent(state.place) if state.tangent is None else state.tangent
-            here = look(self.controller, self._path, self.plan, positions, state.place, tangent)
-            if not self._pushed(here, positions):
-                return self._drive(self.plan, state, here, positions, part)
-            self._lose(here)
-        return self._set_out(positions, before)
-
-    def _set_out(self, q: Array, before: Array) -> PathSolution:
-        """On the way to the place where the path is to be driven from, and looking along it there."""
-        controller = self.controller
-        robot = controller.robot
-        sighting = robot.sight(q, self._goal)
-        off = _norm(
-            asked(controller, sighting, controller.measure.root(robot, sighting, self._goal)).dot(sighting.error)
-        )
-        if self._search is None and off > AT_PLACE * controller.measure.length:
-            answer = controller.step(q, self._goal, velocity=before)
-            return self._waiting(answer, self._trouble or "on the way to the path's start", off)
-        if self._search is None:
-            self._search = self._new_search(q, self._state.place)
-        self._search.extend()
-        if self._search.done:
-            self._adopt(self._search)
-        return self._waiting(controller.rest(q, "", before, sighting), "looking along the path", off)
-
-    def _drive(self, plan: PathPlan, state: PathState, here: Beside, q: Array, override: float) -> PathSolution:
-        """A tick on the path."""
-        back, stop = self._wants_back, PAUSE if self._paused else ""
-        if back != state.back:
-            stop = stop or "the turn"
-        driven = drive(
-            self.controller, self._curve, plan, state, here, q, self._pace, override=override, stop=stop, back=back
-        )
-        self._state = driven.state
-        stop = "" if stop == "the turn" and driven.state.back == back else stop
-        return reported(self.controller, self._path, plan, driven, self._pace, tolerance=self._tolerance, stop=stop)
-
-    def _pushed(self, here: Beside, q: Array) -> bool:
-        """Whether the arm is so far from where it should be that it has to come back first."""
-        if here.off > PUSHED * self.controller.measure.length:
-            return True
-        return not here.left and float(np.abs(here.joints - q).max()) > DISPLACED
-
-    def _lose(self, here: Beside) -> None:
-        """Give the joint motion up; the tool sets out again from the place where it was."""
-        state = self._state
-        self.plan, self._goal, self._trouble = None, here.target, "pushed off the path, on the way back"
-        self._state = at_rest(state.place, state.velocity, state.ticks, back=state.back)
-
-    def _waiting(self, answer: VelocitySolution, reason: str, off: float) -> PathSolution:
-        """What is told on the way to the path."""
-        why = "; ".join(filter(None, (reason, answer.reason)))
-        state = self._state
-        ticks = state.ticks + 1 if self._trouble else 0  # time runs from when it first set out
-        self._state = state._replace(velocity=answer.velocity, ticks=ticks)
-        at = self._path.place(state.place)
-        lag = None if self._pace.rate is None else max(ticks * self.controller.dt - at / self._pace.rate, 0.0)
-        ruling = "a push" if self._trouble else "the start"
-        return PathSolution(answer.velocity, "waiting", why, at, 0.0, ruling, lag, off, answer)
-
-    def _new_search(self, q: Array, place: float) -> PathSearch:
-        return PathSearch(self.controller, self._curve, q, place, rate=self._pace.rate, stops=self._stops)
-
-    def _adopt(self, search: PathSearch) -> None:
-        """Take the joint motion that was found for the plan."""
-        fastest = inf if self._pace.rate is None else FASTEST * self._pace.rate
-        self.plan, self._search = search.plan(fastest), None
-
-
-def _norm(v: Array) -> float:
-    return sqrt(float(v.dot(v)))
+            self._look_on(search)

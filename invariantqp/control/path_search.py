@@ -11,35 +11,48 @@ from invariantqp.control.joint_path import JointPath
 from invariantqp.control.path_plan import PathPlan, plan_of
 from invariantqp.geometry.arrays import Array
 
+# On a path that grows, knots kept behind the tool, and new ones after which a plan is worth making.
+KEPT, WORTH = 3, 20
+
 
 class Backward(NamedTuple):
-    """A curve the other way round: its pose and tangent at a distance from the end.
+    """A curve the other way round, by the distance from a place on it.
 
     Attributes:
         curve: forward.
+        place: where to begin.
     """
 
     curve: Curve
+    place: float
 
     @property
     def end(self) -> float:
-        """The parameter at the last knot, which is the first of the curve."""
-        return self.curve.end
+        """The distance to the curve's first knot."""
+        return self.place - self.curve.knots[0]
 
     def pose(self, at: float) -> Array:
-        """(4, 4) the pose at a place."""
-        return self.curve.pose(self.end - at)
+        """(4, 4) the pose at a distance."""
+        return self.curve.pose(self.place - at)
 
     def tangent(self, at: float) -> Array:
-        """(6,) the twist per unit of the parameter at a place, base frame."""
-        return -self.curve.tangent(self.end - at)
+        """(6,) the twist per unit of the distance, base frame."""
+        return -self.curve.tangent(self.place - at)
 
 
 class PathSearch:
     """The joint motion through joint positions at a place, found step by step."""
 
     def __init__(
-        self, controller: Controller, curve: Curve, q: Array, place: float, *, rate: float | None, stops: bool
+        self,
+        controller: Controller,
+        curve: Curve,
+        q: Array,
+        place: float,
+        *,
+        rate: float | None,
+        stops: bool,
+        scale: float | None = None,
     ) -> None:
         """Nothing is found yet.
 
@@ -48,21 +61,31 @@ class PathSearch:
             curve: the path.
             q: (m,) joint positions near the place.
             place: where to begin.
-            rate: as in `JointPath`.
-            stops: as in `JointPath`.
+            rate: as in `JointPath`, and so are the others.
+            stops: whether to end before what cannot be reached.
+            scale: of which steps are shares, on a path that grows.
         """
-        self.place = place
+        self._grows = scale is not None
+        self._planned = 0.0
         self._controller = controller
         self._curve = curve
-        self._ahead = JointPath(controller, curve, q, place, rate=rate, stops=stops)
+        self._place = place
+        scale = curve.end if scale is None else scale
+        self._ahead = JointPath(controller, curve, q, place, rate=rate, stops=stops, scale=scale)
         self._behind: JointPath | None = None
-        if place > 0.0:
-            self._behind = JointPath(controller, Backward(curve), q, curve.end - place, rate=rate, stops=stops)
+        if place > curve.knots[0]:
+            self._behind = JointPath(controller, Backward(curve, place), q, rate=rate, stops=stops, scale=scale)
 
     @property
     def done(self) -> bool:
         """Whether all is found that there is."""
         return self._ahead.done and (self._behind is None or self._behind.done)
+
+    @property
+    def ready(self) -> bool:
+        """Whether a plan is worth making."""
+        knots = self._ahead.knots
+        return self.done or (self._grows and len(knots) > WORTH and knots[-1 - WORTH].at >= self._planned)
 
     def extend(self) -> None:
         """One step."""
@@ -78,8 +101,17 @@ class PathSearch:
             fastest: the largest speed that will be asked for.
         """
         knots = self._ahead.knots
+        self._planned = knots[-1].at
         if self._behind is not None:
-            end = self._curve.end
-            behind = [k._replace(at=end - k.at, slope=-k.slope) for k in self._behind.knots[:0:-1]]
-            knots = behind + knots
+            back = self._behind.knots[:0:-1]
+            knots = [k._replace(at=self._place - k.at, slope=-k.slope) for k in back] + knots
         return plan_of(self._controller, self._curve, knots, self._ahead.blocked, fastest)
+
+    def grow(self, curve: Curve, place: float) -> None:
+        """Go on along a curve that is the old one as far as that goes, and forget what lies behind a place."""
+        self._curve = self._ahead.curve = curve
+        knots = self._ahead.knots
+        while len(knots) > KEPT and knots[KEPT - 1].at < place:
+            del knots[0]
+        if self._behind is not None and knots and knots[0].at > self._place:
+            self._behind = None

@@ -60,6 +60,10 @@ def follower():
 
 
 @cache
+def stream():
+    return iq.control.StreamedPath(iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0))
+
+
 def servo():
     return iq.control.Servo(controller(), acceleration=1.0, jerk=10.0)
 
@@ -156,8 +160,22 @@ CONTROL = {
             "acceleration": None,
             "jerk": None,
             "blocked": "stop",
+            "tolerance": None,
         },
     ),
+    "StreamedPath": lambda: (
+        iq.control.StreamedPath,
+        {
+            "controller": iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0),
+            "speed": None,
+            "acceleration": None,
+            "jerk": None,
+            "timeout": 0.1,
+            "tolerance": None,
+        },
+    ),
+    "StreamedPath.add": lambda: (stream().add, {"pose": T}),
+    "StreamedPath.step": lambda: (stream().step, {"q": Q, "velocity": Q, "override": 1.0}),
     "PathFollower.prepare": lambda: (follower().prepare, {"q": Q}),
     "PathFollower.step": lambda: (follower().step, {"q": Q, "velocity": Q, "override": 1.0}),
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),

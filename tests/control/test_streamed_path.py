@@ -1,0 +1,90 @@
+"""Poses that come one by one: the tool stays on the path through them, and is never beyond a limit."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import invariantqp as iq
+
+DT, RISE = 0.002, 0.2
+
+
+def streamed(robot, **given):
+    return iq.control.StreamedPath(iq.Controller(robot, dt=DT, acceleration_limit=robot.velocity_limit / RISE), **given)
+
+
+def drive(path, q, coming, ticks=3000):
+    """Solutions and joint positions; `coming` is the poses by the tick in which they come."""
+    solutions, positions = [], [q]
+    for k in range(ticks):
+        if k in coming:
+            path.add(coming[k])
+            if k == max(coming):
+                path.close()
+        solutions.append(path.step(positions[-1]))
+        positions.append(positions[-1] + DT * solutions[-1].velocity)
+        if solutions[-1].status in ("done", "blocked"):
+            break
+    return solutions, np.array(positions)
+
+
+def from_the_line(points, line):
+    """(n,) distances of points from a line of many short pieces."""
+    a, d = line[:-1], np.diff(line, axis=0)
+    u = np.clip(np.einsum("nij,ij->ni", points[:, None] - a, d) / np.einsum("ij,ij->i", d, d), 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - a - u[..., None] * d, axis=2).min(axis=1)
+
+
+def joint_path(robot):
+    mid = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]) if len(robot.names) == 6 else np.array([0, -0.4, 0.5, 0.6, 0])
+    step = 0.3 * (-1.0) ** np.arange(len(mid))
+    return CubicSpline([0.0, 0.5, 1.0], [mid, mid + step, mid + 0.5 * step[::-1]])
+
+
+@pytest.mark.parametrize(("name", "each"), [("ur5", 10), ("so101", 10), ("ur5", 1)])
+def test_the_tool_stays_on_the_path_and_inside_limits(name, each):
+    robot = iq.load_robot(name)
+    joints = joint_path(robot)
+    poses = [robot.pose(joints(u)) for u in np.linspace(0.0, 1.0, 80)]
+    late = 40 * each + np.arange(40) * each + 300  # after half of them none comes for 0.6 s
+    when = [*(np.arange(40) * each).tolist(), *late.tolist()]
+    solutions, q = drive(streamed(robot), joints(0.0), dict(zip(when, poses, strict=True)))
+    velocity = np.array([s.velocity for s in solutions])
+    assert solutions[-1].status == "done"
+    assert np.linalg.norm(robot.pose(q[-1])[:3, 3] - poses[-1][:3, 3]) < 1e-5
+    line = np.array([robot.pose(joints(u))[:3, 3] for u in np.linspace(0.0, 1.0, 1000)])
+    assert from_the_line(np.array([robot.pose(p)[:3, 3] for p in q[::8]]), line).max() < 5e-5
+    assert max(s.across for s in solutions[when[2] + 30 :]) < 1e-5
+    assert (np.abs(velocity) <= robot.velocity_limit + 1e-9).all()
+    jumps = np.diff(velocity, axis=0, prepend=np.zeros((1, len(velocity[0])))) / DT
+    assert (np.abs(jumps) <= robot.velocity_limit / RISE * (1.0 + 1e-9)).all()
+    pause = solutions[late[0] - 1]
+    assert (pause.status, pause.ruling) == ("waiting", "the end of the stream")
+    assert "no pose for" in pause.reason
+    assert np.abs(pause.velocity).max() < 1e-3
+
+
+def test_a_stream_that_stands_still_is_no_path():
+    robot = iq.load_robot("ur5")
+    joints = joint_path(robot)
+    path = streamed(robot, speed=0.1)
+    assert path.step(joints(0.0)).reason == "no pose yet"
+    rng = np.random.default_rng(0)
+    T = robot.pose(joints(0.0))
+    for _ in range(100):  # noise around a pose
+        path.add(iq.transform(T[:3, :3], T[:3, 3] + rng.normal(0.0, 1e-5, 3)))
+        told = path.step(joints(0.0))
+    assert told.status == "waiting"
+    assert np.abs(told.velocity).max() < 1e-2
+
+
+def test_what_cannot_be_driven_is_refused():
+    robot = iq.load_robot("ur5")
+    with pytest.raises(iq.BadInput, match="acceleration limit"):
+        iq.control.StreamedPath(iq.Controller(robot, dt=DT))
+    path = streamed(robot)
+    with pytest.raises(iq.BadInput, match="pose"):
+        path.add(np.ones((4, 4)))
+    path.close()
+    with pytest.raises(iq.BadInput, match="close"):
+        path.add(np.eye(4))
