@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_state import PathState
 from invariantqp.control.time_law import Ramp
 
 # With a jerk but no acceleration, the path accelerates at this share of what the slowest joint could.
 EASY_SHARE = 0.7
+# An S-curve stays below this share of what limits allow: at their edge joint accelerations leave no choice of speed.
+SMOOTH_SHARE = 0.95
 
 
 class Pace(NamedTuple):
@@ -63,12 +67,13 @@ class Pace(NamedTuple):
             least = max(state.speed - self.acceleration * dt, 0.0) if wanted < possible else 0.0
             return max(min(wanted, most), min(least, possible)), most_now, ruling
         ramp = Ramp(min(self.acceleration, EASY_SHARE * plan.braking), self.jerk)
-        sign = -1.0 if back else 1.0
+        sign, part = -1.0 if back else 1.0, SMOOTH_SHARE * part
         a = ramp.next(
             state.speed,
             state.acceleration,
-            wanted,
+            min(wanted, SMOOTH_SHARE * possible),
             lambda ahead: part * plan.speeds(place + sign * ahead, back=back),
             dt,
+            sign * (np.array(plan.at[::-1] if back else plan.at) - place),
         )
         return min(max(state.speed + a * dt, 0.0), possible), most_now, ruling

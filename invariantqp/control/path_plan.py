@@ -112,17 +112,17 @@ class PathPlan(NamedTuple):
             back: whether the path is driven backward.
         """
         knots, squares, sign = (self.at, self.backward, -1.0) if back else (self.at, self.forward, 1.0)
-        i, v, part = self.piece(at), inf, share * share
+        i, passed, part = self.piece(at), inf, share * share
         while True:
             rate = sign * part * (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i])
             here = part * squares[i] + sign * rate * (at - knots[i])
             root = rate * rate * dt * dt + 4.0 * here
-            # v^2 = here + rate v dt
-            v = min(v, 0.5 * (rate * dt + sqrt(root)) if root > 0.0 else 0.0)
+            # v^2 = here + rate v dt on this piece, and at most what the knots before it allow
+            v = min(passed, 0.5 * (rate * dt + sqrt(root)) if root > 0.0 else 0.0)
             j = i if back else i + 1
             if j in (0, len(knots) - 1) or v * dt <= sign * (knots[j] - at):
                 break
-            v = min(v, max(share * sqrt(squares[j]), sign * (knots[j] - at) / dt))
+            passed = min(passed, max(share * sqrt(squares[j]), sign * (knots[j] - at) / dt))
             i += -1 if back else 1
         return max(0.0, min(v, sign * ((knots[0] if back else knots[-1]) - at) / dt))
 

@@ -3,7 +3,7 @@
     dv/dt = a,   |da/dt| <= jerk,   -braking <= a <= acceleration
 
 Each tick takes the largest a from which the speed can still be brought to zero within the same limits and below the
-speed that the path allows at each place on the way (`PathPlan.square`). Speed, acceleration and place are therefore
+speed that the path allows at each place on the way (`PathPlan.speeds`). Speed, acceleration and place are therefore
 smooth where the path allows it; where joint limits need more, they rule.
 """
 
@@ -36,7 +36,15 @@ class Ramp(NamedTuple):
     acceleration: float
     jerk: float
 
-    def next(self, v: float, a: float, wanted: float, allowed: Callable[[Array], Array], dt: float) -> float:
+    def next(
+        self,
+        v: float,
+        a: float,
+        wanted: float,
+        allowed: Callable[[Array], Array],
+        dt: float,
+        corners: Array | None = None,
+    ) -> float:
         """The acceleration of the next tick.
 
         Args:
@@ -45,6 +53,7 @@ class Ramp(NamedTuple):
             wanted: speed to reach, as soon as the limits allow.
             allowed: largest speeds (k,) at distances (k,) ahead.
             dt: tick [s].
+            corners: (k,) distances ahead, increasing, at which what is allowed may dip; None where it is smooth.
         """
         least, most = max(a - self.jerk * dt, -self.acceleration), min(a + self.jerk * dt, self.acceleration)
         if least > most:  # the acceleration before was beyond its limit
@@ -54,7 +63,7 @@ class Ramp(NamedTuple):
             after = v + candidate * dt
             if after < 0.0:
                 continue
-            if self._settles(after, candidate, wanted) and self._stops(v * dt, after, candidate, allowed):
+            if self._settles(after, candidate, wanted) and self._stops(v * dt, after, candidate, allowed, corners):
                 best = candidate
                 break
         return best
@@ -63,10 +72,19 @@ class Ramp(NamedTuple):
         """Whether the speed ends at or below the wanted one when the acceleration is brought to zero from now on."""
         return v + 0.5 * a * abs(a) / self.jerk <= wanted * (1.0 + ROUNDING)
 
-    def _stops(self, before: float, v: float, a: float, allowed: Callable[[Array], Array]) -> bool:
+    def _stops(
+        self, before: float, v: float, a: float, allowed: Callable[[Array], Array], corners: Array | None
+    ) -> bool:
         """Whether a stop from v and a on is below what is allowed; `before` is the distance driven until then."""
         distance, speed = self.stop(v, a)
-        return bool((speed <= allowed(before + distance) * (1.0 + ROUNDING) + ROUNDING).all())
+        distance += before
+        if not (speed <= allowed(distance) * (1.0 + ROUNDING) + ROUNDING).all():
+            return False
+        if corners is None:
+            return True
+        inside = corners[(corners > distance[0]) & (corners < distance[-1])]
+        squares = np.interp(inside, distance, speed * speed)
+        return bool((np.sqrt(squares) <= allowed(inside) * (1.0 + ROUNDING) + ROUNDING).all())
 
     def stop(self, v: float, a: float) -> tuple[Array, Array]:
         """The shortest stop within the limits: distances and speeds (SAMPLES,) on the way."""
