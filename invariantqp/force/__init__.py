@@ -12,6 +12,8 @@ from invariantqp.lazy import load_lazily
 if TYPE_CHECKING:
     from invariantqp.force.hybrid import HybridController as HybridController
     from invariantqp.force.hybrid_task import HybridTask as HybridTask
+    from invariantqp.force.path import HybridFollower as HybridFollower
+    from invariantqp.force.path import HybridPathSolution as HybridPathSolution
     from invariantqp.force.reading import Wrench as Wrench
     from invariantqp.force.solution import HybridSolution as HybridSolution
     from invariantqp.force.wrench import SensorCheck as SensorCheck
@@ -22,6 +24,7 @@ load_lazily(
     {
         "invariantqp.force.hybrid": ("HybridController",),
         "invariantqp.force.hybrid_task": ("HybridTask",),
+        "invariantqp.force.path": ("HybridFollower", "HybridPathSolution"),
         "invariantqp.force.reading": ("Wrench",),
         "invariantqp.force.solution": ("HybridSolution",),
         "invariantqp.force.wrench": ("SensorCheck", "WrenchSensor"),

@@ -139,6 +139,7 @@ class HybridController:
         contact: Contact | None = None,
         velocity: ArrayLike | None = None,
         wanted: ArrayLike | Wrench | None = None,
+        posture: ArrayLike | None = None,
     ) -> HybridSolution:
         """One tick: the joint velocity to command until the next.
 
@@ -151,6 +152,7 @@ class HybridController:
             contact: the contact now; None takes the task's.
             velocity: as in `Controller.step`.
             wanted: what to exert in this tick, as `HybridTask.wrench`; None takes the task's.
+            posture: as in `Controller.follow`.
 
         Returns:
             HybridSolution.
@@ -161,8 +163,8 @@ class HybridController:
         robot, loop = self.loop.robot, self.loop
         positions = arrays.vector(q, len(robot.names), "q")
         reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
-        if velocity is not None:
-            velocity = arrays.vector(velocity, len(robot.names), "velocity")
+        velocity = None if velocity is None else arrays.vector(velocity, len(robot.names), "velocity")
+        free = None if posture is None else arrays.vector(posture, len(robot.names), "posture")
         sighting = robot.sight(positions, target)
         s = tracking_twist(sighting.error, loop.gain, feedforward)
         tool = robot.pose(positions)
@@ -203,7 +205,7 @@ class HybridController:
             elif waits:
                 force = np.zeros(6)
             rows = self._rows(contact, sighting.J, force)
-            inner = loop.follow(positions, motion + force, velocity, rows, sighting, where)
+            inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, free)
         moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
         normal = self._found(told, watch, felt, regulation)

@@ -60,6 +60,11 @@ def follower():
 
 
 @cache
+def in_contact():
+    start = ur5().pose(Q)
+    return iq.force.HybridFollower(hybrid(), [start, iq.transform(translation=[0.01, 0.0, 0.0]) @ start])
+
+
 def stream():
     return iq.control.StreamedPath(iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0))
 
@@ -254,7 +259,25 @@ CONTROL = {
             "contact": contact(),
             "velocity": Q,
             "wanted": [5.0],
+            "posture": Q,
         },
+    ),
+    "HybridFollower": lambda: (
+        iq.force.HybridFollower,
+        {
+            "hybrid": hybrid(),
+            "path": [T, T @ iq.exp(TWIST)],
+            "end": 1.0,
+            "times": None,
+            "rate": None,
+            "acceleration": None,
+            "jerk": None,
+        },
+    ),
+    "HybridFollower.prepare": lambda: (in_contact().prepare, {"q": Q}),
+    "HybridFollower.step": lambda: (
+        in_contact().step,
+        {"q": Q, "wrench": TWIST, "velocity": Q, "contact": contact(), "wanted": [5.0]},
     ),
     "WrenchSensor": lambda: (
         iq.WrenchSensor,

@@ -1,0 +1,241 @@
+"""A path in contact: motion along S waits for limits, force does not.
+
+    s = P (P'(sigma) v + gain e_across) + force part,     v <= what the joints can do here and brake from in time
+
+The path's parameter sigma is the place on it nearest the tool, seen along S alone: how deep the tool is pressed counts
+for nothing. How fast is planned as for a `PathFollower`; the force part is the `HybridController`'s, and goes on
+whatever the path does. Until the tool touches, and while it has lost contact, the path waits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, sqrt
+from typing import Any
+
+import numpy as np
+from attrs import field, frozen
+from numpy.typing import ArrayLike
+
+from invariantqp.control.asked import asked
+from invariantqp.control.given_path import GivenPath, given_path
+from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN
+from invariantqp.control.path_pace import Pace
+from invariantqp.control.path_plan import PathPlan
+from invariantqp.control.path_rate import rate_inside
+from invariantqp.control.path_report import ARRIVED, AT_REST
+from invariantqp.control.path_search import PathSearch
+from invariantqp.control.path_solution import PathSolution
+from invariantqp.control.path_state import PathState, at_rest
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.hybrid import HybridController
+from invariantqp.force.reading import Wrench
+from invariantqp.force.solution import HybridSolution
+from invariantqp.force.split import Split
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.systems.contacts import Contact
+
+# The tool touches from this share of the wanted press on.
+TOUCH = 0.5
+# How near the end a tool is that is there, along S, relative to the measure's length.
+AT_END = 1e-4
+NO_CONTACT = ("lost", "overload", "fault")
+
+
+@frozen(eq=False, repr=False, slots=False)
+class HybridPathSolution(PathSolution):
+    """A tick along a path in contact: as `PathSolution`, `across` along S alone.
+
+    Attributes:
+        hybrid: the hybrid controller's answer, with the forces.
+    """
+
+    hybrid: HybridSolution = field(repr=False)
+
+
+class HybridFollower:
+    """Drives a tool in contact along a path; `step` is one tick.
+
+    Attributes:
+        hybrid: whose forces, law and limits hold.
+        plan: what the look-ahead found, None before it is found.
+    """
+
+    def __init__(
+        self,
+        hybrid: HybridController,
+        path: Callable[[float], ArrayLike] | ArrayLike,
+        *,
+        end: float = 1.0,
+        times: ArrayLike | None = None,
+        rate: float | None = None,
+        acceleration: float | None = None,
+        jerk: float | None = None,
+    ) -> None:
+        """Fit the path; the joint motion along it is found by `prepare`, or in the first ticks.
+
+        Args:
+            hybrid: a hybrid controller.
+            path: as in `PathFollower`, on the surface that the tool touches; and so are the others.
+            end: of a function's parameter.
+            times: (n,) the parameter of poses.
+            rate: how fast the parameter is meant to go [1/s].
+            acceleration: of the speed along the path.
+            jerk: likewise.
+
+        Raises:
+            BadInput: not a hybrid controller, or what `PathFollower` refuses.
+        """
+        if not isinstance(hybrid, HybridController):
+            raise BadInput("hybrid", excerpt(hybrid), "a HybridController")
+        self.hybrid = hybrid
+        self.plan: PathPlan | None = None
+        loop = hybrid.loop
+        most = inf
+        if acceleration is not None:
+            most = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
+        smooth = None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True)
+        fast = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
+        self._pace = Pace(loop.dt, fast, most, smooth)
+        self._path: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=rate is not None)
+        self._search: PathSearch | None = None
+        self._touching = False
+        self._split: Split | None = None
+        self._state: PathState = at_rest(0.0, np.zeros(len(loop.robot.names)))
+
+    def prepare(self, q: ArrayLike) -> None:
+        """Find the joint motion along the path now, as `PathFollower.prepare`.
+
+        Args:
+            q: (m,) joint positions near the path's start [rad, length].
+
+        Raises:
+            BadInput: NaN or a wrong shape.
+        """
+        positions = arrays.vector(q, len(self.hybrid.robot.names), "q")
+        while self.plan is None:
+            self._look_on(positions)
+
+    def step(
+        self,
+        q: ArrayLike,
+        wrench: Any,
+        velocity: ArrayLike | None = None,
+        contact: Contact | None = None,
+        wanted: ArrayLike | Wrench | None = None,
+    ) -> HybridPathSolution:
+        """One tick: the joint velocity to command until the next.
+
+        Args:
+            q: (m,) measured joint positions [rad, length].
+            wrench: as in `HybridController.step`, and so are the others.
+            velocity: (m,) joint velocity now; None is the one commanded last.
+            contact: the contact now; None takes the task's.
+            wanted: what to exert in this tick; None takes the task's.
+
+        Returns:
+            HybridPathSolution: "waiting" until the tool touches, and where contact is lost.
+
+        Raises:
+            BadInput: NaN or wrong shapes.
+        """
+        hybrid, curve = self.hybrid, self._path.curve
+        loop, robot = hybrid.loop, hybrid.robot
+        positions = arrays.vector(q, len(robot.names), "q")
+        before = self._state.velocity if velocity is None else velocity
+        plan = self.plan
+        if plan is None:
+            answer = hybrid.step(positions, curve.pose(0.0), wrench, None, contact, before, wanted)
+            self._look_on(positions)
+            self._state = at_rest(0.0, answer.velocity)
+            return self._told(answer, "waiting", "looking along the path", 0.0, "the start", 0.0)
+        here = hybrid.task.contact_at(robot.pose(positions)) if contact is None else contact
+        place, off = self._beside(plan, positions, here)
+        rate, slope, ruling = self._pace_at(plan, place, off)
+        middle = min(place + 0.5 * loop.dt * rate, plan.end)
+        posture = rate * slope + JOINT_GAIN * (plan.joints(place) - positions)
+        ahead = rate * curve.tangent(middle)
+        answer = hybrid.step(positions, curve.pose(place), wrench, ahead, here, before, wanted, posture)
+        waits, state = not self._touching, self._state
+        self._touching = self._touches(answer)
+        self._state = state._replace(
+            place=place + loop.dt * rate,
+            speed=rate,
+            acceleration=(rate - state.speed) / loop.dt,
+            along=rate * slope,
+            velocity=answer.velocity,
+            ticks=state.ticks + 1,
+        )
+        status, reason = "moving" if ruling == "the rate asked for" else "slowed", answer.reason
+        if waits:
+            status, reason = "waiting", answer.reason or "no contact"
+        elif self._arrived(plan, off):
+            status, reason = "done", ""
+            if plan.blocked:
+                status, reason = "blocked", plan.blocked
+        return self._told(answer, status, reason, rate, ruling, off)
+
+    def _pace_at(self, plan: PathPlan, place: float, off: float) -> tuple[float, Array, str]:
+        """The rate of this tick, the slope of the joint motion along it, and what rules it."""
+        loop, state = self.hybrid.loop, self._state
+        away = max(off / (AWAY * loop.measure.length), 1.0)
+        near = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
+        stop = "" if self._touching else "no contact"
+        speed, possible, ruling = self._pace.speed(plan, state, place, near=near, override=1.0, stop=stop)
+        rate = min(speed, (plan.end - place) / loop.dt)
+        slope = plan.slope(place + 0.5 * loop.dt * rate)
+        if loop.braking is not None:
+            rate = rate_inside(slope, rate, possible, state.along, loop.dt * loop.braking.acceleration)
+        return min(max(rate, 0.0), (plan.end - place) / loop.dt), slope, ruling
+
+    def _arrived(self, plan: PathPlan, off: float) -> bool:
+        """Whether the tool rests at the end of the path."""
+        loop, state = self.hybrid.loop, self._state
+        limit = loop.robot.velocity_limit
+        fastest = np.where(np.isfinite(limit), limit, 1.0)
+        there = plan.end - state.place <= ARRIVED * self._path.curve.end and off <= AT_END * loop.measure.length
+        return there and bool((np.abs(state.velocity) <= AT_REST * fastest).all())
+
+    def _beside(self, plan: PathPlan, q: Array, contact: Contact) -> tuple[float, float]:
+        """The place nearest the tool along S, and how far the tool is from it."""
+        loop, curve, expected = self.hybrid.loop, self._path.curve, self._state.place
+        target = loop.robot.target(curve.pose(expected))
+        sighting = loop.robot.sight(q, target)
+        root = loop.measure.root(loop.robot, sighting, target)
+        if self._split is None or self._split.kind is not contact.kind:
+            self._split = self.hybrid.task.split(contact.kind)
+        P = self._split.projectors.motion
+        A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
+        R = asked(loop, sighting, root).dot(A).dot(P).dot(B.T)
+        ahead, error = R.dot(curve.tangent(expected)), R.dot(sighting.error)
+        shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + self._path.slow * self._path.slow)
+        place = min(max(expected - shift, plan.start), plan.end)
+        rest = error - (expected - place) * ahead
+        return place, sqrt(float(rest.dot(rest)))
+
+    def _touches(self, answer: HybridSolution) -> bool:
+        """Whether the tool is in contact."""
+        if answer.status in NO_CONTACT:
+            return False
+        if not answer.contact.kind.unilateral or self._touching:
+            return True
+        wanted = np.linalg.lstsq(answer.contact.constraints, answer.wanted, rcond=None)[0]
+        return bool(answer.intensities[0] >= TOUCH * wanted[0])
+
+    def _look_on(self, q: Array) -> None:
+        if self._search is None:
+            curve = self._path.curve
+            self._search = PathSearch(self.hybrid.loop, curve, q, 0.0, rate=self._pace.rate, stops=True)
+        self._search.extend()
+        if self._search.done:
+            self.plan = self._search.plan(inf if self._pace.rate is None else self._pace.rate)
+
+    def _told(
+        self, answer: HybridSolution, status: str, reason: str, speed: float, ruling: str, off: float
+    ) -> HybridPathSolution:
+        state, rate = self._state, self._pace.rate
+        at = self._path.place(state.place)
+        lag = None if rate is None else state.ticks * self.hybrid.loop.dt - at / rate
+        inner = answer.velocity_solution
+        return HybridPathSolution(answer.velocity, status, reason, at, speed, ruling, lag, off, inner, answer)

@@ -1,0 +1,75 @@
+"""In contact, motion waits for limits, and force does not."""
+
+import numpy as np
+from support.spring_plane import PANDA, Bench, circle, pen
+
+import invariantqp as iq
+
+DT, RADIUS, PERIOD = 2e-3, 0.03, 0.4
+
+
+def slow_bench():
+    """A Panda at a fifteenth of its speed, with a pen on paper."""
+    robot = iq.load_robot("panda")
+    limits = (robot.position_lower, robot.position_upper, robot.velocity_limit / 15.0)
+    return Bench(
+        iq.robots.Chain(robot.screws, robot.home, robot.names, *limits), PANDA, pen(), dt=DT, acceleration_limit=5.0
+    )
+
+
+def off_circle(bench):
+    return abs(np.linalg.norm(bench.robot.pose(bench.q)[:2, 3] - bench.start[:2, 3] + [RADIUS, 0.0]) - RADIUS)
+
+
+def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
+    bench = slow_bench()
+    path = circle(bench.start, RADIUS, PERIOD)
+    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2, rate=1.0)
+    follower.prepare(bench.q)
+    told, off, jumps = [], [], []
+    for _ in range(2000):
+        told.append(follower.step(bench.q, bench.wrench()))
+        bench.q = bench.q + DT * told[-1].velocity
+        off.append(off_circle(bench))
+        if told[-1].status in ("done", "blocked"):
+            break
+    first = [s.status for s in told].index("slowed")
+    settled = first + 100
+    assert {s.status for s in told[:first]} == {"waiting"}
+    assert told[-1].status == "done"
+    assert told[-1].lag > PERIOD
+    assert max(off[settled:]) < 5e-5
+    assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in told[settled:]) < 0.01
+    assert np.linalg.norm(bench.robot.pose(bench.q)[:2, 3] - path(PERIOD / 2)[0][:2, 3]) < 1e-4
+    velocity = np.array([s.velocity for s in told])
+    assert (np.abs(velocity) <= bench.robot.velocity_limit + 1e-9).all()
+    jumps = np.abs(np.diff(velocity, axis=0, prepend=np.zeros((1, 7)))) / DT
+    assert jumps.max() <= 5.0 * (1.0 + 1e-9)
+
+    alone = slow_bench()  # the hybrid controller by itself keeps the timing, and leaves the circle
+    alone.run(100)
+    worst = 0.0
+    for k in range(round(PERIOD / 2 / DT)):
+        alone.tick(*path(k * DT))
+        worst = max(worst, off_circle(alone))
+    assert worst > 5e-3
+
+
+def test_the_path_waits_while_contact_is_lost():
+    bench = slow_bench()
+    path = circle(bench.start, RADIUS, PERIOD)
+    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2)
+    follower.prepare(bench.q)
+    places, statuses = [], []
+    for k in range(600):
+        if k == 200:
+            bench.height -= 1e-2
+        told = follower.step(bench.q, bench.wrench())
+        bench.q = bench.q + DT * told.velocity
+        places.append(told.place)
+        statuses.append(told.status)
+    lost = [k for k in range(200, 600) if statuses[k] == "waiting"]
+    assert len(lost) > 20
+    assert places[lost[-1]] - places[lost[0] + 20] < 1e-3 * PERIOD
+    assert statuses[lost[-1] + 1] == "slowed"
+    assert places[-1] > places[lost[-1]] + 0.01 * PERIOD
