@@ -18,7 +18,7 @@ PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
-    "FrameCheck GibsonHunt HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection Involution MethodChoice "
+    "FrameCheck GibsonHunt HybridPathSolution HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection Involution MethodChoice "
     "NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation SensorCheck Sighting "
     "StationaryPoint Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",

@@ -144,6 +144,8 @@ class HybridFollower:
         loop, robot = hybrid.loop, hybrid.robot
         positions = arrays.vector(q, len(robot.names), "q")
         before = self._state.velocity if velocity is None else velocity
+        if not (contact is None or isinstance(contact, Contact)):
+            raise BadInput("contact", excerpt(contact), "a Contact")
         plan = self.plan
         if plan is None:
             answer = hybrid.step(positions, curve.pose(0.0), wrench, None, contact, before, wanted)
