@@ -49,10 +49,7 @@ def reported(
     status, reason = "moving", answer.reason
     if arrived and blocked:
         status, reason = "blocked", f"the path cannot be had from {at:.6g} on: {blocked}"
-    elif (
-        arrived
-        and here.off + dt * float(np.linalg.norm(here.asked.dot(here.sighting.J.dot(answer.velocity)))) <= tolerance
-    ):
+    elif arrived and here.off + dt * _speed(driven) <= tolerance:
         status, reason, ruling = "done", "", "the path's end"
     elif plan.off[i] > reachable:
         status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
@@ -64,3 +61,9 @@ def reported(
     return PathSolution(
         answer.velocity, status, reason, at, (at - path.place(here.place)) / dt, ruling, lag, here.off, answer
     )
+
+
+def _speed(driven: Driven) -> float:
+    """How fast the tool moves in what is asked of it."""
+    here = driven.here
+    return float(np.linalg.norm(here.asked.dot(here.sighting.J.dot(driven.answer.velocity))))
