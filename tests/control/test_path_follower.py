@@ -342,6 +342,12 @@ def test_done_means_at_the_end():
     assert solutions[-1].status == "done"
     assert all(np.linalg.norm(arm.pose(p)[:3, 3] - end) < 1e-6 for p in positions[-2:])
     assert max(s.across for s in solutions) < MM
+    there = positions[-1]
+    J = (iq.adjoint(iq.transform(translation=-end)) @ arm.jacobian(there))[3:]
+    past, q, _ = drive(follower, there + np.linalg.pinv(J) @ [0.0, 2e-4, 0.0])  # pushed past the end
+    assert past[0].status != "done"
+    assert past[-1].status == "done"
+    assert np.linalg.norm(arm.pose(q[-1])[:3, 3] - end) < 1e-6
 
 
 def test_tool_speed_and_rows_slow_it_down():
