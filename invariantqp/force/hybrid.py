@@ -154,9 +154,6 @@ class HybridController:
             wanted: what to exert in this tick, as `HybridTask.wrench`; None takes the task's.
             posture: as in `Controller.follow`.
 
-        Returns:
-            HybridSolution.
-
         Raises:
             BadInput: NaN or wrong shapes; the controller's state is as it was.
         """
@@ -164,7 +161,6 @@ class HybridController:
         positions = arrays.vector(q, len(robot.names), "q")
         reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
         velocity = None if velocity is None else arrays.vector(velocity, len(robot.names), "velocity")
-        free = None if posture is None else arrays.vector(posture, len(robot.names), "posture")
         sighting = robot.sight(positions, target)
         s = tracking_twist(sighting.error, loop.gain, feedforward)
         tool = robot.pose(positions)
@@ -205,7 +201,7 @@ class HybridController:
             elif waits:
                 force = np.zeros(6)
             rows = self._rows(contact, sighting.J, force)
-            inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, free)
+            inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
         moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
         normal = self._found(told, watch, felt, regulation)

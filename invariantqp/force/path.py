@@ -220,10 +220,11 @@ class HybridFollower:
         """Whether the tool is in contact."""
         if answer.status in NO_CONTACT:
             return False
-        if not answer.contact.kind.unilateral or self._touching:
+        if self._touching:
             return True
+        n = answer.contact.kind.presses
         wanted = np.linalg.lstsq(answer.contact.constraints, answer.wanted, rcond=None)[0]
-        return bool(answer.intensities[0] >= TOUCH * wanted[0])
+        return bool((answer.intensities[:n] >= TOUCH * wanted[:n]).all())
 
     def _look_on(self, q: Array) -> None:
         if self._search is None:
