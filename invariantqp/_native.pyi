@@ -5,6 +5,7 @@ from invariantqp.geometry.arrays import Array
 
 CONSTANTS: dict[str, float]
 MOST_JOINTS: int
+MOST_ROWS: int
 
 def tick(
     J: Array,
@@ -17,6 +18,8 @@ def tick(
     policy: tuple[float, float, float],
     exact: tuple[Array, Array, Array | None, int | None] | None,
     cone: tuple[Array, float, Array] | None,
+    limits: tuple[Array, Array, Array] | None,
+    metric: tuple[Array, Array] | None,
     /,
 ) -> tuple[Any, ...] | None: ...
 def ticks(
@@ -34,7 +37,6 @@ def ticks(
 def loop(
     numbers: Array,
     point: Array,
-    exact: Array,
     fast: Array,
     home: Array,
     screws: Array,
@@ -46,6 +48,12 @@ def loop(
     position_lower: Array,
     position_upper: Array,
     acceleration: Array,
+    exact: Array,
+    rows: Array,
+    rows_lower: Array,
+    rows_upper: Array,
+    to_joint: Array,
+    from_joint: Array,
     /,
 ) -> Array: ...
 def step(

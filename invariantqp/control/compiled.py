@@ -1,7 +1,7 @@
 """A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
-The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits,
-those of accelerations too, an exact point and a tool speed.
+The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits, those of
+accelerations too, fixed `LimitRows`, a tool speed, a joint metric, and the exact demands of `demands`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.convergence import Convergence
-from invariantqp.control.demands import Exact, ExactPoint
+from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlane, ExactPoint
+from invariantqp.control.joint_rows import JointRows
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
@@ -47,6 +48,7 @@ def compiled_loop(
     exact: tuple[Exact, ...],
     row_rank: int | None,
     speed: ToolSpeed | None,
+    joint_rows: JointRows | None,
 ) -> Array | None:
     """The fixed numbers of a loop for `compiled_tick`; None for a loop that the core does not have.
 
@@ -60,29 +62,58 @@ def compiled_loop(
         middle: (m,) the posture, middle of the joint ranges.
         pull: (m,) gains of the posture [1/s].
         slow: 1 / |v|, v the measured twist at full speed.
-        exact: what is met exactly; the core has a single ExactPoint.
+        exact: what is met exactly.
         row_rank: how many of its rows the arm can keep at best.
         speed: limit of a point of the tool.
+        joint_rows: limits on combinations of joint velocities; the core has those that are the same in every tick.
     """
     if core is None or law.compiled is None or measure.carried is not None or measure.point is None:
         return None
-    if len(exact) > 1 or not all(type(demand) is ExactPoint for demand in exact):
-        return None
     if speed is not None and speed.exact:
         return None
-    if type(robot) is not Chain or len(middle) > core.MOST_JOINTS:  # a class of the user's may be no such chain
+    m = len(middle)
+    if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None
-    point = next((demand.point for demand in exact if isinstance(demand, ExactPoint)), np.zeros(3))
-    numbers = [len(middle), law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
-    numbers += [len(exact), -1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit]
-    numbers += [braking is not None]
+    wanted, rows = _wanted(exact, m), _rows(joint_rows, m)
+    if wanted is None or len(wanted) > core.MOST_ROWS or rows is None or len(rows[0]) > core.MOST_JOINTS:
+        return None
+    numbers = [m, law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
+    numbers += [-1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit, braking is not None]
+    numbers += [len(wanted), len(rows[0]), law.metric is not None]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
-    fixed = np.array(numbers, np.float64), measure.point, point, fast, robot.home, robot.screws
-    acceleration = np.zeros(len(middle)) if braking is None else braking.acceleration
+    fixed = np.array(numbers, np.float64), measure.point, fast, robot.home, robot.screws
+    acceleration = np.zeros(m) if braking is None else braking.acceleration
     room = box.position_lower, box.position_upper, acceleration
-    made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull, *room)
+    same = np.eye(m)
+    metric = same if law.to_joint is None else law.to_joint, same if law.from_joint is None else law.from_joint
+    limits = wanted, *rows
+    made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull, *room, *limits, *metric)
     return made
+
+
+def _wanted(exact: tuple[Exact, ...], m: int) -> Array | None:
+    """(k, 8 + m) the demands, rows on the joints one by one: kind, point, direction, speed, row; None for others."""
+    found, nothing, still = [], np.zeros(3), np.zeros(m)
+    for demand in exact:
+        if type(demand) is ExactPoint:
+            found.append((0.0, *demand.point, *nothing, 0.0, *still))
+        elif type(demand) is ExactAxis:
+            found.append((1.0, *nothing, *demand.axis, 0.0, *still))
+        elif type(demand) is ExactPlane:
+            found.append((2.0, *demand.point, *demand.normal, 0.0, *still))
+        elif type(demand) is ExactJoints:
+            found += [(3.0, *nothing, *nothing, b, *row) for row, b in zip(demand.A, demand.b, strict=True)]
+        else:
+            return None
+    return np.array(found, np.float64).reshape(len(found), 8 + m)
+
+
+def _rows(limits: JointRows | None, m: int) -> tuple[Array, Array, Array] | None:
+    """(k, m) C, (k,) lower and upper of `LimitRows`; None where they may change from tick to tick."""
+    if limits is None:
+        return np.empty((0, m)), np.empty(0), np.empty(0)
+    return None if limits.fixed is None else (limits.fixed.C, limits.fixed.lower, limits.fixed.upper)
 
 
 def compiled_tick(

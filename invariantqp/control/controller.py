@@ -161,22 +161,21 @@ class Controller:
         self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
         self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._memory = _Memory(np.zeros(m), None, Convergence())
-        self._compiled: Array | None = None
-        if self.joint_rows is None:
-            self._compiled = compiled_loop(
-                robot,
-                self.law,
-                self.measure,
-                self.box,
-                self.braking,
-                self.gain,
-                mid,
-                self._pull,
-                self._slowness,
-                self.exact,
-                self.row_rank,
-                tool_speed,
-            )
+        self._compiled: Array | None = compiled_loop(
+            robot,
+            self.law,
+            self.measure,
+            self.box,
+            self.braking,
+            self.gain,
+            mid,
+            self._pull,
+            self._slowness,
+            self.exact,
+            self.row_rank,
+            tool_speed,
+            self.joint_rows,
+        )
 
     def __copy__(self) -> Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks

@@ -107,6 +107,11 @@ class JointRows:
         C, lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
         return TickRows(LimitRows(C, lower, upper))
 
+    @property
+    def fixed(self) -> LimitRows | None:
+        """The rows where they are the same in every tick."""
+        return self._rows if isinstance(self._rows, LimitRows) and not self._limits else None
+
     def own(self, q: Array) -> LimitRows | None:
         """The user's rows at joint positions q (m,), None where there are none or they cannot be used."""
         try:

@@ -23,39 +23,35 @@ static void say(char *words, const char *text)
     PyOS_snprintf(words + used, WORDS - used, "%s%s", used > 0 ? "; " : "", text);
 }
 
-/* "joint 3" or "joints 0, 2" */
-static void name(char *words, int m, const bool *which)
+/* Write "joint 3" or "joints 0, 2", after `between`; how many they are. */
+static int name(char *words, const char *between, const char *what, int n, const bool *which)
 {
     int count = 0, told = 0;
-    for (int j = 0; j < m; j++)
+    for (int j = 0; j < n; j++)
         count += which[j];
-    for (int j = 0; j < m; j++)
-        if (which[j]) {
-            const char *before = told++ > 0 ? ", " : count > 1 ? "joints " : "joint ";
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s%d", before, j);
-        }
+    if (count > 0)
+        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s%s%s ", between, what, count > 1 ? "s" : "");
+    for (int j = 0; j < n; j++)
+        if (which[j])
+            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s%d", told++ > 0 ? ", " : "", j);
+    return count;
 }
 
-static PyObject *reason(int m, const Solution *solution, int active)
+static PyObject *reason(int m, const Solution *solution)
 {
     char words[WORDS] = "";
     if (solution->stuck)
         say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
     if (solution->slow) {
-        bool joints = false;
-        for (int j = 0; j < m; j++)
-            joints = joints || solution->held_by[j];
-        bool held = joints || solution->fast;
         say(words, "limits allow ");
         if (!add(words, "", solution->scale, 'g', 3))
             return NULL;
-        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the exact rows' speed%s", held ? " (held by " : "");
-        if (held) {
-            name(words, m, solution->held_by);
-            if (solution->fast)
-                PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sthe tool's speed", joints ? " and " : "");
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), ")");
-        }
+        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the exact rows' speed");
+        int held = name(words, " (held by ", "joint", m, solution->held_by);
+        held += name(words, held > 0 ? " and " : " (held by ", "row", solution->limits, solution->held_by + m);
+        if (solution->fast)
+            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sthe tool's speed", held ? " and " : " (held by ");
+        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s", held || solution->fast ? ")" : "");
     }
     if (solution->damping > 0.0) {
         say(words, "near a singularity: the smallest singular value is ");
@@ -71,10 +67,7 @@ static PyObject *reason(int m, const Solution *solution, int active)
             PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the twist is given up");
         }
     }
-    if (active > 0) {
-        say(words, "at the limits of ");
-        name(words, m, solution->active);
-    }
+    name(words, words[0] != 0 ? "; at the limits of " : "at the limits of ", "joint", m, solution->active);
     return PyUnicode_FromString(words);
 }
 
@@ -98,11 +91,13 @@ PyObject *fields(int m, const Solution *solution)
     int active = 0;
     for (int j = 0; j < m; j++)
         active += solution->active[j];
-    return Py_BuildValue("(NssNNNdddsNO)", new_vector(m, solution->velocity), METHODS[solution->method],
-                         solution->stuck || solution->lost ? "degraded" : solution->slow ? "scaled" : "ok", reason(m, solution, active),
+    return Py_BuildValue("(NssNNNdddsNN)", new_vector(m, solution->velocity), METHODS[solution->method],
+                         solution->stuck || solution->lost ? "degraded" : solution->slow ? "scaled" : "ok", reason(m, solution),
                          joints(m, solution->active, active), new_vector(6, solution->residual), solution->scale,
                          solution->damping, 0.0, solution->met ? "native" : "",
-                         solution->met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None), Py_None);
+                         solution->met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
+                         solution->met && solution->limits > 0 ? new_vector(solution->limits, solution->multipliers + m)
+                                                               : Py_NewRef(Py_None));
 }
 
 /* Whether a velocity and a residual are all there is to say. */

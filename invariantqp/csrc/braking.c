@@ -58,7 +58,8 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Row
     return DONE;
 }
 
-/* The share of the gain from which the joints can still brake before the target; `error` is measured, as A is. */
+/* The share of the gain from which the joints can still brake before the target; `error` is measured, as A is;
+   A is on y where there is a joint metric. */
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share)
 {
     static const Row STILL = {0.0};
@@ -70,6 +71,8 @@ Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], d
     if (least_squares(&damped, m, A, error, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
+    if (loop->has_metric != 0.0)
+        transformed(m, loop->metric.T, distance, distance);
     for (int j = 0; j < m; j++) {
         double d = fabs(distance[j]), a = BRAKING_SHARE * loop->acceleration[j], knee = a / (loop->gain * loop->gain);
         if (d > knee)

@@ -10,7 +10,7 @@
 /* How far the target's rotation may be from R'R = I: others are told apart by how a logarithm projects them. */
 static const double ROTATION = 1e-12;
 
-static void cross(const double a[3], const double b[3], double c[3])
+void cross(const double a[3], const double b[3], double c[3])
 {
     c[0] = a[1] * b[2] - a[2] * b[1];
     c[1] = a[2] * b[0] - a[0] * b[2];
@@ -18,7 +18,7 @@ static void cross(const double a[3], const double b[3], double c[3])
 }
 
 /* R b */
-static void turned(const Pose *T, const double b[3], double c[3])
+void turned(const Pose *T, const double b[3], double c[3])
 {
     for (int i = 0; i < 3; i++)
         c[i] = dot(3, T->R[i], b);

@@ -35,6 +35,19 @@ typedef struct {
     Row M[3];
 } Slow;
 
+/* qp/polytope.py: lower <= A z <= upper, A the identity for a box; joints first, then rows */
+typedef struct {
+    int count;
+    bool box;
+    Row A[LIMITS];
+    double lower[LIMITS], upper[LIMITS];
+} Polytope;
+
+/* law.py: x = T y with T'MT = I for a joint metric M, and y = inverse x */
+typedef struct {
+    Row T[MOST], inverse[MOST];
+} Metric;
+
 /* law.py: the input of a tick. */
 typedef struct {
     int m;
@@ -51,6 +64,11 @@ typedef struct {
     Row C[MOST_ROWS];
     double e[MOST_ROWS], D[MOST_ROWS][6];
     Cone cone;
+    /* limits/rows.py: least <= G x <= most */
+    int limits;
+    Row G[MOST];
+    Row least, most;
+    const Metric *metric; /* NULL is the identity */
     /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed */
     double threshold, ceiling, fixed;
 } Demand;
@@ -75,14 +93,6 @@ typedef struct {
     Row K[MOST], T[MOST], centre;
 } Quadratic;
 
-/* qp/polytope.py: lower <= A z <= upper, A the identity for a box */
-typedef struct {
-    int count;
-    bool box;
-    Row A[LIMITS];
-    double lower[LIMITS], upper[LIMITS];
-} Polytope;
-
 /* qp/quadratic.py: the minimiser and its multipliers, zero where a limit is not active */
 typedef struct {
     Row z;
@@ -91,10 +101,10 @@ typedef struct {
     bool met;  /* whether a limit is active */
 } Optimum;
 
-/* exact.py: y = share full + B z; basis[i] is column i of B */
+/* exact.py: y = start + share (full - start) + B z; basis[i] is column i of B, span[i] likewise of what the rows fix */
 typedef struct {
     int n;
-    Row full, basis[MOST];
+    Row full, start, basis[MOST], span[MOST_ROWS];
     double effort, bend;
 } Reduction;
 
@@ -109,12 +119,12 @@ typedef struct {
 /* solution.py */
 typedef enum { CLOSED_FORM, DAMPED, QP } Method;
 typedef struct {
-    int m;
-    Row velocity, multipliers;
-    double residual[6];
+    int m, limits;
+    Row velocity;
+    double multipliers[LIMITS], residual[6]; /* of joints, then of rows */
     Method method;
     bool active[MOST];
-    bool stuck, lost, slow, met, fast, held_by[MOST];
+    bool stuck, lost, slow, met, fast, held_by[LIMITS];
     double scale, damping, ratio, lost_share; /* for the reason */
 } Solution;
 
@@ -123,19 +133,29 @@ typedef struct {
     double R[3][3], p[3];
 } Pose;
 
+/* control/demands.py: a point or a direction of the tool, the direction of a plane's normal, or a row on the joints */
+typedef enum { POINT, AXIS, PLANE, JOINTS } Kind;
+typedef struct {
+    double kind, point[3], direction[3], speed;
+    Row row;
+} Wanted;
+
 /* control/controller.py: what does not change from tick to tick. Numbers alone, so that an array carries it. */
 typedef struct {
     double joints, dt, gain, length, slowness, has_posture;
     double threshold, ceiling, fixed;
-    double has_exact, row_rank, speed_limit, has_braking;
-    double point[3]; /* of the tool, where the error is measured */
-    double exact[3]; /* of the tool, a point that follows its target exactly */
-    double fast[3];  /* of the tool, a point whose speed is limited */
+    double row_rank, speed_limit, has_braking;
+    double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
+    double point[3];                   /* of the tool, where the error is measured */
+    double fast[3];                    /* of the tool, a point whose speed is limited */
     double home[16];
     Row screws[6];
     Row low, high, fastest; /* position limits / dt, and the velocity limit */
     Row middle, pull;       /* of the posture */
     Row position_lower, position_upper, acceleration;
+    Wanted exact[MOST_ROWS];
+    Row G[MOST], least, most;
+    Metric metric;
 } Loop;
 
 /* pose/arm.py: an arm as pose searches see it. Numbers alone, as in a Loop. */
@@ -175,13 +195,18 @@ static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
 /* dense.c */
 double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);
+bool usual(int n, const double *a);
+void transformed(int m, const Row *M, const Row x, Row y);
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C);
+void product_with(int rows, int m, Row *A, const Row *T);
 bool factored(int n, Row *H);
 void solved(int n, const Row *L, const double *g, double *x);
 
 /* chain.c */
 void pose_from(const double H[16], Pose *T);
 void place(const Pose *T, const double point[3], double p[3]);
+void turned(const Pose *T, const double b[3], double c[3]);
+void cross(const double a[3], const double b[3], double c[3]);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);
@@ -200,14 +225,17 @@ bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
 double tool_speed(const Cone *cone, int n, const Row x);
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result);
+void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result);
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x);
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
               const Share *share, const Optimum *found, Solution *solution);
-Outcome reduce(const Demand *demand, Reduction *reduction);
+Outcome reduce(const Demand *demand, const Row *C, Reduction *reduction);
+void origin(const Reduction *reduction, int m, double share, Row y);
 void joint(const Reduction *reduction, int m, const double *z, double share, Row y);
 void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
-Outcome share_of(const Reduction *reduction, const Demand *demand, Share *share);
+Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside);
+Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
 Outcome solve(const Demand *demand, Solution *solution);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
@@ -216,6 +244,9 @@ void turn_to(const Pose *target, const Pose *tool, double w[3]);
 Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z);
 void misses(const Arm *arm, const Pose *target, const double *q, double *position, double *orientation);
 Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found);
+void root_at(const double p[3], double length, double root[6][6]);
+Outcome rows_of(const Loop *loop, double gain, const Pose *tool, const Pose *target, const double *feedforward,
+                Demand *demand);
 Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,

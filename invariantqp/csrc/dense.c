@@ -1,6 +1,7 @@
 /* Sums over short vectors, products and factors of small matrices. */
 
 #include "core.h"
+#include <string.h>
 
 /* |A|, the root of the sum of squares. */
 double norm_of_rows(int rows, int n, const Row *A)
@@ -19,6 +20,21 @@ bool all_finite(int n, const double *a)
     return true;
 }
 
+/* Sizes whose squares neither overflow nor vanish. */
+static const double SMALLEST = 1e-70, LARGEST = 1e70;
+
+/* Whether a vector is zero or of such a size; NaN is not. */
+bool usual(int n, const double *a)
+{
+    double most = 0.0;
+    for (int i = 0; i < n; i++) {
+        if (!(fabs(a[i]) <= LARGEST))
+            return false;
+        most = fmax(most, fabs(a[i]));
+    }
+    return most == 0.0 || most >= SMALLEST;
+}
+
 /* D J */
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C)
 {
@@ -29,6 +45,28 @@ void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row 
             for (int j = 0; j < m; j++)
                 C[i][j] += D[i][k] * J[k][j];
     }
+}
+
+/* A becomes A T, T (m, m). */
+void product_with(int rows, int m, Row *A, const Row *T)
+{
+    for (int i = 0; i < rows; i++) {
+        Row sum = {0.0};
+        for (int k = 0; k < m; k++)
+            for (int j = 0; j < m; j++)
+                sum[j] += A[i][k] * T[k][j];
+        for (int j = 0; j < m; j++)
+            A[i][j] = sum[j];
+    }
+}
+
+/* y = M x, (m, m); both may be the same row. */
+void transformed(int m, const Row *M, const Row x, Row y)
+{
+    Row from;
+    memcpy(from, x, (size_t)m * sizeof(double));
+    for (int i = 0; i < m; i++)
+        y[i] = dot(m, M[i], from);
 }
 
 /* H = L L', in its lower half; false where H is not positive definite. */

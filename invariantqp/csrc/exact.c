@@ -1,6 +1,7 @@
 /* Twin of velocity/exact.py: the velocities that meet exact rows C x = e.
 
-       x = a full + B z,   full = C'(CC')^-1 e,   CB = 0,   B'B = I,   0 <= a <= 1 the share of the demanded speed
+       y = start + a (full - start) + B z,   full = C'(CC')^-1 e,   CB = 0,   B'B = I,
+       0 <= a <= 1 the share of the demanded speed, start zero where standing still is allowed
 
    Rows that are parts of the twist, C = D J, are first made orthonormal in the measure. Rows that depend on each other
    or that the joints cannot meet are handed back. */
@@ -45,13 +46,13 @@ static Outcome measured(int k, const double D[MOST_ROWS][6], const double root[6
     return DONE;
 }
 
-/* The rows and demands, combined so that parts of the twist are orthonormal in the measure: by the Cholesky factor of
+/* The rows C on y and their demands, combined so that parts of the twist are orthonormal in the measure: by the Cholesky factor of
    their Gram matrix, which gives the same singular values as Python's eigenvectors of it. */
-static Outcome whitened(const Demand *demand, Row *C, double *e)
+static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *e)
 {
     int k = demand->rows;
     double M[MOST_ROWS][6], L[MOST_ROWS][MOST_ROWS];
-    memcpy(C, demand->C, (size_t)k * sizeof(Row));
+    memcpy(C, given, (size_t)k * sizeof(Row));
     memcpy(e, demand->e, (size_t)k * sizeof(double));
     if (!demand->of_twist)
         return DONE;
@@ -84,20 +85,21 @@ static Outcome whitened(const Demand *demand, Row *C, double *e)
     return DONE;
 }
 
-Outcome reduce(const Demand *demand, Reduction *reduction)
+/* `given` is C on y: the rows of the demand, or those rows times T. */
+Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)
 {
     int k = demand->rows, m = demand->m;
     Row C[MOST_ROWS];
     double e[MOST_ROWS], met = 0.0, square = 0.0, sizes = 0.0;
     Spectrum found;
     /* Fewer rows than joints: some directions are left, and none of the rows is too much. */
-    if (k >= m || (demand->row_rank >= 0 && demand->row_rank < k) || whitened(demand, C, e) == HAND_BACK ||
+    if (k >= m || (demand->row_rank >= 0 && demand->row_rank < k) || whitened(demand, given, C, e) == HAND_BACK ||
         spectrum(k, m, (const Row *)C, e, &found) == HAND_BACK)
         return HAND_BACK;
     if (!(found.sigma[k - 1] > DEPENDENT_ROWS * found.sigma[0]))
         return HAND_BACK;
     for (int j = 0; j < m; j++)
-        reduction->full[j] = 0.0;
+        reduction->full[j] = reduction->start[j] = 0.0;
     for (int i = 0; i < k; i++) {
         double y = found.wanted[i] / found.sigma[i];
         for (int j = 0; j < m; j++)
@@ -107,18 +109,24 @@ Outcome reduce(const Demand *demand, Reduction *reduction)
         sizes += found.sigma[i] * found.sigma[i];
     }
     reduction->n = m - k;
-    for (int i = k; i < m; i++)
-        memcpy(reduction->basis[i - k], found.V[i], (size_t)m * sizeof(double));
+    for (int i = 0; i < m; i++)
+        memcpy(i < k ? reduction->span[i] : reduction->basis[i - k], found.V[i], (size_t)m * sizeof(double));
     reduction->effort = met > 0.0 ? sqrt(sizes) * sqrt(square) / sqrt(met) : 1.0;
     reduction->bend = sqrt(sizes) / found.sigma[k - 1];
     return DONE;
 }
 
-/* y = share full + B z */
-void joint(const Reduction *reduction, int m, const double *z, double share, Row y)
+/* y where z = 0. */
+void origin(const Reduction *reduction, int m, double share, Row y)
 {
     for (int j = 0; j < m; j++)
-        y[j] = share * reduction->full[j];
+        y[j] = reduction->start[j] + share * (reduction->full[j] - reduction->start[j]);
+}
+
+/* y = origin + B z */
+void joint(const Reduction *reduction, int m, const double *z, double share, Row y)
+{
+    origin(reduction, m, share, y);
     for (int i = 0; i < reduction->n; i++)
         for (int j = 0; j < m; j++)
             y[j] += z[i] * reduction->basis[i][j];
@@ -128,8 +136,9 @@ void joint(const Reduction *reduction, int m, const double *z, double share, Row
 void freed(const Reduction *reduction, int m, const Row y, double share, Row z)
 {
     Row d;
+    origin(reduction, m, share, d);
     for (int j = 0; j < m; j++)
-        d[j] = y[j] - share * reduction->full[j];
+        d[j] = y[j] - d[j];
     for (int i = 0; i < reduction->n; i++)
         z[i] = dot(m, reduction->basis[i], d);
 }

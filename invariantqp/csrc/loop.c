@@ -3,9 +3,10 @@
        s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
 
 #include "core.h"
+#include <string.h>
 
 /* measure.py: [[L I, 0], [-[p]x, I]] */
-static void root_at(const double p[3], double length, double root[6][6])
+void root_at(const double p[3], double length, double root[6][6])
 {
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++)
@@ -45,30 +46,6 @@ static void watched(const Loop *loop, const double error[6], const double change
     watch->has_expected = true;
 }
 
-/* demands.py, ExactPoint: the velocity v + omega x here of the point, gain (there - here) + that of the target there */
-static void point_rows(const Loop *loop, double gain, const Pose *tool, const Pose *target, const double *feedforward,
-                       Demand *demand)
-{
-    double here[3], there[3], root[6][6];
-    place(tool, loop->exact, here);
-    place(target, loop->exact, there);
-    demand->rows = 3;
-    demand->row_rank = (int)loop->row_rank;
-    demand->of_twist = true;
-    root_at(here, 1.0, root);
-    for (int i = 0; i < 3; i++) {
-        for (int k = 0; k < 6; k++)
-            demand->D[i][k] = root[3 + i][k];
-        demand->e[i] = gain * (there[i] - here[i]);
-    }
-    product_of_rows(3, demand->D, demand->m, demand->J, demand->C);
-    if (feedforward == NULL)
-        return;
-    root_at(there, 1.0, root);
-    for (int i = 0; i < 3; i++)
-        demand->e[i] += dot(6, root[3 + i], feedforward);
-}
-
 /* limits/toolspeed.py: the velocity v + omega x p of the limited point */
 static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 {
@@ -85,6 +62,8 @@ static Outcome approach(const Loop *loop, const Demand *demand, const double mea
 {
     Row A[6];
     product_of_rows(6, demand->root, demand->m, demand->J, A);
+    if (demand->metric != NULL)
+        product_with(6, demand->m, A, demand->metric->T);
     return braking_share(loop, (const Row *)A, measured, share);
 }
 
@@ -96,7 +75,11 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     Pose tool, home;
     double error[6], p[3], measured[6], change[6], square = 0.0, share = 1.0;
     int m = demand.m = (int)loop->joints;
-    demand.rows = 0;
+    demand.metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
+    demand.limits = (int)loop->limits;
+    memcpy(demand.G, loop->G, (size_t)demand.limits * sizeof(Row));
+    memcpy(demand.least, loop->least, sizeof(Row));
+    memcpy(demand.most, loop->most, sizeof(Row));
     pose_from(loop->home, &home);
     kinematics(m, loop->screws, &home, q, demand.J, &tool);
     if (error_twist(target, &tool, error) == HAND_BACK)
@@ -119,8 +102,8 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     demand.has_posture = loop->has_posture != 0.0;
     for (int j = 0; j < m; j++)
         demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
-    if (loop->has_exact != 0.0)
-        point_rows(loop, share * loop->gain, &tool, target, feedforward, &demand);
+    if (rows_of(loop, share * loop->gain, &tool, target, feedforward, &demand) == HAND_BACK)
+        return HAND_BACK;
     demand.cone.limit = loop->speed_limit;
     if (loop->speed_limit > 0.0)
         limited_point(loop, &tool, &demand);

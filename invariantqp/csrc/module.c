@@ -42,17 +42,43 @@ static bool cone(PyObject *tuple, Demand *demand)
            vector(PyTuple_GetItem(tuple, 2), 3, demand->cone.start);
 }
 
+/* Read limits on combinations of joint velocities: (C, lower, upper). */
+static bool limits(PyObject *tuple, Demand *demand)
+{
+    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 3)
+        return false;
+    PyObject *C = PyTuple_GetItem(tuple, 0);
+    bool good = PyArray_Check(C) && PyArray_NDIM((PyArrayObject *)C) == 2;
+    npy_intp rows = good ? PyArray_DIM((PyArrayObject *)C, 0) : 0;
+    if (rows < 1 || rows > MOST)
+        return false;
+    demand->limits = (int)rows;
+    return matrix(C, demand->limits, demand->m, MOST, demand->G[0]) &&
+           vector(PyTuple_GetItem(tuple, 1), demand->limits, demand->least) &&
+           vector(PyTuple_GetItem(tuple, 2), demand->limits, demand->most);
+}
+
+/* Read a joint metric: (T, its inverse). */
+static bool metric(PyObject *tuple, int m, Metric *into)
+{
+    return PyTuple_Check(tuple) && PyTuple_Size(tuple) == 2 &&
+           matrix(PyTuple_GetItem(tuple, 0), m, m, MOST, into->T[0]) &&
+           matrix(PyTuple_GetItem(tuple, 1), m, m, MOST, into->inverse[0]);
+}
+
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Demand demand;
-    demand.rows = 0;
+    Metric measure;
+    demand.rows = demand.limits = 0;
+    demand.metric = NULL;
     memset(demand.posture, 0, sizeof demand.posture);
     demand.cone.limit = 0.0;
-    if (count != 10 || !damping(arguments[7], &demand)) {
+    if (count != 12 || !damping(arguments[7], &demand)) {
         if (!PyErr_Occurred())
             PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed), "
-                                             "(A, b, of_twist, rank), (J, limit, start))");
+                                             "(A, b, of_twist, rank), (J, limit, start), (C, lower, upper), (T, inverse))");
         return NULL;
     }
     npy_intp m = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
@@ -69,8 +95,12 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         Py_RETURN_NONE;
     demand.dt = PyFloat_AsDouble(arguments[6]);
     if ((arguments[8] != Py_None && !exact(arguments[8], &demand)) ||
-        (arguments[9] != Py_None && !cone(arguments[9], &demand)))
+        (arguments[9] != Py_None && !cone(arguments[9], &demand)) ||
+        (arguments[10] != Py_None && !limits(arguments[10], &demand)) ||
+        (arguments[11] != Py_None && !metric(arguments[11], demand.m, &measure)))
         Py_RETURN_NONE;
+    if (arguments[11] != Py_None)
+        demand.metric = &measure;
     if (PyErr_Occurred())
         return NULL;
     Solution solution;
@@ -83,28 +113,45 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, threshold, ceiling, fixed, "
-                                   "has_exact, row_rank, speed_limit, has_braking), point, exact, fast, home, screws, low, high, "
-                                   "fastest, middle, pull, position_lower, position_upper, acceleration)";
+    static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, threshold, ceiling, fixed, row_rank, "
+                                   "speed_limit, has_braking, k, r, has_metric), point, fast, home, screws, low, high, "
+                                   "fastest, middle, pull, position_lower, position_upper, acceleration, "
+                                   "(k, 8 + m) exact, C, lower, upper of r rows, T, its inverse)";
     Loop made = {.joints = 0.0};
-    double first[13];
-    if (count != 14 || !vector(arguments[0], 13, first) || !(first[0] >= 1.0 && first[0] <= MOST)) {
+    double first[15];
+    bool good = count == 19 && vector(arguments[0], 15, first) && first[0] >= 1.0 && first[0] <= MOST &&
+                first[12] >= 0.0 && first[12] <= MOST_ROWS && first[13] >= 0.0 && first[13] <= MOST;
+    if (!good) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
-    int m = (int)first[0];
+    int m = (int)first[0], k = (int)first[12];
     memcpy(&made, first, sizeof first);
-    if (!vector(arguments[1], 3, made.point) || !vector(arguments[2], 3, made.exact) ||
-        !vector(arguments[3], 3, made.fast) || !matrix(arguments[4], 4, 4, 4, made.home) ||
-        !matrix(arguments[5], 6, m, MOST, made.screws[0]) || !vector(arguments[6], m, made.low) ||
-        !vector(arguments[7], m, made.high) || !vector(arguments[8], m, made.fastest) ||
-        !vector(arguments[9], m, made.middle) || !vector(arguments[10], m, made.pull) ||
-        !vector(arguments[11], m, made.position_lower) || !vector(arguments[12], m, made.position_upper) ||
-        !vector(arguments[13], m, made.acceleration)) {
+    if (!vector(arguments[1], 3, made.point) || !vector(arguments[2], 3, made.fast) ||
+        !matrix(arguments[3], 4, 4, 4, made.home) || !matrix(arguments[4], 6, m, MOST, made.screws[0]) ||
+        !vector(arguments[5], m, made.low) || !vector(arguments[6], m, made.high) ||
+        !vector(arguments[7], m, made.fastest) || !vector(arguments[8], m, made.middle) ||
+        !vector(arguments[9], m, made.pull) || !vector(arguments[10], m, made.position_lower) ||
+        !vector(arguments[11], m, made.position_upper) || !vector(arguments[12], m, made.acceleration) ||
+        !matrix(arguments[13], k, 8 + m, 8 + MOST, (double *)made.exact) ||
+        !matrix(arguments[14], (int)made.limits, m, MOST, made.G[0]) ||
+        !vector(arguments[15], (int)made.limits, made.least) || !vector(arguments[16], (int)made.limits, made.most) ||
+        !matrix(arguments[17], m, m, MOST, made.metric.T[0]) || !matrix(arguments[18], m, m, MOST, made.metric.inverse[0])) {
         PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
     return new_vector(sizeof made / sizeof(double), (const double *)&made);
+}
+
+/* The numbers that `loop` returned, where they are; NULL for anything else. */
+static const Loop *loop_of(PyObject *object)
+{
+    if (!PyArray_Check(object))
+        return NULL;
+    PyArrayObject *array = (PyArrayObject *)object;
+    bool good = PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY_RO(array) &&
+                PyArray_SIZE(array) == (npy_intp)(sizeof(Loop) / sizeof(double));
+    return good ? (const Loop *)PyArray_DATA(array) : NULL;
 }
 
 /* Read a Convergence of Python: (promised, achieved, speed, expected, size, ticks). */
@@ -125,12 +172,12 @@ static bool convergence(PyObject *tuple, Convergence *watch)
 static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    Loop fixed;
-    if (count != 6 || !vector(arguments[0], sizeof fixed / sizeof(double), (double *)&fixed)) {
+    const Loop *fixed = count == 6 ? loop_of(arguments[0]) : NULL;
+    if (fixed == NULL) {
         PyErr_SetString(PyExc_TypeError, "step(loop, q, target, feedforward, before, convergence)");
         return NULL;
     }
-    int m = (int)fixed.joints;
+    int m = (int)fixed->joints;
     Row q, before;
     Pose target;
     double feedforward[6], turn[3];
@@ -140,7 +187,7 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     if (!vector(arguments[1], m, q) || !all_finite(m, q) || !pose(arguments[2], &target) ||
         (ahead && (!vector(arguments[3], 6, feedforward) || !all_finite(6, feedforward))) ||
         !vector(arguments[4], m, before) || !all_finite(m, before) || !convergence(arguments[5], &watch) ||
-        step(&fixed, q, &target, ahead ? feedforward : NULL, before, &watch, turn, &solution) == HAND_BACK) {
+        step(fixed, q, &target, ahead ? feedforward : NULL, before, &watch, turn, &solution) == HAND_BACK) {
         if (PyErr_Occurred())
             return NULL;
         Py_RETURN_NONE;
@@ -255,7 +302,7 @@ PyMODINIT_FUNC PyInit__native(void)
             return NULL;
         Py_DECREF(value);
     }
-    if (PyModule_AddIntConstant(module, "MOST_JOINTS", MOST) < 0)
+    if (PyModule_AddIntConstant(module, "MOST_JOINTS", MOST) < 0 || PyModule_AddIntConstant(module, "MOST_ROWS", MOST_ROWS) < 0)
         return NULL;
     return PyModule_AddObject(module, "CONSTANTS", constants) < 0 ? NULL : module;
 }

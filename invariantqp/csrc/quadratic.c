@@ -14,7 +14,7 @@
 #define CORRECTIONS 3
 /* Where a limit is closer than this to the optimum without being active, or its multiplier beside a speed limit is a
    smaller share of the largest, Python might decide otherwise. */
-static const double UNDECIDED = 1e-9;
+static const double UNDECIDED = 1e-8;
 
 /* The optimum on a face, with the speed limit where there is one, and the gradient and the limit's multiplier there. */
 Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
@@ -102,6 +102,20 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
         room->length[k] = norm(n, room->N[k]);
     }
     return DONE;
+}
+
+/* polytope.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
+void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result)
+{
+    result->count = limits->count;
+    result->box = false;
+    for (int i = 0; i < limits->count; i++) {
+        double start = limits->box ? origin[i] : dot(m, limits->A[i], origin);
+        for (int l = 0; l < n; l++)
+            result->A[i][l] = limits->box ? basis[l][i] : dot(m, limits->A[i], basis[l]);
+        result->lower[i] = limits->lower[i] - start;
+        result->upper[i] = limits->upper[i] - start;
+    }
 }
 
 /* z of the e on a face, on its active limits to rounding in z, whatever the condition of T. */

@@ -9,6 +9,11 @@ bool allows(const Demand *demand, const Row x)
     for (int j = 0; j < demand->m; j++)
         if (!(x[j] >= demand->lower[j] && x[j] <= demand->upper[j]))
             return false;
+    for (int i = 0; i < demand->limits; i++) {
+        double value = dot(demand->m, demand->G[i], x);
+        if (!(value >= demand->least[i] && value <= demand->most[i]))
+            return false;
+    }
     return true;
 }
 
@@ -34,12 +39,19 @@ static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6
     return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x);
 }
 
-/* The velocity shortened until the tool's speed holds exactly, where only rounding exceeds it. */
+/* The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them. */
 static void shortened(const Demand *demand, const Row y, Row x)
 {
     double limit = demand->cone.limit, share = 1.0;
+    for (int i = 0; i < demand->limits; i++) { /* rows that zero violates are ignored */
+        double value = dot(demand->m, demand->G[i], y);
+        if (demand->most[i] > 0.0)
+            share = fmin(share, 1.0 / fmax(1.0, value / demand->most[i]));
+        if (demand->least[i] < 0.0)
+            share = fmin(share, 1.0 / fmax(1.0, value / demand->least[i]));
+    }
     if (limit > 0.0)
-        share = limit / fmax(limit, tool_speed(&demand->cone, demand->m, y));
+        share = fmin(share, limit / fmax(limit, tool_speed(&demand->cone, demand->m, y)));
     for (int j = 0; j < demand->m; j++)
         x[j] = share < 1.0 && share > 1.0 - ACTIVE_TOLERANCE ? share * y[j] : y[j];
 }
@@ -75,8 +87,9 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     solution->lost_share = size > 0.0 ? objective->lost / size : 0.0;
     solution->met = found->met;
     solution->fast = share->fast;
-    for (int j = 0; j < demand->m; j++) {
-        solution->held_by[j] = share->near.met && share->near.multipliers[j] != 0.0;
-        solution->multipliers[j] = found->met ? found->multipliers[j] : 0.0;
+    solution->limits = demand->limits;
+    for (int i = 0; i < demand->m + demand->limits; i++) {
+        solution->held_by[i] = share->near.met && share->near.multipliers[i] != 0.0;
+        solution->multipliers[i] = found->met ? found->multipliers[i] : 0.0;
     }
 }

@@ -1,14 +1,19 @@
-/* Twin of velocity/share.py: how much of the exact rows' speed the limits allow, from standing still.
+/* Twin of velocity/share.py: how much of the exact rows' speed the limits allow. y0 and y count from the
+   velocity that moves the rows least, which is standing still where limits allow that.
 
        minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits
        nu = EXACT_CALM / 2 dt (1 - a_max) |y0| effort */
 
 #include "core.h"
+#include <string.h>
 
-/* The optimum for nu, from the active limits of `found`, which is written over. */
-static Outcome best(const Polytope *room, const Cone *slow, int n, double length, double nu, Optimum *found)
+/* Where the least motion of the rows is this near what they ask for, or the share of the rest is this small, rounding
+   would tell what the share is. */
+static const double UNDECIDED = 1e-8;
+
+/* The optimum for nu, from `first` or the active limits of `found`, which is written over. */
+static Outcome best(const Polytope *room, const Cone *slow, const Row first, int n, double length, double nu, Optimum *found)
 {
-    static const Row STILL = {0.0};
     Quadratic problem = {.n = n};
     for (int i = 0; i < n; i++) {
         double weight = REGULARISATION + nu + (i == 0 ? 1.0 : 0.0), root = sqrt(weight);
@@ -16,62 +21,91 @@ static Outcome best(const Polytope *room, const Cone *slow, int n, double length
         problem.T[i][i] = 1.0 / root;
         problem.centre[i] = i == 0 ? length / weight : 0.0;
     }
-    return minimise(&problem, room, slow, STILL, found, found);
+    return minimise(&problem, room, slow, first, found, found);
 }
 
 static double within(double share) { return fmin(fmax(share, 0.0), 1.0); }
 
-Outcome share_of(const Reduction *reduction, const Demand *demand, Share *share)
+/* stages.py, slowed_rows: the velocity inside the limits that moves the rows least, from one that is inside; the rows
+   count from its part that they fix. */
+Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside)
 {
-    int m = demand->m, n = reduction->n + 1;
-    double length = norm(m, reduction->full);
-    Polytope room = {.count = m + 1};
+    Objective still = {.n = m};
+    Quadratic cost;
+    Optimum found;
+    int k = m - reduction->n;
+    for (int i = 0; i < m; i++) {
+        memcpy(still.V[i], i < k ? reduction->span[i] : reduction->basis[i - k], (size_t)m * sizeof(double));
+        still.weights[i] = REGULARISATION + (i < k ? 1.0 : 0.0);
+    }
+    quadratic(&still, &cost);
+    if (minimise(&cost, limits, cone, inside, NULL, &found) == HAND_BACK)
+        return HAND_BACK;
+    memcpy(inside, found.z, (size_t)m * sizeof(double));
+    for (int i = 0; i < k; i++) {
+        double along = dot(m, reduction->span[i], inside);
+        for (int j = 0; j < m; j++)
+            reduction->start[j] += along * reduction->span[i][j];
+    }
+    Row d;
+    for (int j = 0; j < m; j++)
+        d[j] = reduction->full[j] - reduction->start[j];
+    return norm(m, d) > UNDECIDED * norm(m, reduction->full) ? DONE : HAND_BACK;
+}
+
+/* From a velocity share->inside that moves the rows least. `limits` and `cone` are on y, dt is the tick. */
+Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share)
+{
+    int n = reduction->n + 1, last = limits->count;
+    Row basis[MOST], d, first, velocity;
+    for (int j = 0; j < m; j++)
+        d[j] = reduction->full[j] - reduction->start[j];
+    double length = norm(m, d);
+    Polytope room;
     Optimum found = {.met = false};
     share->value = 1.0;
     share->fast = false;
     share->near.met = false;
-    for (int j = 0; j < m; j++)
-        share->inside[j] = 0.0;
     if (length == 0.0)
         return DONE;
     for (int j = 0; j < m; j++) {
-        room.A[j][0] = reduction->full[j] / length;
+        basis[0][j] = d[j] / length;
         for (int i = 0; i < reduction->n; i++)
-            room.A[j][i + 1] = reduction->basis[i][j];
-        room.lower[j] = demand->lower[j];
-        room.upper[j] = demand->upper[j];
+            basis[i + 1][j] = reduction->basis[i][j];
     }
-    Cone slow = {.limit = 0.0};
-    if (demand->cone.limit > 0.0) {
-        Row basis[MOST], origin = {0.0};
-        for (int j = 0; j < m; j++) {
-            basis[0][j] = reduction->full[j] / length;
-            for (int i = 0; i < reduction->n; i++)
-                basis[i + 1][j] = reduction->basis[i][j];
-        }
-        cone_on(&demand->cone, m, origin, n, (const Row *)basis, &slow);
-    }
+    for (int j = 0; j < m; j++)
+        d[j] = share->inside[j] - reduction->start[j];
     for (int i = 0; i < n; i++)
-        room.A[m][i] = i == 0 ? 1.0 : 0.0;
-    room.lower[m] = 0.0;
-    room.upper[m] = INFINITY; /* a > 1 is never the optimum: a share 1 / a of it costs less, and is inside */
-    if (best(&room, &slow, n, length, 0.0, &found) == HAND_BACK)
+        first[i] = dot(m, d, basis[i]);
+    polytope_on(limits, m, reduction->start, n, (const Row *)basis, &room);
+    Cone slow = {.limit = 0.0};
+    if (cone->limit > 0.0)
+        cone_on(cone, m, reduction->start, n, (const Row *)basis, &slow);
+    room.count = last + 1;
+    for (int i = 0; i < n; i++)
+        room.A[last][i] = i == 0 ? 1.0 : 0.0;
+    room.lower[last] = 0.0;
+    room.upper[last] = INFINITY; /* a > 1 is never the optimum: a share 1 / a of it costs less, and is inside */
+    if (best(&room, &slow, first, n, length, 0.0, &found) == HAND_BACK)
         return HAND_BACK;
     double possible = within(found.z[0] / length);
-    double nu = 0.5 * EXACT_CALM * demand->dt * (1.0 - possible) * length * reduction->effort;
-    if (nu > REGULARISATION && best(&room, &slow, n, length, nu, &found) == HAND_BACK)
+    double nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction->effort;
+    if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
         return HAND_BACK;
     double value = within(found.z[0] / length);
-    joint(reduction, m, found.z + 1, found.z[0] / length, share->inside);
+    if (norm(m, reduction->start) > 0.0 && value < UNDECIDED)
+        return HAND_BACK;
+    joint(reduction, m, found.z + 1, found.z[0] / length, velocity);
+    double given = value >= WHOLE ? 1.0 : 1.0 - INTERIOR * (1.0 - value);
+    for (int j = 0; j < m; j++)
+        share->inside[j] += given * (velocity[j] - share->inside[j]);
     if (value >= WHOLE)
         return DONE;
     share->fast = slow.limit > 0.0 && tool_speed(&slow, n, found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE);
-    double given = 1.0 - INTERIOR * (1.0 - value);
     share->value = value * given;
-    for (int j = 0; j < m; j++) {
-        share->inside[j] *= given;
-        share->near.multipliers[j] = found.multipliers[j];
-        share->near.met = share->near.met || found.multipliers[j] != 0.0;
+    for (int i = 0; i < last; i++) {
+        share->near.multipliers[i] = found.multipliers[i];
+        share->near.met = share->near.met || found.multipliers[i] != 0.0;
     }
     return DONE;
 }

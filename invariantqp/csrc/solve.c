@@ -5,21 +5,6 @@
 
 #include "core.h"
 
-/* Sizes whose squares neither overflow nor vanish; others are handed back. */
-static const double SMALLEST = 1e-70, LARGEST = 1e70;
-
-/* Whether a vector is zero or of such a size; NaN is not. */
-static bool usual(int n, const double *a)
-{
-    double most = 0.0;
-    for (int i = 0; i < n; i++) {
-        if (!(fabs(a[i]) <= LARGEST))
-            return false;
-        most = fmax(most, fabs(a[i]));
-    }
-    return most == 0.0 || most >= SMALLEST;
-}
-
 /* Whether the exact rows hold, to rounding. */
 static bool achieves(const Demand *demand, const Row x)
 {
@@ -37,7 +22,7 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
 {
     Row x;
     int m = demand->m;
-    if (!regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x) ||
+    if (demand->metric != NULL || !regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x) ||
         excess_deviation(m, A, b, norm(m, x), demand->dt) > 0.0)
         return false;
     for (int j = 0; j < m; j++) {
@@ -71,6 +56,10 @@ Outcome solve(const Demand *demand, Solution *solution)
     for (int i = 0; i < 3 && demand->cone.limit > 0.0; i++)
         plain = plain && usual(m, demand->cone.J[i]);
     plain = plain && usual(1, &demand->cone.limit);
+    for (int i = 0; i < demand->limits; i++)
+        plain = plain && usual(m, demand->G[i]);
+    for (int i = 0; i < m && demand->metric != NULL; i++)
+        plain = plain && usual(m, demand->metric->T[i]) && usual(m, demand->metric->inverse[i]);
     if (!plain)
         return HAND_BACK;
     return quick(demand, A, b, solution) ? DONE : answered(demand, A, b, solution);

@@ -1,4 +1,4 @@
-/* Twin of velocity/stages.py and posed.py: one tick, stage by stage, inside bounds and tool speed.
+/* Twin of velocity/stages.py and posed.py: one tick, stage by stage, inside all of its limits.
 
        free       the optimum without limits, where that is inside them; otherwise:
        share      exact rows slow down along their direction where limits require it
@@ -6,26 +6,80 @@
        calm       the optimum once more, with damping that grows with the residual */
 
 #include "core.h"
+#include <string.h>
 
-/* A tick as a problem in z: y = share full + B z with exact rows, y = z without. */
+/* A tick as a problem in z: y = origin + B z with exact rows, y = z without; x = T y. */
 typedef struct {
     const Demand *demand;
-    const Row *A;
+    const Row *A; /* on y, as all that follows */
     const double *wanted;
+    Row posture;
+    Polytope limits;
+    Cone cone;
     Reduction reduction;
     double largest; /* singular value of A, where there are exact rows */
+    Row product[6]; /* A T */
 } Posed;
+
+/* posed.py, limits_of */
+static void limits_of(const Demand *demand, Polytope *limits)
+{
+    int m = demand->m;
+    const Metric *metric = demand->metric;
+    limits->count = m + demand->limits;
+    limits->box = metric == NULL && demand->limits == 0;
+    memcpy(limits->lower, demand->lower, (size_t)m * sizeof(double));
+    memcpy(limits->upper, demand->upper, (size_t)m * sizeof(double));
+    for (int j = 0; j < m && !limits->box; j++)
+        for (int l = 0; l < m; l++)
+            limits->A[j][l] = metric != NULL ? metric->T[j][l] : j == l ? 1.0 : 0.0;
+    for (int i = 0; i < demand->limits; i++) {
+        memcpy(limits->A[m + i], demand->G[i], sizeof(Row));
+        limits->lower[m + i] = demand->least[i];
+        limits->upper[m + i] = demand->most[i];
+    }
+    if (demand->limits > 0 && metric != NULL)
+        product_with(demand->limits, m, limits->A + m, metric->T);
+}
 
 static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6], Posed *problem)
 {
+    int m = demand->m;
+    const Metric *metric = demand->metric;
+    Row C[MOST_ROWS], still = {0.0};
     problem->demand = demand;
     problem->A = A;
     problem->wanted = wanted;
     problem->largest = 0.0;
+    problem->cone = demand->cone;
+    memcpy(problem->posture, demand->posture, sizeof(Row));
+    memcpy(C, demand->C, (size_t)demand->rows * sizeof(Row));
+    limits_of(demand, &problem->limits);
+    if (metric != NULL) {
+        memcpy(problem->product, A, sizeof problem->product);
+        product_with(6, m, problem->product, metric->T);
+        product_with(demand->rows, m, C, metric->T);
+        transformed(m, metric->inverse, demand->posture, problem->posture);
+        if (demand->cone.limit > 0.0) {
+            Row columns[MOST];
+            for (int i = 0; i < m; i++)
+                for (int j = 0; j < m; j++)
+                    columns[i][j] = metric->T[j][i];
+            cone_on(&demand->cone, m, still, m, (const Row *)columns, &problem->cone);
+        }
+        problem->A = (const Row *)problem->product;
+        for (int i = 0; i < 6; i++)
+            if (!usual(m, problem->product[i]))
+                return HAND_BACK;
+        for (int i = 0; i < demand->rows; i++)
+            if (!usual(m, C[i]))
+                return HAND_BACK;
+    }
     if (demand->rows == 0)
         return DONE;
     Spectrum found;
-    if (reduce(demand, &problem->reduction) == HAND_BACK || spectrum(6, demand->m, A, wanted, &found) == HAND_BACK)
+    if (reduce(demand, (const Row *)C, &problem->reduction) == HAND_BACK ||
+        spectrum(6, m, problem->A, wanted, &found) == HAND_BACK)
         return HAND_BACK;
     problem->largest = found.sigma[0];
     return DONE;
@@ -38,18 +92,19 @@ static Outcome objective(const Posed *problem, double share, Objective *result)
     const Reduction *reduction = &problem->reduction;
     int m = demand->m;
     if (demand->rows == 0)
-        return least_squares(demand, m, problem->A, problem->wanted, demand->posture, 0.0, result);
-    Row AB[6], posture = {0.0};
+        return least_squares(demand, m, problem->A, problem->wanted, problem->posture, 0.0, result);
+    Row AB[6], posture = {0.0}, start;
     double left[6];
+    origin(reduction, m, share, start);
     for (int i = 0; i < 6; i++) {
-        left[i] = share * (problem->wanted[i] - dot(m, problem->A[i], reduction->full));
+        left[i] = share * problem->wanted[i] - dot(m, problem->A[i], start);
         for (int j = 0; j < reduction->n; j++)
             AB[i][j] = dot(m, problem->A[i], reduction->basis[j]);
     }
     if (demand->has_posture) {
         Row wanted;
         for (int j = 0; j < m; j++)
-            wanted[j] = share * demand->posture[j];
+            wanted[j] = share * problem->posture[j];
         freed(reduction, m, wanted, share, posture);
     }
     return least_squares(demand, reduction->n, (const Row *)AB, left, posture, problem->largest, result);
@@ -73,32 +128,40 @@ static void free_part(const Posed *problem, const Row y, double share, Row z)
         z[j] = y[j];
 }
 
+/* x = T y */
+static void moved(const Demand *demand, const Row y, Row x)
+{
+    if (demand->metric != NULL)
+        transformed(demand->m, demand->metric->T, y, x);
+    else
+        memcpy(x, y, (size_t)demand->m * sizeof(double));
+}
+
 /* The optimum inside the limits, as y; it begins with the active limits of `found`, which is written over. */
 static Outcome minimised(const Posed *problem, const Share *share, const Objective *objective, Optimum *found, Row y)
 {
-    const Demand *demand = problem->demand;
-    int m = demand->m;
+    int m = problem->demand->m;
     Quadratic cost;
-    Polytope limits;
-    Cone cone = demand->cone;
-    Row inside, origin;
-    limits.count = m;
-    limits.box = demand->rows == 0;
-    for (int j = 0; j < m; j++) {
-        origin[j] = limits.box ? 0.0 : share->value * problem->reduction.full[j];
-        limits.lower[j] = demand->lower[j] - origin[j];
-        limits.upper[j] = demand->upper[j] - origin[j];
-        for (int i = 0; !limits.box && i < problem->reduction.n; i++)
-            limits.A[j][i] = problem->reduction.basis[i][j];
-    }
-    if (!limits.box && cone.limit > 0.0)
-        cone_on(&demand->cone, m, origin, problem->reduction.n, problem->reduction.basis, &cone);
+    Row inside;
+    Outcome outcome;
     quadratic(objective, &cost);
     free_part(problem, share->inside, share->value, inside);
-    if (minimise(&cost, &limits, &cone, inside, found, found) == HAND_BACK)
-        return HAND_BACK;
-    joints(problem, found->z, share->value, y);
-    return DONE;
+    if (problem->demand->rows == 0)
+        outcome = minimise(&cost, &problem->limits, &problem->cone, inside, found, found);
+    else {
+        const Reduction *reduction = &problem->reduction;
+        Polytope limits;
+        Cone cone = problem->cone;
+        Row start;
+        origin(reduction, m, share->value, start);
+        polytope_on(&problem->limits, m, start, reduction->n, reduction->basis, &limits);
+        if (cone.limit > 0.0)
+            cone_on(&problem->cone, m, start, reduction->n, reduction->basis, &cone);
+        outcome = minimise(&cost, &limits, &cone, inside, found, found);
+    }
+    if (outcome == DONE)
+        joints(problem, found->z, share->value, y);
+    return outcome;
 }
 
 static double calming(const Posed *problem, const Share *share, const Objective *objective, const Row y)
@@ -112,13 +175,35 @@ static double calming(const Posed *problem, const Share *share, const Objective 
     return calm(demand->m, problem->A, problem->wanted, y, speed(objective, z), demand->dt, factor);
 }
 
+/* A velocity inside the limits, and the share of the exact rows' speed that they allow; limits that contradict each
+   other are handed back. */
+static Outcome roomy(Posed *problem, Share *share)
+{
+    const Demand *demand = problem->demand;
+    int m = demand->m;
+    bool still = true;
+    for (int j = 0; j < m; j++) {
+        share->inside[j] = fmin(fmax(0.0, demand->lower[j]), demand->upper[j]);
+        still = still && share->inside[j] == 0.0;
+    }
+    if (!allows(demand, share->inside))
+        return HAND_BACK;
+    if (demand->metric != NULL)
+        transformed(m, demand->metric->inverse, share->inside, share->inside);
+    if (demand->rows == 0)
+        return DONE;
+    if (!still && counted(&problem->reduction, m, &problem->limits, &problem->cone, share->inside) == HAND_BACK)
+        return HAND_BACK;
+    return share_of(&problem->reduction, m, &problem->limits, &problem->cone, demand->dt, share);
+}
+
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution)
 {
     Posed problem;
     Objective cost;
     Optimum found;
     Share share;
-    Row y;
+    Row x, y;
     int m = demand->m;
     found.met = share.near.met = share.fast = false;
     share.value = 1.0;
@@ -126,22 +211,14 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
         return HAND_BACK;
     centre(&cost, found.z);
     joints(&problem, found.z, 1.0, y);
-    if (!all_finite(m, y))
+    moved(demand, y, x);
+    if (!all_finite(m, x))
         return HAND_BACK;
-    if (allows(demand, y)) {
-        for (int j = 0; j < m; j++)
-            share.inside[j] = y[j];
-    } else {
-        bool still = true;
-        for (int j = 0; j < m; j++) {
-            share.inside[j] = fmin(fmax(0.0, demand->lower[j]), demand->upper[j]);
-            still = still && share.inside[j] == 0.0;
-        }
-        if (demand->cone.limit > 0.0 && !(tool_speed(&demand->cone, m, share.inside) <= demand->cone.limit))
-            return HAND_BACK; /* bounds that force the tool to be faster: Python lets its limit give way */
-        /* Exact rows count from standing still; where that is not allowed, Python finds where they count from. */
-        if (demand->rows > 0 && (!still || share_of(&problem.reduction, demand, &share) == HAND_BACK ||
-                                 objective(&problem, share.value, &cost) == HAND_BACK))
+    if (allows(demand, x))
+        memcpy(share.inside, y, (size_t)m * sizeof(double));
+    else {
+        if (roomy(&problem, &share) == HAND_BACK ||
+            (demand->rows > 0 && objective(&problem, share.value, &cost) == HAND_BACK))
             return HAND_BACK;
         found = share.near;
         if (minimised(&problem, &share, &cost, &found, y) == HAND_BACK)
@@ -153,6 +230,7 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
         if (minimised(&problem, &share, &cost, &found, y) == HAND_BACK)
             return HAND_BACK;
     }
-    reported(demand, A, wanted, &cost, y, &share, &found, solution);
+    moved(demand, y, x);
+    reported(demand, A, wanted, &cost, x, &share, &found, solution);
     return DONE;
 }

@@ -110,7 +110,7 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     batch = _checked(J, twist, options)
     twists, s = batch.twists, batch.s
     n = len(twists)
-    policy, box = batch.law.compiled, (batch.lower, batch.upper)
+    policy, box = batch.law.compiled if batch.law.metric is None else None, (batch.lower, batch.upper)
     slow: dict[int, VelocitySolution | None] = {}
     if core is not None and policy is not None:
         x, residual, slow = compiled_rows(policy, twists, s, batch.roots, box, batch.posture)

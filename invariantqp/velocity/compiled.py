@@ -1,4 +1,4 @@
-"""The ticks that the compiled core answers: no form, no joint metric, no `LimitRows`. Python has those.
+"""The ticks that the compiled core answers: those without a form. Python has the others.
 
 The core answers what this package's own Python would, or hands the tick back.
 """
@@ -26,11 +26,13 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     if core is None or policy is None:
         return None
     J, s, root, lower, upper, exact, posture, rows, cone, row_rank = demand
-    if rows is not None or (cone is not None and cone.program is not None):
+    if cone is not None and cone.program is not None:
         return None
     demands = None if exact is None else (exact.A, exact.b, exact.of_twist, row_rank)
     slow = None if cone is None else (cone.J, cone.limit, cone.start)
-    found = core.tick(J, s, root, lower, upper, posture, law.dt, policy, demands, slow)
+    limits = None if rows is None else (rows.C, rows.lower, rows.upper)
+    metric = None if law.metric is None else (law.to_joint, law.from_joint)
+    found = core.tick(J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric)
     return None if found is None else VelocitySolution._make(found)
 
 

@@ -90,7 +90,7 @@ class VelocityLaw:
     @cached_property
     def compiled(self) -> tuple[float, float, float] | None:
         """(threshold, ceiling, fixed lambda) for the compiled core; None where it does not have this law."""
-        if self.form is not None or self.metric is not None or type(self.backend) is not Daqp:
+        if self.form is not None or type(self.backend) is not Daqp:
             return None
         damping = self.damping
         if type(damping) is Adaptive:

@@ -5,6 +5,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from unittest import mock
 
 import numpy as np
@@ -68,7 +69,36 @@ def random_tick(rng):
     point = rng.normal(size=3)
     slow = iq.limits.ToolSpeed(size * np.abs(s).max() * 10.0 ** rng.uniform(-1.5, 1.0) + 1e-300, point)
     cone = slow.cone(size * J, point) if rng.random() < 0.3 else None
-    return law, Demand(size * J, size * s, root, lower, upper, exact, posture, None, cone)
+    rows = random_limits(rng, lower, upper) if rng.random() < 0.3 else None
+    if rng.random() < 0.3:
+        law = replace(law, metric=random_metric(rng, m))
+    return law, Demand(size * J, size * s, root, lower, upper, exact, posture, rows, cone)
+
+
+def random_metric(rng, m):
+    """Definite, diagonal or not, with axes of sizes up to ten apart."""
+    sizes = 10.0 ** rng.uniform(-1.0, 1.0, m)
+    Q = np.linalg.qr(rng.normal(size=(m, m)))[0] if rng.random() < 0.5 else np.eye(m)
+    return (Q * sizes).dot(Q.T)
+
+
+def random_limits(rng, lower, upper):
+    """Rows of any size, on one side or both, some along a joint or each other, some that standing still violates."""
+    m, k = len(lower), int(rng.integers(1, 5))
+    C = rng.normal(size=(k, m)) * 10.0 ** rng.uniform(-2, 2)
+    kind = rng.integers(6)
+    if kind == 0:
+        C[0] = np.eye(m)[rng.integers(m)]
+    elif kind == 1:
+        C[-1] = -C[0]
+    elif kind == 2:
+        C[0] = 0.0
+    width = np.abs(C).dot(np.minimum(upper - lower, 1e3)) * 10.0 ** rng.uniform(-2, 0.5)
+    low, high = -width * rng.uniform(0, 1, k), width * rng.uniform(0, 1, k)
+    side = rng.integers(8, size=k)
+    low, high = np.where(side == 0, -np.inf, low), np.where(side == 1, np.inf, high)
+    low = np.where(side == 2, 0.5 * np.minimum(high, width), low)
+    return iq.limits.LimitRows(C, low, high)
 
 
 def random_rows(rng, J, s):
@@ -99,18 +129,21 @@ def native_answer(law, demand):
 def disagreements(law, demand, native, answer):
     """What differs beyond rounding, in words."""
     problem = posed(law, demand, law.damping)
-    spread, gradient = spreads(problem, demand, native, answer)
+    spread, gradient = spreads(law, problem, demand, native, answer)
     share, reasons, velocities = SHARE, [native.reason, answer.reason], [native.velocity, answer.velocity]
     if demand.cone is not None and answer.scale < 1.0:
         # Weights 1e-9 apart, twice: which limits hold the rows, and how the arm moves within itself, is loosely told.
         share, reasons = LOOSE, [HELD_BY.sub("", reason) for reason in reasons]
-        velocities, spread = [problem.A @ x for x in velocities], 100.0 * LOOSE * np.linalg.norm(problem.wanted)
-        gradient += 100.0 * LOOSE * (0.0 if answer.multipliers is None else np.abs(answer.multipliers).max())
+        A = demand.root @ demand.J
+        velocities, spread = [A @ x for x in velocities], 100.0 * LOOSE * np.linalg.norm(problem.wanted)
+        pulls = [y for y in (answer.multipliers, answer.row_multipliers) if y is not None]
+        gradient += 100.0 * LOOSE * max((float(np.abs(y).max()) for y in pulls), default=0.0)
     return [
         *([] if near(*velocities, spread) else [f"velocity {native.velocity} {answer.velocity}"]),
         *([] if np.isclose(native.scale, answer.scale, rtol=share, atol=1e-12) else [f"{native.scale} {answer.scale}"]),
         *([] if np.isclose(native.damping, answer.damping, rtol=1e-6, atol=0.0) else ["damping"]),
         *([] if near(native.multipliers, answer.multipliers, gradient) else ["multipliers"]),
+        *([] if near(native.row_multipliers, answer.row_multipliers, gradient) else ["multipliers of rows"]),
         *(name for name in ("method", "status", "active") if getattr(native, name) != getattr(answer, name)),
         *([] if same_reason(*reasons) else [f"reason {native.reason!r} {answer.reason!r}"]),
     ]
@@ -126,16 +159,18 @@ def same_reason(one, other):
     return NUMBER.sub("#", one) == NUMBER.sub("#", other) and np.allclose(*numbers, rtol=0.06, atol=1e-9)
 
 
-def spreads(problem, demand, native, answer):
+def spreads(law, problem, demand, native, answer):
     """How far rounding may part two velocities, and two sets of multipliers."""
     objective = problem.objective(answer.scale)
     largest = max(objective.weights.max(initial=0.0), problem.spectrum.largest**2)
     sizes = [native.velocity, answer.velocity, np.zeros(1) if demand.posture is None else demand.posture]
     size = max(float(np.abs(x).max()) for x in sizes)
-    far = np.linalg.norm(answer.velocity - problem.joint(objective.centre(), answer.scale))
+    T = np.eye(len(demand.lower)) if law.to_joint is None else law.to_joint
+    far = np.linalg.norm(answer.velocity - T.dot(problem.joint(objective.centre(), answer.scale)))
     condition = 1.0 if answer.method == "closed-form" else largest / objective.weights.min(initial=largest)
     if problem.reduction is not None:
         size += problem.reduction.bend * float(np.abs(problem.reduction.full).max())
+    condition *= np.linalg.cond(T) ** 2
     spread = AGREE * size + ROUNDING * condition * (far + size)
     gradient = AGREE * largest * far + largest * spread
     if problem.reduction is not None and answer.multipliers is not None:  # of rows that may nearly depend on each other
