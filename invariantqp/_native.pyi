@@ -68,11 +68,12 @@ def arm(
     upper: Array,
     turn: Array,
     whole: Array,
+    exact: Array,
     /,
 ) -> Array: ...
 def descend(
     arm: Array, target: Any, start: Array, goal: float, turning: bool, patient: bool, /
-) -> tuple[Array, float, int, bool, bool] | None: ...
+) -> tuple[Array, float, float, float, int, bool, bool] | None: ...
 def misses(arm: Array, target: Any, q: Array, /) -> tuple[float, float] | None: ...
 def sight(
     screws: Array, home: Array, q: Array, target: Array | None, /

@@ -74,7 +74,7 @@ def compiled_loop(
     m = len(middle)
     if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None
-    wanted, rows = _wanted(exact, m), _rows(joint_rows, m)
+    wanted, rows = compiled_demands(exact, m), _rows(joint_rows, m)
     if wanted is None or len(wanted) > core.MOST_ROWS or rows is None or len(rows[0]) > core.MOST_JOINTS:
         return None
     numbers = [m, law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
@@ -92,8 +92,16 @@ def compiled_loop(
     return made
 
 
-def _wanted(exact: tuple[Exact, ...], m: int) -> Array | None:
-    """(k, 8 + m) the demands, rows on the joints one by one: kind, point, direction, speed, row; None for others."""
+def compiled_demands(exact: tuple[Exact, ...], m: int) -> Array | None:
+    """The demands as the core takes them, rows on the joints one by one: kind, point, direction, speed, row.
+
+    Args:
+        exact: the demands.
+        m: joints.
+
+    Returns:
+        (k, 8 + m), or None where one is of another kind.
+    """
     found, nothing, still = [], np.zeros(3), np.zeros(m)
     for demand in exact:
         if type(demand) is ExactPoint:

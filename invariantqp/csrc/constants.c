@@ -49,6 +49,11 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", PATIENCE),
     ONE("pose.newton", STIFFEST),
     ONE("pose.newton", AT_REST),
+    {"velocity.exact.ROW_TOLERANCE", EXACT_ROW_TOLERANCE},
+    ONE("pose.newton", ROW_FLOOR),
+    ONE("pose.newton", AT_LIMIT),
+    ONE("pose.newton", DEAREST),
+    ONE("pose.newton", PENALTY_MARGIN),
     ONE("pose.error", DIFFERENCE),
     {NULL, 0.0},
 };

@@ -160,17 +160,18 @@ typedef struct {
 
 /* pose/arm.py: an arm as pose searches see it. Numbers alone, as in a Loop. */
 typedef struct {
-    double joints, length;
-    double point[3]; /* of the tool, where positions are compared */
+    double joints, length, wanted; /* how many exact demands */
+    double point[3];               /* of the tool, where positions are compared */
     double home[16];
     Row screws[6];
     Row lower, upper, turn, whole; /* limits; whole turns of hinges, and whether the range holds one */
+    Wanted exact[MOST_ROWS];
 } Arm;
 
 /* pose/newton.py: where one try ended */
 typedef struct {
     Row q;
-    double f;
+    double f, unmet, merit;
     long steps;
     bool met, at_rest;
 } Try;
@@ -241,12 +242,13 @@ Outcome solve(const Demand *demand, Solution *solution);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
 void turn_to(const Pose *target, const Pose *tool, double w[3]);
+Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Row inside, Row z);
 Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z);
 void misses(const Arm *arm, const Pose *target, const double *q, double *position, double *orientation);
 Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found);
 void root_at(const double p[3], double length, double root[6][6]);
-Outcome rows_of(const Loop *loop, double gain, const Pose *tool, const Pose *target, const double *feedforward,
-                Demand *demand);
+Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
+                const double *feedforward, Demand *demand);
 Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
@@ -303,6 +305,11 @@ extern const Constant CONSTANTS[];
 #define STIFFEST 1e8
 #define AT_REST 1e-12
 #define DIFFERENCE 1e-7
+#define EXACT_ROW_TOLERANCE 1e-10
+#define ROW_FLOOR 1e-9
+#define AT_LIMIT 1e-9
+#define DEAREST 10.0
+#define PENALTY_MARGIN 2.0
 #define HALF_TURN (0.8 * 3.14159265358979323846)
 
 #endif

@@ -55,15 +55,15 @@ static Outcome axis_rows(double gain, const Pose *tool, const Pose *target, cons
     return DONE;
 }
 
-Outcome rows_of(const Loop *loop, double gain, const Pose *tool, const Pose *target, const double *feedforward,
-                Demand *demand)
+/* The rows of some demands for joint twists demand->J. */
+Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
+                const double *feedforward, Demand *demand)
 {
     static const int ROWS[] = {3, 2, 1, 1};
     demand->rows = 0;
-    demand->row_rank = (int)loop->row_rank;
     demand->of_twist = false;
-    for (int k = 0; k < (int)loop->wanted; k++) {
-        const Wanted *wanted = &loop->exact[k];
+    for (int k = 0; k < count; k++) {
+        const Wanted *wanted = &exact[k];
         Kind kind = (Kind)wanted->kind;
         double(*D)[6] = demand->D + demand->rows, *e = demand->e + demand->rows, Dp[3][6], ep[3];
         Row *C = demand->C + demand->rows;

@@ -102,8 +102,9 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     demand.has_posture = loop->has_posture != 0.0;
     for (int j = 0; j < m; j++)
         demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
-    if (rows_of(loop, share * loop->gain, &tool, target, feedforward, &demand) == HAND_BACK)
+    if (rows_of(loop->exact, (int)loop->wanted, share * loop->gain, &tool, target, feedforward, &demand) == HAND_BACK)
         return HAND_BACK;
+    demand.row_rank = (int)loop->row_rank;
     demand.cone.limit = loop->speed_limit;
     if (loop->speed_limit > 0.0)
         limited_point(loop, &tool, &demand);

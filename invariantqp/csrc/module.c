@@ -282,7 +282,7 @@ static PyMethodDef methods[] = {
      "The fields of a VelocitySolution, or None where Python has to answer."},
     {"arm", (PyCFunction)(void (*)(void))search_arm, METH_FASTCALL, "The numbers of an arm, for a pose search."},
     {"descend", (PyCFunction)(void (*)(void))search_descend, METH_FASTCALL,
-     "One try at a pose: (q, f, steps, met, at_rest), or None where Python has to make it."},
+     "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."},
     {"misses", (PyCFunction)(void (*)(void))search_misses, METH_FASTCALL, "Distance and angle of a tool from its target."},
     {NULL, NULL, 0, NULL},
 };

@@ -1,16 +1,11 @@
-/* Twin of pose/newton.py, error.py and joint_space.py: one try at a pose, by damped Newton steps inside joint limits.
+/* Twin of pose/newton.py, error.py and joint_space.py: one try at a pose, by damped Newton steps inside joint limits;
+   exact_pose.c has the steps with exact demands.
 
        f(q) = 1/2 |r|^2,   r = (L omega; p_d - p),   A = -dr/dq
        x = argmin 1/2 |r - A x|^2 + 1/2 mu |x|^2   over   q_min <= q + x <= q_max,      mu = lambda |r|^2 */
 
-#include "core.h"
+#include "pose.h"
 #include <string.h>
-
-/* error.py: the error in one state, to first order. */
-typedef struct {
-    Row A[6];
-    double r[6], f;
-} Linearization;
 
 static void placed(const Arm *arm, const double *q, Row J[6], Pose *tool)
 {
@@ -19,11 +14,22 @@ static void placed(const Arm *arm, const double *q, Row J[6], Pose *tool)
     kinematics((int)arm->joints, arm->screws, &home, q, J, tool);
 }
 
-static void linearised(const Arm *arm, const Pose *target, const double *q, Linearization *state)
+static Outcome linearised(const Arm *arm, const Pose *target, const double *q, Linearization *state)
 {
     Pose tool;
     double here[3], there[3], omega[3];
     placed(arm, q, state->A, &tool);
+    state->rows = 0;
+    if (arm->wanted > 0.0) {
+        Demand demand;
+        demand.m = (int)arm->joints;
+        memcpy(demand.J, state->A, sizeof demand.J);
+        if (rows_of(arm->exact, (int)arm->wanted, 1.0, &tool, target, NULL, &demand) == HAND_BACK)
+            return HAND_BACK;
+        state->rows = demand.rows;
+        memcpy(state->C, demand.C, sizeof state->C);
+        memcpy(state->b, demand.e, sizeof state->b);
+    }
     turn_to(target, &tool, omega);
     place(&tool, arm->point, here);
     place(target, arm->point, there);
@@ -40,6 +46,7 @@ static void linearised(const Arm *arm, const Pose *target, const double *q, Line
         state->r[3 + i] = there[i] - here[i];
     }
     state->f = 0.5 * dot(6, state->r, state->r);
+    return DONE;
 }
 
 /* -grad f, A'r */
@@ -65,7 +72,8 @@ static Outcome curvature(const Arm *arm, const Pose *target, const double *q, co
         double h = q[i] + DIFFERENCE > arm->upper[i] ? -DIFFERENCE : DIFFERENCE;
         memcpy(moved, q, sizeof(Row));
         moved[i] += h;
-        linearised(arm, target, moved, &beside);
+        if (linearised(arm, target, moved, &beside) == HAND_BACK)
+            return HAND_BACK;
         descent(m, &beside, there);
         for (int j = 0; j < m; j++)
             D[i][j] = (here[j] - there[j]) / h;
@@ -84,7 +92,7 @@ static Outcome curvature(const Arm *arm, const Pose *target, const double *q, co
     return DONE;
 }
 
-static bool is_inside(int n, const double *x, const double *lower, const double *upper)
+bool is_inside(int n, const double *x, const double *lower, const double *upper)
 {
     for (int j = 0; j < n; j++)
         if (!(x[j] >= lower[j] && x[j] <= upper[j]))
@@ -92,21 +100,29 @@ static bool is_inside(int n, const double *x, const double *lower, const double 
     return true;
 }
 
-/* The minimiser of 1/2 x'Hx - g'x in the box, from the factor of H; a gradient step where there is none. */
-static void box_minimum(int n, const Row *L, const Row g, double unit, const Row lower, const Row upper, Row x)
+/* 1/2 x'Hx - g'x by the factor of H */
+void quadratic_of(int n, const Row *L, const Row g, Quadratic *problem)
 {
-    Quadratic problem = {.n = n};
-    solved(n, L, g, problem.centre);
+    memset(problem, 0, sizeof *problem);
+    problem->n = n;
+    solved(n, L, g, problem->centre);
     for (int i = 0; i < n; i++) {
         double column[MOST] = {0.0};
         for (int k = i; k < n; k++)
-            problem.K[i][k] = L[k][i];
+            problem->K[i][k] = L[k][i];
         column[i] = 1.0 / L[i][i]; /* L^-1, of which T = K^-1 is the transpose */
         for (int k = i + 1; k < n; k++)
             column[k] = -dot(k, L[k], column) / L[k][k];
         for (int k = i; k < n; k++)
-            problem.T[i][k] = column[k];
+            problem->T[i][k] = column[k];
     }
+}
+
+/* The minimiser of 1/2 x'Hx - g'x in the box, from the factor of H; a gradient step where there is none. */
+static void box_minimum(int n, const Row *L, const Row g, double unit, const Row lower, const Row upper, Row x)
+{
+    Quadratic problem;
+    quadratic_of(n, L, g, &problem);
     if (minimise_in_box(&problem, lower, upper, x) == DONE)
         return;
     for (int j = 0; j < n; j++)
@@ -199,19 +215,23 @@ void misses(const Arm *arm, const Pose *target, const double *q, double *positio
 Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found)
 {
     int m = (int)arm->joints, longest = patient ? PATIENCE : LONGEST, window = patient ? FINISHED : STALLED;
-    double damping = DAMPING, least = patient ? 0.0 : LEAST, past[STALLED + 1];
+    double damping = DAMPING, least = patient ? 0.0 : LEAST, past[STALLED + 1], penalty = 0.0, price;
     Linearization state, seen;
     Row lower, upper, x, next, H[MOST];
-    linearised(arm, target, found->q, &state);
+    if (linearised(arm, target, found->q, &state) == HAND_BACK)
+        return HAND_BACK;
     found->met = found->at_rest = false;
     for (found->steps = 0; found->steps < longest; found->steps++) {
-        double merit = found->f = state.f, before = INFINITY;
+        double before = INFINITY;
+        found->f = state.f;
+        found->unmet = norm(state.rows, state.b);
+        double merit = found->merit = state.f + penalty * found->unmet;
         if (!isfinite(merit))
             return HAND_BACK;
         if (found->steps > window)
             before = past[(found->steps - window) % (STALLED + 1)];
         past[found->steps % (STALLED + 1)] = merit;
-        if (sqrt(2.0 * merit) <= goal) {
+        if (sqrt(2.0 * state.f) + found->unmet <= goal) {
             found->met = true;
             return DONE;
         }
@@ -222,14 +242,21 @@ Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, b
             return DONE;
         }
         steps_from(arm, found->q, turning, lower, upper);
-        if (patient && curvature(arm, target, found->q, &state, H) == HAND_BACK)
-            return HAND_BACK;
-        step_of(m, &state, patient ? H : NULL, 2.0 * damping * merit, lower, upper, x);
+        if (state.rows > 0) {
+            if (exact_step(m, &state, damping, lower, upper, x, &price) == HAND_BACK)
+                return HAND_BACK;
+            penalty = fmax(penalty, PENALTY_MARGIN * price);
+        } else {
+            if (patient && curvature(arm, target, found->q, &state, H) == HAND_BACK)
+                return HAND_BACK;
+            step_of(m, &state, patient ? H : NULL, 2.0 * damping * merit, lower, upper, x);
+        }
         for (int j = 0; j < m; j++)
             next[j] = found->q[j] + x[j];
         inside(arm, next);
-        linearised(arm, target, next, &seen);
-        if (seen.f < merit) {
+        if (linearised(arm, target, next, &seen) == HAND_BACK)
+            return HAND_BACK;
+        if (seen.f + penalty * norm(seen.rows, seen.b) < state.f + penalty * found->unmet) {
             memcpy(found->q, next, sizeof(Row));
             state = seen;
             damping = fmax(EASED * damping, least);
@@ -237,6 +264,8 @@ Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, b
             damping *= STIFFENED;
     }
     found->f = state.f;
+    found->unmet = norm(state.rows, state.b);
+    found->merit = state.f + penalty * found->unmet;
     found->at_rest = true;
     return DONE;
 }

@@ -9,6 +9,7 @@
    other limits, with multipliers of the right sign. The problem is strictly convex, so both find the same. */
 
 #include "qp.h"
+#include <string.h>
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
@@ -224,26 +225,32 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     return all_finite(n, found->z) ? DONE : HAND_BACK;
 }
 
-/* The minimiser in a box, which zero is in; without the marks of `Optimum`, and so without Python's decisions on them. */
-Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z)
+/* The minimiser inside limits; without the marks of `Optimum`, and so without Python's decisions on them. */
+Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
 {
-    int n = problem->n, of[LIMITS], side[LIMITS] = {0};
-    Polytope limits = {.count = n, .box = true};
+    int of[LIMITS], side[LIMITS] = {0};
     Room room;
     Face face;
-    static const Row STILL = {0.0};
     double y[LIMITS], nu;
-    for (int j = 0; j < n; j++) {
-        limits.lower[j] = lower[j];
-        limits.upper[j] = upper[j];
-    }
-    if (centred(problem, &limits, &room, of) == HAND_BACK)
+    if (centred(problem, limits, &room, of) == HAND_BACK)
         return HAND_BACK;
     if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
-        searched(problem, STILL, &room, NULL, side, &face, y, &nu) == HAND_BACK)
+        searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    precise(problem, &limits, of, side, &face, z);
-    for (int j = 0; j < n; j++)
+    precise(problem, limits, of, side, &face, z);
+    return all_finite(problem->n, z) ? DONE : HAND_BACK;
+}
+
+/* The same in a box, which zero is in. */
+Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z)
+{
+    static const Row STILL = {0.0};
+    Polytope limits = {.count = problem->n, .box = true};
+    memcpy(limits.lower, lower, (size_t)problem->n * sizeof(double));
+    memcpy(limits.upper, upper, (size_t)problem->n * sizeof(double));
+    if (minimise_from(problem, &limits, STILL, z) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < problem->n; j++)
         z[j] = fmin(fmax(z[j], lower[j]), upper[j]);
-    return all_finite(n, z) ? DONE : HAND_BACK;
+    return DONE;
 }

@@ -4,26 +4,28 @@
 
 static bool arm_of(PyObject *object, Arm *arm) { return vector(object, sizeof *arm / sizeof(double), (double *)arm); }
 
-/* arm((m, length), point, home, screws, lower, upper, turn, whole): a float64 array for `descend` and `misses`. */
+/* arm((m, length, k), point, home, screws, lower, upper, turn, whole, (k, 8 + m) exact): a float64 array for `descend` and `misses`. */
 PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Arm made = {.joints = 0.0};
-    double first[2];
-    bool good = count == 8 && vector(arguments[0], 2, first) && first[0] >= 1.0 && first[0] <= MOST;
+    double first[3];
+    bool good = count == 9 && vector(arguments[0], 3, first) && first[0] >= 1.0 && first[0] <= MOST && first[2] >= 0.0 &&
+                first[2] <= MOST_ROWS;
     int m = good ? (int)first[0] : 0;
     memcpy(&made, first, good ? sizeof first : 0);
     if (!good || !vector(arguments[1], 3, made.point) || !matrix(arguments[2], 4, 4, 4, made.home) ||
         !matrix(arguments[3], 6, m, MOST, made.screws[0]) || !vector(arguments[4], m, made.lower) ||
         !vector(arguments[5], m, made.upper) || !vector(arguments[6], m, made.turn) ||
-        !vector(arguments[7], m, made.whole)) {
-        PyErr_SetString(PyExc_TypeError, "arm((m, length), point, home, screws, lower, upper, turn, whole)");
+        !vector(arguments[7], m, made.whole) ||
+        !matrix(arguments[8], (int)made.wanted, 8 + m, 8 + MOST, (double *)made.exact)) {
+        PyErr_SetString(PyExc_TypeError, "arm((m, length, k), point, home, screws, lower, upper, turn, whole, exact)");
         return NULL;
     }
     return new_vector(sizeof made / sizeof(double), (const double *)&made);
 }
 
-/* descend(arm, target, start, goal, turning, patient): (q, f, steps, met, at_rest), or None where Python has to. */
+/* descend(arm, target, start, goal, turning, patient): (q, f, unmet, merit, steps, met, at_rest), or None where Python has to. */
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -47,8 +49,8 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
     Py_END_ALLOW_THREADS
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
-    return Py_BuildValue("(NdlNN)", new_vector(m, found.q), found.f, found.steps, PyBool_FromLong(found.met),
-                         PyBool_FromLong(found.at_rest));
+    return Py_BuildValue("(NdddlNN)", new_vector(m, found.q), found.f, found.unmet, found.merit, found.steps,
+                         PyBool_FromLong(found.met), PyBool_FromLong(found.at_rest));
 }
 
 /* misses(arm, target, q): distance and angle of the tool from its target. */

@@ -7,6 +7,8 @@ from math import inf
 import numpy as np
 from attrs import frozen
 
+from invariantqp.control.compiled import compiled_demands
+from invariantqp.control.demands import Exact
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.joint_space import JointSpace
@@ -35,9 +37,9 @@ class PoseArm:
     chain: Chain | None
     compiled: Array | None
 
-    def measured(self, length: float) -> Array | None:
-        """The arm as the core takes it, with another length for a radian."""
-        return None if self.chain is None else _compiled(self.chain, self.space, self.point, length)
+    def measured(self, length: float, point: Array, exact: tuple[Exact, ...] = ()) -> Array | None:
+        """The arm as the core takes it, with another length for a radian, another point, and exact demands."""
+        return None if self.chain is None else _compiled(self.chain, self.space, point, length, exact)
 
 
 def pose_arm(robot: Robot) -> PoseArm:
@@ -57,10 +59,14 @@ def _pose_arm(robot: Robot) -> PoseArm:
     return PoseArm(robot, space, point, length, chain, compiled)
 
 
-def _compiled(chain: Chain, space: JointSpace, point: Array, length: float) -> Array | None:
-    if core is None:
+def _compiled(
+    chain: Chain, space: JointSpace, point: Array, length: float, exact: tuple[Exact, ...] = ()
+) -> Array | None:
+    m = len(space.middle)
+    wanted = compiled_demands(exact, m)
+    if core is None or wanted is None or len(wanted) > core.MOST_ROWS:
         return None
-    numbers = np.array((len(space.middle), length), np.float64)
+    numbers = np.array((m, length, len(wanted)), np.float64)
     turns = space.lower, space.upper, space.turn, space.whole.astype(np.float64)
-    made: Array = core.arm(numbers, point, chain.home, chain.screws, *turns)
+    made: Array = core.arm(numbers, point, chain.home, chain.screws, *turns, wanted)
     return made

@@ -158,7 +158,7 @@ def pose_error(arm: PoseArm, target: Any, form: Form | float | None, exact: tupl
             raise BadInput("form", f"{found}, which measures no distance", "a pitch other than 0, or CarriedMetric")
         L = abs(chosen.h)
     point = next((np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)), arm.point)
-    compiled = None if exact else arm.compiled if arm.length == L else arm.measured(L)
+    compiled = arm.compiled if not exact and arm.length == L else arm.measured(L, point, exact)
     return PoseError(robot, wanted, np.diag((L, L, L, 1.0, 1.0, 1.0)), point, even=True, exact=exact, compiled=compiled)
 
 

@@ -4,8 +4,11 @@
 
 Damping that vanishes with the error converges quadratically where the target can be reached and comes to rest where it
 cannot. Where no limit is active and six joints or more move the tool, x = A'(AA' + mu)^-1 r. With mu = 0 that is
-J^{+h} s for every pitch h, s the twist of r. Exact demands are rows of the same problem with a far larger weight; then
-a step is accepted if it reduces f + nu |b|.
+J^{+h} s for every pitch h, s the twist of r. Exact demands, C x = b, come first, the rest moves only what they leave:
+
+    x_1 = argmin 1/2 |b - C x|^2 + 1/2 lambda |b|^2 |x|^2,     x = argmin of the above over   C x = C x_1
+
+both inside the limits; then a step is accepted if it reduces f + nu |b|.
 
 Reference: Levenberg 1944; Chan and Lawrence 1988 (damping by the error); Sugihara 2011; Han 1977 (the exact penalty).
 """
@@ -23,6 +26,8 @@ from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import Linearization, PoseError
 from invariantqp.pose.joint_space import JointSpace
+from invariantqp.systems.span import rank_of
+from invariantqp.velocity.exact import ROW_TOLERANCE
 from invariantqp.velocity.qp.backends import Daqp, SolverFailure
 from invariantqp.velocity.qp.scaling import BoxQP
 
@@ -39,8 +44,11 @@ LONGEST, PATIENCE = 100, 1000
 STIFFEST = 1e8
 # A try whose merit fell by no more than this share of itself in as many steps is at rest.
 AT_REST = 1e-12
-# The weight of an exact row relative to trace A'A.
-EXACT_WEIGHT = 1e8
+# The least damping of the exact rows, relative to their largest squared singular value.
+ROW_FLOOR = 1e-9
+TINY = float(np.finfo(float).tiny)
+# A joint this near a limit, relative, is held by it.
+AT_LIMIT = 1e-9
 # Multipliers are bounded by this many |A| |r| / |C|: those of rows that the limits forbid have no meaning.
 DEAREST = 10.0
 # The penalty is kept above the multipliers of the exact rows by this factor.
@@ -96,8 +104,7 @@ def descend(
     if core is not None and error.compiled is not None and perf_counter() <= deadline:
         found = core.descend(error.compiled, error.matrix, start, goal, turning, patient)
         if found is not None:
-            q, f, steps, met, at_rest = found
-            return Try(q, f, 0.0, f, steps, met, at_rest)
+            return Try._make(found)
     state = error.at(start)
     damping, penalty = DAMPING, 0.0
     past: list[float] = []
@@ -113,7 +120,11 @@ def descend(
         if damping > STIFFEST or before - merit <= AT_REST * merit:
             return _ended(state, merit, steps, met=False, at_rest=True)
         H = error.curvature(state) if patient and state.C is None else None
-        x, price = _step(state, H, 2.0 * damping * state.f, *space.steps(state.q, turning=turning))
+        room, price = space.steps(state.q, turning=turning), 0.0
+        if state.C is None:
+            x = _step(state, H, 2.0 * damping * state.f, *room)
+        else:
+            x, price = _exact_step(state, state.C, damping, *room)
         penalty = max(penalty, PENALTY_MARGIN * price)
         seen = error.at(space.inside(state.q + x))
         if seen.f + penalty * seen.unmet < state.f + penalty * state.unmet:
@@ -127,35 +138,58 @@ def _ended(state: Linearization, merit: float, steps: int, *, met: bool, at_rest
     return Try(state.q, state.f, state.unmet, merit, steps, met, at_rest)
 
 
-def _step(state: Linearization, H: Array | None, mu: float, lower: Array, upper: Array) -> tuple[Array, float]:
-    """The step x (m,) inside the box, by the second derivative H or else A'A, and the multiplier of the exact rows."""
-    A, r, C = state.A, state.r, state.C
+def _step(state: Linearization, H: Array | None, mu: float, lower: Array, upper: Array) -> Array:
+    """The step x (m,) inside the box, by the second derivative H or else A'A."""
+    A, r = state.A, state.r
     m, size = A.shape[1], float(np.vdot(A, A))
-    x = None
-    if C is None and H is None and m >= 6:
+    if H is None and m >= 6:
         S = A.dot(A.T)
         S.flat[::7] += mu + FLOOR * size
         _, y, failed = lapack.dposv(S, r)
-        x = y.dot(A)
+        x: Array = y.dot(A)
         if not failed and _is_inside(x, lower, upper):
-            return x, 0.0
+            return x
     g, unit = r.dot(A), 1.0 / size
     H = A.T.dot(A) if H is None else H
-    if C is not None and state.b is not None:
-        H += EXACT_WEIGHT * size * C.T.dot(C)
-        g += EXACT_WEIGHT * size * state.b.dot(C)
     H.flat[:: m + 1] += max(mu, QP_FLOOR * size)
-    if x is None:
-        _, x, failed = lapack.dposv(H, g)
-        if failed or not _is_inside(x, lower, upper):
-            x = _box_minimum(H, g, unit, lower, upper)
-    else:
-        x = _box_minimum(H, g, unit, lower, upper)
-    if C is None or state.b is None:
-        return x, 0.0
-    miss = state.b - C.dot(x)
-    most = DEAREST * sqrt(2.0 * size * state.f / float(np.vdot(C, C)))
-    return x, min(EXACT_WEIGHT * size * sqrt(miss.dot(miss)), most)
+    _, x, failed = lapack.dposv(H, g)
+    return _minimum(H, g, unit, lower, upper) if failed or not _is_inside(x, lower, upper) else x
+
+
+def _exact_step(state: Linearization, C: Array, damping: float, lower: Array, upper: Array) -> tuple[Array, float]:
+    """The step x (m,) inside the box that meets the rows C (k, m) as well as that allows, and their multiplier."""
+    A, r, b, m = state.A, state.r, np.asarray(state.b), C.shape[1]
+    U, singular, Vt, _ = lapack.dgesdd(C)
+    rank = rank_of(singular, ROW_TOLERANCE)
+    sigma, wanted, size = np.zeros(m), np.zeros(m), float(np.vdot(A, A))
+    sigma[:rank], wanted[:rank] = singular[:rank], b.dot(U[:, :rank])
+    B = Vt[rank:].T
+    weights = sigma * sigma + max(damping * float(b.dot(b)), ROW_FLOOR * float(singular[0]) ** 2, TINY)
+    first = (sigma * wanted / weights).dot(Vt)
+    AB = A.dot(B)
+    H = AB.T.dot(AB)
+    H.flat[:: len(H) + 1] += max(2.0 * damping * state.f, QP_FLOOR * size)
+    x: Array = first + B.dot(lapack.dposv(H, (r - A.dot(first)).dot(AB))[1]) if len(H) else first
+    if not _is_inside(x, lower, upper):
+        if not _is_inside(first, lower, upper):
+            unit = 1.0 / float(weights[0])
+            first = _minimum((Vt.T * weights).dot(Vt), (sigma * wanted).dot(Vt), unit, lower, upper)
+        g = (r - A.dot(first)).dot(AB)
+        x = first + B.dot(_minimum(H, g, 1.0 / size, lower - first, upper - first, B)) if len(H) else first
+        x = np.minimum(np.maximum(x, lower), upper)
+    return x, _price(state, C, (r - A.dot(x)).dot(A), x, lower, upper)
+
+
+def _price(state: Linearization, C: Array, pull: Array, x: Array, lower: Array, upper: Array) -> float:
+    """|y|, the multiplier of the rows: C'y is what is left of the gradient where no limit holds a joint."""
+    margin = AT_LIMIT * (1.0 + np.abs(x))
+    free = (x > lower + margin) & (x < upper - margin)
+    if not C[:, free].any():
+        return 0.0
+    _, sizes, ways, _ = lapack.dgesdd(C[:, free], full_matrices=0)
+    y = (ways.dot(pull[free]) / np.maximum(sizes, TINY))[: rank_of(sizes, ROW_TOLERANCE)]
+    most = DEAREST * sqrt(2.0 * float(np.vdot(state.A, state.A)) * state.f / float(np.vdot(C, C)))
+    return min(sqrt(float(y.dot(y))), most)
 
 
 def _is_inside(x: Array, lower: Array, upper: Array) -> bool:
@@ -163,10 +197,10 @@ def _is_inside(x: Array, lower: Array, upper: Array) -> bool:
     return bool(np.minimum(np.maximum(x, lower), upper).tobytes() == x.tobytes())
 
 
-def _box_minimum(H: Array, g: Array, unit: float, lower: Array, upper: Array) -> Array:
-    """The minimiser of 1/2 x'Hx - g'x in the box; the clipped gradient step where no solver finds it."""
+def _minimum(H: Array, g: Array, unit: float, lower: Array, upper: Array, rows: Array | None = None) -> Array:
+    """The minimiser of 1/2 x'Hx - g'x in a box on x or on rows x; where no solver finds it, a gradient step or none."""
     try:
-        x = _SOLVER.solve(BoxQP(unit * H, unit * g, lower, upper, None))
+        x = _SOLVER.solve(BoxQP(unit * H, unit * g, lower, upper, rows))
     except SolverFailure:
-        x = unit * g
-    return np.minimum(np.maximum(x, lower), upper)
+        x = unit * g if rows is None else np.zeros(len(g))
+    return x if rows is not None else np.minimum(np.maximum(x, lower), upper)

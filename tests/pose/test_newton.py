@@ -22,11 +22,11 @@ SAME = 1e-4
 HOW = 1e-9, True, False  # goal, turning, patient
 
 
-def both(robot, target, start, **how):
+def both(robot, target, start, exact=(), **how):
     """The same try by the core and by Python."""
     arm = pose_arm(robot)
-    error = pose_error(arm, target, None, ())
-    assert arm.compiled is not None
+    error = pose_error(arm, target, None, exact)
+    assert error.compiled is not None
     start = arm.space.inside(start)
     native = newton.descend(error, arm.space, start, 1e-9, inf, **how)
     with mock.patch.object(newton, "core", None):
@@ -50,6 +50,25 @@ def test_the_same_try(seed, patient, turning, far):
     assert (native.q <= robot.position_upper).all()
 
 
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**63), patient=st.booleans(), turning=st.booleans(), far=st.booleans())
+def test_the_same_try_with_exact_demands(seed, patient, turning, far):
+    rng = np.random.default_rng(seed)
+    robot = ARMS[rng.integers(len(ARMS))]
+    point, axis = rng.normal(size=3), rng.normal(size=3)
+    kinds = iq.control.ExactPoint(0.1 * point), iq.control.ExactAxis(axis), iq.control.ExactPlane(axis, 0.1 * point)
+    exact = tuple(kinds[i] for i in rng.permutation(3)[: rng.integers(1, 3)])
+    q, start = rng.uniform(robot.position_lower, robot.position_upper, (2, len(robot.names)))
+    target = iq.exp(rng.normal(size=6)) @ robot.pose(q) if far else robot.pose(q)
+    native, python = both(robot, target, start, exact, patient=patient, turning=turning)
+    assert (native.met, native.at_rest, native.steps) == (python.met, python.at_rest, python.steps)
+    assert native.f == pytest.approx(python.f, rel=SAME, abs=1e-18)
+    assert native.unmet == pytest.approx(python.unmet, rel=SAME, abs=1e-9)
+    np.testing.assert_allclose(native.q, python.q, rtol=0.0, atol=SAME * (1.0 + np.abs(python.q).max()))
+    assert (robot.position_lower <= native.q).all()
+    assert (native.q <= robot.position_upper).all()
+
+
 def test_turns_up_to_half_a_turn_and_what_is_missed():
     robot, q = ARMS[0], np.array([0.1, -0.4, 0.2, -2.2, 0.1, 1.8, 0.8])
     arm = pose_arm(robot)
@@ -68,7 +87,8 @@ def test_only_what_the_core_has_goes_there():
     arm, target = pose_arm(ARMS[2]), ARMS[2].pose(np.zeros(5))
     assert pose_error(arm, target, 0.3, ()).compiled is not None
     assert pose_error(arm, target, iq.tool_metric(ARMS[2]), ()).compiled is None
-    assert pose_error(arm, target, None, (iq.control.ExactPoint(),)).compiled is None
+    nine_rows = pose_error(arm, target, None, (iq.control.ExactPoint(),) * 3).compiled
+    assert core.descend(nine_rows, target, np.zeros(5), *HOW) is None
     for length in (0.3, 3.0):  # a pitch as the length of a radian
         native = iq.solve_pose(ARMS[2], iq.transform(translation=[1.0, 0.0, 0.2]), form=length, time_limit=inf)
         with mock.patch.object(newton, "core", None):
