@@ -1,16 +1,18 @@
-"""How long a tick takes with the compiled core, in Python alone, and in a hand-written Pinocchio + DAQP loop.
+"""How long a tick takes: the compiled core, Python alone, a hand-written Pinocchio + DAQP loop, Pink and mink.
 
     python tests/benchmarks/table.py
 
-Medians and 99th percentiles in microseconds, and the ratio of medians to the hand-written loop. The three take turns at
-every tick, so that a busy machine slows all of them down alike. A tick is pose, Jacobian, law and limits. The
-hand-written loop is damped least squares in metres and radians inside the same joint limits, with rows for an exact
-position; it has no posture, no status and no tool speed.
+Medians and 99th percentiles in microseconds, and the ratio of each median to that of the hand-written loop or, without
+one, to that of the compiled core. All take turns at every tick, so that a busy machine slows them down alike. A tick is
+pose, Jacobian, law and limits. The hand-written loop is damped least squares in metres and radians inside the same
+joint limits, with rows for an exact position; it has no posture, no status and no tool speed. Pink and mink are called
+as `invariantqp compare` calls them, with DAQP. placo has a script for an environment of its own, `placo_row.py`.
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import partial
 from time import perf_counter_ns
 
 import daqp
@@ -18,9 +20,19 @@ import numpy as np
 import pinocchio as pin
 
 import invariantqp as iq
-from invariantqp.velocity import batch, solve
+from invariantqp import engine
+from invariantqp.compare.laws.mink_law import MinkLaw
+from invariantqp.compare.laws.pink_law import PinkLaw
+from invariantqp.pose import error, newton
+from invariantqp.robots import chain
+from invariantqp.velocity import batch, compiled, solve
 
+OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
+COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink")
+COUPLED = iq.limits.LimitRows(np.eye(7)[:1] + np.eye(7)[1:2], [-0.02], [0.02])
+POINT, AXIS = iq.control.ExactPoint(), iq.control.ExactAxis([0.0, 0.0, 1.0])
 ROUNDS = 40
+POSES = 50
 TICKS = 100
 ROWS = 4096
 
@@ -53,12 +65,19 @@ class HandWritten:
 
 
 @contextmanager
-def python_alone(controller):
-    """The same controller without the core."""
-    loop, core = controller._compiled, solve.core
-    controller._compiled = solve.core = None
+def python_alone(controller=None):
+    """The same controller, or a pose search, without the core."""
+    modules = (solve, batch, chain, newton, error)
+    loop = None if controller is None else controller._compiled
+    if controller is not None:
+        controller._compiled = None
+    for module in modules:
+        module.core = None
     yield
-    controller._compiled, solve.core = loop, core
+    for module in modules:
+        module.core = engine.core
+    if controller is not None:
+        controller._compiled = loop
 
 
 def ticks_of(task, wanted, **options):
@@ -75,16 +94,17 @@ def ticks_of(task, wanted, **options):
     return controller, found[:: max(1, len(found) // TICKS)]
 
 
-def times(controller, ticks, hand):
-    """Microseconds of the three, (3, ROUNDS x ticks)."""
-    took = [[], [], []]
+def times(calls, ticks, controller=None):
+    """Microseconds of each contender, who take turns; "Python" is called without the core."""
+    took = {name: [] for name in calls}
     for _ in range(ROUNDS):
         for tick in ticks:
-            took[0].append(timed(controller.step, tick))
-            with python_alone(controller):
-                took[1].append(timed(controller.step, tick))
-            if hand is not None:
-                took[2].append(timed(hand.step, tick))
+            for name, call in calls.items():
+                if name != PYTHON:
+                    took[name].append(timed(call, tick))
+                    continue
+                with python_alone(controller):
+                    took[name].append(timed(call, tick))
     return took
 
 
@@ -94,37 +114,72 @@ def timed(call, arguments):
     return 1e-3 * (perf_counter_ns() - start)
 
 
-def line(name, took):
-    medians = [float(np.median(each)) if each else np.nan for each in took]
-    tails = [float(np.quantile(each, 0.99)) if each else np.nan for each in took]
-    cells = [
-        f"{median:.1f} ({tail:.0f})" if median == median else "-" for median, tail in zip(medians, tails, strict=True)
-    ]
-    ratios = [f"{median / medians[2]:.2f}" if medians[2] == medians[2] else "-" for median in medians[:2]]
-    print(f"| {name} | {' | '.join(cells)} | {' | '.join(ratios)} |")
+def line(title, took):
+    """One row of the table."""
+    base = float(np.median(took.get(HAND, took[OURS])))
+    cells = []
+    for name in COLUMNS:
+        if name not in took:
+            cells.append("-")
+            continue
+        median, tail = float(np.median(took[name])), float(np.quantile(took[name], 0.99))
+        cells.append(f"{median:.1f} ({tail:.0f}) {median / base:.2f}")
+    print(f"| {title} | {' | '.join(cells)} |", flush=True)
+
+
+def peers(task, robot):
+    """Pink's and mink's ticks, where they are installed."""
+    found = {}
+    for name, law in (("Pink", PinkLaw), ("mink", MinkLaw)):
+        try:
+            found[name] = law(robot, task.law).step
+        except iq.MissingExtra:
+            print(f"{name} is not installed")
+    return found
+
+
+def hybrid():
+    """A Panda that presses with a pen, its target moving by a millimetre."""
+    robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal=[0, 0, 1]), [5.0])
+    loop, T = iq.HybridController(robot, task, dt=0.002), robot.pose(q)
+    felt = iq.Wrench(moment=np.cross(T[:3, 3], [0.0, 0.0, -4.0]), force=[0.0, 0.0, -4.0])
+    places = 1e-3 * np.random.default_rng(0).normal(size=(TICKS, 3))
+    return loop, [(q, iq.transform(translation=place) @ T, felt) for place in places]
+
+
+def poses(name):
+    """Random targets of an arm, in reach."""
+    robot, rng = iq.load_robot(name), np.random.default_rng(0)
+    low, high = robot.position_lower, robot.position_upper
+    return robot, [(robot.pose(q), start) for q, start in rng.uniform(low, high, (POSES, 2, len(low)))]
 
 
 def rows_a_second(width):
-    """Rows of `solve_velocities` a second: the core, Python alone."""
+    """Rows of `solve_velocities` a second: the core on all cores, on one, and Python alone."""
     robot, rng = iq.load_robot("panda"), np.random.default_rng(0)
     J = np.array([robot.jacobian(q) for q in rng.uniform(robot.position_lower, robot.position_upper, (ROWS, 7))])
     s, bounds = 0.1 * rng.normal(size=(ROWS, 6)), iq.Bounds(-width * np.ones(7), width * np.ones(7))
-    best = []
-    for core in (batch.core, None):
-        was, batch.core, solve.core = batch.core, core, core
-        took = [
-            timed(lambda: iq.solve_velocities(J, s, bounds=bounds, point=np.zeros(3), length=1.0), ()) for _ in range(5)
-        ]
-        batch.core = solve.core = was
-        best.append(1e6 * ROWS / min(took))
-    return best
+
+    def rate():
+        call = partial(iq.solve_velocities, J, s, bounds=bounds, point=np.zeros(3), length=1.0)
+        return 1e6 * ROWS / min(timed(call, ()) for _ in range(5))
+
+    many, rates = compiled.ROWS_A_THREAD, []
+    for rows in (many, ROWS + 1):  # two threads where there are two cores, then one
+        compiled.ROWS_A_THREAD = rows
+        rates.append(rate())
+    compiled.ROWS_A_THREAD = many
+    with python_alone():
+        rates.append(rate())
+    return rates
 
 
 def main():
     if not iq.native:
         raise SystemExit("this installation has no compiled core")
-    print("| tick | compiled | Python | hand-written | compiled / hand-written | Python / hand-written |")
-    print("|---|---|---|---|---|---|")
+    print(f"| tick | {' | '.join(COLUMNS)} |")
+    print("|---" * (1 + len(COLUMNS)) + "|")
     cases = (
         ("Panda, free", "panda_path", lambda s: not s.active, {}),
         ("Panda, limits met", "panda_path", lambda s: s.active, {}),
@@ -134,17 +189,36 @@ def main():
         ("Panda, exact position, limits met", "panda_path", lambda s: s.active, {"exact": "position"}),
         ("Panda, tool speed met", "panda_path", lambda s: s.method == "qp", {"tool_speed": 0.1}),
         ("Panda, acceleration limits", "panda_path", lambda _: True, {"acceleration_limit": 10.0}),
+        ("Panda, joint metric, limits met", "panda_path", lambda s: s.active, {"joint_metric": np.arange(1.0, 8.0)}),
+        ("Panda, a coupling of joints met", "panda_path", lambda s: s.method == "qp", {"rows": COUPLED}),
+        ("Panda, exact point and axis", "panda_path", lambda s: not s.active, {"exact": [POINT, AXIS]}),
     )
-    for name, task, wanted, options in cases:
-        controller, ticks = ticks_of(iq.load_task(task), wanted, **options)
-        robot, fast = controller.robot, "tool_speed" in options
-        hand = None if fast else HandWritten(robot, controller.dt, controller.gain, "exact" in options)
+    for title, name, wanted, options in cases:
+        task = iq.load_task(name)
+        controller, ticks = ticks_of(task, wanted, **options)
+        calls = {OURS: controller.step, PYTHON: controller.step}
+        if not options.keys() - {"exact"} and options.get("exact", "position") == "position":
+            calls[HAND] = HandWritten(controller.robot, controller.dt, controller.gain, "exact" in options).step
+        if not options:
+            calls |= peers(task, controller.robot)
         if ticks:
-            line(name, times(controller, ticks, hand))
+            line(title, times(calls, ticks, controller))
+    loop, ticks = hybrid()
+    line("Panda, a pen pressed with 5 N", times({OURS: loop.step, PYTHON: loop.step}, ticks, loop.loop))
+    for name, exact in (("panda", None), ("so101", None), ("so101", "position")):
+        robot, targets = poses(name)
+        solve_one = partial(solve_pose, robot, exact)
+        took = times({OURS: solve_one, PYTHON: solve_one}, targets)
+        line(f"{name}, a pose{', exact position' if exact else ''}", took)
     for name, width in (("free", 10.0), ("tight box", 0.05)):
-        core, python = rows_a_second(width)
-        print(f"\nbatch of {ROWS} Panda rows, {name}: {core:,.0f} rows/s compiled, {python:,.0f} in Python", end="")
+        both, one, python = rows_a_second(width)
+        print(f"\nbatch of {ROWS} Panda rows, {name}: {both:,.0f} rows/s compiled, {one:,.0f} on one core, ", end="")
+        print(f"{python:,.0f} in Python", end="")
     print()
+
+
+def solve_pose(robot, exact, target, start):
+    iq.solve_pose(robot, target, q0=start, exact=exact)
 
 
 if __name__ == "__main__":
