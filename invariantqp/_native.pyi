@@ -34,6 +34,9 @@ def ticks(
     residual: Array,
     /,
 ) -> dict[int, tuple[Any, ...] | None]: ...
+def cost(
+    J: Array, s: Array, root: Array, policy: tuple[float, float, float], more: float, /
+) -> tuple[Array, Array] | None: ...
 def loop(
     numbers: Array,
     point: Array,

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.measure import ToolMeasure
+from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -165,20 +166,30 @@ class FrameCost:
         if unit == 0.0:
             return H, c
         root = self._root(measure, J, pose, unit)
-        demand = Demand(J, s, root, np.full(len(indices), -inf), np.full(len(indices), inf))
-        form = None if isinstance(self.form, CarriedMetric) else self.form
-        law = VelocityLaw(form=form, damping=self.damping, guard=self.guard)
-        objective = posed(law, demand, self.damping).objective(1.0)
         b = root.dot(s)
         more = self.lm_damping * float(b.dot(b))
+        moved, pull = self._moved(J, s, root, more)
+        H += unit * unit * more * np.eye(len(c))  # joints that do not move the frame, too
+        H[np.ix_(indices, indices)] = unit * unit * moved
+        c[indices] = unit * unit * pull
+        return H, c
+
+    def _moved(self, J: Array, s: Array, root: Array, more: float) -> tuple[Array, Array]:
+        """H and c of the joints that move the frame, where a length costs 1; `more` is Pink's damping."""
+        form = None if isinstance(self.form, CarriedMetric) else self.form
+        law = VelocityLaw(form=form, damping=self.damping, guard=self.guard)
+        found = None if core is None or law.compiled is None else core.cost(J, s, root, law.compiled, more)
+        if found is not None:
+            H, c = found
+            return H, c
+        m = J.shape[1]
+        demand = Demand(J, s, root, np.full(m, -inf), np.full(m, inf))
+        objective = posed(law, demand, self.damping).objective(1.0)
         weights = objective.weights + more
         if objective.rank:  # 0 for [DS]'s own problem
             weights[objective.rank :] = NULL_WEIGHT * objective.weights.max() + more
         V = objective.V
-        H += unit * unit * more * np.eye(len(c))  # joints that do not move the frame, too
-        H[np.ix_(indices, indices)] = unit * unit * (V * weights).dot(V.T)
-        c[indices] = -unit * unit * V.dot(objective.weights * objective.optimum)
-        return H, c
+        return (V * weights).dot(V.T), -V.dot(objective.weights * objective.optimum)
 
     def _root(self, measure: ToolMeasure, J: Array, pose: Array, unit: float) -> Array:
         """(6, 6) root of the measure in units of the cost `unit`."""

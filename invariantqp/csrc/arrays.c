@@ -64,3 +64,13 @@ PyObject *new_vector(int n, const double *values)
         memcpy(PyArray_DATA((PyArrayObject *)array), values, (size_t)n * sizeof *values);
     return array;
 }
+
+/* (rows, n) of rows of `width`. */
+PyObject *new_matrix(int rows, int n, int width, const double *values)
+{
+    npy_intp size[2] = {rows, n};
+    PyObject *array = PyArray_SimpleNew(2, size, NPY_DOUBLE);
+    for (int i = 0; array != NULL && i < rows; i++)
+        memcpy((double *)PyArray_DATA((PyArrayObject *)array) + i * n, values + i * width, (size_t)n * sizeof *values);
+    return array;
+}

@@ -19,6 +19,7 @@ bool matrix(PyObject *object, int rows, int n, int width, double *into);
 bool pose(PyObject *object, Pose *T);
 void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, double *into);
 PyObject *new_vector(int n, const double *values);
+PyObject *new_matrix(int rows, int n, int width, const double *values);
 
 /* answer.c */
 PyObject *fields(int m, const Solution *solution);

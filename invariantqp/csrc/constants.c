@@ -49,6 +49,7 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", PATIENCE),
     ONE("pose.newton", STIFFEST),
     ONE("pose.newton", AT_REST),
+    {"control.frame_cost.NULL_WEIGHT", FREE_WEIGHT},
     {"velocity.exact.ROW_TOLERANCE", EXACT_ROW_TOLERANCE},
     ONE("pose.newton", ROW_FLOOR),
     ONE("pose.newton", AT_LIMIT),

@@ -239,6 +239,7 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
 Outcome solve(const Demand *demand, Solution *solution);
+Outcome frame_cost(const Demand *demand, double more, Row *H, Row c);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
 void turn_to(const Pose *target, const Pose *tool, double w[3]);
@@ -264,6 +265,7 @@ extern const Constant CONSTANTS[];
 #define ACCURATE_SHARE 1e-2
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8
+#define FREE_WEIGHT 3e-10
 #define CALM 0.25
 #define DEVIATION_SHARE 0.25
 #define QUIET_SHARE 1e-9

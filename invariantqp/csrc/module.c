@@ -109,6 +109,32 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     return fields(demand.m, &solution);
 }
 
+/* cost(J, s, root, policy, more): (H, c), or None where Python has to find them. */
+static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Demand demand;
+    if (count != 5 || !damping(arguments[3], &demand)) {
+        if (!PyErr_Occurred())
+            PyErr_SetString(PyExc_TypeError, "cost(J, s, root, (threshold, ceiling, fixed), more)");
+        return NULL;
+    }
+    npy_intp m = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
+                     ? PyArray_DIM((PyArrayObject *)arguments[0], 1)
+                     : 0;
+    double more = PyFloat_AsDouble(arguments[4]);
+    if (PyErr_Occurred())
+        return NULL;
+    if (m < 1 || m > MOST)
+        Py_RETURN_NONE;
+    demand.m = (int)m;
+    Row H[MOST], c;
+    if (!matrix(arguments[0], 6, demand.m, MOST, demand.J[0]) || !vector(arguments[1], 6, demand.s) ||
+        !matrix(arguments[2], 6, 6, 6, demand.root[0]) || frame_cost(&demand, more, H, c) == HAND_BACK)
+        Py_RETURN_NONE;
+    return Py_BuildValue("(NN)", new_matrix(demand.m, demand.m, MOST, H[0]), new_vector(demand.m, c));
+}
+
 /* loop(numbers) with the numbers of a Loop by name, arrays for those of the joints: a float64 array for `step`. */
 static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
@@ -278,6 +304,7 @@ static PyMethodDef methods[] = {
      "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},
     {"sight", (PyCFunction)(void (*)(void))sight, METH_FASTCALL,
      "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."},
+    {"cost", (PyCFunction)(void (*)(void))cost, METH_FASTCALL, "H and c of a frame task, or None where Python has to find them."},
     {"tick", (PyCFunction)(void (*)(void))tick, METH_FASTCALL,
      "The fields of a VelocitySolution, or None where Python has to answer."},
     {"arm", (PyCFunction)(void (*)(void))search_arm, METH_FASTCALL, "The numbers of an arm, for a pose search."},

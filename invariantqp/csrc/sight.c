@@ -2,15 +2,6 @@
 
 #include "boundary.h"
 
-static PyObject *new_matrix(int rows, int n, int width, const double *values)
-{
-    npy_intp size[2] = {rows, n};
-    PyObject *array = PyArray_SimpleNew(2, size, NPY_DOUBLE);
-    for (int i = 0; array != NULL && i < rows; i++)
-        memcpy((double *)PyArray_DATA((PyArrayObject *)array) + i * n, values + i * width, (size_t)n * sizeof *values);
-    return array;
-}
-
 PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;

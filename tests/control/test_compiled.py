@@ -14,6 +14,7 @@ from support.two_laws import NUMBER, ROUNDING
 
 import invariantqp as iq
 from invariantqp.control.compiled import compiled_tick
+from invariantqp.control.frame_cost import FrameCost
 from invariantqp.engine import core
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
@@ -103,6 +104,26 @@ def test_loops_of_any_chain(seed):
     ahead = rng.normal(size=6) * (1.0, 1.0, 1.0, size, size, size) if rng.random() < 0.5 else None
     for _ in range(5):
         q = q + 0.01 * assert_same(controller, q, target, ahead).velocity
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.integers(0, 2**63))
+def test_the_cost_of_a_frame_task(seed):
+    rng = np.random.default_rng(seed)
+    m = int(rng.integers(1, 10))
+    J, s, root = rng.normal(size=(6, m)), rng.normal(size=6), np.eye(6) + 0.3 * rng.normal(size=(6, 6))
+    if rng.random() < 0.5:
+        J[:, -1] = (J[:, 0], 0.0 * s, J[:, 0] + 1e-6 * s)[rng.integers(3)]
+    if rng.random() < 0.2:
+        J *= 10.0 ** rng.uniform(-60.0, 60.0)
+    task = FrameCost()
+    task.form, task.guard, task.damping = None, None, (iq.velocity.Fixed(0.0), iq.velocity.Adaptive())[rng.integers(2)]
+    more = (0.0, 1e-3, 1.0)[rng.integers(3)]
+    native = task._moved(J, s, root, more)
+    with mock.patch("invariantqp.control.frame_cost.core", None):
+        python = task._moved(J, s, root, more)
+    for one, other in zip(native, python, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * np.abs(other).max())
 
 
 @pytest.mark.parametrize("name", ARMS)
