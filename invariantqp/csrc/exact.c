@@ -46,8 +46,8 @@ static Outcome measured(int k, const double D[MOST_ROWS][6], const double root[6
     return DONE;
 }
 
-/* The rows C on y and their demands, combined so that parts of the twist are orthonormal in the measure: by the Cholesky factor of
-   their Gram matrix, which gives the same singular values as Python's eigenvectors of it. */
+/* The rows C on y and their demands, combined so that parts of the twist are orthonormal in the measure: by the Cholesky
+   factor of their Gram matrix, which gives the same singular values as Python's eigenvectors of it. */
 static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *e)
 {
     int k = demand->rows;

@@ -66,6 +66,14 @@ static bool metric(PyObject *tuple, int m, Metric *into)
            matrix(PyTuple_GetItem(tuple, 1), m, m, MOST, into->inverse[0]);
 }
 
+/* How many columns a matrix has; 0 for something else, and for more than the core has room for. */
+static int joints_of(PyObject *J)
+{
+    bool good = PyArray_Check(J) && PyArray_NDIM((PyArrayObject *)J) == 2;
+    npy_intp m = good ? PyArray_DIM((PyArrayObject *)J, 1) : 0;
+    return m > MOST ? 0 : (int)m;
+}
+
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -81,12 +89,9 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
                                              "(A, b, of_twist, rank), (J, limit, start), (C, lower, upper), (T, inverse))");
         return NULL;
     }
-    npy_intp m = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
-                     ? PyArray_DIM((PyArrayObject *)arguments[0], 1)
-                     : 0;
-    if (m < 1 || m > MOST)
+    demand.m = joints_of(arguments[0]);
+    if (demand.m == 0)
         Py_RETURN_NONE;
-    demand.m = (int)m;
     demand.has_posture = arguments[5] != Py_None;
     if (!matrix(arguments[0], 6, demand.m, MOST, demand.J[0]) || !vector(arguments[1], 6, demand.s) ||
         !matrix(arguments[2], 6, 6, 6, demand.root[0]) || !vector(arguments[3], demand.m, demand.lower) ||
@@ -119,15 +124,12 @@ static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             PyErr_SetString(PyExc_TypeError, "cost(J, s, root, (threshold, ceiling, fixed), more)");
         return NULL;
     }
-    npy_intp m = PyArray_Check(arguments[0]) && PyArray_NDIM((PyArrayObject *)arguments[0]) == 2
-                     ? PyArray_DIM((PyArrayObject *)arguments[0], 1)
-                     : 0;
+    demand.m = joints_of(arguments[0]);
     double more = PyFloat_AsDouble(arguments[4]);
     if (PyErr_Occurred())
         return NULL;
-    if (m < 1 || m > MOST)
+    if (demand.m == 0)
         Py_RETURN_NONE;
-    demand.m = (int)m;
     Row H[MOST], c;
     if (!matrix(arguments[0], 6, demand.m, MOST, demand.J[0]) || !vector(arguments[1], 6, demand.s) ||
         !matrix(arguments[2], 6, 6, 6, demand.root[0]) || frame_cost(&demand, more, H, c) == HAND_BACK)

@@ -85,7 +85,8 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     for (int i = 0; i < n; i++)
         room.A[last][i] = i == 0 ? 1.0 : 0.0;
     room.lower[last] = 0.0;
-    room.upper[last] = INFINITY; /* a > 1 is never the optimum: a share 1 / a of it costs less, and is inside */
+    /* From standing still a > 1 is never the optimum: a share 1 / a of it costs less, and is inside. */
+    room.upper[last] = INFINITY;
     if (best(&room, &slow, first, n, length, 0.0, &found) == HAND_BACK)
         return HAND_BACK;
     double possible = within(found.z[0] / length);
@@ -93,7 +94,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
         return HAND_BACK;
     double value = within(found.z[0] / length);
-    if (norm(m, reduction->start) > 0.0 && value < UNDECIDED)
+    if (norm(m, reduction->start) > 0.0 && (value < UNDECIDED || found.z[0] > length))
         return HAND_BACK;
     joint(reduction, m, found.z + 1, found.z[0] / length, velocity);
     double given = value >= WHOLE ? 1.0 : 1.0 - INTERIOR * (1.0 - value);
