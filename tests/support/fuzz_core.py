@@ -13,7 +13,7 @@ from support.two_laws import native_answer, random_tick
 # Ticks made of one law and demand by changing its numbers.
 ALIKE = 250
 BAD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-320, 1e-200, 1e200, 1e308, 1.0)
-# Rounding of a row or a speed of the terms that it sums.
+# Rounding of a row or a speed, relative to its own size and that of the velocity.
 ROUNDING = 1e-9
 
 
@@ -56,9 +56,9 @@ def fuzz(ticks, seed=0):
                 wrong.append(f"outside the box: {law} {tick}")
             rows, cone = tick.rows, tick.cone
             if rows is not None:
-                size = np.abs(rows.C).dot(np.abs(x)) + np.abs(np.where(np.isfinite(rows.lower), rows.lower, 0.0))
+                size = np.linalg.norm(rows.C, axis=1) * np.linalg.norm(x)
                 if (np.abs(rows.excess(x)) > ROUNDING * size).any():
-                    wrong.append(f"outside the rows: {law} {tick}")
+                    wrong.append(f"outside the rows by {rows.excess(x)}: {law} {tick}")
             rounding = 0.0 if cone is None else ROUNDING * (cone.limit + np.linalg.norm(cone.J) * np.linalg.norm(x))
             if cone is not None and cone.speed(x) > cone.limit + rounding:
                 wrong.append(f"too fast: {law} {tick}")
