@@ -233,7 +233,7 @@ def test_not_converging_is_told(panda):
         {"point": "own"},
         {"backend": "osqp"},
     ],
-    ids=str,
+    ids=lambda options: next(iter(options)),
 )
 def test_other_loops_are_python_s(panda, options):
     assert iq.Controller(panda[0].robot, dt=0.01, **options)._compiled is None
