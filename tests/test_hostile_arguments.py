@@ -19,8 +19,8 @@ PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
 NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
-    "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation SensorCheck "
-    "Sighting StationaryPoint Survey Kinematics Velocities "
+    "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
+    "SensorCheck Sighting StationaryPoint Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
