@@ -76,7 +76,7 @@ def example_2():
     kernel = columns((0, 1, 0, 0, 0, 0), (0, 0, 0, 0, 1, 0), (1, 0, 0, 2 * H, 0, 0))
     found = J2 @ iq.pseudoinverse(J2, H)
     yield Row("type", "IB0", str(iq.gibson_hunt(moved(J2))))
-    yield Row("det(J'Q_h J)", 2 * H * L**2, np.linalg.det(iq.systems.gram_matrix(J2, H)))
+    yield Row("det(J'Q_h J), not printed: 2hl^2 by hand", 2 * H * L**2, np.linalg.det(iq.systems.gram_matrix(J2, H)))
     yield Row("0-pseudoinverse", "none", exists(moved(J2)))
     for i in range(6):
         yield Row(f"P_h, row {i + 1}", P_h[i], found[i])
