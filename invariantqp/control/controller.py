@@ -203,8 +203,8 @@ class Controller:
             tick = compiled_tick(self._compiled, q, target, feedforward, before, self._memory.convergence)
             if tick is not None:
                 self._memory = _Memory(tick.velocity, tick.turn, tick.convergence)
-                trouble = tick.convergence.trouble
-                return with_trouble(tick.solution, trouble) if trouble else tick.solution
+                solution, trouble = self._outside(tick.solution, q), tick.convergence.trouble
+                return with_trouble(solution, trouble) if trouble else solution
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, self._memory.turn)
@@ -341,10 +341,15 @@ class Controller:
             demand, stand = demand._replace(rows=rows), trouble or stand
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
         self._memory = self._memory._replace(velocity=solution.velocity.copy())
-        if not strained:
-            return solution
-        trouble = "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in strained)
-        return with_trouble(solution, trouble)
+        return with_trouble(solution, self._named(strained)) if strained else self._outside(solution, positions)
+
+    def _outside(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
+        """The solution; where limits hold it, its reason names the joints that are outside their position range."""
+        far = self.box.outside(np.asarray(q)) if solution.active and self.braking is None else ()
+        return solution._replace(reason=f"{self._named(far)}; {solution.reason}") if far else solution
+
+    def _named(self, joints: tuple[tuple[int, str], ...]) -> str:
+        return "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in joints)
 
 
 class _Observed(NamedTuple):

@@ -147,7 +147,7 @@ class PoseSearch:
         reached = position <= self._tolerance and orientation <= self._tolerance
         exactly = bool(self._exact) and best.unmet <= self._tolerance
         kept = exactly and best.at_rest
-        found = f"{written(position)} and {written(orientation)} rad off"
+        found = f"{written(position)} in length and {written(orientation)} rad off"
         among = "" if tries == 1 else f", the closest of {tries} tries"
         if reached and (exactly or not self._exact):
             reason = ""

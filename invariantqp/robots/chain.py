@@ -133,6 +133,27 @@ class Chain(Value):
         limits = (self.position_lower, self.position_upper, self.velocity_limit)
         return Chain(self.screws, home, self.names, *limits, tool=f"{self.tool}+offset", places=self.places)
 
+    def with_limits(
+        self,
+        position_lower: ArrayLike | None = None,
+        position_upper: ArrayLike | None = None,
+        velocity_limit: ArrayLike | None = None,
+    ) -> Chain:
+        """The same chain with other limits, slower joints for instance.
+
+        Args:
+            position_lower: (m,) or one for all joints [rad, length]; None is as it was.
+            position_upper: likewise.
+            velocity_limit: likewise [rad/s, length/s], positive.
+
+        Raises:
+            BadInput: wrong lengths, NaN, lower above upper, a velocity limit that is not positive.
+        """
+        lower = self.position_lower if position_lower is None else position_lower
+        upper = self.position_upper if position_upper is None else position_upper
+        speed = self.velocity_limit if velocity_limit is None else velocity_limit
+        return Chain(self.screws, self.home, self.names, lower, upper, speed, tool=self.tool, places=self.places)
+
     @cached_property
     def model(self) -> Any:
         """These joints and the tool frame as a `pinocchio.Model` without masses, for limits and barriers made for Pink.

@@ -60,3 +60,15 @@ def test_a_tool_has_a_name():
     assert (arm.tool, arm.with_tool(np.eye(4)).tool) == ("pen", "pen+offset")
     with pytest.raises(iq.BadInput, match="tool: found 3"):
         iq.robots.Chain(np.eye(6), np.eye(4), tool=3)
+
+
+def test_other_limits_are_the_same_chain():
+    arm = iq.load_robot("ur5e")
+    slow = arm.with_limits(velocity_limit=0.5, position_upper=np.full(6, 1.0))
+    np.testing.assert_array_equal(slow.velocity_limit, np.full(6, 0.5))
+    np.testing.assert_array_equal(slow.position_upper, np.full(6, 1.0))
+    np.testing.assert_array_equal(slow.position_lower, arm.position_lower)
+    assert (slow.tool, slow.names) == (arm.tool, arm.names)
+    np.testing.assert_array_equal(slow.pose(np.full(6, 0.3)), arm.pose(np.full(6, 0.3)))
+    with pytest.raises(iq.BadInput, match="velocity_limit"):
+        arm.with_limits(velocity_limit=-1.0)

@@ -17,6 +17,9 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 
+# How far outside its position range a joint is told to be [rad, length]; less is rounding and noise of encoders.
+OUTSIDE = 1e-3
+
 
 def _limit(value: ArrayLike, argument: str) -> Array:
     a = arrays.array(value, argument, "a vector of limits, infinite where there is none")
@@ -140,6 +143,11 @@ class JointBox(Value):
         lower = np.minimum(np.maximum(self._low - place, back), ahead)
         upper = np.maximum(np.minimum(self._high - place, ahead), back)
         return lower, upper
+
+    def outside(self, q: Array) -> tuple[tuple[int, str], ...]:
+        """Joints whose positions are outside their range by more than rounding and encoders make of a limit."""
+        far = np.maximum(q - self.position_upper, self.position_lower - q)
+        return tuple((int(i), f"{far[i]:.3g} outside its position range") for i in np.flatnonzero(far > OUTSIDE))
 
     def room(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
