@@ -167,15 +167,13 @@ def _span(values: list[float]) -> str:
 
 
 def _one_answer(results: Results) -> list[str]:
-    sentences = []
-    for kind, where in (("loop", "in these tasks"), ("beyond", "at targets out of reach")):
-        worst = {name: worst_frame(results, name, kind) for name in (OURS, TOLD_LEAST_SQUARES, HAND_WRITTEN, PENROSE)}
-        told = [f"{name} by {figure(change, '{:.0e}')}" for name, change in worst.items() if change is not None]
-        if told:
-            sentences.append(
-                f"Another tool frame for the same motion moves joints, {where}, at most [rad]: {', '.join(told)}."
-            )
-    return sentences
+    told = []
+    for name in (OURS, TOLD_LEAST_SQUARES, HAND_WRITTEN, PENROSE):
+        worst = [worst_frame(results, name, kind) for kind in ("loop", "beyond")]
+        if any(change is not None for change in worst):
+            told.append(f"{name} {' · '.join(figure(change, '{:.0e}') for change in worst)}")
+    what = "Another tool frame for the same motion moves joints at most [rad], in these tasks · out of reach"
+    return [f"{what}: {', '.join(told)}."] if told else []
 
 
 def _solves(results: Results) -> list[str]:
