@@ -35,6 +35,7 @@ from invariantqp.force.split import Split
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.solution import VelocitySolution  # noqa: F401 (a type in what PathSolution.__init__ takes)
 
 # The tool touches from this share of the wanted press on.
 TOUCH = 0.5
