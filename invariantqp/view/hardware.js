@@ -16,6 +16,7 @@ class Hardware {
     this.flat = this.program(FLAT);
     this.solid = this.program(SOLID);
     this.buffer = gl.createBuffer();
+    this.parts = new Map();
     this.numbers = new Float32Array(1 << 16);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
@@ -49,16 +50,17 @@ class Hardware {
   // The triangles of a part, in WebGL's memory: each corner and the normal there.
   stored(part) {
     const { gl } = this, { vertices, faces, normals } = part;
-    if (part.buffer) return part.buffer;
+    if (this.parts.has(part)) return this.parts.get(part);
     const numbers = new Float32Array(SOLID.numbers * faces.length);
     faces.forEach((corner, i) => {
       numbers.set(vertices.subarray(3 * corner, 3 * corner + 3), SOLID.numbers * i);
       numbers.set(normals.subarray(3 * i, 3 * i + 3), SOLID.numbers * i + 3);
     });
-    part.buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, part.buffer);
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, numbers, gl.STATIC_DRAW);
-    return part.buffer;
+    this.parts.set(part, buffer);
+    return buffer;
   }
 
   // The 4x4 matrix, by columns, from the points of a part at q = 0 to the screen, as `project` and `corners` have it.

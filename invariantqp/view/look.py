@@ -102,7 +102,8 @@ def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[st
                 found.append((joint, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
     merged = _merged(found)
     for (joint, colour), mesh in zip(merged, reduced(list(merged.values()), TRIANGLES), strict=True):
-        yield Part(joint, colour, mesh.vertices, mesh.faces)
+        if len(mesh.faces):
+            yield Part(joint, colour, mesh.vertices, mesh.faces)
 
 
 def _merged(found: list[tuple[int, Mesh]]) -> dict[tuple[int, tuple[int, int, int]], Mesh]:
@@ -148,7 +149,8 @@ def _shapes(file: Path, geometry: ET.Element | None) -> list[Mesh]:
         if shape.tag == "mesh":
             scale = _numbers(shape.get("scale", "1 1 1"))
             found = meshes.read_meshes(_file(file, shape.get("filename", "")))
-            return [mesh._replace(vertices=mesh.vertices * scale) for mesh in found]
+            order = slice(None, None, -1 if np.prod(scale) < 0.0 else 1)  # a mirror image turns its triangles over
+            return [mesh._replace(vertices=mesh.vertices * scale, faces=mesh.faces[:, order]) for mesh in found]
         if shape.tag == "box":
             return [meshes.box(_numbers(shape.get("size", "")))]
         if shape.tag == "cylinder":
@@ -178,7 +180,7 @@ def _rgb(material: ET.Element) -> tuple[int, int, int] | None:
     colour = material.find("color")
     if colour is None:
         return None
-    red, green, blue = (round(255 * x) for x in _numbers(colour.get("rgba", "1 1 1 1"))[:3])
+    red, green, blue = (round(255 * min(max(x, 0.0), 1.0)) for x in _numbers(colour.get("rgba", "1 1 1 1"))[:3])
     return red, green, blue
 
 

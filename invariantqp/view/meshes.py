@@ -47,13 +47,15 @@ def read_meshes(file: Path) -> list[Mesh]:
     """The meshes of a file.
 
     Raises:
-        RobotModelError: a file that is not there or not a mesh.
+        RobotModelError: a file that is not there or not a mesh, or one without a triangle.
     """
     try:
         scene = trimesh.load_scene(file)
         found = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     except Exception as error:  # whatever a reader of a broken file raises
         raise RobotModelError(f"{file}: cannot be read as a mesh ({error})") from error
+    if not found:
+        raise RobotModelError(f"{file}: no triangles")
     return [Mesh(np.array(part.vertices), np.array(part.faces), _colour(part)) for part in found]
 
 
@@ -69,15 +71,15 @@ def cylinder(radius: float, length: float) -> Mesh:
 
 def sphere(radius: float) -> Mesh:
     """A ball about the origin."""
-    return _plain(trimesh.creation.icosphere(2, radius))
+    ball = _plain(trimesh.creation.icosphere(2))
+    return ball._replace(vertices=radius * ball.vertices)
 
 
 def reduced(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
-    """Meshes of about so many triangles together; those of a larger surface keep more."""
+    """Meshes of about so many triangles together; those of a larger surface keep more, those of none lose all."""
     weight = np.sqrt([_area(mesh) for mesh in meshes])
     share = most * weight / (weight.sum() or 1.0)
-    fewer = [_fewer(mesh, max(FEWEST, int(n))) for mesh, n in zip(meshes, share, strict=True)]
-    return [mesh for mesh in fewer if len(mesh.faces)]
+    return [_fewer(mesh, max(FEWEST, int(n))) for mesh, n in zip(meshes, share, strict=True)]
 
 
 def _fewer(mesh: Mesh, most: int) -> Mesh:
@@ -87,6 +89,8 @@ def _fewer(mesh: Mesh, most: int) -> Mesh:
     coarser one where that is not enough.
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
+    if not size:
+        return mesh._replace(faces=mesh.faces[:0])
     for cells in CELLS:
         mesh = _snapped(mesh, size / cells)
         if len(mesh.faces) <= ENOUGH * most:

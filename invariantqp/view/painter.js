@@ -24,6 +24,9 @@ class Painter {
     this.words = [];
     const sheet = document.createElement("canvas"), gl = sheet.getContext("webgl", { antialias: true });
     this.hardware = gl && new Hardware(gl, sheet);
+    // A browser takes WebGL's memory from pages in the background and gives it back later, empty.
+    sheet.addEventListener("webglcontextlost", e => e.preventDefault());
+    sheet.addEventListener("webglcontextrestored", () => { this.hardware = new Hardware(gl, sheet); this.changed(); });
     this.listen();
   }
 

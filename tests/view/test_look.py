@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from support.views import TASK
 
 import invariantqp as iq
@@ -99,3 +100,23 @@ def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "invariantqp.view.meshes")
     said = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
     assert said == Look(missing="pip install 'invariantqp[meshes]' draws its meshes")
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_shape_without_a_surface_does_not_take_the_others_along(tmp_path):
+    found = look_of(task_of(str(written(tmp_path, "<sphere radius='0'/>")), 2), ["turn", "slide"])
+    assert [part.joint for part in found.parts] == [0, 1, 2]
+
+
+def test_a_mirrored_mesh_is_seen_from_outside(tmp_path):
+    mirrored = "<mesh filename='box.stl' scale='1 -1 1'/></geometry><material name='blue'><color rgba='0 0 inf 1'/>"
+    mirrored += "</material><geometry>"
+    trimesh.creation.box().export(tmp_path / "box.stl")
+    found = look_of(task_of(str(written(tmp_path, mirrored)), 2), ["turn", "slide"])
+    part = next(part for part in found.parts if part.colour == (0, 0, 255))
+    assert trimesh.Trimesh(part.vertices, part.faces).volume == pytest.approx(1.0)
+
+
+def test_a_file_without_triangles_is_no_mesh(tmp_path):
+    (tmp_path / "empty.obj").write_text("v 0 0 0")
+    assert look_of(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2), ["turn", "slide"]) == Look()
