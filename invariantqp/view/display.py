@@ -25,7 +25,8 @@ def has_display() -> bool:
 
 def is_remote() -> bool:
     """Whether somebody sits at a terminal of this machine over SSH."""
-    return bool(os.environ.get("SSH_CONNECTION")) and not os.environ.get("CI") and sys.stdin.isatty()
+    over_ssh = bool(os.environ.get("SSH_CONNECTION")) and not os.environ.get("CI")
+    return over_ssh and sys.stdin is not None and sys.stdin.isatty()
 
 
 def tunnel(port: int) -> str:
@@ -35,7 +36,11 @@ def tunnel(port: int) -> str:
     """
     words = os.environ.get("SSH_CONNECTION", "").split()
     host, at = (words[2], words[3]) if len(words) == 4 else (socket.gethostname(), "22")
-    return f"ssh -L {port}:localhost:{port} {'' if at == '22' else f'-p {at} '}{getuser()}@{host}"
+    try:
+        user = f"{getuser()}@"
+    except (KeyError, OSError):  # a container's user may have no name
+        user = ""
+    return f"ssh -L {port}:localhost:{port} {'' if at == '22' else f'-p {at} '}{user}{host}"
 
 
 def page_name(task: Task) -> str:

@@ -108,6 +108,8 @@ def test_over_ssh_a_command_is_told_that_shows_the_view(monkeypatch):
     assert display.tunnel(8081) == "ssh -L 8081:localhost:8081 -p 2222 me@10.0.0.2"
     monkeypatch.setattr(os, "environ", {})
     assert display.tunnel(8080) == "ssh -L 8080:localhost:8080 me@lab"
+    monkeypatch.setattr(display, "getuser", lambda: {}["no name"])
+    assert display.tunnel(8080) == "ssh -L 8080:localhost:8080 lab"
 
 
 @pytest.mark.parametrize(
@@ -123,6 +125,8 @@ def test_where_somebody_sits_at_another_machine(monkeypatch, environment, termin
     monkeypatch.setattr(os, "environ", environment)
     monkeypatch.setattr(sys.stdin, "isatty", lambda: terminal, raising=False)
     assert display.is_remote() is remote
+    monkeypatch.setattr(sys, "stdin", None)  # closed, or under pythonw
+    assert display.is_remote() is False
 
 
 def test_a_pages_name_is_a_files_name():
