@@ -100,7 +100,7 @@ def relative(arm: Chain, other: Chain) -> Chain:
 
     Returns:
         A chain whose joints are the other's, tool first, then the arm's: q = (q_other[::-1], q_arm). A joint's name
-        that both have begins with "other/" where it is the other's.
+        that both have begins with "other/" where it is the other's, twice where one begins so already.
 
     Raises:
         BadInput: no chain.
@@ -108,7 +108,11 @@ def relative(arm: Chain, other: Chain) -> Chain:
     _require_chain("arm", arm)
     _require_chain("other", other)
     back = se3.inverse(other.home, check=False)
-    names = [f"other/{name}" if name in arm.names else name for name in other.names]
+    names: list[str] = []
+    for name in other.names:
+        while name in (*arm.names, *names):
+            name = f"other/{name}"  # noqa: PLW2901
+        names.append(name)
     turned = _carried(other, back)
     reverse = Chain(
         -turned.screws[:, ::-1],

@@ -88,6 +88,12 @@ def test_two_arms_follow_each_other_by_one_controller():
     assert np.abs(joints[:7] - p[::-1]).max() > 0.01  # both arms take their part
 
 
+def test_what_is_seen_may_be_seen_from_elsewhere_again():
+    arm, other = two_arms()
+    seen = relative(relative(arm, other), other)
+    assert len(set(seen.names)) == 21
+
+
 def test_names_that_both_have_are_refused():
     with pytest.raises(iq.BadInput, match="panda_joint1"):
         stand_on(iq.load_robot("panda"), iq.load_robot("panda"))
