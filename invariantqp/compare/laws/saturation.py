@@ -4,10 +4,13 @@
 
 alpha scales the twist down: it is 1 if the other joints can achieve s, else the largest value found on the way.
 
-Optimal: of the velocities that achieve s, the one nearest to x_N. A saturated joint whose multiplier has the wrong sign
-is let go again,
+Optimal: of the velocities that achieve s, the one nearest to x_N, where the search ends there. A saturated joint whose
+multiplier has the wrong sign is let go again,
 
     x - x_N + J'lambda + mu = 0,   mu = 0 on free joints, mu >= 0 at an upper limit, mu <= 0 at a lower one
+
+Where that goes round in circles or leaves too few joints free, the last velocity that achieved s is the answer; it may
+not be the nearest.
 
 Reference: Flacco, De Luca & Khatib 2012, Algorithm 1; 2015, the optimal variant.
 """
