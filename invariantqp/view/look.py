@@ -46,11 +46,11 @@ class Part(NamedTuple):
 
 
 class Look(NamedTuple):
-    """The parts of an arm; none, and why, where it can only be drawn by its joints.
+    """The parts of an arm; none where it can only be drawn by its joints.
 
     Attributes:
         parts: in no order.
-        missing: why there are none; "" if there are, or if the robot has no visual shapes.
+        missing: the extra that would draw them; "" if there are some, or no visual shapes, or a mesh cannot be read.
     """
 
     parts: tuple[Part, ...] = ()
