@@ -50,7 +50,7 @@ class Look(NamedTuple):
 
     Attributes:
         parts: in no order.
-        missing: the extra that would draw them; "" if there are some, or no visual shapes, or a mesh cannot be read.
+        missing: the extra that would draw them, or the mesh that cannot be read; "" if nothing is missing.
     """
 
     parts: tuple[Part, ...] = ()
@@ -79,8 +79,10 @@ def read_look(file: Path, names: tuple[str, ...]) -> Look:
         if root.find("link/visual") is None:  # an MJCF among others
             return Look()
         return Look(tuple(_parts(file, root, joints_of(name, root), list(names))))
-    except (RobotModelError, ValueError):  # a mesh that is not there, or numbers that are none
-        return Look()
+    except RobotModelError as error:
+        return Look(missing=f"drawn by its joints: {error}")
+    except ValueError:
+        return Look(missing="drawn by its joints: a visual shape of its URDF has numbers that are none")
     except MissingExtra as error:
         return Look(missing=f"pip install 'invariantqp[{error.extra}]' draws its meshes")
 

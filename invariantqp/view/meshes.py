@@ -53,9 +53,10 @@ def read_meshes(file: Path) -> list[Mesh]:
         scene = trimesh.load_scene(file)
         found = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     except Exception as error:  # whatever a reader of a broken file raises
-        raise RobotModelError(f"{file}: cannot be read as a mesh ({error})") from error
+        why = "is not there" if not file.is_file() else "cannot be read as a mesh"
+        raise RobotModelError(f"{file.name} {why}") from error
     if not found:
-        raise RobotModelError(f"{file}: no triangles")
+        raise RobotModelError(f"{file.name} has no triangles")
     return [Mesh(np.array(part.vertices), np.array(part.faces), _colour(part)) for part in found]
 
 

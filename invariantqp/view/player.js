@@ -49,8 +49,8 @@ $("key").innerHTML = `<i style="color:${run.hues.wanted}"></i>path wanted<i styl
   + (arrays.force ? `<i style="color:${run.hues.force}"></i>force of the tool` : "")
   + `<i style="color:${run.hues.travel}"></i>velocity of the tool`
   + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
-    : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far")
-  + (run.missing ? `<br>${run.missing}` : "");
+    : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far");
+if (run.missing) $("key").append(document.createElement("br"), run.missing);
 const caption = $("side").appendChild(document.createElement("p"));
 caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
 

@@ -93,7 +93,9 @@ def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
 def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
     for gone in ("<mesh filename='none.stl'/>", "<mesh filename='package://none/none.stl'/>"):
         look.read_look.cache_clear()
-        assert look_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]) == Look()
+        assert look_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]).missing.startswith(
+            "drawn by its joints: "
+        )
     assert look_of(task_of("ur5e", 6), iq.load_robot("ur5e").names) == Look()
     look.read_look.cache_clear()
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
@@ -119,4 +121,5 @@ def test_a_mirrored_mesh_is_seen_from_outside(tmp_path):
 
 def test_a_file_without_triangles_is_no_mesh(tmp_path):
     (tmp_path / "empty.obj").write_text("v 0 0 0")
-    assert look_of(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2), ["turn", "slide"]) == Look()
+    said = look_of(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2), ["turn", "slide"])
+    assert said == Look(missing="drawn by its joints: empty.obj has no triangles")

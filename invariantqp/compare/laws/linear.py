@@ -122,8 +122,8 @@ METHODS = [
     Method(
         name="OSNS",
         family="Moore-Penrose",
-        why="its optimal variant: of the velocities that achieve the twist, the one nearest to the posture (Flacco, De "
-        "Luca & Khatib 2015)",
+        why="its optimal variant: joints are let go again where that brings the velocity nearer to the posture "
+        "(Flacco, De Luca & Khatib 2015)",
         takes=Takes(IN_NULL_SPACE, CANNOT, "inside; slows the twist down", "none"),
         make=_saturation(optimal=True),
         problem="least squares",

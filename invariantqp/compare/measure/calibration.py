@@ -29,8 +29,8 @@ from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run
 from invariantqp.velocity.solution import VelocitySolution
 
-# Standard deviations of where a joint's axis is, along and about each axis of the base: ten times those of a calibrated
-# industrial arm [rad], [m].
+# Standard deviations of how far each joint is turned and shifted, about and along each axis of the base [rad], [m]:
+# an arm whose links were measured by a ruler.
 TURNED, SHIFTED = 5e-3, 5e-3
 TASKS = ("compare/panda", "panda_path", "compare/ur5_limits", "compare/so101_limits")
 
