@@ -39,8 +39,8 @@ ABOUT = {
     "beyond": "A target out of reach",
     "turns": "Ten turns of a closed path: drift of the joints [rad] with a posture and without",
     "noise": "Encoders wrong by 0.1 mrad",
-    "calibration": "Joints not where the model says, each turned by 5 mrad and shifted by 5 mm (standard deviations), and a "
-    "camera that sees the tool",
+    "calibration": "Joints not where the model says, each turned by 5 mrad and shifted by 5 mm (standard deviations), "
+    "and a camera that sees the tool",
     "error": "One solve against its exact answer",
     "tick": "Time of a tick [us]",
 }
