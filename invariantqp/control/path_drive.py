@@ -33,6 +33,7 @@ STANDING = 1e-7
 JOINT_GAIN = 5.0
 # Below this ratio of singular values the tool follows that motion also where the path leaves nothing free; above the
 # second one it follows the path's own tangent, and so do joints that are farther than STRAYED [rad, length] from it.
+# Those also slow down: at full speed a joint at its limit may leave them no room to come back.
 SINGULAR, REGULAR = 1e-2, 3e-2
 STRAYED = 1e-2
 # Where limits would take the tool this far off its path in a tick, relative to the measure's length, the tick is solved
@@ -87,7 +88,9 @@ def drive(
     """
     dt, place = controller.dt, here.place
     away = max(here.off / (AWAY * controller.measure.length), 1.0)
-    near = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
+    astray = here.joints - q
+    strayed = float(np.abs(astray).max()) / STRAYED
+    near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed, 1.0))
     speed, possible, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
     rate = -speed if state.back else speed
     slope = plan.slope(place + 0.5 * dt * rate)
@@ -97,12 +100,11 @@ def drive(
     middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
     tangent = tangent_at(controller, curve, plan, middle, left=here.left)
     sighting = controller.robot.sight(q + 0.5 * dt * rate * slope, here.target)
-    astray = here.joints - q
     posture = rate * slope + JOINT_GAIN * astray
     # Near a singularity the twist of the joint motion that was looked at: no other asks as little of the joints.
     i = plan.piece(place)
     regular = (min(plan.ratio[i], plan.ratio[i + 1]) - SINGULAR) / (REGULAR - SINGULAR)
-    own = min(max(regular, float(np.abs(astray).max()) / STRAYED, 0.0), 1.0)
+    own = min(max(regular, strayed, 0.0), 1.0)
     turning = sighting.J.dot(slope)
     along = tangent if own == 1.0 else (1.0 - own) * turning + own * tangent
     # The way back to the path, carried along with the tool to the middle of the tick.

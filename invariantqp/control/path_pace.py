@@ -45,7 +45,7 @@ class Pace(NamedTuple):
             plan: what limits allow.
             state: of the drive.
             place: where the tool is.
-            near: share of the speed for a tool this near its path, 0 to 1.
+            near: share of the speed for an arm this near its path, 0 to 1.
             override: share of the speed asked for.
             stop: why the tool is to come to rest, "" where it is not.
         """
@@ -59,7 +59,7 @@ class Pace(NamedTuple):
         elif part < 1.0:
             ruling = "the override"
         if near < 1.0:
-            wanted, ruling = near * wanted, "the tool is off its path"
+            wanted, ruling = near * wanted, "the arm is off its path"
         if stop:
             wanted, ruling = 0.0, stop
         if self.jerk is None:

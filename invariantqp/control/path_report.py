@@ -11,6 +11,7 @@ from invariantqp.control.path_drive import STANDING, Driven
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_solution import PathSolution
+from invariantqp.geometry.arrays import Array
 
 # The end is reached within this share of the path, by joints slower than this share of their limits; what blocks the
 # path is reached within a larger one: at the edge of its reach an arm moves much for little.
@@ -38,9 +39,7 @@ def reported(
     at = path.place(after.place)
     i = plan.nearest(here.place)
     reachable = OFF_PATH * controller.measure.length
-    speed = controller.robot.velocity_limit
-    fastest = np.where(np.isfinite(speed), speed, 1.0)
-    still = not stop and bool((np.abs(answer.velocity) <= AT_REST * fastest).all())
+    still = not stop and stands(controller, answer.velocity)
     blocked = plan.blocked
     if plan.off[-1] > reachable:
         blocked = blocked or f"it is out of reach, by {plan.off[-1]:.3g}"
@@ -61,6 +60,13 @@ def reported(
     return PathSolution(
         answer.velocity, status, reason, at, (at - path.place(here.place)) / dt, ruling, lag, here.off, answer
     )
+
+
+def stands(controller: Controller, velocity: Array) -> bool:
+    """Whether joints at a velocity (m,) count as at rest."""
+    limit = controller.robot.velocity_limit
+    fastest = np.where(np.isfinite(limit), limit, 1.0)
+    return bool((np.abs(velocity) <= AT_REST * fastest).all())
 
 
 def _speed(driven: Driven) -> float:

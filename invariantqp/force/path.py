@@ -23,7 +23,7 @@ from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_rate import rate_inside
-from invariantqp.control.path_report import ARRIVED, AT_REST
+from invariantqp.control.path_report import ARRIVED, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
@@ -195,10 +195,8 @@ class HybridFollower:
     def _arrived(self, plan: PathPlan, off: float) -> bool:
         """Whether the tool rests at the end of the path."""
         loop, state = self.hybrid.loop, self._state
-        limit = loop.robot.velocity_limit
-        fastest = np.where(np.isfinite(limit), limit, 1.0)
         there = plan.end - state.place <= ARRIVED * self._path.curve.end and off <= AT_END * loop.measure.length
-        return there and bool((np.abs(state.velocity) <= AT_REST * fastest).all())
+        return there and stands(loop, state.velocity)
 
     def _beside(self, plan: PathPlan, q: Array, contact: Contact) -> tuple[float, float]:
         """The place nearest the tool along S, and how far the tool is from it."""

@@ -387,6 +387,29 @@ def test_without_acceleration_limits_it_drives_at_the_velocity_limit():
     assert busy.min() > 0.9
 
 
+def test_a_rail_at_its_limit_leaves_the_joints_on_their_motion():
+    arm = iq.load_robot(
+        "ur5e", base=iq.robots.stand_on(np.eye(4), iq.robots.rail([0, 1, 0], lower=-0.2, upper=2.5, speed=0.5))
+    )
+    q = np.array([0.0, 0.0, -1.4, 1.9, -2.1, -1.57, 0.0])
+    T = arm.pose(q)
+
+    def wave(u):
+        return iq.transform(T[:3, :3], T[:3, 3] + [0.04 * np.sin(4.0 * np.pi * u) ** 2, 2.0 * u, 0.0])
+
+    follower = iq.PathFollower(iq.Controller(arm, dt=0.01), wave)
+    follower.prepare(q)
+    statuses = []
+    for _ in range(700):
+        solution = follower.step(q)
+        q = q + 0.01 * solution.velocity
+        statuses.append(solution.status)
+        if solution.status == "done":
+            break
+    assert statuses[-1] == "done"
+    assert "waiting" not in statuses
+
+
 def test_it_finds_the_path_and_its_start_by_itself():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 7)
