@@ -18,6 +18,7 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve, curve_through
 from invariantqp.control.given_path import SLOW, GivenPath
 from invariantqp.control.path_driver import PathDriver
+from invariantqp.control.path_report import stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.errors import BadInput
@@ -74,7 +75,7 @@ class StreamedPath(PathDriver):
         self._curve: Curve | None = None
 
     def add(self, pose: ArrayLike) -> None:
-        """The next pose of the path.
+        """The next pose of the path; one nearer than a thousandth of the measure's length to the one before adds nothing.
 
         Args:
             pose: (4, 4) in the base frame, or a `pinocchio.SE3`.
@@ -89,7 +90,7 @@ class StreamedPath(PathDriver):
         last = self._newest if self._newest is not None else self._ends[-1][1] if self._ends else None
         if last is None:
             self._goal = self.controller.robot.target(T)
-        elif self._way(last, T)[1] <= SPACING * self.controller.measure.length:
+        elif not self._makes_piece(last, T):
             self._tip = None if self._newest is None else T
             return
         else:
@@ -113,6 +114,9 @@ class StreamedPath(PathDriver):
         """
         answer = super().step(q, velocity, override)
         self._age += self.controller.dt
+        if self._closed and self._curve is None:  # fewer than two poses that are apart
+            there = answer.across <= self._tolerance and stands(self.controller, answer.velocity)
+            return evolve(answer, status="done", reason="", ruling="the path's end") if there else answer
         late = self._age > self.timeout and not self._closed
         if late:
             self._open_all()
@@ -127,8 +131,12 @@ class StreamedPath(PathDriver):
     def _open_all(self) -> None:
         """Let the tool drive to the very last pose."""
         if self._tip is not None:
-            self._open(self._tip)
-            self._newest, self._tip = self._tip, None
+            # The tip takes the newest pose's place: a piece between the two would point anywhere.
+            if not self._ends:
+                self._goal = self.controller.robot.target(self._tip)
+            if not self._ends or self._makes_piece(self._ends[-1][1], self._tip):
+                self._newest = self._tip
+            self._tip = None
         self._open(None)
 
     def _open(self, after: Array | None) -> None:
@@ -172,6 +180,10 @@ class StreamedPath(PathDriver):
     def _search_from(self, path: GivenPath, q: Array, place: float) -> PathSearch:
         scale = self.controller.measure.length
         return PathSearch(self.controller, path.curve, q, place, rate=self._pace.rate, stops=True, scale=scale)
+
+    def _makes_piece(self, a: Array, b: Array) -> bool:
+        """Whether two poses are far enough apart for a piece of path between them."""
+        return self._way(a, b)[1] > SPACING * self.controller.measure.length
 
     def _way(self, a: Array, b: Array) -> tuple[Array, float]:
         """The twist (6,) from one pose to another, and its size in the measure."""

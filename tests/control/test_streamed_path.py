@@ -76,6 +76,20 @@ def test_a_stream_that_stands_still_is_no_path():
         told = path.step(joints(0.0))
     assert told.status == "waiting"
     assert np.abs(told.velocity).max() < 1e-2
+    path.close()
+    solutions, q = drive(path, joints(0.0), {}, 100)
+    assert solutions[-1].status == "done"
+
+
+@pytest.mark.parametrize("noise", [(0.0, 0.0, 0.0), (1e-6, 0.0, 0.0), (0.0, -1e-6, 0.0)])
+def test_the_last_pose_again_bends_no_path(noise):
+    robot = iq.load_robot("ur5")
+    T = robot.pose(joint_path(robot)(0.0))
+    line = T[:3, 3] + np.outer(np.arange(8), [0.0, 0.01, 0.0])
+    poses = [iq.transform(T[:3, :3], p) for p in (*line, line[-1] + noise)]
+    solutions, q = drive(streamed(robot), joint_path(robot)(0.0), dict(enumerate(poses)))
+    assert solutions[-1].status == "done"
+    assert from_the_line(np.array([robot.pose(p)[:3, 3] for p in q]), line).max() < 1e-5
 
 
 def test_what_cannot_be_driven_is_refused():
