@@ -178,7 +178,8 @@ class PathDriver:
         """Give the joint motion up; the tool sets out again from the place where it was."""
         state = self._state
         self.plan, self._search = None, None
-        self._goal, self._trouble = here.target, "pushed off the path, on the way back"
+        # A tool that was not at the path's start to begin with has not been pushed.
+        self._goal, self._trouble = here.target, "pushed off the path, on the way back" if state.ticks else ""
         self._state = at_rest(state.place, state.velocity, state.ticks, back=state.back)
 
     def _waiting(self, answer: VelocitySolution, reason: str, off: float) -> PathSolution:

@@ -75,7 +75,7 @@ class StreamedPath(PathDriver):
         self._curve: Curve | None = None
 
     def add(self, pose: ArrayLike) -> None:
-        """The next pose of the path; one nearer than a thousandth of the measure's length to the one before adds nothing.
+        """The next pose; one nearer than a thousandth of the measure's length to the one before makes no piece of path.
 
         Args:
             pose: (4, 4) in the base frame, or a `pinocchio.SE3`.
@@ -125,8 +125,10 @@ class StreamedPath(PathDriver):
         if answer.status != "done" or (self._closed and seen):
             reason = "; ".join(filter(None, [answer.reason, *words]))
             return evolve(answer, lag=None, reason=reason)
-        reason = words[0] if late else "at the end of what has come"
-        return evolve(answer, status="waiting", ruling="the end of the stream", lag=None, reason=reason)
+        reason, ruling = words[0] if late else "at the end of what has come", "the end of the stream"
+        if not seen:  # poses came faster than ticks look along them
+            reason, ruling = "; ".join(["looking along the path", *words]), "the look ahead"
+        return evolve(answer, status="waiting", ruling=ruling, lag=None, reason=reason)
 
     def _open_all(self) -> None:
         """Let the tool drive to the very last pose."""

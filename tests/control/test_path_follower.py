@@ -417,6 +417,9 @@ def test_it_finds_the_path_and_its_start_by_itself():
     follower = follower_on(robot, poses, times=np.linspace(0.0, 1.0, 101))
     solutions, q, _ = drive(follower, joints(0.0) + 0.02)
     assert solutions[0].status == "waiting"
+    follower = follower_on(robot, poses, times=np.linspace(0.0, 1.0, 101))
+    follower.prepare(joints(0.0))
+    assert follower.step(joints(0.0) + 0.1).reason.startswith("on the way to the path's start")
     assert solutions[-1].status == "done"
     assert distance(robot.pose(q[-1]), poses[-1])[0] < MM
 

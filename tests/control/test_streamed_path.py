@@ -77,7 +77,7 @@ def test_a_stream_that_stands_still_is_no_path():
     assert told.status == "waiting"
     assert np.abs(told.velocity).max() < 1e-2
     path.close()
-    solutions, q = drive(path, joints(0.0), {}, 100)
+    solutions, _ = drive(path, joints(0.0), {}, 100)
     assert solutions[-1].status == "done"
 
 
@@ -90,6 +90,23 @@ def test_the_last_pose_again_bends_no_path(noise):
     solutions, q = drive(streamed(robot), joint_path(robot)(0.0), dict(enumerate(poses)))
     assert solutions[-1].status == "done"
     assert from_the_line(np.array([robot.pose(p)[:3, 3] for p in q]), line).max() < 1e-5
+
+
+def test_poses_that_have_come_are_not_waited_for():
+    robot = iq.load_robot("so101")
+    joints = joint_path(robot)
+    path, q = streamed(robot), joints(0.0)
+    for u in np.linspace(0.0, 1.0, 40):
+        path.add(robot.pose(joints(u)))
+    path.close()
+    told = []
+    while not told or told[-1].status != "done":
+        told.append(path.step(q))
+        q = q + DT * told[-1].velocity
+        assert len(told) < 3000
+    waits = [s for s in told if s.status == "waiting"]
+    assert {s.ruling for s in waits} <= {"the start", "the look ahead"}
+    assert {s.reason for s in waits} == {"looking along the path"}
 
 
 def test_what_cannot_be_driven_is_refused():
