@@ -24,10 +24,11 @@ NOWHERE = 1e-6
 def two_contacts(first: Contact, second: Contact) -> Contact:
     """Two contacts of one tool as one, in the frame of the first.
 
-    Contact is lost when either is. In a loop make it once and put it where the tool is with `moved`.
+    Contact is lost when either is, and the nearer of their edges counts. In a loop make it once and put it where the
+    tool is with `moved`, or, because that keeps the edge, with `Contact(both.kind, pose, edge)` where there is one.
 
     Args:
-        first: the contact whose place counts for moments and speeds; with its edge, if it has one.
+        first: the contact whose place counts for moments and speeds.
         second: the other, in the same base frame.
 
     Returns:
@@ -57,7 +58,8 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
         origin=kind.origin,
         presses=n + k,
     )
-    return Contact(both, first.pose, first.edge)
+    edges = [contact.edge for contact in (first, second) if contact.edge is not None]
+    return Contact(both, first.pose, min(edges, default=None))
 
 
 def _way_out(first: Array | None, second: Array | None, place: Array) -> Array | None:

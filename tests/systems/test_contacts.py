@@ -215,7 +215,10 @@ def test_an_edge_stays_with_its_contact():
     assert desk.edge == pytest.approx(0.1)
     T = motion(np.random.default_rng(0))
     assert (desk.moved(T).edge, desk.relabelled(T).edge) == (desk.edge, desk.edge)
-    assert iq.contacts.two_contacts(desk, iq.point_contact(P, [1.0, 0.0, 0.0])).edge == desk.edge
+    wall = iq.point_contact(P, [1.0, 0.0, 0.0])
+    assert iq.contacts.two_contacts(desk, wall).edge == iq.contacts.two_contacts(wall, desk).edge == desk.edge
+    over = iq.contacts.Contact(wall.kind, wall.pose, edge=-0.5)
+    assert iq.contacts.two_contacts(desk, over).edge == iq.contacts.two_contacts(over, desk).edge == -0.5
     assert iq.point_contact(P, N).edge is None
 
 
