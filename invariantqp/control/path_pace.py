@@ -76,4 +76,8 @@ class Pace(NamedTuple):
             dt,
             sign * (np.array(plan.at[::-1] if back else plan.at) - place),
         )
-        return min(max(state.speed + a * dt, 0.0), possible), most_now, ruling
+        v = max(state.speed + a * dt, 0.0)
+        left = place - plan.start if back else plan.end - place
+        if v == state.speed == 0.0 and left <= 0.5 * self.jerk * dt**3:  # an S-curve of ticks would go too far
+            v = min(left / dt, wanted)
+        return min(v, possible), most_now, ruling

@@ -293,6 +293,21 @@ def test_the_speed_has_the_jerk_that_is_asked_for():
     assert np.abs(np.diff(a)).max() / DT <= jerk * 1.05
 
 
+def test_an_s_curve_of_long_ticks_reaches_the_end():
+    robot = iq.load_robot("ur5")
+    q, dt = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.005
+    T0 = robot.pose(q)
+    controller = iq.Controller(robot, dt=dt, acceleration_limit=robot.velocity_limit / RISE)
+    for length in np.linspace(0.02, 0.03, 6):
+        poses = [T0, iq.transform(T0[:3, :3], T0[:3, 3] + [0.0, length, 0.0])]
+        follower, x = iq.PathFollower(controller, poses, jerk=200.0), q
+        follower.prepare(x)
+        for _ in range(300):
+            solution = follower.step(x)
+            x = x + dt * solution.velocity
+        assert solution.status == "done"
+
+
 def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_told():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 7)
