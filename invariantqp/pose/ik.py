@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from math import sqrt
-from operator import attrgetter
 from time import perf_counter
 from typing import Any, Literal
 
@@ -126,14 +125,22 @@ class PoseSearch:
             steps += tried[-1].steps
         best, late = tried[-1], perf_counter() > deadline
         if not best.met:
-            if not finished:
+            nearest = sorted(tried, key=self._rank)[:CLOSEST]
+            if finished:  # from q0, and not to what is exact: only a try that met that is nearer
+                nearest = [one for one in nearest if one.unmet <= self._tolerance]
+            elif q0 is not None:
                 # From a start that was asked for, the closest pose is the one downhill from there.
-                nearest = sorted(tried, key=attrgetter("merit"))[:CLOSEST] if q0 is None else tried[:1]
-                finished = [descend(error, space, one.q, goal, last, patient=True) for one in nearest]
-                steps += sum(one.steps for one in finished)
-            least = min(one.merit for one in finished)
-            best = next(one for one in finished if one.merit <= ALIKE * least)
+                nearest = tried[:1]
+            ended = [descend(error, space, one.q, goal, last, patient=True) for one in nearest]
+            steps += sum(one.steps for one in ended)
+            finished += ended
+            least = min(map(self._rank, finished))
+            best = next(one for one in finished if self._rank(one) <= (least[0], ALIKE * least[1]))
         return self._answer(error, best, start, steps, len(tried), late=late)
+
+    def _rank(self, one: Try) -> tuple[bool, float]:
+        """What is least for the best try: exact demands come before all else, and a penalty is that of its own try."""
+        return one.unmet > self._tolerance, one.merit
 
     def _starts(self) -> Iterator[Array]:
         """States spread over the joint range; the seed says where the sequence begins."""

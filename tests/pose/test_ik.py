@@ -229,6 +229,17 @@ def test_five_joints_meet_the_position_exactly_and_turn_as_near_as_they_can():
         assert angle <= np.sqrt(nearer.fun) + 1e-5
 
 
+@pytest.mark.parametrize("seed", [0, 2, 5, 20, 21])
+def test_a_try_that_meets_what_is_exact_comes_before_any_nearer_in_the_rest(seed):
+    rng = np.random.default_rng(seed)
+    q, start = rng.uniform(SO101.position_lower, SO101.position_upper, (2, 5))
+    target = SO101.pose(q) @ iq.exp([*rng.normal(size=3), 0.0, 0.0, 0.0])
+    for q0 in (None, start):
+        found = iq.solve_pose(SO101, target, q0=q0, exact="position", restarts=20, **NO_LIMIT)
+        assert found.success, found.reason
+        assert missed(SO101, found.q, target)[0] < 1e-6
+
+
 def test_without_exact_demands_five_joints_trade_position_for_orientation():
     target = SO101.pose(states(SO101, 1, 20)[0])
     target[:3, :3] = Rotation.random(random_state=0).as_matrix()
