@@ -37,6 +37,8 @@ GOAL_SHARE = 1e-3
 # Share of the time that is spent on tries, without and with exact demands; the rest is for the last digits of the
 # closest few, which take longer with exact demands.
 SEARCH_SHARE, EXACT_SHARE, CLOSEST = 0.8, 0.6, 4
+# The last digits are begun again at most so often, while that brings the merit below this share of itself.
+AGAIN, GAIN = 8, 0.999
 # Poses whose f is this near the least count as equally close, so that rounding does not choose between mirror images.
 ALIKE = 1.0 + 1e-9
 # Tries after the first, unless told otherwise: of 4 000 random targets on each of five arms, half of them with two
@@ -114,7 +116,7 @@ class PoseSearch:
         tried = [descend(error, space, start, goal, deadline, turning=q0 is None or not spare)]
         steps, finished = tried[0].steps, []
         if not tried[0].met and q0 is not None and self._exact:
-            finished = [descend(error, space, tried[0].q, goal, last, patient=True)]
+            finished = [self._ended(error, tried[0].q, goal, last)]
             steps += finished[0].steps
             if finished[0].unmet <= self._tolerance and finished[0].at_rest:
                 return self._answer(error, finished[0], start, steps, 1, late=False)
@@ -131,12 +133,23 @@ class PoseSearch:
             elif q0 is not None:
                 # From a start that was asked for, the closest pose is the one downhill from there.
                 nearest = tried[:1]
-            ended = [descend(error, space, one.q, goal, last, patient=True) for one in nearest]
+            ended = [self._ended(error, one.q, goal, last) for one in nearest]
             steps += sum(one.steps for one in ended)
             finished += ended
             least = min(map(self._rank, finished))
             best = next(one for one in finished if self._rank(one) <= (least[0], ALIKE * least[1]))
         return self._answer(error, best, start, steps, len(tried), late=late)
+
+    def _ended(self, error: PoseError, q: Array, goal: float, last: float) -> Try:
+        """The last digits from q (m,); with exact demands several times: a penalty from far away is in their way."""
+        one = descend(error, self._space, q, goal, last, patient=True)
+        for _ in range(AGAIN if self._exact and not one.met else 0):
+            again = descend(error, self._space, one.q, goal, last, patient=True)
+            gained = self._rank(again) < (one.unmet > self._tolerance, GAIN * one.merit)
+            one = (again if gained else one)._replace(steps=one.steps + again.steps)
+            if one.met or not gained:
+                break
+        return one
 
     def _rank(self, one: Try) -> tuple[bool, float]:
         """What is least for the best try: exact demands come before all else, and a penalty is that of its own try."""

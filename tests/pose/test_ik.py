@@ -240,6 +240,16 @@ def test_a_try_that_meets_what_is_exact_comes_before_any_nearer_in_the_rest(seed
         assert missed(SO101, found.q, target)[0] < 1e-6
 
 
+def test_where_what_is_exact_is_met_no_step_brings_the_rest_nearer():
+    exact = [iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1]), iq.control.ExactAxis([0.2, 0.0, 1.0])]
+    for seed in (141, 169, 175, 192, 256):
+        q, start = np.random.default_rng(seed).uniform(-3.0, 3.0, (2, 6))
+        found = iq.solve_pose(UR5, UR5.pose(q), q0=start, exact=exact, **NO_LIMIT)
+        again = iq.solve_pose(UR5, UR5.pose(q), q0=found.q, exact=exact, **NO_LIMIT)
+        assert found.success
+        assert again.error > 0.9 * found.error or found.reason == ""
+
+
 def test_without_exact_demands_five_joints_trade_position_for_orientation():
     target = SO101.pose(states(SO101, 1, 20)[0])
     target[:3, :3] = Rotation.random(random_state=0).as_matrix()
