@@ -105,7 +105,7 @@ def _path_lines(along: PathTrace, figures: dict[str, Any]) -> Iterator[str]:
     end = "arrived" if along.status == "done" else "stopped"
     yield (
         f"path: {end} {figures['path_lag']:.3g} s late; speed along it {figures['path_speed']['median']:.2g} of its "
-        f"timing's in the median, {along.speed.min():.2g} to {along.speed.max():.2g}"
+        f"timing's in the median, {along.driven.min():.2g} to {along.driven.max():.2g}"
     )
     slowed = ", ".join(f"{name} {_percent(share)}" for name, share in along.slowed.items())
     yield f"slowed down by: {slowed or 'nothing'}"

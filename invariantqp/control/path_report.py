@@ -18,6 +18,8 @@ from invariantqp.geometry.arrays import Array
 ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
 # Why a tool stands still that was told to.
 PAUSE = "a pause"
+# What rules at the end of the path, before the joints are at rest and after.
+SETTLING, ENDED = "settling", "the path's end"
 
 
 def reported(
@@ -49,11 +51,13 @@ def reported(
     if arrived and blocked:
         status, reason = "blocked", f"the path cannot be had from {at:.6g} on: {blocked}"
     elif arrived and here.off + dt * _speed(driven) <= tolerance:
-        status, reason, ruling = "done", "", "the path's end"
+        status, reason, ruling = "done", "", ENDED
     elif plan.off[i] > reachable:
         status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
     elif stop == PAUSE and abs(rate) * dt <= STANDING * path.curve.end:
         status = "paused"
+    elif not stop and plan.end - after.place <= near:
+        ruling = SETTLING
     elif ruling != "the rate asked for":
         status = "slowed"
     lag = None if pace.rate is None else after.ticks * dt - at / pace.rate

@@ -21,7 +21,8 @@ class PathSolution(Compared):
         reason: why, in words, "" where there is nothing to report.
         place: the path's parameter where the tool is.
         speed: of the place [1/s], negative backward.
-        ruling: the limit that rules the speed, in words.
+        ruling: the limit that rules the speed, in words; "settling" where all of the path is driven and the joints come
+            to rest.
         lag: how late the tool is [s]; None where no rate is asked for.
         across: how far the tool is off the path, in the measure [length].
         velocity_solution: the velocity law's answer.

@@ -23,7 +23,7 @@ from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_rate import rate_inside
-from invariantqp.control.path_report import ARRIVED, stands
+from invariantqp.control.path_report import ARRIVED, SETTLING, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
@@ -170,7 +170,9 @@ class HybridFollower:
             velocity=answer.velocity,
             ticks=state.ticks + 1,
         )
-        status, reason = "moving" if ruling == "the rate asked for" else "slowed", answer.reason
+        if not waits and self._at_end(plan):
+            ruling = SETTLING
+        status, reason = "moving" if ruling in ("the rate asked for", SETTLING) else "slowed", answer.reason
         if waits:
             status, reason = "waiting", answer.reason or "no contact"
         elif self._arrived(plan, off):
@@ -192,10 +194,14 @@ class HybridFollower:
             rate = rate_inside(slope, rate, possible, state.along, loop.dt * loop.braking.acceleration)
         return min(max(rate, 0.0), (plan.end - place) / loop.dt), slope, ruling
 
+    def _at_end(self, plan: PathPlan) -> bool:
+        """Whether all of the path has been driven."""
+        return plan.end - self._state.place <= ARRIVED * self._path.curve.end
+
     def _arrived(self, plan: PathPlan, off: float) -> bool:
         """Whether the tool rests at the end of the path."""
         loop, state = self.hybrid.loop, self._state
-        there = plan.end - state.place <= ARRIVED * self._path.curve.end and off <= AT_END * loop.measure.length
+        there = self._at_end(plan) and off <= AT_END * loop.measure.length
         return there and stands(loop, state.velocity)
 
     def _beside(self, plan: PathPlan, q: Array, contact: Contact) -> tuple[float, float]:

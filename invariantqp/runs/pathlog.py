@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from invariantqp.control.path_follower import PathFollower
+from invariantqp.control.path_report import ENDED, SETTLING
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.geometry.arrays import Array
 
 # What rules the speed where nothing slows the tool down.
-ON_TIME = ("the rate asked for", "the path's end")
+ON_TIME = "the rate asked for"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +38,16 @@ class PathTrace:
     status: str
 
     @property
+    def driven(self) -> Array:
+        """The speeds on the way; those at the path's end, where the joints come to rest, are left out."""
+        on_the_way = [ruling not in (SETTLING, ENDED) for ruling in self.ruling]
+        return self.speed[on_the_way] if any(on_the_way) else self.speed
+
+    @property
     def slowed(self) -> dict[str, float]:
-        """What slowed the tool down, with the share of ticks, most frequent first."""
-        counts = Counter(ruling for ruling in self.ruling if ruling not in ON_TIME)
-        return {name: count / len(self.ruling) for name, count in counts.most_common()}
+        """What slowed the tool down, with the share of the ticks on the way, most frequent first."""
+        counts = Counter(ruling for ruling in self.ruling if ruling not in (ON_TIME, SETTLING, ENDED))
+        return {name: count / len(self.driven) for name, count in counts.most_common()}
 
 
 def path_trace(follower: PathFollower, followed: Sequence[PathSolution]) -> PathTrace:

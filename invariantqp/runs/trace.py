@@ -141,7 +141,7 @@ class Trace:
             "force_error_relative_rms": self.force_error,
             "force_error_relative_rms_measured": felt,
             "path_lag": None if self.along is None else float(self.along.lag[-1]),
-            "path_speed": None if self.along is None else _spread(self.along.speed),
+            "path_speed": None if self.along is None else _spread(self.along.driven),
             "slowed_by": None if self.along is None else self.along.slowed,
             "shortfalls": self.shortfalls,
             "warnings": self.warnings,

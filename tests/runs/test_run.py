@@ -8,6 +8,7 @@ from support.task_files import content, run_displaced
 import invariantqp as iq
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.path import eased
+from invariantqp.runs.pathlog import PathTrace
 from invariantqp.runs.taskfile import shipped_tasks, task_from
 
 READY = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
@@ -198,6 +199,14 @@ def test_an_elastic_path_is_late_and_not_off():
     assert figures["path_lag"] > 0.1
     assert any(name.startswith("velocity of joint") for name in figures["slowed_by"])
     assert 0.0 < figures["path_speed"]["median"] < 1.0
+
+
+def test_what_slowed_a_path_down_is_counted_on_the_way():
+    ruling = ["velocity of joint 0", "the rate asked for", "settling", "settling", "the path's end"]
+    speed = np.array([0.5, 1.0, 0.0, 0.0, 0.0])
+    along = PathTrace(np.zeros(5), speed, np.zeros(5), ruling, np.zeros((6, 4, 4)), "done")
+    assert along.slowed == {"velocity of joint 0": 0.5}
+    assert along.driven.tolist() == [0.5, 1.0]
 
 
 def test_an_elastic_path_is_the_same_in_any_frame_of_the_tool():
