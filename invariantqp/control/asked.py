@@ -38,6 +38,17 @@ def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
     return R
 
 
+def asked_part(rows: Array, root: Array) -> Array:
+    """(6, 6) the projector on the part of a twist that orthonormal rows (k, 6) ask for; the rest is orthogonal to it.
+
+    Args:
+        rows: from `asked`.
+        root: (6, 6) of the measure.
+    """
+    part: Array = np.linalg.solve(root, np.linalg.solve(root.T, rows.T)).dot(rows)
+    return part
+
+
 def measured_rows(rows: ExactRows, root: Array) -> Array:
     """(k, 6) the part of a twist that exact rows ask for; joint rows ask for none."""
     if rows.of_twist is None:

@@ -5,6 +5,10 @@
 
 No speed limit counts here: the motion is a function of place, not of time. In the null space joints go towards the
 posture as if the arm were at full speed; where damping acts they keep their direction.
+
+Where the arm cannot do all of the path, q' is the derivative of the joint positions of least error. Least squares for
+the tangent are not: the error times the bend of the tool's motion is missing. Beside exact rows q' turns the tool
+towards the least error instead, over some of the path.
 """
 
 from __future__ import annotations
@@ -14,8 +18,9 @@ from math import sqrt
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from invariantqp.control.asked import asked
+from invariantqp.control.asked import asked, asked_part
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
@@ -42,12 +47,17 @@ KINK, BRANCH = 0.2, 1e-4
 # Where a path is left: the damping, the share of a step by which damping grows with the distance (`calm`), and the
 # share of the path over which the distance falls to 1/e on the way back. So an arm stretched out bends again in time.
 PASSING, CALMING, REJOIN = Adaptive(1e-2, 3e-3), 0.1, 0.02
+# The share of the path over which a tool with exact demands turns, or moves, to the least of the error beside them.
+TURNING = 0.1
 # A slope that takes joints along the whole path for less than this many seconds at full speed counts as that.
 STILL = 0.05
 # A step after which it differs by less than this share of TURN is followed by a longer one.
 EASY = 0.2
 # A joint motion that needs more knots has no end.
 MOST_KNOTS = 5000
+# Where an error of this size stays, relative, the slope is probed this share of a step ahead, until it changes by less
+# than this share of it.
+UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
 # Corrections at a knot.
 CORRECTIONS = 8
 
@@ -121,7 +131,8 @@ class JointPath:
         self.curve = curve
         self.blocked = ""
         self._stops = stops
-        self._reachable = OFF_PATH * controller.measure.length
+        self._length = controller.measure.length
+        self._reachable = OFF_PATH * self._length
         self.knots: list[Knot] = []
         self._no_limit = np.full(len(q), np.inf)
         self._scale: float = curve.end if scale is None else scale
@@ -181,23 +192,63 @@ class JointPath:
         curve, robot = self.curve, self.controller.robot
         target = robot.target(curve.pose(at))
         q = self._inside(q)
-        tolerance = ON_PATH * self.controller.measure.length
-        for _ in range(CORRECTIONS if self._stops else 1):
+        box = self.controller.box
+        at_limit = (q <= box.position_lower) | (q >= box.position_upper)
+        tolerance = ON_PATH * self._length
+        for k in range(CORRECTIONS if self._stops else 1):
             sighting = robot.sight(q, target)
             root = self.controller.measure.root(robot, sighting, target)
-            off = asked(self.controller, sighting, root).dot(sighting.error)
+            rows = asked(self.controller, sighting, root)
+            off = rows.dot(sighting.error)
             size = sqrt(float(off.dot(off)))
             if size <= tolerance or not self._stops:
                 break
-            q = q + self._answer(q, sighting, root, sighting.error, 1.0, None)
+            back: Array = sighting.error
+            still = None
+            if self.controller.exact and len(rows) < 6:
+                # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
+                # turning towards the path is up to the slope.
+                back = asked_part(rows, root).dot(back)
+                still = at_limit if k < CORRECTIONS // 2 else None
+            q = q + self._answer(q, sighting, root, back, 1.0, None, still)
         tangent = curve.tangent(at)
-        if not self._stops:  # back to the path a little at a time
-            tangent = tangent + sighting.error / (REJOIN * self._scale)
+        if not self._stops or self.controller.exact:  # back to the path a little at a time
+            share = TURNING if self._stops else REJOIN
+            tangent = tangent + sighting.error / (share * self._scale)
         if before is None:
             before = self._answer(q, sighting, root, tangent, self._step, None)
         slope = self._answer(q, sighting, root, tangent, self._step, self._posture(q, before))
+        unmet = root.dot(sighting.error)
+        if self._stops and not self.controller.exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
+            slope = self._bent(at, q, slope, self._answer(q, sighting, root, sighting.error, 1.0, None))
         sigma = np.linalg.svd(root.dot(sighting.J), compute_uv=False)
         return Knot(at, q, slope, size, float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0)
+
+    def _bent(self, at: float, q: Array, slope: Array, here: Array) -> Array:
+        """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
+
+        Where part of an error stays, its size times the bend of the tool's motion counts too.
+
+        Args:
+            at: the place.
+            q: (m,) joint positions there.
+            slope: (m,) of least squares.
+            here: (m,) the correction there.
+        """
+        ahead = PROBE * self._longest
+        if at + ahead > self.curve.end:
+            ahead = -ahead
+        robot = self.controller.robot
+        target = robot.target(self.curve.pose(at + ahead))
+        for _ in range(CORRECTIONS):
+            there = q + ahead * slope
+            sighting = robot.sight(there, target)
+            root = self.controller.measure.root(robot, sighting, target)
+            change = (self._answer(there, sighting, root, sighting.error, 1.0, None) - here) / ahead
+            slope = slope + change
+            if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
+                break
+        return slope
 
     def _cause(self, q: Array) -> str:
         """Why the path is blocked where the arm came no closer than q."""
@@ -223,12 +274,21 @@ class JointPath:
         return pull * self._pace
 
     def _answer(
-        self, q: Array, sighting: Sighting, root: Array, twist: Array, h: float, posture: Array | None
+        self,
+        q: Array,
+        sighting: Sighting,
+        root: Array,
+        twist: Array,
+        h: float,
+        posture: Array | None,
+        still: NDArray[np.bool_] | None = None,
     ) -> Array:
-        """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
+        """The law's answer (m,) for a twist, such that q + h x is inside the position limits; `still` joints rest."""
         controller = self.controller
         box = JointBox(controller.box.position_lower, controller.box.position_upper, self._no_limit, h)
         lower, upper = box.at(q)
+        if still is not None:
+            lower, upper = np.where(still, 0.0, lower), np.where(still, 0.0, upper)
         exact = None
         if controller.exact:
             view = View(controller.robot, sighting, sighting.pose, 0.0, twist)

@@ -4,6 +4,7 @@
 
 The tangent P' and the arm are taken in the middle of the tick, so that a straight step follows a bent path to third
 order. Where limits take the tool off all the same, the tick is solved again with s as exact rows, which slow down.
+With exact demands, or fewer than six joints, s is the twist of the planned joint motion but for what is exact.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.control.asked import asked, asked_part
 from invariantqp.control.beside import Beside, tangent_at
 from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve
@@ -93,11 +95,14 @@ def drive(
     near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed, 1.0))
     speed, possible, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
     rate = -speed if state.back else speed
-    slope = plan.slope(place + 0.5 * dt * rate)
     if controller.braking is not None:
-        rate = rate_inside(slope, rate, possible, state.along, dt * controller.braking.acceleration)
+        wanted = rate
+        for _ in range(2):  # the second time with the slope where the first rate leads
+            slope = plan.slope(place + 0.5 * dt * rate)
+            rate = rate_inside(slope, wanted, possible, state.along, dt * controller.braking.acceleration)
     rate = min(max(rate, (plan.start - place) / dt), (plan.end - place) / dt)
     middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
+    slope = plan.slope(middle)
     tangent = tangent_at(controller, curve, plan, middle, left=here.left)
     sighting = controller.robot.sight(q + 0.5 * dt * rate * slope, here.target)
     posture = rate * slope + JOINT_GAIN * astray
@@ -109,6 +114,13 @@ def drive(
     along = tangent if own == 1.0 else (1.0 - own) * turning + own * tangent
     # The way back to the path, carried along with the tool to the middle of the tick.
     across = here.across + se3.lie(0.5 * dt * rate * turning, here.across)
+    # What is least squares follows the planned motion: an error that stays changes its own least squares.
+    if controller.exact:
+        root = controller.measure.root(controller.robot, sighting, here.target)
+        part, home = asked_part(asked(controller, sighting, root), root), sighting.J.dot(astray)
+        along, across = turning + part.dot(tangent - turning), home + part.dot(across - home)
+    elif len(q) < 6:
+        along, across = turning, sighting.J.dot(astray)
     twist = rate * along + controller.gain * across
     answer = controller.follow(q, twist, state.velocity, None, sighting, None, posture)
     kept = answer.scale if controller.exact else 1.0

@@ -340,6 +340,38 @@ def test_an_exact_point_is_what_stays_on_the_path():
     assert largest_error(robot, pose, solutions, q, radian=0.0)[0] < MM
 
 
+@pytest.mark.parametrize(("exact", "turn"), [("position", 0.0), ("position", 0.3), (None, 0.0)])
+def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
+    toppra = pytest.importorskip("toppra")
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+
+    toppra.setup_logging("ERROR")
+    arm = iq.load_robot("so101")
+    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    home = arm.pose(q)
+
+    def pose(u):  # 150 mm to the side, where five joints cannot keep the orientation; turned, a joint meets its limit
+        turned = home[:3, :3] @ se3.exp([turn * u, turn * u, 0.0, 0.0, 0.0, 0.0])[:3, :3]
+        return iq.transform(turned, home[:3, 3] + [0.0, 0.15 * u, 0.0])
+
+    loop = iq.Controller(arm, dt=0.005, exact=exact, acceleration_limit=10.0)
+    follower = iq.PathFollower(loop, pose)
+    follower.prepare(q)
+    solutions, _, x = drive(follower, q)
+    assert solutions[-1].status == "done"
+    assert max(s.across for s in solutions) < MM
+    assert np.abs(np.diff(x, axis=0, prepend=0.0 * x[:1])).max() <= 0.005 * 10.0 * (1.0 + 1e-9)
+    grid = np.linspace(0.0, follower.plan.end, 101)
+    limits = [
+        JointVelocityConstraint(np.outer(speeds(arm), (-1.0, 1.0))),
+        JointAccelerationConstraint(np.tile((-10.0, 10.0), (5, 1))),
+    ]
+    way = toppra.SplineInterpolator(grid, np.array([follower.plan.joints(u) for u in grid]))
+    optimal = TOPPRA(limits, way, gridpoints=grid).compute_trajectory().duration
+    assert 0.005 * len(x) < 1.3 * optimal
+
+
 def test_done_means_at_the_end():
     arm = iq.load_robot("so101")  # 10 rad/s, from which it stops within a tick where nothing limits acceleration
     q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
@@ -357,6 +389,10 @@ def test_done_means_at_the_end():
     assert solutions[-1].status == "done"
     assert all(np.linalg.norm(arm.pose(p)[:3, 3] - end) < 1e-6 for p in positions[-2:])
     assert max(s.across for s in solutions) < MM
+    assert {(s.status, s.ruling) for s in solutions if s.place == 1.0} == {
+        ("moving", "settling"),
+        ("done", "the path's end"),
+    }
     there = positions[-1]
     J = (iq.adjoint(iq.transform(translation=-end)) @ arm.jacobian(there))[3:]
     past, q, _ = drive(follower, there + np.linalg.pinv(J) @ [0.0, 2e-4, 0.0])  # pushed past the end
