@@ -52,6 +52,8 @@ def reported(
         status, reason = "blocked", f"the path cannot be had from {at:.6g} on: {blocked}"
     elif arrived and here.off + dt * _speed(driven) <= tolerance:
         status, reason, ruling = "done", "", ENDED
+    elif plan.off[i] > reachable and plan.blocked and plan.off[0] > reachable:  # blocked at its start
+        status, reason = "waiting", "; ".join(filter(None, ("on the way to the path's start", reason)))
     elif plan.off[i] > reachable:
         status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
     elif stop == PAUSE and abs(rate) * dt <= STANDING * path.curve.end:

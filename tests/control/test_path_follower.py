@@ -211,6 +211,18 @@ def test_it_leaves_what_is_out_of_reach_and_comes_back():
     assert acceleration_share(robot, x) <= 1.0 + 1e-9
 
 
+def test_a_start_out_of_reach_blocks_the_path():
+    robot = iq.load_robot("ur5")
+    q = np.array([0.3, -0.6, 0.12, -0.4, -1.2, 0.1])  # nearly stretched
+    home = robot.pose(q)
+    out = home[:3, 3] / np.linalg.norm(home[:3, 3])
+    follower = follower_on(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + (0.01 + 0.1 * u) * out))
+    follower.prepare(q)
+    solutions, _, _ = drive(follower, q, 1000)
+    assert [s.status for s in solutions] == ["waiting"] * (len(solutions) - 1) + ["blocked"]
+    assert "it is out of reach" in solutions[-1].reason
+
+
 def test_a_push_off_the_path_is_taken_back():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 7)
