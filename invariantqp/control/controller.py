@@ -345,7 +345,7 @@ class Controller:
 
     def _outside(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
         """The solution; where limits hold it, its reason names the joints that are outside their position range."""
-        far = self.box.outside(np.asarray(q)) if solution.active and self.braking is None else ()
+        far = self.box.outside(q, solution.active) if self.braking is None else ()
         return solution._replace(reason=f"{self._named(far)}; {solution.reason}") if far else solution
 
     def _named(self, joints: tuple[tuple[int, str], ...]) -> str:

@@ -8,6 +8,8 @@ empty and has no jump.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
@@ -115,6 +117,8 @@ class JointBox(Value):
     _low: Array = field(converter=own, eq=False, repr=False)
     _high: Array = field(converter=own, eq=False, repr=False)
     _slowest: Array = field(converter=own, eq=False, repr=False)
+    _least: list[float] = field(eq=False, repr=False)
+    _most: list[float] = field(eq=False, repr=False)
 
     def __init__(
         self, position_lower: Array, position_upper: Array, velocity_limit: Array, dt: float, margin: float = 0.0
@@ -134,7 +138,8 @@ class JointBox(Value):
             low = low + kept
             high = np.maximum(high - kept, low)
         rate = np.full(len(velocity_limit), 1.0 / dt)
-        self.__attrs_init__(low, high, velocity_limit, dt, rate, low / dt, high / dt, -velocity_limit)
+        ends = low.tolist(), high.tolist()
+        self.__attrs_init__(low, high, velocity_limit, dt, rate, low / dt, high / dt, -velocity_limit, *ends)
 
     def at(self, q: Array) -> tuple[Array, Array]:
         """(lower, upper), each (m,), at joint positions q (m,)."""
@@ -144,10 +149,15 @@ class JointBox(Value):
         upper = np.maximum(np.minimum(self._high - place, ahead), back)
         return lower, upper
 
-    def outside(self, q: Array) -> tuple[tuple[int, str], ...]:
-        """Joints whose positions are outside their range by more than rounding and encoders make of a limit."""
-        far = np.maximum(q - self.position_upper, self.position_lower - q)
-        return tuple((int(i), f"{far[i]:.3g} outside its position range") for i in np.flatnonzero(far > OUTSIDE))
+    def outside(self, q: ArrayLike, joints: tuple[int, ...]) -> tuple[tuple[int, str], ...]:
+        """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
+        positions: Any = q
+        found = []
+        for i in joints:
+            far = max(positions[i] - self._most[i], self._least[i] - positions[i])
+            if far > OUTSIDE:
+                found.append((i, f"{far:.3g} outside its position range"))
+        return tuple(found)
 
     def room(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
