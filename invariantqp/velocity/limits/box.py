@@ -152,12 +152,12 @@ class JointBox(Value):
     def outside(self, q: ArrayLike, joints: tuple[int, ...]) -> tuple[tuple[int, str], ...]:
         """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
         positions: Any = q
-        found = []
+        told = []
         for i in joints:
             far = max(positions[i] - self._most[i], self._least[i] - positions[i])
             if far > OUTSIDE:
-                found.append((i, f"{far:.3g} outside its position range"))
-        return tuple(found)
+                told.append((i, f"{far:.3g} outside its position range"))
+        return tuple(told)
 
     def room(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""

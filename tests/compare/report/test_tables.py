@@ -18,8 +18,12 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "examples" / "guide" / "comparison.md").read_text(encoding="utf-8")
 RESULTS = json.loads(FILE.read_text(encoding="utf-8"))
 SECTION = README.split(BEGIN)[1].split(END)[0].strip()
-LINES = PAGE.split(BEGIN)[1].split(END)[0].strip().splitlines()
-HEADINGS, *ROWS = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in LINES if "---" not in line]
+PARTS = PAGE.split(BEGIN)[1].split(END)[0].strip().split("\n\n")
+(HEADINGS, *ROWS), (_, *LIBRARIES), (CALIBRATED, *OFF) = (
+    [[cell.strip() for cell in line.strip("|").split(" | ")] for line in part.splitlines() if "---" not in line]
+    for part in PARTS
+    if part.startswith("|")
+)
 ROUNDED = 0.051  # two digits
 
 
@@ -39,7 +43,7 @@ def test_there_are_ten_rows_and_a_column_for_each_task():
     assert len(set(HEADINGS)) == 9
 
 
-@pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
+@pytest.mark.parametrize("row", [*ROWS, *LIBRARIES], ids=lambda row: row[0])
 def test_every_number_is_one_of_the_committed_results(row):
     method, _, *cells, frame = row
     for cell, task in zip(cells, RESULTS["tasks"], strict=True):
@@ -50,6 +54,20 @@ def test_every_number_is_one_of_the_committed_results(row):
         assert deg == pytest.approx(loop["orientation_deg"], rel=ROUNDED)
     worst = max(result("loop", task, method)["frame"] for task in RESULTS["tasks"])
     assert float(frame) == pytest.approx(worst, rel=0.51)
+
+
+@pytest.mark.parametrize("row", OFF, ids=lambda row: row[0])
+def test_every_number_of_a_miscalibrated_arm_is_one_too(row):
+    tasks = {name: task for task, name in tables.TASKS.items()}
+    for cell, name in zip(row[1:], CALIBRATED[1:], strict=True):
+        found = result("calibration", tasks[name], row[0])
+        mm, variation = (float(part) for part in cell.split(" · "))
+        assert mm == pytest.approx(found["position_mm"], rel=ROUNDED)
+        assert variation == pytest.approx(found["variation"], rel=ROUNDED)
+
+
+def test_the_other_libraries_were_measured_too():
+    assert [row[0] for row in LIBRARIES] == ["Pink", "Pink with lm_damping", "mink", "placo", "Drake"]
 
 
 def test_every_figure_of_the_sentences_is_in_the_results():
