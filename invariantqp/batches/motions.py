@@ -22,8 +22,7 @@ def exps(twists: ArrayLike) -> Rows:
     shaped(s, (6,), "twists", TWISTS)
     w, v = s[..., :3], s[..., 3:]
     t2 = xp.sum(w * w, axis=-1, keepdims=True)
-    small = t2 < SMALL_ANGLE**2
-    t = xp.sqrt(xp.where(small, xp.ones_like(t2), t2))
+    small, t = _angle(xp, t2)
     a = xp.where(small, 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0)), xp.sin(t) / t)
     half = xp.sin(0.5 * t) / t
     b = xp.where(small, 0.5 * (1.0 - t2 / 12.0 * (1.0 - t2 / 30.0 * (1.0 - t2 / 56.0))), 2.0 * half * half)
@@ -46,8 +45,7 @@ def logs(poses: ArrayLike) -> Rows:
     p = T[..., :3, 3]
     w = vector_of(xp, quaternion_of(xp, T[..., :3, :3]))
     t2 = xp.sum(w * w, axis=-1, keepdims=True)
-    small = t2 < SMALL_ANGLE**2
-    t = xp.sqrt(xp.where(small, xp.ones_like(t2), t2))
+    small, t = _angle(xp, t2)
     exact = (1.0 - 0.5 * t * xp.cos(0.5 * t) / xp.sin(0.5 * t)) / (t * t)
     c = xp.where(small, (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0, exact)
     wp = cross(xp, w, p)
@@ -110,3 +108,9 @@ def vector_of(xp: Namespace, quaternion: Rows) -> Rows:
     sign = xp.where(w < 0.0, -one, one)
     share = xp.atan2(xp.where(turned, n, one), xp.abs(w)) / xp.where(turned, n, one)
     return 2.0 * sign * xp.where(turned, share, 1.0 / xp.where(turned, one, xp.abs(w))) * v
+
+
+def _angle(xp: Namespace, t2: Rows) -> tuple[Rows, Rows]:
+    """Whether angles with these squares are small, and the angles; 1 for small ones, which nothing may divide by."""
+    small = t2 < SMALL_ANGLE**2
+    return small, xp.sqrt(xp.where(small, xp.ones_like(t2), t2))

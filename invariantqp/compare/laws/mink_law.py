@@ -16,11 +16,10 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.laws.peers import (
     AHEAD,
     POSTURE_COST,
-    QP_DAMPING,
-    QP_DAMPING_BESIDE_POSTURE,
     at_point,
     joints_of,
     lead_target,
+    qp_damping,
     share_of,
 )
 from invariantqp.compare.laws.view import pose_of
@@ -60,7 +59,7 @@ class MinkLaw:
         self._task = mink.FrameTask("tool", "site", 1.0, 1.0, gain=self._share)
         self._tasks: list[Any] = [self._task]
         mid, pull = posture_of(robot, law)
-        self._damping = QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
+        self._damping = qp_damping(pull)
         if pull.any():
             self._tasks.append(mink.PostureTask(model, cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
             self._tasks[-1].set_target(mid)

@@ -59,6 +59,11 @@ def joints_of(robot: Robot) -> list[Joint]:
     return found
 
 
+def qp_damping(pull: Array) -> float:
+    """Damping of the QP of an arm that is pulled to its posture by (m,) gains."""
+    return QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
+
+
 def share_of(law: LawSpec) -> float:
     """The part of the tracking error that a control loop corrects in one tick."""
     return TRACKING_SHARE if law.gain is None else law.gain * law.dt

@@ -19,11 +19,10 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.laws.peers import (
     AHEAD,
     POSTURE_COST,
-    QP_DAMPING,
-    QP_DAMPING_BESIDE_POSTURE,
     at_point,
     joints_of,
     lead_target,
+    qp_damping,
     share_of,
 )
 from invariantqp.compare.laws.view import pose_of
@@ -76,7 +75,7 @@ class PinkLaw:
         self._task = pink.FrameTask(frame, 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
         self._tasks, self._exact = [self._task], []
         mid, pull = posture_of(robot, law)
-        self._damping = QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
+        self._damping = qp_damping(pull)
         if pull.any():
             self._tasks.append(pink.PostureTask(cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
             self._tasks[-1].set_target(mid)

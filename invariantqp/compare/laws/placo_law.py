@@ -19,11 +19,10 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.laws.peers import (
     AHEAD,
     POSTURE_COST,
-    QP_DAMPING,
-    QP_DAMPING_BESIDE_POSTURE,
     at_point,
     joints_of,
     lead_target,
+    qp_damping,
     share_of,
 )
 from invariantqp.compare.laws.view import pose_of
@@ -79,7 +78,7 @@ class PlacoLaw:
             self._point.configure("point", "hard", 1.0)
         self._middle, pull = posture_of(robot, law)
         self._pull, self._posture = law.dt * pull, None
-        solver.add_regularization_task(QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING)
+        solver.add_regularization_task(qp_damping(pull))
         if pull.any():
             self._posture = solver.add_joints_task()
             self._posture.configure("posture", "soft", POSTURE_COST**2)
