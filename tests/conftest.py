@@ -1,6 +1,12 @@
-"""One thread for each process, as pytest-xdist already gives every core a process. NumPy reads this when imported."""
+"""What every process of the tests starts with: one thread, as pytest-xdist gives every core a process, and Ctrl-C."""
 
 import os
+import signal
 
+# NumPy reads this when imported.
 for library in ("OPENBLAS", "MKL", "OMP"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+# A shell starts what is followed by "&" with Ctrl-C ignored, and so would be the commands that tests start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)

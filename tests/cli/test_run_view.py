@@ -140,9 +140,12 @@ def test_ctrl_c_leaves_cleanly(run, tmp_path):
     with subprocess.Popen(
         command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as viewing:
-        said = [viewing.stderr.readline(), viewing.stderr.readline()]
-        viewing.send_signal(signal.SIGINT)
-        out, err = viewing.communicate(timeout=10)
+        try:
+            said = [viewing.stderr.readline(), viewing.stderr.readline()]
+            viewing.send_signal(signal.SIGINT)
+            out, err = viewing.communicate(timeout=10)
+        finally:
+            viewing.kill()
     assert (viewing.returncode, err) == (0, "")
     url = re.fullmatch(r"the view is at (http://localhost:\d+)\n", said[0])[1]
     assert said[1] == "playing; Ctrl-C ends it\n"

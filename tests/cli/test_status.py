@@ -137,10 +137,13 @@ def test_ctrl_c(tmp_path):
     long.write_text(TASK.replace("duration = 0.05", "duration = 500.0"), encoding="utf-8")
     command = [sys.executable, "-c", "import invariantqp.cli as c; print('on', flush=True); c.main()", "run", str(long)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
-        assert running.stdout.readline() == "on\n"
-        time.sleep(1.0)
-        running.send_signal(signal.SIGINT)
-        _, said = running.communicate(timeout=30)
+        try:
+            assert running.stdout.readline() == "on\n"
+            time.sleep(1.0)
+            running.send_signal(signal.SIGINT)
+            _, said = running.communicate(timeout=30)
+        finally:
+            running.kill()
     assert running.returncode == INTERRUPTED
     assert "Traceback" not in said
 
