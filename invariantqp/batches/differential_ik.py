@@ -64,7 +64,8 @@ class DifferentialIK:
             dt: time between two calls [s], which turns the velocity limit into a step.
 
         Raises:
-            BadInput: another command type or order of quaternions, limits that are not two arrays.
+            BadInput: another command type or order of quaternions, limits that are not two arrays, that cross, or a
+                velocity limit that is not positive.
         """
         self.cfg = cfg
         self._position = chosen_text(getattr(cfg, "command_type", cfg), ("position", "pose"), "cfg") == "position"
@@ -76,7 +77,7 @@ class DifferentialIK:
             not isinstance(position_limits, (tuple, list)) or len(position_limits) != 2
         ):
             raise BadInput("position_limits", excerpt(position_limits), "(lower, upper)")
-        self._limits = (*(position_limits or (None, None)), velocity_limit)
+        self._limits = _checked(*(position_limits or (None, None)), velocity_limit)
         self.ee_pos_des: Rows | None = None
         self.ee_quat_des: Rows | None = None
         self.status: Rows | None = None
@@ -168,6 +169,22 @@ class DifferentialIK:
     def _ordered(self, xp: Namespace, quaternion: Rows) -> Rows:
         """The caller's order of (w, x, y, z)."""
         return quaternion if self._order == "wxyz" else xp.roll(quaternion, -1, axis=-1)
+
+
+def _checked(lower: Any, upper: Any, speed: Any) -> tuple[Rows, Rows, Rows]:
+    """Limits that leave a row a motion; None where there is none.
+
+    Raises:
+        BadInput: they leave none.
+    """
+    xp, (low, high, fastest) = together(
+        {}, {"position_limits[0]": lower, "position_limits[1]": upper, "velocity_limit": speed}
+    )
+    if fastest is not None and not xp.all(fastest > 0.0):  # NaN is not above zero either
+        raise BadInput("velocity_limit", f"{float(xp.min(fastest)):g} among them", "positive limits")
+    if low is not None and high is not None and not xp.all(low <= high):
+        raise BadInput("position_limits", "NaN, or a lower limit above its upper one", "lower <= upper for every joint")
+    return low, high, fastest
 
 
 def product(xp: Namespace, a: Rows, b: Rows) -> Rows:
