@@ -3,7 +3,7 @@
     |d/dt r| <= acceleration,   |d2/dt2 r| <= jerk,     r = root s, the commanded twist in the controller's measure
 
 A twist command is a velocity to hold, a pose command a target to go to. Both are held until the next one, and for
-`timeout` at most.
+`timeout` at most. Towards a pose that turns on past half a turn from the tool, the tool goes on turning the same way.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.approach import BRAKING_SHARE
+from invariantqp.control.approach import BRAKING_SHARE, same_turn
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
@@ -70,6 +70,7 @@ class Servo:
         self._rate = np.zeros(6)
         self._command: Any = None
         self._age = 0.0
+        self._turn: Array | None = None
 
     def pause(self) -> None:
         """Come to rest and stay there, whatever is commanded, until `resume`."""
@@ -78,7 +79,7 @@ class Servo:
     def resume(self) -> None:
         """Follow commands again: the next one, not one from before."""
         self.paused = False
-        self._command = None
+        self._command = self._turn = None
 
     def step(self, q: ArrayLike, command: Any = None, velocity: ArrayLike | None = None) -> VelocitySolution:
         """One tick: the joint velocity to command until the next.
@@ -105,15 +106,16 @@ class Servo:
             positions, loop.robot.target(loop.robot.pose(positions)) if target is None else target
         )
         root = loop.measure.root(loop.robot, sighting, sighting.pose)
-        wanted = np.zeros(6)
+        error, wanted = same_turn(sighting.error, self._turn), np.zeros(6)
         if not reason:
-            wanted = self._approach(root, sighting.error) if held is None else held
+            wanted = self._approach(root, error) if held is None else held
         twist, rate = self._eased(root, wanted)
         if reason and not twist.any():
             solution = loop.rest(positions, reason, velocity, sighting)
         else:
             solution = loop.follow(positions, twist, velocity, sighting=sighting)
         self._command, self._age = kept, age
+        self._turn = None if target is None else error[:3].copy()
         # Where limits hold the tool back, it goes on from what it does.
         self.twist = sighting.J.dot(solution.velocity) if solution.active else twist
         self._rate = rate

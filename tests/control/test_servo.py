@@ -63,6 +63,17 @@ def test_a_pose_is_reached_without_overshoot():
     assert beyond < 1e-4
 
 
+def test_a_pose_that_turns_past_half_a_turn_is_followed_the_same_way():
+    servo, _ = begun()
+    q = start = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, -2.0])
+    here = servo.controller.robot.pose(q)
+    for k in range(1000):  # far faster than the tool turns
+        turned = here @ iq.exp([0.0, 0.0, min(0.02 * k, np.radians(210.0)), 0.0, 0.0, 0.0])
+        command = None if 300 < k < 400 else turned  # the stream is away for a while
+        q = q + DT * servo.step(q, command).velocity
+    assert q[6] - start[6] > 1.0
+
+
 def test_pause_and_resume():
     servo, q = begun()
     _, solutions, q = driven(servo, q, [None, *[TWIST] * 200])
