@@ -88,3 +88,16 @@ def test_free_motion_and_what_comes_in_cost_nothing():
     assert end.came_in == pytest.approx(1.5 * DT)
     assert end.step(UP, UP, 0.0).share == 0.0
     assert end.step(UP, UP, 1.0).share == 1.0  # the operator has worked for it
+
+
+def test_a_packet_too_old_or_from_the_future_is_not_believed():
+    end = iq.control.LinkEnd(dt=DT, passes="twist", store=0.0, timeout=0.5)
+    assert end.step(UP, np.zeros(6), 0.0, age=0.5).status == "ok"
+    for age, why in ((0.51, "0.51 s old"), (np.inf, "inf s old"), (-0.1, "0.1 s ahead of this clock")):
+        tick = end.step(UP, UP, 1.0, age)
+        assert (tick.status, tick.share, tick.passed.any()) == ("held", 0.0, False)
+        assert why in tick.reason
+    assert end.step(UP, UP, 0.0, age=-DT).status == "scaled"  # nor is the energy it told of
+    assert end.step(UP, UP, 1.0, age=0.1).share == 1.0
+    with pytest.raises(iq.BadInput, match="age"):
+        end.step(UP, UP, 1.0, np.nan)

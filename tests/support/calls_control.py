@@ -205,10 +205,10 @@ CONTROL = {
     "SharedTask": lambda: (iq.control.SharedTask, {"S1": S, "S2": None, "h": H, "metric": None}),
     "SharedTask.moved": lambda: (shared().moved, {"pose": T}),
     "SharedTask.twist": lambda: (shared().twist, {"robot": TWIST, "operator": TWIST}),
-    "LinkEnd": lambda: (iq.control.LinkEnd, {"dt": 0.01, "passes": "twist", "store": 0.02}),
+    "LinkEnd": lambda: (iq.control.LinkEnd, {"dt": 0.01, "passes": "twist", "store": 0.02, "timeout": 0.5}),
     "LinkEnd.step": lambda: (
         iq.control.LinkEnd(dt=0.01, passes="twist").step,
-        {"twist": TWIST, "wrench": TWIST, "received": 0.1},
+        {"twist": TWIST, "wrench": TWIST, "received": 0.1, "age": 0.0},
     ),
     # force
     "HybridTask": lambda: (
