@@ -6,8 +6,8 @@
 A delay makes energy: what the operator feels answers to what was done before, and tool and hand push each other higher
 and higher. One end at the robot and one at the operator's device, each told what has come in at the other, keep the
 link passive for any delay, if need be by passing on less of the twist, or of the force: damping, as strong as it has to
-be in that tick. A wall that only the operator presses is let go of slowly: let the robot press. In free motion energy bounds
-nothing: a link that is lost would let the tool go on for ever, so that a packet also has to be young.
+be in that tick. A wall that only the operator presses is let go of slowly: let the robot press. In free motion energy
+bounds nothing, and a link that is lost would let the tool go on for ever: a packet also has to be young.
 
 Reference: Hannaford & Ryu 2002; Ryu, Artigas & Preusche 2010 (time-domain passivity of late links).
 """

@@ -47,6 +47,7 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", FINISHED),
     ONE("pose.newton", LONGEST),
     ONE("pose.newton", PATIENCE),
+    ONE("pose.newton", AT_A_TIME),
     ONE("pose.newton", STIFFEST),
     ONE("pose.newton", AT_REST),
     {"control.frame_cost.NULL_WEIGHT", FREE_WEIGHT},

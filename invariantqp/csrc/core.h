@@ -168,12 +168,15 @@ typedef struct {
     Wanted exact[MOST_ROWS];
 } Arm;
 
-/* pose/newton.py: where one try ended */
+#define STALLED 6
+/* pose/newton.py: where one try is; one that is `going` goes on from what it knows */
 typedef struct {
     Row q;
     double f, unmet, merit;
-    long steps;
-    bool met, at_rest;
+    struct {
+        double steps, damping, penalty, past[STALLED + 1];
+    } known;
+    bool met, at_rest, going;
 } Try;
 
 /* control/convergence.py */
@@ -300,10 +303,10 @@ extern const Constant CONSTANTS[];
 #define LEAST 1e-3
 #define FLOOR 1e-13
 #define QP_FLOOR 1e-8
-#define STALLED 6
 #define FINISHED 3
 #define LONGEST 100
 #define PATIENCE 1000
+#define AT_A_TIME 25
 #define STIFFEST 1e8
 #define AT_REST 1e-12
 #define DIFFERENCE 1e-7

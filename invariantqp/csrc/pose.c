@@ -211,26 +211,35 @@ void misses(const Arm *arm, const Pose *target, const double *q, double *positio
     *orientation = norm(3, omega);
 }
 
-/* Steps from found->q, inside the limits, until the goal is met or no step gains anything. */
+/* Steps from found->q, inside the limits, until the goal is met or no step gains anything, AT_A_TIME of them. */
 Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found)
 {
     int m = (int)arm->joints, longest = patient ? PATIENCE : LONGEST, window = patient ? FINISHED : STALLED;
-    double damping = DAMPING, least = patient ? 0.0 : LEAST, past[STALLED + 1], penalty = 0.0, price;
+    long steps = (long)found->known.steps, until = steps + AT_A_TIME;
+    double damping = found->known.damping, penalty = found->known.penalty, least = patient ? 0.0 : LEAST, price;
+    double *past = found->known.past;
     Linearization state, seen;
     Row lower, upper, x, next, H[MOST];
     if (linearised(arm, target, found->q, &state) == HAND_BACK)
         return HAND_BACK;
-    found->met = found->at_rest = false;
-    for (found->steps = 0; found->steps < longest; found->steps++) {
+    found->met = found->at_rest = found->going = false;
+    for (; steps < longest; steps++) {
         double before = INFINITY;
+        found->known.steps = (double)steps;
         found->f = state.f;
         found->unmet = norm(state.rows, state.b);
         double merit = found->merit = state.f + penalty * found->unmet;
         if (!isfinite(merit))
             return HAND_BACK;
-        if (found->steps > window)
-            before = past[(found->steps - window) % (STALLED + 1)];
-        past[found->steps % (STALLED + 1)] = merit;
+        if (steps == until) {
+            found->known.damping = damping;
+            found->known.penalty = penalty;
+            found->going = true;
+            return DONE;
+        }
+        if (steps > window)
+            before = past[(steps - window) % (STALLED + 1)];
+        past[steps % (STALLED + 1)] = merit;
         if (sqrt(2.0 * state.f) + found->unmet <= goal) {
             found->met = true;
             return DONE;
@@ -263,6 +272,7 @@ Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, b
         } else
             damping *= STIFFENED;
     }
+    found->known.steps = (double)longest;
     found->f = state.f;
     found->unmet = norm(state.rows, state.b);
     found->merit = state.f + penalty * found->unmet;

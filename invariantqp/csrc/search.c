@@ -25,15 +25,18 @@ PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     return new_vector(sizeof made / sizeof(double), (const double *)&made);
 }
 
-/* descend(arm, target, start, goal, turning, patient): (q, f, unmet, merit, steps, met, at_rest), or None where Python has to. */
+/* descend(arm, target, start, goal, turning, patient, known): (q, f, unmet, merit, steps, met, at_rest, known), or None
+   where Python has to. `known` is None at the start of a try and at its end; else the try goes on from q with it. */
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Arm arm;
     Pose target;
-    Try found;
-    if (count != 6 || !arm_of(arguments[0], &arm)) {
-        PyErr_SetString(PyExc_TypeError, "descend(arm, target, start, goal, turning, patient)");
+    Try found = {.known = {.damping = DAMPING}};
+    const int knows = sizeof found.known / sizeof(double);
+    if (count != 7 || !arm_of(arguments[0], &arm) ||
+        (arguments[6] != Py_None && !vector(arguments[6], knows, (double *)&found.known))) {
+        PyErr_SetString(PyExc_TypeError, "descend(arm, target, start, goal, turning, patient, known)");
         return NULL;
     }
     int m = (int)arm.joints;
@@ -49,8 +52,9 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
     Py_END_ALLOW_THREADS
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
-    return Py_BuildValue("(NdddlNN)", new_vector(m, found.q), found.f, found.unmet, found.merit, found.steps,
-                         PyBool_FromLong(found.met), PyBool_FromLong(found.at_rest));
+    return Py_BuildValue("(NdddlNNN)", new_vector(m, found.q), found.f, found.unmet, found.merit, (long)found.known.steps,
+                         PyBool_FromLong(found.met), PyBool_FromLong(found.at_rest),
+                         found.going ? new_vector(knows, (const double *)&found.known) : Py_NewRef(Py_None));
 }
 
 /* misses(arm, target, q): distance and angle of the tool from its target. */

@@ -112,8 +112,8 @@ def test_bad_rows_hold_and_bad_arguments_are_named(robot):
     with pytest.raises(iq.BadInput, match="ee_pos: found None"):
         controller.set_command(np.zeros((4, 6)))
     for limits in ({"velocity_limit": -robot.velocity_limit}, {"velocity_limit": [np.nan] * 7}):
-        with pytest.raises(iq.BadInput, match="velocity_limit: found .*positive limits"):
+        with pytest.raises(iq.BadInput, match=r"velocity_limit: found .*positive limits"):
             batches.DifferentialIK(POSE, 4, quaternion="wxyz", **limits)
     crossed = robot.position_upper, robot.position_lower
-    with pytest.raises(iq.BadInput, match="position_limits: found .*lower <= upper"):
+    with pytest.raises(iq.BadInput, match=r"position_limits: found .*lower <= upper"):
         batches.DifferentialIK(POSE, 4, quaternion="wxyz", position_limits=crossed)

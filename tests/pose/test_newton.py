@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 ARMS = [iq.load_robot(name) for name in ("panda", "ur5", "so101")]
 # Where a minimum is, is the root of what it is; the second derivative by differences has seven digits.
 SAME = 1e-4
-HOW = 1e-9, True, False  # goal, turning, patient
+HOW = 1e-9, True, False, None  # goal, turning, patient, what is known
 
 
 def both(robot, target, start, exact=(), **how):
@@ -67,6 +67,20 @@ def test_the_same_try_with_exact_demands(seed, patient, turning, far):
     np.testing.assert_allclose(native.q, python.q, rtol=0.0, atol=SAME * (1.0 + np.abs(python.q).max()))
     assert (robot.position_lower <= native.q).all()
     assert (native.q <= robot.position_upper).all()
+
+
+def test_the_clock_is_looked_at_within_a_try(monkeypatch):
+    robot, rng = ARMS[0], np.random.default_rng(0)
+    q, start = [rng.uniform(robot.position_lower, robot.position_upper, (2, 7)) for _ in range(2)][1]
+    target = robot.pose(q)
+    target[:3, 3] *= 1.2
+    error = pose_error(pose_arm(robot), target, None, (iq.control.ExactPoint(),))
+    ticks = iter(range(1000))
+    monkeypatch.setattr(newton, "perf_counter", lambda: next(ticks))
+    found = newton.descend(error, pose_arm(robot).space, start, 1e-9, 6, patient=True)
+    assert 0 < found.steps < 200  # of a thousand
+    assert not found.at_rest
+    assert not found.met
 
 
 def test_turns_up_to_half_a_turn_and_what_is_missed():
