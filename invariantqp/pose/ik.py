@@ -128,14 +128,13 @@ class PoseSearch:
         best, late = tried[-1], perf_counter() > deadline
         if not best.met:
             nearest = sorted(tried, key=self._rank)[:CLOSEST]
-            if finished:  # from q0, and not to what is exact: only a try that met that is nearer
-                nearest = [one for one in nearest if one.unmet <= self._tolerance]
-            elif q0 is not None:
+            if q0 is not None and not finished:
                 # From a start that was asked for, the closest pose is the one downhill from there.
                 nearest = tried[:1]
             ended = [self._ended(error, one.q, goal, last) for one in nearest]
             steps += sum(one.steps for one in ended)
-            finished += ended
+            # From q0, and not to what is exact: only a try that met that is nearer.
+            finished += [one for one in ended if not finished or one.unmet <= self._tolerance]
             least = min(map(self._rank, finished))
             best = next(one for one in finished if self._rank(one) <= (least[0], ALIKE * least[1]))
         return self._answer(error, best, start, steps, len(tried), late=late)

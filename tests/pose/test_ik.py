@@ -240,6 +240,13 @@ def test_a_try_that_meets_what_is_exact_comes_before_any_nearer_in_the_rest(seed
         assert missed(SO101, found.q, target)[0] < 1e-6
 
 
+def test_from_a_start_far_away_what_is_exact_is_met_where_it_can_be():
+    target = SO101.pose([-1.64, -0.01, -1.52, 0.16, -1.71])
+    target[:3, :3] = iq.exp([1.9, 1.2, -1.2, 0.0, 0.0, 0.0])[:3, :3] @ target[:3, :3]
+    q0 = [1.24, 1.52, -0.58, 0.23, -2.71]  # no try from elsewhere meets it before it is given up
+    assert iq.solve_pose(SO101, target, q0=q0, exact="position", restarts=20, **NO_LIMIT).success
+
+
 def test_where_what_is_exact_is_met_no_step_brings_the_rest_nearer():
     exact = [iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1]), iq.control.ExactAxis([0.2, 0.0, 1.0])]
     for seed in (141, 169, 175, 192, 256):
