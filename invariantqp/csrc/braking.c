@@ -51,8 +51,7 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Row
         lower[j] = fmin(fmax(fmax(least, -most_back), -fastest), fastest);
         upper[j] = fmax(fmin(fmax(fmin(most, -least_back), -fastest), fastest), lower[j]);
         double allowance = STRAIN_TOLERANCE * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
-        if (!(fmax(lower[j] - before[j], before[j] - upper[j]) - step <= allowance) ||
-            !(fmax(-ahead, -behind) <= allowance * dt))
+        if (!(fmax(lower[j] - before[j], before[j] - upper[j]) - step <= allowance) || !(fmax(-ahead, -behind) <= OUTSIDE))
             return HAND_BACK;
     }
     return DONE;

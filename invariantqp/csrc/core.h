@@ -295,6 +295,7 @@ extern const Constant CONSTANTS[];
 #define MOST_SHARE 1e8
 #define MEMORY 50
 #define STRAIN_TOLERANCE 1e-9
+#define OUTSIDE 1e-3
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5
 #define DAMPING 0.1

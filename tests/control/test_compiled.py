@@ -164,8 +164,10 @@ def test_acceleration_limits_to_a_target_at_rest_and_beside_a_limit(limit):
     goal = robot.pose(np.minimum(q + 0.4, robot.position_upper))
     for _ in range(120):
         q = q + 0.01 * assert_same(controller, q, goal).velocity
-    outside = np.where(np.arange(7) == 3, robot.position_upper + 1e-3, q)
+    outside = np.where(np.arange(7) == 3, robot.position_upper + 2e-3, q)
     assert "outside its position range" in assert_same(controller, outside, goal).reason
+    noisy = np.minimum(outside, robot.position_upper + 1e-4)
+    assert "outside" not in assert_same(controller, noisy, goal).reason
     fast = copy(controller).step(q, goal, None, np.full(7, 2.0))  # as measured, faster than the commanded one
     with python_alone():
         np.testing.assert_allclose(fast.velocity, copy(controller).step(q, goal, None, np.full(7, 2.0)).velocity)

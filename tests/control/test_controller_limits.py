@@ -63,14 +63,15 @@ def test_limits_that_contradict_each_other_are_named_by_joint():
     assert solution.velocity[2] == pytest.approx(-4.0 * DT)  # on its way back, no jump
 
 
-def test_a_joint_outside_its_range_is_named_without_acceleration_limits_too():
+def test_a_joint_outside_its_range_is_named_under_any_limits():
     robot = arm()
     q = np.zeros(6)
     q[2] = 2.1
     target = robot.pose(q)
-    for controller in (iq.Controller(robot, dt=DT), iq.Controller(robot, dt=DT, rows=lambda _: None)):
+    for limits in ({}, {"rows": lambda _: None}, {"acceleration_limit": 4.0}):
+        controller = iq.Controller(robot, dt=DT, **limits)
         solution = controller.step(q, target)
-        assert solution.reason.startswith(f"joint 2 ({robot.names[2]}): 0.1 outside its position range; ")
+        assert solution.reason.startswith(f"joint 2 ({robot.names[2]}): 0.1 outside its position range")
         q[2] = 2.0 + 1e-4  # noise
         assert "outside" not in controller.step(q, target).reason
         q[2] = 2.1

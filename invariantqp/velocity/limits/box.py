@@ -8,6 +8,7 @@ empty and has no jump.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -149,15 +150,11 @@ class JointBox(Value):
         upper = np.maximum(np.minimum(self._high - place, ahead), back)
         return lower, upper
 
-    def outside(self, q: ArrayLike, joints: tuple[int, ...]) -> tuple[tuple[int, str], ...]:
+    def outside(self, q: ArrayLike, joints: Iterable[int]) -> tuple[tuple[int, str], ...]:
         """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
-        positions: Any = q
-        told = []
-        for i in joints:
-            far = max(positions[i] - self._most[i], self._least[i] - positions[i])
-            if far > OUTSIDE:
-                told.append((i, f"{far:.3g} outside its position range"))
-        return tuple(told)
+        x: Any = q
+        far = ((i, max(x[i] - self._most[i], self._least[i] - x[i])) for i in joints)
+        return tuple((i, f"{distance:.3g} outside its position range") for i, distance in far if distance > OUTSIDE)
 
     def room(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
