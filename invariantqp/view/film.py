@@ -26,6 +26,8 @@ from invariantqp.view.surroundings import Surroundings, surroundings
 FRAMES = 600
 # A logarithmic axis has no zero: smaller errors, below a picometre, are drawn as this [mm, deg].
 SMALLEST_ERROR = 1e-9
+# No arrow is drawn for a velocity below this, relative to the size of all [1/s], or for a weaker force [N].
+REST, WEAK = 2e-4, 0.05
 FORCE, TRAVEL = VERMILION, GREEN
 
 
@@ -125,14 +127,14 @@ class Film:
         return min(float(points[..., 2].min()) for points in (self.points, *(part.vertices for part in self._fixed)))
 
     @property
-    def strongest(self) -> float:
-        """The force to scale arrows by [N]."""
-        return 1.0 if self.force is None else _usual(self.force)
+    def force_scale(self) -> tuple[float, float]:
+        """The weakest force that has an arrow and the one that has the longest [N]."""
+        return _scale(np.zeros((1, 3)) if self.force is None else self.force, WEAK)
 
     @property
-    def fastest(self) -> float:
-        """The velocity to scale arrows by [length/s]."""
-        return _usual(self.travel)
+    def travel_scale(self) -> tuple[float, float]:
+        """The slowest velocity that has an arrow and the one that has the longest [length/s]."""
+        return _scale(self.travel, REST * self.size)
 
     @property
     def _fixed(self) -> list[Part]:
@@ -145,9 +147,9 @@ class Film:
         return drawn.min(axis=0), drawn.max(axis=0)
 
 
-def _usual(vectors: Array) -> float:
-    """A size, positive, that vectors (k, 3) exceed in one frame of a hundred."""
-    return max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 1e-9)
+def _scale(vectors: Array, least: float) -> tuple[float, float]:
+    """`least`, and what vectors (k, 3) exceed in one frame of a hundred, or more where that is nearly `least`."""
+    return least, max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 10.0 * least)
 
 
 def film_of(trace: Trace, frames: int = FRAMES) -> Film:
@@ -187,7 +189,8 @@ def film_before(task: Task, frames: int = FRAMES) -> Film:
     settle = 0.0 if task.contact is None else task.contact.settle
     time = np.linspace(0.0, settle + task.path.duration, frames)
     wanted = np.array([pose(t) for t in np.maximum(time - settle, 0.0).tolist()])
-    return _film(task, robot, time, np.tile(task.start(), (frames, 1)), wanted)
+    drawn = _film(task, robot, time, np.tile(task.start(), (frames, 1)), wanted)
+    return replace(drawn, travel=np.gradient(wanted[:, :3, 3], time, axis=0))
 
 
 def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:

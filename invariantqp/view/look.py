@@ -5,8 +5,8 @@ What i joints move is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,  p its points a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree as ET
@@ -71,14 +71,12 @@ def look_of(task: Task, names: Iterable[str]) -> Look:
     return read_look(file, tuple(names))
 
 
-@lru_cache(maxsize=8)
 def read_look(file: Path, names: tuple[str, ...]) -> Look:
-    """What the arm of these joints looks like, by a URDF file."""
+    """What the arm of these joints looks like, by a URDF file; read anew where it or one of its meshes has changed."""
     try:
-        name, root = read_xml(file)
-        if root.find("link/visual") is None:  # an MJCF among others
-            return Look()
-        return Look(tuple(_parts(file, root, joints_of(name, root), list(names))))
+        meshes = read_xml(file)[1].findall("link/visual/geometry/mesh")
+        files = {file, *(_file(file, mesh.get("filename", "")) for mesh in meshes)}
+        return _read(file, names, frozenset((each, each.stat().st_mtime_ns) for each in files if each.exists()))
     except RobotModelError as error:
         return Look(missing=f"drawn by its joints: {error}")
     except ValueError:
@@ -87,9 +85,18 @@ def read_look(file: Path, names: tuple[str, ...]) -> Look:
         return Look(missing=f"pip install 'invariantqp[{error.extra}]' draws its meshes")
 
 
-def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:
-    from invariantqp.view.meshes import reduced
+@lru_cache(maxsize=8)
+def _read(file: Path, names: tuple[str, ...], _changed: frozenset[tuple[Path, int]]) -> Look:
+    name, root = read_xml(file)
+    if root.find("link/visual") is None:  # an MJCF among others
+        return Look()
+    return Look(tuple(_parts(file, root, joints_of(name, root), list(names))))
 
+
+def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:
+    from invariantqp.view.meshes import read_meshes, reduced
+
+    read = cache(read_meshes)
     places = _places(joints, names)
     colours = {m.get("name"): _rgb(m) for m in root.findall("material")}
     found: list[tuple[int, Mesh]] = []
@@ -97,7 +104,7 @@ def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[st
         joint, T = places.get(link.get("name", ""), (0, np.eye(4)))
         for visual in link.findall("visual"):
             place = T.dot(_origin(visual.find("origin")))
-            for mesh in _shapes(file, visual.find("geometry")):
+            for mesh in _shapes(file, visual.find("geometry"), read):
                 material = visual.find("material")
                 own = None if material is None else _rgb(material) or colours.get(material.get("name"))
                 vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
@@ -143,14 +150,14 @@ def _places(joints: list[TreeJoint], names: list[str]) -> dict[str, tuple[int, A
     return places
 
 
-def _shapes(file: Path, geometry: ET.Element | None) -> list[Mesh]:
-    """The shapes of a visual, in its own frame."""
+def _shapes(file: Path, geometry: ET.Element | None, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
+    """The shapes of a visual, in its own frame; `read` reads a mesh file."""
     from invariantqp.view import meshes
 
     for shape in () if geometry is None else geometry:
         if shape.tag == "mesh":
             scale = _numbers(shape.get("scale", "1 1 1"))
-            found = meshes.read_meshes(_file(file, shape.get("filename", "")))
+            found = read(_file(file, shape.get("filename", "")))
             order = slice(None, None, -1 if np.prod(scale) < 0.0 else 1)  # a mirror image turns its triangles over
             return [mesh._replace(vertices=mesh.vertices * scale, faces=mesh.faces[:, order]) for mesh in found]
         if shape.tag == "box":

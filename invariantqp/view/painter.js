@@ -93,9 +93,9 @@ class Painter {
     const p = this.project(at), q = other && this.project(other);
     if (p) this.words.push(pen => {
       pen.font = "600 13px system-ui, sans-serif"; pen.fillStyle = ink;
-      const left = (q && q[0] > p[0]) || p[0] + 14 + pen.measureText(words).width > this.width;
-      pen.textAlign = left ? "right" : "left";
-      pen.fillText(words, p[0] + (left ? -14 : 14), p[1] + 4);
+      const wide = pen.measureText(words).width, beside = q && q[0] > p[0] ? p[0] - 14 - wide : p[0] + 14;
+      const x = Math.max(4, Math.min(beside, this.width - wide - 4));  // above the tip where it does not fit
+      pen.fillText(words, x, p[1] + (x === beside ? 4 : -14));
     });
   }
 

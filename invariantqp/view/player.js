@@ -45,9 +45,9 @@ const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLi
 const charts = run.charts.map(c => new Chart($("side"), c, time, limited, t => { play(false); seek(t); }));
 const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
   travel: rgb(run.hues.travel), dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
-$("key").innerHTML = `<i style="color:${run.hues.wanted}"></i>path wanted<i style="color:${run.hues.drawn}"></i>path drawn`
-  + (arrays.force ? `<i style="color:${run.hues.force}"></i>force of the tool` : "")
-  + `<i style="color:${run.hues.travel}"></i>velocity of the tool`
+const keyed = (hue, words) => `<span><i style="color:${run.hues[hue]}"></i>${words}</span> `;
+$("key").innerHTML = keyed("wanted", "path wanted") + keyed("drawn", "path drawn")
+  + (arrays.force ? keyed("force", "force of the tool") : "") + keyed("travel", "velocity of the tool")
   + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
     : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far");
 if (run.missing) $("key").append(document.createElement("br"), run.missing);
@@ -63,9 +63,10 @@ function triad(T, length, width, alpha, names) {
   });
 }
 
-// An arrow whose length is a share of the longest, with its size and unit at the tip.
-function arrow(at, way, share, hue, words) {
-  if (share < 0.01) return;
+// An arrow by the scale of its kind, with its size and unit at the tip; none for what is less than `least`.
+function arrow(at, way, [least, most], hue, words) {
+  const size = norm(way), share = Math.max(0.1, size / most);
+  if (size < least) return;
   const tip = add(at, unit(way), 0.35 * r * share), neck = add(tip, unit(way), -Math.min(0.06, 0.2 * share) * r);
   painter.bar(at, neck, 0.01 * r, 0.01 * r, hue);
   painter.bar(neck, tip, 0.028 * r, 0.001 * r, hue);
@@ -123,11 +124,11 @@ function draw() {
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
     told.push(`force  ${size.toFixed(2)} N`);
-    arrow(at, push, size / run.strongest, HUES.force, `${size.toFixed(1)} N`);
+    arrow(at, push, run.force_scale, HUES.force, `${size.toFixed(1)} N`);
   }
   const going = between("travel", f), pace = norm(going);
   told.push(`speed  ${written(1000 * pace)} mm/s`);
-  arrow(spot(tool), going, pace / run.fastest, HUES.travel, `${written(1000 * pace)} mm/s`);
+  arrow(spot(tool), going, run.travel_scale, HUES.travel, `${written(1000 * pace)} mm/s`);
   painter.end();
   $("told").replaceChildren(...told.map(words => {
     const line = document.createElement("span");

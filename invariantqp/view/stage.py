@@ -22,10 +22,8 @@ WANTED, DRAWN, LINK, DARK = (230, 159, 0), (0, 114, 178), (174, 186, 198), (74, 
 TOUCHED, FORCE, TRAVEL = (205, 187, 159), (190, 60, 0), (0, 158, 115)
 # A face of four corners as two triangles.
 HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-# Length of the arrow of the strongest force, and of the highest velocity.
-LONGEST = 0.35
-# No arrow is drawn that is a smaller part of the longest.
-SHORTEST = 0.01
+# Lengths of the arrow of a strong force or a high velocity, and of any that is drawn.
+LONGEST, SHORTEST = 0.35, 0.035
 # Where the camera is, from the centre.
 EYE = np.array([1.45, -1.65, 1.0])
 # What is in the middle of a narrow screen, whose lower half the panel covers.
@@ -52,8 +50,8 @@ class Stage:
         axis = film.surroundings.axis
         self._axis = None if axis is None else self._at(axis)
         self._add_surroundings(film)
-        self._force = _Arrow(self._draw, "/force", FORCE, film.strongest if film.force is not None else 0.0)
-        self._travel = _Arrow(self._draw, "/velocity", TRAVEL, film.fastest)
+        self._force = _Arrow(self._draw, "/force", FORCE, film.force_scale)
+        self._travel = _Arrow(self._draw, "/velocity", TRAVEL, film.travel_scale)
         self._screws = film.screws
         self._parts = [(part.joint, self._add_part(i, part)) for i, part in enumerate(film.look.parts)]
         self._links: list[Any] = []
@@ -148,10 +146,12 @@ class Stage:
 
 
 class _Arrow:
-    """An arrow with its size beside it; the longest that is known at first is `LONGEST`."""
+    """An arrow with its size beside it, by the scale (least, most) that is known at first; the largest is `LONGEST`."""
 
-    def __init__(self, draw: viser.SceneApi, name: str, colour: tuple[int, int, int], most: float) -> None:
-        self._most = most
+    def __init__(
+        self, draw: viser.SceneApi, name: str, colour: tuple[int, int, int], scale: tuple[float, float]
+    ) -> None:
+        self._least, self._most = scale
         nowhere = np.zeros((1, 2, 3))
         self._arrow = draw.add_arrows(
             name, nowhere, colour, shaft_radius=0.012, head_radius=0.03, head_length=0.06, visible=False
@@ -162,10 +162,10 @@ class _Arrow:
         """Draw a vector (3,) at a place (3,); none where it is short."""
         size = float(np.linalg.norm(vector))
         self._most = max(self._most, size)
-        seen = size > SHORTEST * self._most
+        seen = size > self._least
         self._arrow.visible = self._label.visible = seen
         if seen:
-            tip = at + LONGEST / self._most * vector
+            tip = at + max(LONGEST / self._most, SHORTEST / size) * vector
             self._arrow.points = np.array([[at, tip]], dtype=np.float32)
             self._label.position, self._label.text = tip, words
 

@@ -110,6 +110,13 @@ def test_the_page_places_the_arm_where_it_is(opened, trace):
     )
 
 
+def test_an_arrow_is_seen_where_the_tool_moves_however_fast_it_was_elsewhere(opened):
+    drawn = """const all = [], bar = painter.bar; painter.bar = (a, b) => all.push(norm(add(b, a, -1)) / r);
+      arrow([0, 0, 0], [0, 0, arguments[0]], [1e-3, 1], [0, 0, 0], ""); delete painter.bar;
+      return all.reduce((a, b) => a + b, 0);"""
+    assert [opened.execute_script(drawn, pace) for pace in (9e-4, 2e-3, 0.5)] == pytest.approx([0, 0.035, 0.175])
+
+
 def test_the_page_asks_nothing_of_a_network(opened):
     asked = [line["message"] for line in opened.get_log("performance") if "requestWillBeSent" in line["message"]]
     assert asked

@@ -1,5 +1,6 @@
 """What an arm looks like: its parts are where Pinocchio places its meshes, and few enough to send."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -42,11 +43,6 @@ def written(tmp_path, far="<sphere radius='0.1'/>"):
     file = tmp_path / "arm.urdf"
     file.write_text(WHEELED.format(far=far))
     return file
-
-
-@pytest.fixture(autouse=True)
-def forgotten():
-    look.read_look.cache_clear()
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -92,12 +88,10 @@ def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
 
 def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
     for gone in ("<mesh filename='none.stl'/>", "<mesh filename='package://none/none.stl'/>"):
-        look.read_look.cache_clear()
         assert look_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]).missing.startswith(
             "drawn by its joints: "
         )
     assert look_of(task_of("ur5e", 6), iq.load_robot("ur5e").names) == Look()
-    look.read_look.cache_clear()
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     monkeypatch.delitem(sys.modules, "invariantqp.view.meshes")
     said = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
@@ -123,3 +117,19 @@ def test_a_file_without_triangles_is_no_mesh(tmp_path):
     (tmp_path / "empty.obj").write_text("v 0 0 0")
     said = look_of(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2), ["turn", "slide"])
     assert said == Look(missing="drawn by its joints: empty.obj has no triangles")
+
+
+def test_a_mesh_is_read_once_and_again_when_it_has_changed(tmp_path, monkeypatch):
+    reads, read = [], meshes.read_meshes
+    monkeypatch.setattr(meshes, "read_meshes", lambda file: (reads.append(file), read(file))[1])
+    mesh = tmp_path / "box.stl"
+    trimesh.creation.box().export(mesh)
+    twice = "<mesh filename='box.stl'/></geometry></visual><visual><geometry><mesh filename='box.stl'/>"
+    task = task_of(str(written(tmp_path, twice)), 2)
+    first = look_of(task, ["turn", "slide"])
+    assert look_of(task, ["turn", "slide"]) is first
+    assert reads == [mesh]
+    trimesh.creation.box([3.0, 3.0, 3.0]).export(mesh)
+    os.utime(mesh, (0, 0))
+    assert max(part.vertices[:, 1].max() for part in look_of(task, ["turn", "slide"]).parts) == pytest.approx(1.5)
+    assert reads == [mesh, mesh]

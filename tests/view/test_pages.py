@@ -271,6 +271,16 @@ def test_a_velocity_is_how_the_tool_moves(film, trace):
     assert np.linalg.norm(film.travel[50]) > 0.2
 
 
+def test_arrows_are_scaled_by_the_run_but_not_by_rest(film, task):
+    slowest, longest = film.travel_scale
+    assert longest == pytest.approx(np.percentile(np.linalg.norm(film.travel, axis=1), 99))
+    assert slowest == pytest.approx(2e-4 * film.size)
+    assert film_before(task).travel_scale[1] == pytest.approx(longest, rel=0.05)  # the path's, while the run is running
+    resting = replace(film, travel=1e-6 * film.travel, force=1e-6 * film.travel)
+    assert resting.travel_scale == (slowest, 10.0 * slowest)
+    assert resting.force_scale == pytest.approx((0.05, 0.5))
+
+
 def test_the_longest_film_is_a_small_file(tmp_path):
     long = iq.run_task(iq.load_task("panda_path"), dt=0.005)
     assert len(film_of(long).time) == 600
