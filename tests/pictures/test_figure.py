@@ -14,12 +14,11 @@ from invariantqp.pictures.figure import figure_file
 
 ROOT = Path(__file__).parents[2]
 
-# Everything is imported and drawn once, as a notebook with a backend of its own would do it.
+# All that knows Matplotlib is imported and drawn once, as a notebook with a backend of its own would do it.
 SCRIPT = """
 import json, os, sys
 from importlib import import_module
 from pathlib import Path
-from pkgutil import walk_packages
 import matplotlib
 def look():
     # Reading rcParams["backend"] would select one.
@@ -27,8 +26,10 @@ def look():
     return {"backend": matplotlib.get_backend(auto_select=False), **rest}
 before = look()
 import invariantqp as iq
-for module in walk_packages(iq.__path__, "invariantqp."):
-    import_module(module.name)
+package = Path(iq.__file__).parent
+for file in package.rglob("*.py"):
+    if "matplotlib" in file.read_text(encoding="utf-8"):
+        import_module(".".join(file.relative_to(package.parent).with_suffix("").parts))
 imported = look()
 from invariantqp.compare.report import chart
 from invariantqp.compare.results import load_results

@@ -44,13 +44,17 @@ def trace():
     return iq.run_task(task_from(TASK, "short"))
 
 
+@pytest.fixture(scope="module")
+def page(trace, tmp_path_factory):
+    return iq.view.animation(trace, tmp_path_factory.mktemp("page") / "short.html")
+
+
 @pytest.fixture
-def opened(browser, trace, tmp_path):
+def opened(browser, page):
     """The page, standing still at half a second."""
-    file = iq.view.animation(trace, tmp_path / "short.html")
     browser.get("about:blank")
     browser.get_log("browser"), browser.get_log("performance")
-    browser.get(f"{file.as_uri()}#0.5")
+    browser.get(f"{page.as_uri()}#0.5")
     return browser
 
 
@@ -175,6 +179,10 @@ def test_the_served_page_plays_and_pauses(browser, monkeypatch):
     minute = {"path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}
     task = task_from({**TASK, **minute, "robot": {**TASK["robot"], "source": "fr3"}}, "a minute")  # no meshes to draw
     viewer = iq.view.Viewer(task, port=0)
+    scene = viewer._server.scene  # without what software draws slowest
+    scene.configure_default_lights(enabled=True, cast_shadow=False)
+    scene.configure_environment_map(None)
+    scene.remove_by_name("/floor")
     serving = threading.Thread(target=viewer.play, args=(iq.run_task(task, observer=viewer.watch),))
     try:
         serving.start()
