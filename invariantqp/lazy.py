@@ -61,30 +61,26 @@ def load_lazily(
     module: str,
     names: Mapping[str, Collection[str]],
     *,
-    namespaces: Collection[str] = (),
+    namespaces: str = "",
     own: Collection[str] = (),
-    moved: Mapping[str, Collection[str]] | None = None,
+    moved: Mapping[str, str] | None = None,
 ) -> None:
     """Give a module public names that are loaded when first used.
 
     Args:
         module: its `__name__`.
         names: public names by the modules that they live in.
-        namespaces: modules below it to load in the same way.
+        namespaces: modules below it to load in the same way, in one text.
         own: public names that it has already.
-        moved: names that it had once, by the modules that have them now; they still work, with a DeprecationWarning.
+        moved: names that it had once, in one text for each of the modules that have them now; they still work, with a
+            DeprecationWarning.
     """
-    module_of = _by_name(names)
+    module_of = {name: home for home, inside in names.items() for name in inside}
     lazy = sys.modules[module]
     lazy.__dict__.update(
         _MODULE_OF=module_of,
-        _NAMESPACES=tuple(namespaces),
-        _MOVED=_by_name(moved or {}),
+        _NAMESPACES=tuple(namespaces.split()),
+        _MOVED={name: home for home, inside in (moved or {}).items() for name in inside.split()},
         __all__=[*module_of, *own],
     )
     lazy.__class__ = LazyModule
-
-
-def _by_name(names: Mapping[str, Collection[str]]) -> dict[str, str]:
-    """The module of each name."""
-    return {name: home for home, inside in names.items() for name in inside}

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.batches.motions import vector_of
-from invariantqp.batches.namespace import Namespace, Rows, chosen_text, shaped, together
+from invariantqp.batches.namespace import Namespace, Rows, shaped, together
 from invariantqp.batches.velocities import velocities
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
@@ -68,16 +68,17 @@ class DifferentialIK:
                 velocity limit that is not positive.
         """
         self.cfg = cfg
-        self._position = chosen_text(getattr(cfg, "command_type", cfg), ("position", "pose"), "cfg") == "position"
+        self._position = arrays.choice(getattr(cfg, "command_type", cfg), "cfg", ("position", "pose")) == "position"
         self._relative = arrays.flag(getattr(cfg, "use_relative_mode", False), "cfg")
         self.num_envs = arrays.count(num_envs, "num_envs", MOST_ROWS)
-        self._order = chosen_text(quaternion, ORDERS, "quaternion")
+        self._order = arrays.choice(quaternion, "quaternion", ORDERS)
         self._dt = arrays.number(dt, "dt", "a time", positive=True)
         if position_limits is not None and (
             not isinstance(position_limits, (tuple, list)) or len(position_limits) != 2
         ):
             raise BadInput("position_limits", excerpt(position_limits), "(lower, upper)")
-        self._limits = _checked(*(position_limits or (None, None)), velocity_limit)
+        lower, upper = position_limits or (None, None)
+        self._limits = _checked(lower, upper, velocity_limit)
         self.ee_pos_des: Rows | None = None
         self.ee_quat_des: Rows | None = None
         self.status: Rows | None = None

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput
 from invariantqp.extras import require
 from invariantqp.geometry import arrays as checks
 
@@ -178,14 +178,3 @@ def _written(whole: Any, here: Any, part: Any) -> Any:
 def precision(xp: Namespace, value: Rows) -> float:
     """The rounding of an array's numbers."""
     return float(xp.finfo(value.dtype).eps)
-
-
-def chosen_text(value: Any, choices: tuple[str, ...], argument: str) -> str:
-    """One of some words.
-
-    Raises:
-        BadInput: another.
-    """
-    if not isinstance(value, str) or value not in choices:
-        raise BadInput(argument, excerpt(value), " or ".join(f'"{c}"' for c in choices))
-    return value

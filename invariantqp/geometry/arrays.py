@@ -120,6 +120,15 @@ def matrix(value: ArrayLike, shape: tuple[int | None, int], argument: str) -> Ar
     return _finite(a, argument, expected)
 
 
+def symmetric(value: ArrayLike, size: int, argument: str, expected: str = "", remedy: str = "") -> Array:
+    """A finite symmetric (size, size) matrix; `SYMMETRY_TOLERANCE` is relative to its largest entry."""
+    a = matrix(value, (size, size), argument)
+    if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.abs(a).max(initial=0.0)).any():
+        expected = expected or f"a symmetric ({size}, {size}) matrix"
+        raise BadInput(argument, "a matrix that is not symmetric", expected, remedy)
+    return a
+
+
 def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     """A symmetric positive-definite (size, size) matrix; a (size,) vector is its diagonal."""
     expected = f"a symmetric positive-definite ({size}, {size}) matrix or its {size} diagonal entries"

@@ -25,6 +25,8 @@ from invariantqp.geometry.arrays import Array
 # Below this angle [rad] the closed coefficients of exp and log lose digits to cancellation; three terms of their
 # series are exact to rounding there (the next term is below 1e-18).
 SMALL_ANGLE = 1e-2
+# Where a direction is this nearly parallel to x (cosine), what is chosen across it is near y.
+NEARLY_ALONG = 0.9
 
 
 def cross_matrix(a: ArrayLike) -> Array:
@@ -60,6 +62,14 @@ def facing(z: Array, point: Array) -> Array:
     x = cross(np.eye(3)[int(np.abs(z).argmin())], z)
     x /= sqrt(x.dot(x))
     return transform(np.column_stack((x, cross(z, x), z)), point)
+
+
+def across(z: Array) -> tuple[Array, Array]:
+    """Two unit vectors across another (3,), right-handed about it; the first is near the x axis, or else the y axis."""
+    x = np.eye(3)[0 if abs(z[0]) < NEARLY_ALONG else 1]
+    x = x - z * z.dot(x)
+    x /= sqrt(x.dot(x))
+    return x, cross(z, x)
 
 
 def inverse(pose: ArrayLike, *, check: bool = True) -> Array:
@@ -127,11 +137,8 @@ def coadjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    T: Any = pose if check is False else arrays.pose(pose)
-    R = T[:3, :3]
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = R
-    A[:3, 3:] = _cross(T[:3, 3]).dot(R)
+    A = adjoint(pose, check=check)
+    A[:3, 3:], A[3:, :3] = A[3:, :3], 0.0
     return A
 
 

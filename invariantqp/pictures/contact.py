@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLACK, BLUE, ORANGE, RULE, SHADE, SKY, VERMILION
@@ -20,8 +21,6 @@ from invariantqp.runs.trace import Trace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Where the normal is this nearly parallel to x of the base (cosine), the first axis of the picture is the base's y.
-NEARLY_ALONG = 0.9
 # A direction whose largest component is this close to 1 is called x, y or z.
 ALONG = 1e-9
 # The force axis ends at this multiple of the wanted force, so that noisy readings do not hide the force.
@@ -99,7 +98,7 @@ def _settling(axes: Axes, trace: Trace, label: str) -> None:
 
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
-    across = _axes_of(contact.normal)
+    across = np.stack(se3.across(contact.normal))
     first = trace.counted_from
     asked = 1e3 * (contact.asked[first:] - contact.asked[0]).dot(across.T)
     drawn = 1e3 * (contact.drawn[first:] - contact.asked[0]).dot(across.T)
@@ -111,14 +110,6 @@ def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     axes.set_ylabel(f"{names[1]} [mm]")
     axes.legend(loc="upper right", fontsize=8)
     axes.set_title("path of the tool point in the plane of contact", fontsize=9)
-
-
-def _axes_of(normal: Array) -> Array:
-    """(2, 3) the axes of the picture: right-handed about the normal, the first as close to the base's x as possible."""
-    x = np.eye(3)[0 if abs(normal[0]) < NEARLY_ALONG else 1]
-    x = x - normal * normal.dot(x)
-    x /= np.linalg.norm(x)
-    return np.stack((x, np.cross(normal, x)))
 
 
 def _named(axis: Array) -> str:

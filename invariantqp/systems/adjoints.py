@@ -44,7 +44,7 @@ def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
     if a.ndim != 2:
         raise BadInput("A", f"shape {a.shape}", "shape (n, m)")
     n, m = a.shape
-    M, N = _form(domain, m, "domain"), _form(codomain, n, "codomain")
+    M, N = arrays.symmetric(domain, m, "domain"), arrays.symmetric(codomain, n, "codomain")
     if not np.linalg.cond(M) <= LARGEST_CONDITION:
         raise BadInput("domain", "a singular form", "one that pairs no vector to zero with all others")
     return np.asarray(np.linalg.solve(M, arrays.matrix(a, (n, m), "A").T.dot(N)))
@@ -74,11 +74,3 @@ def h_adjoint(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) 
         return images
     M = arrays.positive_definite(joint_metric, twists.shape[1], "joint_metric")
     return np.asarray(np.linalg.solve(M, images))
-
-
-def _form(value: ArrayLike, size: int, argument: str) -> Array:
-    form = arrays.matrix(value, (size, size), argument)
-    root = np.abs(form).max(initial=0.0)
-    if (np.abs(form - form.T) > arrays.SYMMETRY_TOLERANCE * root).any():
-        raise BadInput(argument, "a matrix that is not symmetric", f"a symmetric ({size}, {size}) matrix")
-    return form

@@ -75,7 +75,4 @@ def _symmetric(value: ArrayLike, m: int) -> Array:
         a = np.diag(np.broadcast_to(a, m) if a.ndim == 0 else a)
     if a.shape != (m, m):
         raise BadInput("Lambda", f"shape {np.shape(value)}", expected)
-    a = arrays.matrix(a, (m, m), "Lambda")
-    if (np.abs(a - a.T) > arrays.SYMMETRY_TOLERANCE * np.abs(a).max()).any():
-        raise BadInput("Lambda", "a matrix that is not symmetric", expected, "Pass (A + A.T) / 2 if that is meant.")
-    return a
+    return arrays.symmetric(a, m, "Lambda", expected, "Pass (A + A.T) / 2 if that is meant.")

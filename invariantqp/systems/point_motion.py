@@ -14,7 +14,6 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -58,14 +57,11 @@ def motions_along(point: ArrayLike, direction: ArrayLike) -> Array:
 
     Reference: [DS] Example 3 (the 4-system ev_x^-1(L)).
     """
-    p, q = arrays.vector(point, 3, "point"), arrays.vector(direction, 3, "direction")
-    length = float(np.linalg.norm(q))
-    if length == 0.0:
-        raise BadInput("direction", "the zero vector", "a direction", "Give a non-zero direction.")
+    p = arrays.vector(point, 3, "point")
     S = np.zeros((6, 4))
     S[:3, :3] = np.eye(3)
     S[3:, :3] = np.cross(p, np.eye(3)).T
-    S[3:, 3] = q / length
+    S[3:, 3] = arrays.direction(direction, "direction")
     return S
 
 

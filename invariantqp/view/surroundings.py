@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.geometry import screws
+from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.robots.kinematics import Robot
@@ -53,7 +53,7 @@ def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
 def _faces(surface: Surface, path: Array, margin: float) -> Array:
     """(SIDE^2, 4, 3) of a surface near a path."""
     if isinstance(surface, Plane):
-        u, v = _across(surface.normal)
+        u, v = se3.across(surface.normal)
     else:
         u, v = surface.axis, surface.depth(path.mean(axis=0))[1]
     from_point = path - surface.point
@@ -76,11 +76,3 @@ def _bent(bar: Cylinder, along: Array, outward: Array) -> Array:
 
 def _grid(values: Array, margin: float) -> Array:
     return np.linspace(values.min() - margin, values.max() + margin, SIDE + 1)
-
-
-def _across(normal: Array) -> tuple[Array, Array]:
-    """Two unit directions in the plane of a unit normal, the first as near as possible to the base's x or y axis."""
-    x = np.eye(3)[0 if abs(normal[0]) < 0.9 else 1]
-    u = x - normal * normal.dot(x)
-    u /= np.linalg.norm(u)
-    return u, np.cross(normal, u)

@@ -19,6 +19,7 @@ from invariantqp.compare.laws.peers import (
     at_point,
     joints_of,
     lead_target,
+    position_task,
     qp_damping,
     share_of,
 )
@@ -63,7 +64,9 @@ class MinkLaw:
         if pull.any():
             self._tasks.append(mink.PostureTask(model, cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
             self._tasks[-1].set_target(mid)
-        self._exact = [_point_task(mink, self._share)] if law.exact is not None else []
+        self._exact: list[Any] = []
+        if law.exact is not None:
+            self._exact.append(position_task(mink.FrameTask, "point", "site", gain=self._share))
         speeds = {n: v for n, v in zip(robot.names, robot.velocity_limit.tolist(), strict=True) if np.isfinite(v)}
         self._limits = [mink.ConfigurationLimit(model), *([mink.VelocityLimit(model, speeds)] if speeds else [])]
 
@@ -86,22 +89,10 @@ class MinkLaw:
         return VelocitySolution(np.asarray(x), "mink", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
 
 
-def _point_task(mink: Any, gain: float) -> Any:
-    """The position of the told point as a task of three rows, which mink can take as a constraint."""
-
-    class MinkPoint(mink.FrameTask):  # type: ignore[misc]
-        def compute_error(self, configuration: Any) -> Any:
-            return super().compute_error(configuration)[:3]
-
-        def compute_jacobian(self, configuration: Any) -> Any:
-            return super().compute_jacobian(configuration)[:3]
-
-    return MinkPoint("point", "site", 1.0, 1.0, gain=gain)
-
-
 def _model(robot: Robot, point: Array) -> Any:
     """A MuJoCo model of the joints, base first; at q = 0 the frame of every link is the base frame."""
     import mujoco
+    from scipy.spatial.transform import Rotation
 
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -119,15 +110,8 @@ def _model(robot: Robot, point: Array) -> Any:
         )
     home = robot.pose(np.zeros(len(robot.names)))
     for name, frame in (("tool", home), ("point", home.dot(point))):
-        body.add_site(name=name, pos=frame[:3, 3], quat=_quaternion(frame[:3, :3]))
+        body.add_site(name=name, pos=frame[:3, 3], quat=Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True))
     return spec.compile()
-
-
-def _quaternion(R: Array) -> Array:
-    """(w, x, y, z) of a rotation matrix: MuJoCo puts w first."""
-    from scipy.spatial.transform import Rotation
-
-    return np.roll(Rotation.from_matrix(R).as_quat(), 1)
 
 
 METHODS = [

@@ -22,6 +22,7 @@ from invariantqp.compare.laws.peers import (
     at_point,
     joints_of,
     lead_target,
+    position_task,
     qp_damping,
     share_of,
 )
@@ -80,7 +81,7 @@ class PinkLaw:
             self._tasks.append(pink.PostureTask(cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
             self._tasks[-1].set_target(mid)
         if law.exact is not None:
-            self._exact.append(_point_task(pink, POINT, self._share))
+            self._exact.append(position_task(pink.FrameTask, POINT, gain=self._share))
         self._offset = at_point(law)
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
@@ -101,19 +102,6 @@ class PinkLaw:
             safety_break=False,
         )
         return VelocitySolution(np.asarray(x), "pink", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
-
-
-def _point_task(pink: Any, frame: str, gain: float) -> Any:
-    """The position of a frame's origin as a task of three rows, which Pink can take as a constraint."""
-
-    class PinkPoint(pink.FrameTask):  # type: ignore[misc]
-        def compute_error(self, configuration: Any) -> Any:
-            return super().compute_error(configuration)[:3]
-
-        def compute_jacobian(self, configuration: Any) -> Any:
-            return super().compute_jacobian(configuration)[:3]
-
-    return PinkPoint(frame, 1.0, 1.0, gain=gain)
 
 
 def _takes(damping: str) -> Takes:

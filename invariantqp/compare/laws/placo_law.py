@@ -107,6 +107,8 @@ class PlacoLaw:
 
 def _urdf(robot: Robot, point: Array) -> str:
     """The joints as a URDF, base first, and frames `tool` and `point` on the last link."""
+    from scipy.spatial.transform import Rotation
+
     parts, parent, origin = [LINK.format("base")], "base", np.zeros(3)
     bounds = zip(robot.position_lower, robot.position_upper, robot.velocity_limit, strict=True)
     for name, joint, (lower, upper, speed) in zip(robot.names, joints_of(robot), bounds, strict=True):
@@ -129,7 +131,8 @@ def _urdf(robot: Robot, point: Array) -> str:
         parent, origin = f"{name} link", joint.point
     home = robot.pose(np.zeros(len(robot.names)))
     for name, frame in (("tool", home), ("point", home.dot(point))):
-        place = {"xyz": _words(frame[:3, 3] - origin), "rpy": _words(_roll_pitch_yaw(frame[:3, :3]))}
+        angles = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
+        place = {"xyz": _words(frame[:3, 3] - origin), "rpy": _words(angles)}
         fixed = {"kind": "fixed", "axis": "0 0 1", "lower": 0.0, "upper": 0.0, "speed": 0.0}
         parts += [LINK.format(name), JOINT.format(name=f"to {name}", parent=parent, child=name, **place, **fixed)]
     return f'<robot name="arm">{"".join(parts)}</robot>'
@@ -137,12 +140,6 @@ def _urdf(robot: Robot, point: Array) -> str:
 
 def _words(numbers: Array) -> str:
     return " ".join(repr(float(number)) for number in numbers)
-
-
-def _roll_pitch_yaw(R: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(R).as_euler("xyz"))
 
 
 METHODS = [

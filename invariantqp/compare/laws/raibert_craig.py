@@ -78,7 +78,7 @@ class RaibertCraig:
         to_sensor = self.axes.T.dot(T[:3, :3]).dot(self._sensor_axes)
         felt = np.concatenate((to_sensor.dot(reading[:3]), to_sensor.dot(reading[3:])))
         # Twists about the tool's origin, in the axes of the task frame.
-        at_tool = se3.adjoint(se3.inverse(_placed(self.axes, T[:3, 3]), check=False), check=False)
+        at_tool = se3.adjoint(se3.inverse(se3.transform(self.axes, T[:3, 3]), check=False), check=False)
         motion, force = (
             self.selection * at_tool.dot(s),
             (1.0 - self.selection) * self._compliance * (self._wanted - felt),
@@ -89,9 +89,3 @@ class RaibertCraig:
         active = tuple(np.flatnonzero(clipped != x).tolist())
         residual = s - sighting.J.dot(clipped)
         return VelocitySolution(clipped, "raibert-craig", "ok", "", active, residual, 1.0, 0.0, 0.0, "")
-
-
-def _placed(axes: Array, point: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = axes, point
-    return T

@@ -98,12 +98,12 @@ def frame_check(
         plain, other, nudged = (
             run(setup, pilot_of(setup.brief, make), count) for setup in (as_told, moved, moved_start(task, as_told))
         )
-        change, control = (_change(plain.q, trace.q) for trace in (other, nudged))
+        change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
         checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
     return checks
 
 
-def _change(a: Array, b: Array) -> float:
+def largest_change(a: Array, b: Array) -> float:
     """The largest difference of two joint trajectories (n, m) and (k, m)."""
     n = max(len(a), len(b))
     return float(max(np.abs(a[min(i, len(a) - 1)] - b[min(i, len(b) - 1)]).max() for i in range(n)))

@@ -17,7 +17,7 @@ import numpy as np
 
 from invariantqp.compare.measure.cell import Cell, Kind, Result, with_law
 from invariantqp.compare.measure.displaced import displaced
-from invariantqp.compare.measure.frames import moved_start, random_displacement
+from invariantqp.compare.measure.frames import largest_change, moved_start, random_displacement
 from invariantqp.compare.measure.stability import INSIDE, Watched, quietly
 from invariantqp.compare.registry import controller_named
 from invariantqp.runs.pilots import pilot_of
@@ -53,8 +53,8 @@ def loops(cell: Cell) -> dict[str, Result]:
     changes = []
     for k in frames:
         other = displaced(prepare(task), random_displacement(cell.seed + k))
-        changes.append(_change(trace, run_of(other, cell.method)[1]))
-    control = _change(trace, run_of(moved_start(task, setup), cell.method)[1])
+        changes.append(largest_change(trace.q, run_of(other, cell.method)[1].q))
+    control = largest_change(trace.q, run_of(moved_start(task, setup), cell.method)[1].q)
     return {cell.method: {**figures(law, trace), "frame": max(changes), "control": control}}
 
 
@@ -83,10 +83,6 @@ def figures(law: Watched, trace: Trace) -> Result:
         **ways,
         "failed_ticks": sum(ways.values()),
     }
-
-
-def _change(a: Trace, b: Trace) -> float:
-    return float(np.abs(a.q - b.q).max())
 
 
 def turns(cell: Cell) -> dict[str, Result]:
