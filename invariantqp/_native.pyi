@@ -62,6 +62,17 @@ def loop(
 def step(
     loop: Array, q: Any, target: Any, feedforward: Any, before: Array, convergence: tuple[Any, ...], /
 ) -> tuple[Any, ...] | None: ...
+def drive(
+    loop: Array,
+    course: Array,
+    q: Any,
+    state: tuple[Any, ...],
+    velocity: Any,
+    override: Any,
+    paused: bool,
+    back: bool,
+    /,
+) -> tuple[tuple[Any, ...], tuple[Any, ...], float, float, float, int, str] | None: ...
 def arm(
     numbers: Array,
     point: Array,

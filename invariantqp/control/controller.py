@@ -278,6 +278,16 @@ class Controller:
         state = self._here(positions, sighting, self._last(velocity), None)
         return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
 
+    @property
+    def compiled(self) -> Array | None:
+        """The fixed numbers of this loop for the compiled core; None for a loop that the core does not have."""
+        return self._compiled
+
+    def followed(self, fields: tuple[Any, ...], velocity: Array, q: ArrayLike) -> VelocitySolution:
+        """The solution of a tick that the core answered in place of `follow`: its fields, and the velocity once more."""
+        self._memory = _Memory(velocity, self._memory.turn, self._memory.convergence)
+        return self._outside(VelocitySolution._make(fields), q)
+
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
         return (self._middle - q) * self._pull if self.posture_gain else None

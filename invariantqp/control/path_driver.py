@@ -20,10 +20,11 @@ from invariantqp.control.asked import asked
 from invariantqp.control.beside import Beside, look
 from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
+from invariantqp.control.path_compiled import compiled_course, compiled_drive
 from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import PAUSE, reported
+from invariantqp.control.path_report import PAUSE, TURN, reported
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
@@ -90,6 +91,7 @@ class PathDriver:
         if tolerance is not None:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
         self._path: GivenPath | None = None
+        self._course: tuple[GivenPath, PathPlan, Array] | None = None  # for the compiled core
         self._search: PathSearch | None = None
         self._goal: Any = None
         self._trouble = ""
@@ -117,6 +119,10 @@ class PathDriver:
         Raises:
             BadInput: NaN, wrong shapes, an override out of its range; the follower is as it was.
         """
+        if self._search is None or self._search.done:
+            answer = self._compiled_step(q, velocity, override)
+            if answer is not None:
+                return answer
         m = len(self.controller.robot.names)
         positions = arrays.vector(q, m, "q")
         before = self._state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
@@ -133,6 +139,31 @@ class PathDriver:
                 return self._drive(self._path, self.plan, state, here, positions, part)
             self._lose(here)
         return self._set_out(positions, before)
+
+    def _compiled_step(self, q: ArrayLike, velocity: ArrayLike | None, override: float) -> PathSolution | None:
+        """A tick on the path by the compiled core; None where it has to be Python's."""
+        path, plan, state = self._path, self.plan, self._state
+        if path is None or plan is None:
+            return None
+        if self._course is None or self._course[0] is not path or self._course[1] is not plan:
+            course = compiled_course(self.controller, path, plan, self._pace, self._tolerance)
+            self._course = path, plan, course
+        found = compiled_drive(
+            self.controller,
+            self._course[2],
+            plan,
+            self._pace,
+            q,
+            state,
+            velocity,
+            override=override,
+            paused=self._paused,
+            back=self._wants_back,
+        )
+        if found is None:
+            return None
+        answer, self._state = found
+        return answer
 
     def _set_out(self, q: Array, before: Array) -> PathSolution:
         """On the way to the place where the path is to be driven from, and looking along it there."""
@@ -158,14 +189,13 @@ class PathDriver:
         self, path: GivenPath, plan: PathPlan, state: PathState, here: Beside, q: Array, override: float
     ) -> PathSolution:
         """A tick on the path."""
-        back, stop = self._wants_back, PAUSE if self._paused else ""
-        if back != state.back:
-            stop = stop or "the turn"
+        back = self._wants_back
+        stop = PAUSE if self._paused else TURN if back != state.back else ""
         driven = drive(
             self.controller, path.curve, plan, state, here, q, self._pace, override=override, stop=stop, back=back
         )
         self._state = driven.state
-        stop = "" if stop == "the turn" and driven.state.back == back else stop
+        stop = "" if stop == TURN and driven.state.back == back else stop
         return reported(self.controller, path, plan, driven, self._pace, tolerance=self._tolerance, stop=stop)
 
     def _pushed(self, here: Beside, q: Array) -> bool:

@@ -19,6 +19,8 @@ from invariantqp.control.time_law import Ramp
 EASY_SHARE = 0.7
 # An S-curve stays below this share of what limits allow: at their edge joint accelerations leave no choice of speed.
 SMOOTH_SHARE = 0.95
+# What rules a tick where limits do not.
+ON_TIME, OVERRIDDEN, ASTRAY = "the rate asked for", "the override", "the arm is off its path"
 
 
 class Pace(NamedTuple):
@@ -55,11 +57,11 @@ class Pace(NamedTuple):
         possible = most_now if part == 1.0 else plan.speed(place, dt, part, back=back)
         wanted, ruling = possible, plan.ruling[plan.nearest(place)]
         if self.rate is not None and self.rate * override <= wanted:
-            wanted, ruling = self.rate * override, "the rate asked for"
+            wanted, ruling = self.rate * override, ON_TIME
         elif part < 1.0:
-            ruling = "the override"
+            ruling = OVERRIDDEN
         if near < 1.0:
-            wanted, ruling = near * wanted, "the arm is off its path"
+            wanted, ruling = near * wanted, ASTRAY
         if stop:
             wanted, ruling = 0.0, stop
         if self.jerk is None:

@@ -8,7 +8,7 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
 from invariantqp.control.joint_path import OFF_PATH
 from invariantqp.control.path_drive import STANDING, Driven
-from invariantqp.control.path_pace import Pace
+from invariantqp.control.path_pace import ON_TIME, Pace
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.geometry.arrays import Array
@@ -16,8 +16,8 @@ from invariantqp.geometry.arrays import Array
 # The end is reached within this share of the path, by joints slower than this share of their limits; what blocks the
 # path is reached within a larger one: at the edge of its reach an arm moves much for little.
 ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
-# Why a tool stands still that was told to.
-PAUSE = "a pause"
+# Why a tool comes to rest that was told to.
+PAUSE, TURN = "a pause", "the turn"
 # What rules at the end of the path, before the joints are at rest and after.
 SETTLING, ENDED = "settling", "the path's end"
 
@@ -60,7 +60,7 @@ def reported(
         status = "paused"
     elif not stop and plan.end - after.place <= near:
         ruling = SETTLING
-    elif ruling != "the rate asked for":
+    elif ruling != ON_TIME:
         status = "slowed"
     lag = None if pace.rate is None else after.ticks * dt - at / pace.rate
     return PathSolution(

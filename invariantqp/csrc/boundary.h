@@ -21,6 +21,9 @@ void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, doub
 PyObject *new_vector(int n, const double *values);
 PyObject *new_matrix(int rows, int n, int width, const double *values);
 
+/* module.c */
+const Loop *loop_of(PyObject *object);
+
 /* answer.c */
 PyObject *fields(int m, const Solution *solution);
 bool is_plain(const Solution *solution);
@@ -29,6 +32,9 @@ bool is_plain(const Solution *solution);
 PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
+/* driver.c */
+PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* sight.c */
 PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

@@ -17,6 +17,17 @@ void cross(const double a[3], const double b[3], double c[3])
     c[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+/* The bracket of two twists. */
+void lie(const double a[6], const double b[6], double c[6])
+{
+    double first[3], second[3];
+    cross(a, b + 3, first);
+    cross(a + 3, b, second);
+    cross(a, b, c);
+    for (int i = 0; i < 3; i++)
+        c[3 + i] = first[i] + second[i];
+}
+
 /* R b */
 void turned(const Pose *T, const double b[3], double c[3])
 {
@@ -24,7 +35,7 @@ void turned(const Pose *T, const double b[3], double c[3])
         c[i] = dot(3, T->R[i], b);
 }
 
-static void product(const Pose *A, const Pose *B, Pose *C)
+void product(const Pose *A, const Pose *B, Pose *C)
 {
     Pose result;
     for (int i = 0; i < 3; i++) {
@@ -45,7 +56,7 @@ static void series(const double w[3], double a, double b, const double x[3], dou
         y[i] = x[i] + a * wx[i] + b * wwx[i];
 }
 
-static void exponential(const double w[3], const double v[3], Pose *T)
+void exponential(const double w[3], const double v[3], Pose *T)
 {
     double t2 = dot(3, w, w), theta = sqrt(t2), a, b, c;
     if (theta < SMALL_ANGLE) {

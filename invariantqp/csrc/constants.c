@@ -1,6 +1,6 @@
 /* The constants of the twins, for the test that compares them with Python's. */
 
-#include "core.h"
+#include "path.h"
 
 #define ONE(file, name) {file "." #name, name}
 
@@ -58,5 +58,21 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", DEAREST),
     ONE("pose.newton", PENALTY_MARGIN),
     ONE("pose.error", DIFFERENCE),
+    ONE("control.joint_path", OFF_PATH),
+    ONE("control.path_rate", TICK_SHARE),
+    ONE("control.path_rate", EASY_SHARE),
+    ONE("control.path_drive", AWAY),
+    ONE("control.path_drive", AWAY_STOP),
+    ONE("control.path_drive", JOINT_GAIN),
+    ONE("control.path_drive", SINGULAR),
+    ONE("control.path_drive", REGULAR),
+    ONE("control.path_drive", STRAYED),
+    ONE("control.path_drive", STANDING),
+    ONE("control.path_drive", MISSED),
+    ONE("control.path_report", ARRIVED),
+    ONE("control.path_report", STOPPED),
+    {"control.path_report.AT_REST", SLOW_JOINT},
+    ONE("control.path_driver", DISPLACED),
+    ONE("control.path_driver", FASTEST),
     {NULL, 0.0},
 };

@@ -211,6 +211,9 @@ void pose_from(const double H[16], Pose *T);
 void place(const Pose *T, const double point[3], double p[3]);
 void turned(const Pose *T, const double b[3], double c[3]);
 void cross(const double a[3], const double b[3], double c[3]);
+void lie(const double a[6], const double b[6], double c[6]);
+void product(const Pose *A, const Pose *B, Pose *C);
+void exponential(const double w[3], const double v[3], Pose *T);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);
@@ -255,6 +258,7 @@ Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, c
                 const double *feedforward, Demand *demand);
 Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
+Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
              Convergence *watch, double turn[3], Solution *solution);
 

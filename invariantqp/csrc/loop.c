@@ -67,31 +67,46 @@ static Outcome approach(const Loop *loop, const Demand *demand, const double mea
     return braking_share(loop, (const Row *)A, measured, share);
 }
 
+/* controller.py: of a demand what no target decides, for joint twists demand->J. */
+Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand)
+{
+    double p[3];
+    demand->metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
+    demand->limits = (int)loop->limits;
+    memcpy(demand->G, loop->G, (size_t)demand->limits * sizeof(Row));
+    memcpy(demand->least, loop->least, sizeof(Row));
+    memcpy(demand->most, loop->most, sizeof(Row));
+    demand->row_rank = (int)loop->row_rank;
+    demand->dt = loop->dt;
+    demand->threshold = loop->threshold;
+    demand->ceiling = loop->ceiling;
+    demand->fixed = loop->fixed;
+    place(tool, loop->point, p);
+    root_at(p, loop->length, demand->root);
+    demand->cone.limit = loop->speed_limit;
+    if (loop->speed_limit > 0.0)
+        limited_point(loop, tool, demand);
+    if (loop->has_braking != 0.0)
+        return braking_box(loop, q, before, demand->lower, demand->upper);
+    box(loop, q, demand->lower, demand->upper);
+    return DONE;
+}
+
 /* `before` is the joint velocity now, which acceleration limits count from. */
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
              Convergence *watch, double turn[3], Solution *solution)
 {
     Demand demand;
     Pose tool, home;
-    double error[6], p[3], measured[6], change[6], square = 0.0, share = 1.0;
+    double error[6], measured[6], change[6], square = 0.0, share = 1.0;
     int m = demand.m = (int)loop->joints;
-    demand.metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
-    demand.limits = (int)loop->limits;
-    memcpy(demand.G, loop->G, (size_t)demand.limits * sizeof(Row));
-    memcpy(demand.least, loop->least, sizeof(Row));
-    memcpy(demand.most, loop->most, sizeof(Row));
     pose_from(loop->home, &home);
     kinematics(m, loop->screws, &home, q, demand.J, &tool);
-    if (error_twist(target, &tool, error) == HAND_BACK)
+    if (error_twist(target, &tool, error) == HAND_BACK || demand_in(loop, q, before, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
-    place(&tool, loop->point, p);
-    root_at(p, loop->length, demand.root);
     for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);
-    if (loop->has_braking == 0.0)
-        box(loop, q, demand.lower, demand.upper);
-    else if (braking_box(loop, q, before, demand.lower, demand.upper) == HAND_BACK ||
-             approach(loop, &demand, measured, &share) == HAND_BACK)
+    if (loop->has_braking != 0.0 && approach(loop, &demand, measured, &share) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < 6; i++) {
         demand.s[i] = share * loop->gain * error[i] + (feedforward == NULL ? 0.0 : feedforward[i]);
@@ -102,17 +117,8 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     demand.has_posture = loop->has_posture != 0.0;
     for (int j = 0; j < m; j++)
         demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
-    if (rows_of(loop->exact, (int)loop->wanted, share * loop->gain, &tool, target, feedforward, &demand) == HAND_BACK)
-        return HAND_BACK;
-    demand.row_rank = (int)loop->row_rank;
-    demand.cone.limit = loop->speed_limit;
-    if (loop->speed_limit > 0.0)
-        limited_point(loop, &tool, &demand);
-    demand.dt = loop->dt;
-    demand.threshold = loop->threshold;
-    demand.ceiling = loop->ceiling;
-    demand.fixed = loop->fixed;
-    if (solve(&demand, solution) == HAND_BACK)
+    if (rows_of(loop->exact, (int)loop->wanted, share * loop->gain, &tool, target, feedforward, &demand) == HAND_BACK ||
+        solve(&demand, solution) == HAND_BACK)
         return HAND_BACK;
     double moved[6];
     for (int i = 0; i < 6; i++)

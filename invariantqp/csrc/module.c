@@ -172,7 +172,7 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 }
 
 /* The numbers that `loop` returned, where they are; NULL for anything else. */
-static const Loop *loop_of(PyObject *object)
+const Loop *loop_of(PyObject *object)
 {
     if (!PyArray_Check(object))
         return NULL;
@@ -304,6 +304,8 @@ static PyMethodDef methods[] = {
     {"loop", (PyCFunction)(void (*)(void))loop, METH_FASTCALL, "The fixed numbers of a controller, for `step`."},
     {"step", (PyCFunction)(void (*)(void))controller_step, METH_FASTCALL,
      "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},
+    {"drive", (PyCFunction)(void (*)(void))path_drive, METH_FASTCALL,
+     "A tick along a path, the state after it and what is told of it, or None where Python has to drive."},
     {"sight", (PyCFunction)(void (*)(void))sight, METH_FASTCALL,
      "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."},
     {"cost", (PyCFunction)(void (*)(void))cost, METH_FASTCALL, "H and c of a frame task, or None where Python has to find them."},

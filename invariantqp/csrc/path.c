@@ -1,0 +1,391 @@
+/* Twin of control/beside.py, asked.py, path_pace.py, path_rate.py, path_drive.py, path_report.py: a tick on the path.
+
+       s = P'(sigma) v + gain e_across,     v <= what the joints can do here and can still brake from before what comes
+
+   What is handed back: an arm that is far off, where the path is left or ends short, and rows that nearly depend on
+   each other. */
+
+#include "path.h"
+#include <string.h>
+
+/* Less than this share of a direction left over by the others: Python decides whether it is one of its own. */
+static const double INDEPENDENT = 1e-5;
+
+/* beside.py; J and asked as in the beginning of the tick */
+typedef struct {
+    Row J[6], joints;
+    Pose target;
+    int rows;
+    double asked[6][6], place, across[6], off;
+} Beside;
+
+static double between(double x, double low, double high) { return fmin(fmax(x, low), high); }
+
+/* R of `rows` orthonormal rows, one more for a direction. */
+static Outcome with_direction(const double direction[6], double R[6][6], int *rows)
+{
+    double rest[6], size = norm(6, direction);
+    memcpy(rest, direction, sizeof rest);
+    for (int again = 0; again < 2; again++)
+        for (int i = 0; i < *rows; i++) {
+            double along = dot(6, R[i], rest);
+            for (int k = 0; k < 6; k++)
+                rest[k] -= along * R[i][k];
+        }
+    double left = norm(6, rest);
+    if (*rows == 6 || !(left > INDEPENDENT * size))
+        return HAND_BACK;
+    for (int k = 0; k < 6; k++)
+        R[*rows][k] = rest[k] / left;
+    ++*rows;
+    return DONE;
+}
+
+/* x root^-1 for the root at p */
+static void unmeasured(const double p[3], double length, const double x[6], double y[6])
+{
+    double turn[3];
+    cross(x + 3, p, turn);
+    for (int i = 0; i < 3; i++) {
+        y[i] = (x[i] + turn[i]) / length;
+        y[3 + i] = x[3 + i];
+    }
+}
+
+/* asked.py: orthonormal rows V in the measure; the rows of what is asked are V root. */
+static Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], const Row J[6],
+                     double V[6][6], int *rows)
+{
+    int m = (int)loop->joints;
+    *rows = 0;
+    if (loop->wanted > 0.0) {
+        Demand exact = {.m = m};
+        memcpy(exact.J, J, sizeof exact.J);
+        if (rows_of(loop->exact, (int)loop->wanted, 0.0, tool, tool, NULL, &exact) == HAND_BACK)
+            return HAND_BACK;
+        for (int i = 0; i < exact.rows; i++) {
+            double direction[6];
+            unmeasured(p, loop->length, exact.D[i], direction);
+            if (norm(6, direction) > 0.0 && with_direction(direction, V, rows) == HAND_BACK)
+                return HAND_BACK;
+        }
+        return DONE;
+    }
+    for (int j = 0; m < 6 && j < m; j++) {
+        double twist[6], direction[6];
+        for (int k = 0; k < 6; k++)
+            twist[k] = J[k][j];
+        for (int k = 0; k < 6; k++)
+            direction[k] = dot(6, root[k], twist);
+        if (with_direction(direction, V, rows) == HAND_BACK)
+            return HAND_BACK;
+    }
+    for (int i = 0; m >= 6 && i < 6; i++) {
+        for (int k = 0; k < 6; k++)
+            V[i][k] = i == k;
+        *rows = 6;
+    }
+    return DONE;
+}
+
+/* V root */
+static void measured_rows(int rows, const double V[6][6], const double root[6][6], double R[6][6])
+{
+    for (int i = 0; i < rows; i++)
+        for (int k = 0; k < 6; k++) {
+            R[i][k] = 0.0;
+            for (int l = 0; l < 6; l++)
+                R[i][k] += V[i][l] * root[l][k];
+        }
+}
+
+/* beside.py */
+static Outcome look(const Loop *loop, const Course *course, const Travel *state, const double *q, Beside *here)
+{
+    Pose tool, home;
+    double p[3], root[6][6], V[6][6], error[6], tangent[6], ahead[6], behind[6], expected = state->place;
+    int m = course->m, i = piece_of(course->knots, course->at, expected);
+    if (fmax(course->off[i], course->off[i + 1]) > OFF_PATH * loop->length)
+        return HAND_BACK;
+    if (state->has_tangent)
+        memcpy(tangent, state->tangent, sizeof tangent);
+    else
+        curve_tangent(course, expected, tangent);
+    curve_pose(course, expected, &here->target);
+    pose_from(loop->home, &home);
+    kinematics(m, loop->screws, &home, q, here->J, &tool);
+    if (error_twist(&here->target, &tool, error) == HAND_BACK)
+        return HAND_BACK;
+    place(&tool, loop->point, p);
+    root_at(p, loop->length, root);
+    if (asked(loop, &tool, p, (const double(*)[6])root, (const Row *)here->J, V, &here->rows) == HAND_BACK)
+        return HAND_BACK;
+    measured_rows(here->rows, (const double(*)[6])V, (const double(*)[6])root, here->asked);
+    for (int k = 0; k < here->rows; k++) {
+        ahead[k] = dot(6, here->asked[k], tangent);
+        behind[k] = dot(6, here->asked[k], error);
+    }
+    double shift = dot(here->rows, ahead, behind) / (dot(here->rows, ahead, ahead) + course->slow * course->slow);
+    here->place = between(expected - shift, course->at[0], course->at[course->knots - 1]);
+    shift = expected - here->place;
+    for (int k = 0; k < here->rows; k++)
+        behind[k] -= shift * ahead[k];
+    for (int k = 0; k < 6; k++)
+        here->across[k] = error[k] - shift * tangent[k];
+    here->off = norm(here->rows, behind);
+    joints_at(course, here->place, here->joints);
+    return DONE;
+}
+
+/* path_pace.py: the speed of this tick, what limits allow, and what rules it. */
+static double paced(const Course *course, double dt, const Travel *state, double at, double near, double override,
+                    bool stop, double *possible, int *ruling)
+{
+    double part = course->rate > 0.0 ? 1.0 : fmin(1.0, override), wanted_rate = course->rate * override;
+    *possible = speed_at(course, at, dt, 1.0, state->back);
+    double allowed = part == 1.0 ? *possible : speed_at(course, at, dt, part, state->back), wanted = allowed;
+    *ruling = nearest(course, at);
+    if (course->rate > 0.0 && wanted_rate <= wanted) {
+        wanted = wanted_rate;
+        *ruling = THE_RATE;
+    } else if (part < 1.0)
+        *ruling = THE_OVERRIDE;
+    if (near < 1.0) {
+        wanted *= near;
+        *ruling = OFF_ITS_PATH;
+    }
+    if (stop) {
+        wanted = 0.0;
+        *ruling = THE_STOP;
+    }
+    double most = state->speed + course->most * dt;
+    double least = wanted < allowed ? fmax(state->speed - course->most * dt, 0.0) : 0.0;
+    return fmax(fmin(wanted, most), fmin(least, allowed));
+}
+
+/* path_rate.py */
+static double rate_inside(int m, const Row slope, double rate, double possible, const Row before,
+                          const Row acceleration, double dt)
+{
+    static const double SHARES[] = {EASY_SHARE, TICK_SHARE};
+    double sum = 0.0, weight = 0.0;
+    for (int easy = 0; easy < 2; easy++) {
+        double low = -INFINITY, high = INFINITY;
+        for (int j = 0; j < m; j++)
+            if (slope[j] != 0.0) {
+                double middle = before[j] / slope[j], width = SHARES[easy] * (dt * acceleration[j] / fabs(slope[j]));
+                low = fmax(low, middle - width);
+                high = fmin(high, middle + width);
+            }
+        double found = between(rate, low, high);
+        if (low == -INFINITY && high == INFINITY)
+            return rate;
+        if (low <= high && (easy == 1 || (fabs(found) <= possible && possible > fabs(rate))))
+            return found;
+    }
+    for (int j = 0; j < m; j++) {
+        double width = slope[j] != 0.0 ? dt * acceleration[j] / fabs(slope[j]) : INFINITY, k = 1.0 / (width * width);
+        weight += k;
+        sum += width < INFINITY ? k * (before[j] / slope[j]) : 0.0;
+    }
+    return sum / weight;
+}
+
+/* The rate within the limits of acceleration and the ends of the plan. */
+static double possible_rate(const Loop *loop, const Course *course, const Travel *state, double at, double wanted,
+                            double possible)
+{
+    double dt = loop->dt, rate = wanted;
+    Row slope;
+    for (int again = 0; again < 2 && loop->has_braking != 0.0; again++) {
+        slope_at(course, at + 0.5 * dt * rate, slope);
+        rate = rate_inside(course->m, slope, wanted, possible, state->along, loop->acceleration, dt);
+    }
+    return between(rate, (course->at[0] - at) / dt, (course->at[course->knots - 1] - at) / dt);
+}
+
+/* asked.py: root^-1 V' V root x, the part of a twist that is asked for. */
+static void asked_part(int rows, const double V[6][6], const double p[3], const double root[6][6], double length,
+                       const double x[6], double part[6])
+{
+    double measured[6], kept[6] = {0.0}, lever[3];
+    for (int k = 0; k < 6; k++)
+        measured[k] = dot(6, root[k], x);
+    for (int i = 0; i < rows; i++) {
+        double share = dot(6, V[i], measured);
+        for (int k = 0; k < 6; k++)
+            kept[k] += share * V[i][k];
+    }
+    for (int k = 0; k < 3; k++)
+        part[k] = kept[k] / length;
+    cross(p, part, lever);
+    for (int k = 0; k < 3; k++)
+        part[3 + k] = kept[3 + k] + lever[k];
+}
+
+/* path_drive.py: the twist of a tick and its posture, with the arm in the middle of it. */
+static Outcome twist_of(const Loop *loop, const Course *course, const Beside *here, const double *q, double rate,
+                        double strayed, const Row slope, const double tangent[6], Pose *tool, Demand *demand)
+{
+    int m = course->m, i = piece_of(course->knots, course->at, here->place), rows;
+    double turning[6], home[6], along[6], across[6], carry[6], p[3], root[6][6], V[6][6], differ[6], part[6];
+    double half = 0.5 * loop->dt * rate, ratio = fmin(course->ratio[i], course->ratio[i + 1]);
+    double regular = (ratio - SINGULAR) / (REGULAR - SINGULAR);
+    double own = fmin(fmax(fmax(regular, strayed), 0.0), 1.0);
+    Row middle, astray;
+    Pose end;
+    for (int j = 0; j < m; j++) {
+        middle[j] = q[j] + half * slope[j];
+        astray[j] = here->joints[j] - q[j];
+        demand->posture[j] = rate * slope[j] + JOINT_GAIN * astray[j];
+    }
+    demand->has_posture = true;
+    pose_from(loop->home, &end);
+    kinematics(m, loop->screws, &end, middle, demand->J, tool);
+    for (int k = 0; k < 6; k++) {
+        turning[k] = dot(m, demand->J[k], slope);
+        home[k] = dot(m, demand->J[k], astray);
+        along[k] = own == 1.0 ? tangent[k] : (1.0 - own) * turning[k] + own * tangent[k];
+        carry[k] = half * turning[k];
+    }
+    lie(carry, here->across, across);
+    for (int k = 0; k < 6; k++)
+        across[k] += here->across[k];
+    if (loop->wanted > 0.0) {
+        place(tool, loop->point, p);
+        root_at(p, loop->length, root);
+        if (asked(loop, tool, p, (const double(*)[6])root, (const Row *)demand->J, V, &rows) == HAND_BACK)
+            return HAND_BACK;
+        for (int k = 0; k < 6; k++)
+            differ[k] = tangent[k] - turning[k];
+        asked_part(rows, (const double(*)[6])V, p, (const double(*)[6])root, loop->length, differ, part);
+        for (int k = 0; k < 6; k++) {
+            along[k] = turning[k] + part[k];
+            differ[k] = across[k] - home[k];
+        }
+        asked_part(rows, (const double(*)[6])V, p, (const double(*)[6])root, loop->length, differ, part);
+        for (int k = 0; k < 6; k++)
+            across[k] = home[k] + part[k];
+    } else if (m < 6) {
+        memcpy(along, turning, sizeof along);
+        memcpy(across, home, sizeof across);
+    }
+    for (int k = 0; k < 6; k++)
+        demand->s[k] = rate * along[k] + loop->gain * across[k];
+    return DONE;
+}
+
+/* Where limits would take the tool off its path: the same with exact rows, which slow down. */
+static Outcome slower(const Loop *loop, const Beside *here, Demand *demand, Solution *answer, double *kept)
+{
+    double missed[6], largest = MISSED * loop->length;
+    bool active = false;
+    for (int j = 0; j < demand->m; j++)
+        active = active || answer->active[j];
+    for (int k = 0; k < here->rows; k++)
+        missed[k] = dot(6, here->asked[k], answer->residual);
+    if (!active || !(norm(here->rows, missed) * loop->dt > largest))
+        return DONE;
+    Solution exact;
+    demand->rows = here->rows;
+    demand->row_rank = -1;
+    demand->of_twist = true;
+    memcpy(demand->D, here->asked, sizeof here->asked);
+    for (int k = 0; k < here->rows; k++)
+        demand->e[k] = dot(6, here->asked[k], demand->s);
+    product_of_rows(here->rows, (const double(*)[6])here->asked, demand->m, (const Row *)demand->J, demand->C);
+    if (solve(demand, &exact) == HAND_BACK)
+        return HAND_BACK;
+    if (exact.stuck || exact.lost)
+        return DONE;
+    *answer = exact;
+    *kept = exact.scale;
+    return DONE;
+}
+
+/* path_report.py: whether joints count as at rest. */
+static bool stands(const Loop *loop, const Row velocity)
+{
+    for (int j = 0; j < (int)loop->joints; j++)
+        if (!(fabs(velocity[j]) <= SLOW_JOINT * (isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0)))
+            return false;
+    return true;
+}
+
+/* path_report.py; `stop` is whether the tool was to come to rest. */
+static Outcome told(const Loop *loop, const Course *course, const Beside *here, const Order *order, bool stop,
+                    Progress *progress)
+{
+    double dt = loop->dt, end = course->at[course->knots - 1], path = course->curve_at[course->poses - 1];
+    double moved[6], fast[6];
+    bool close = !stop && end - progress->after.place <= (course->cut ? STOPPED : ARRIVED) * path;
+    bool arrived = close && stands(loop, progress->answer.velocity);
+    progress->place = caller_place(course, progress->after.place);
+    progress->speed = (progress->place - caller_place(course, here->place)) / dt;
+    progress->across = here->off;
+    progress->status = "moving";
+    if ((arrived && course->cut) || course->off[nearest(course, here->place)] > OFF_PATH * loop->length)
+        return HAND_BACK;
+    for (int k = 0; k < 6; k++)
+        moved[k] = dot(course->m, here->J[k], progress->answer.velocity);
+    for (int k = 0; k < here->rows; k++)
+        fast[k] = dot(6, here->asked[k], moved);
+    if (arrived && here->off + dt * norm(here->rows, fast) <= course->tolerance) {
+        progress->status = "done";
+        progress->ruling = ENDED;
+    } else if (stop && order->paused && progress->after.speed * dt <= STANDING * path)
+        progress->status = "paused";
+    else if (close)
+        progress->ruling = SETTLING;
+    else if (progress->ruling != THE_RATE)
+        progress->status = "slowed";
+    return DONE;
+}
+
+/* path_drive.py and path_driver.py; `before` has the joint velocity now. */
+Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Order *order,
+              Progress *progress)
+{
+    Beside here;
+    Demand demand;
+    Pose tool;
+    Row slope;
+    double dt = loop->dt, length = loop->length, most = 0.0, possible, kept = 1.0;
+    int m = demand.m = course->m;
+    bool turning = order->back != before->back, stop = order->paused || turning;
+    if (look(loop, course, before, q, &here) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < m; j++)
+        most = fmax(most, fabs(here.joints[j] - q[j]));
+    if (!(here.off <= AWAY * AWAY_STOP * length) || !(most <= DISPLACED)) /* pushed */
+        return HAND_BACK;
+    double away = fmax(here.off / (AWAY * length), 1.0), strayed = most / STRAYED;
+    double near = fmin(fmax(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / fmax(strayed, 1.0));
+    double speed = paced(course, dt, before, here.place, near, order->override, stop, &possible, &progress->ruling);
+    double rate = possible_rate(loop, course, before, here.place, before->back ? -speed : speed, possible);
+    Travel *after = &progress->after;
+    double middle = between(here.place + 0.5 * dt * rate, course->at[0], course->at[course->knots - 1]);
+    slope_at(course, middle, slope);
+    curve_tangent(course, middle, after->tangent);
+    if (twist_of(loop, course, &here, q, rate, strayed, slope, after->tangent, &tool, &demand) == HAND_BACK ||
+        demand_in(loop, q, before->velocity, &tool, &demand) == HAND_BACK ||
+        rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, &tool, demand.s, &demand) == HAND_BACK ||
+        solve(&demand, &progress->answer) == HAND_BACK)
+        return HAND_BACK;
+    if (loop->wanted > 0.0)
+        kept = progress->answer.scale;
+    else if (loop->has_braking == 0.0 && rate != 0.0 &&
+             slower(loop, &here, &demand, &progress->answer, &kept) == HAND_BACK)
+        return HAND_BACK;
+    rate *= kept;
+    bool turned_round = turning && fabs(rate) * dt <= STANDING * course->at[course->knots - 1];
+    after->place = here.place + dt * rate;
+    after->speed = turned_round ? 0.0 : fabs(rate);
+    after->acceleration = turned_round ? 0.0 : (after->speed - before->speed) / dt;
+    after->back = turned_round ? order->back : before->back;
+    after->has_tangent = true;
+    for (int j = 0; j < m; j++)
+        after->along[j] = rate * slope[j];
+    memcpy(after->velocity, progress->answer.velocity, sizeof after->velocity);
+    return told(loop, course, &here, order, order->paused || (turning && !turned_round), progress);
+}

@@ -1,0 +1,73 @@
+/* What the files of a tick along a path share. */
+
+#ifndef PATH_H
+#define PATH_H
+
+#include "core.h"
+
+/* given_path.py, path_plan.py and path_pace.py: what is fixed while the tool is driven; arrays lie row by row. */
+typedef struct {
+    int m, knots, poses;
+    double slow, rate, most, tolerance; /* a rate of 0 is as fast as limits allow */
+    bool cut;                           /* the plan ends before the path does, or the path's end is out of reach */
+    const double *at, *forward, *backward, *off, *ratio, *q, *slopes;
+    const double *curve_at, *places, *pose, *cubics;
+} Course;
+
+/* path_state.py, but for its ticks */
+typedef struct {
+    double place, speed, acceleration, tangent[6];
+    bool back, has_tangent;
+    Row along, velocity;
+} Travel;
+
+/* What rules a tick where no knot of the plan does. */
+typedef enum { THE_RATE = -1, THE_OVERRIDE = -2, OFF_ITS_PATH = -3, SETTLING = -4, ENDED = -5, THE_STOP = -6 } Ruling;
+
+/* path_driver.py: what is asked of a tick */
+typedef struct {
+    double override;
+    bool paused, back;
+} Order;
+
+/* path_solution.py: the answer, and the state after it */
+typedef struct {
+    Solution answer;
+    Travel after;
+    double place, speed, across;
+    int ruling; /* a Ruling, or a knot of the plan */
+    const char *status;
+} Progress;
+
+/* course.c */
+int piece_of(int n, const double *knots, double at);
+int nearest(const Course *course, double at);
+void curve_pose(const Course *course, double at, Pose *T);
+void curve_tangent(const Course *course, double at, double tangent[6]);
+double caller_place(const Course *course, double at);
+void joints_at(const Course *course, double at, Row q);
+void slope_at(const Course *course, double at, Row slope);
+double speed_at(const Course *course, double at, double dt, double share, bool back);
+
+/* path.c */
+Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Order *order,
+              Progress *progress);
+
+#define OFF_PATH 1e-5
+#define TICK_SHARE 0.985
+#define EASY_SHARE 0.9
+#define AWAY 5e-3
+#define AWAY_STOP 4.0
+#define JOINT_GAIN 5.0
+#define SINGULAR 1e-2
+#define REGULAR 3e-2
+#define STRAYED 1e-2
+#define STANDING 1e-7
+#define MISSED 1e-6
+#define ARRIVED 1e-6
+#define STOPPED 2e-5
+#define SLOW_JOINT 1e-3
+#define DISPLACED 0.2
+#define FASTEST 1.5
+
+#endif

@@ -1,0 +1,145 @@
+"""A tick along a path in the compiled core is that of Python: the same answer, the same state after it."""
+
+from contextlib import contextmanager
+from unittest import mock
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import invariantqp as iq
+from invariantqp.control import path_driver
+from invariantqp.engine import core
+
+pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
+# Rounding of a pose, times the gain, in a velocity.
+ROUNDING = 1e-13
+AXIS, PLANE = iq.control.ExactAxis([0.2, 0.0, 1.0]), iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1])
+ORDER = (False, False)  # neither paused nor backward
+RISE = "acceleration limits"
+# Arm, exact demands and limits, what is asked of the path, noise of the encoders [rad], seed.
+DRIVES = [
+    ("panda", {}, {"rate": 0.5}, 0.0, 0),
+    ("panda", {RISE: 0.3}, {}, 1e-4, 1),
+    ("panda", {"exact": [PLANE, AXIS], "tool_speed": 0.3}, {"acceleration": 2.0}, 0.0, 2),
+    ("ur5", {}, {}, 1e-3, 3),
+    ("ur5", {RISE: 0.2, "exact": "position"}, {"rate": 3.0}, 1e-5, 4),
+    ("xarm7", {RISE: 0.2}, {"rate": 1.0}, 0.0, 5),
+    ("so101", {"exact": "position"}, {"rate": 0.4}, 1e-5, 6),
+    ("so101", {RISE: 0.2}, {}, 0.0, 7),
+]
+
+
+@contextmanager
+def python_alone():
+    """Neither ticks along the path nor velocities by the core."""
+    with (
+        mock.patch.object(path_driver, "compiled_drive", return_value=None),
+        mock.patch("invariantqp.velocity.solve.core", None),
+    ):
+        yield
+
+
+def started(name, options, given, seed):
+    """A follower that has looked along a smooth path, and joint positions at its start."""
+    robot, rng = iq.load_robot(name), np.random.default_rng(seed)
+    middle, half = 0.5 * (robot.position_upper + robot.position_lower), robot.position_upper - robot.position_lower
+    knots = middle + np.cumsum(rng.uniform(-0.06, 0.06, (3, len(middle))) * np.minimum(half, 6.0), axis=0)
+    joints = CubicSpline([0.0, 0.5, 1.0], knots)
+    options = dict(options)
+    if RISE in options:
+        options["acceleration_limit"] = robot.velocity_limit / options.pop(RISE)
+    follower = iq.PathFollower(iq.Controller(robot, dt=0.005, **options), lambda u: robot.pose(joints(u)), **given)
+    follower.prepare(joints(0.0))
+    return follower, joints(0.0)
+
+
+def in_python(follower, *tick):
+    """The tick by Python and the state after it; the follower is as it was."""
+    state, memory = follower._state, follower.controller._memory
+    with python_alone():
+        answer = follower.step(*tick)
+    after, follower._state, follower.controller._memory = follower._state, state, memory
+    return answer, after
+
+
+def compiled_alone(follower, *tick):
+    """The tick by the core, None where it hands it back."""
+    return follower._compiled_step(*tick)
+
+
+def assert_same(native, state, python, after, gain):
+    near = 1e-10 * np.abs(python.velocity).max() + ROUNDING * gain
+    np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
+    assert (native.status, native.ruling, native.reason) == (python.status, python.ruling, python.reason)
+    told = [np.array([s.place, s.speed, s.across, s.lag], float) for s in (native, python)]  # None is NaN
+    np.testing.assert_allclose(*told, rtol=1e-9, atol=1e-9)
+    for one, other in zip(state, after, strict=True):
+        np.testing.assert_allclose(np.asarray(one, float), np.asarray(other, float), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "options", "given", "noise", "seed"), DRIVES, ids=str)
+def test_a_drive_with_turns_and_pauses(name, options, given, noise, seed):
+    follower, q = started(name, options, given, seed)
+    rng, answered, told, override = np.random.default_rng(seed), 0, set(), 1.0
+    for k in range(240):
+        if k in (90, 130):
+            follower.reverse()
+        if k in (15, 75):
+            (follower.pause if k == 15 else follower.resume)()
+        if k % 30 == 0:
+            override = (1.0, float(rng.uniform(0.2, 1.5)))[rng.integers(2)]
+        seen = q + noise * rng.normal(size=len(q))
+        python = in_python(follower, seen, None, override) if k % 7 == 0 or k < 3 else None
+        solution = compiled_alone(follower, seen, None, override)
+        answered += solution is not None
+        if solution is None:
+            solution = follower.step(seen, None, override)
+        elif python is not None:
+            assert_same(solution, follower._state, *python, follower.controller.gain)
+        told.add(solution.status)
+        q = q + follower.controller.dt * solution.velocity
+        if solution.status == "done":
+            break
+    assert answered >= 0.9 * k
+    assert "slowed" in told
+    assert "paused" in told or noise  # with noise joints are never quite at rest
+
+
+def test_drives_that_change_hands_go_on():
+    ends = []
+    for hands in (lambda k: True, lambda k: k % 3 == 0):
+        follower, q = started("panda", {RISE: 0.3}, {}, 1)
+        for k in range(120):
+            if hands(k):
+                with python_alone():
+                    solution = follower.step(q)
+            else:
+                solution = follower.step(q)
+            q = q + follower.controller.dt * solution.velocity
+        ends.append((solution.status, solution.place, *q))
+    assert ends[0][0] == ends[1][0]
+    np.testing.assert_allclose(ends[0][1:], ends[1][1:], rtol=0.0, atol=1e-9)
+
+
+def test_what_python_has_to_do():
+    follower, q = started("panda", {}, {"rate": 0.5}, 0)
+    assert compiled_alone(follower, q, None, 1) is not None
+    for tick in ((q + 0.3, None, 1.0), (q.tolist(), None, 1.0), (q, None, 1.6), (q, None, 10**400), (q, q[:3], 1.0)):
+        assert compiled_alone(follower, *tick) is None
+    for bad in (q * np.nan, q[:3]):
+        with pytest.raises(iq.errors.BadInput, match="q"):
+            follower.step(bad)
+    smooth, q = started("panda", {}, {"rate": 0.5, "acceleration": 1.0, "jerk": 5.0}, 0)
+    assert compiled_alone(smooth, q, None, 1.0) is None
+    assert smooth.step(q).status == "moving"
+
+
+def test_the_core_refuses_what_is_no_course():
+    follower, q = started("so101", {}, {"rate": 0.5}, 6)
+    follower.step(q)
+    course, loop = follower._course[2], follower.controller.compiled
+    for bad in (course[:-1], course[:4], np.append(course, 0.0), course.tolist(), np.where(course == 5.0, 6.0, course)):
+        with pytest.raises(TypeError, match="drive"):
+            core.drive(loop, bad, q, follower._state, None, 1.0, *ORDER)
+    assert core.drive(loop, course, q, follower._state[:-1], None, 1.0, *ORDER) is None
