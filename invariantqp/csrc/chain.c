@@ -69,11 +69,11 @@ void exponential(const double w[3], const double v[3], Pose *T)
         b = 2.0 * half * half;
         c = (1.0 - a) / t2;
     }
-    for (int j = 0; j < 3; j++) {
-        double axis[3] = {j == 0, j == 1, j == 2}, column[3];
-        series(w, a, b, axis, column);
-        for (int i = 0; i < 3; i++)
-            T->R[i][j] = column[i];
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        T->R[i][i] = 1.0 - b * (w[j] * w[j] + w[k] * w[k]);
+        T->R[i][j] = b * w[i] * w[j] - a * w[k];
+        T->R[i][k] = b * w[i] * w[k] + a * w[j];
     }
     series(w, b, c, v, T->p);
 }

@@ -14,7 +14,6 @@ static const double INDEPENDENT = 1e-5;
 /* beside.py; J and asked as in the beginning of the tick */
 typedef struct {
     Row J[6], joints;
-    Pose target;
     int rows;
     double asked[6][6], place, across[6], off;
 } Beside;
@@ -52,20 +51,18 @@ static void unmeasured(const double p[3], double length, const double x[6], doub
     }
 }
 
-/* asked.py: orthonormal rows V in the measure; the rows of what is asked are V root. */
-static Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], const Row J[6],
+/* asked.py: orthonormal rows V in the measure, for joint twists demand->J; the rows of what is asked are V root. */
+static Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], Demand *demand,
                      double V[6][6], int *rows)
 {
-    int m = (int)loop->joints;
+    int m = demand->m;
     *rows = 0;
     if (loop->wanted > 0.0) {
-        Demand exact = {.m = m};
-        memcpy(exact.J, J, sizeof exact.J);
-        if (rows_of(loop->exact, (int)loop->wanted, 0.0, tool, tool, NULL, &exact) == HAND_BACK)
+        if (rows_of(loop->exact, (int)loop->wanted, 0.0, tool, tool, NULL, demand) == HAND_BACK)
             return HAND_BACK;
-        for (int i = 0; i < exact.rows; i++) {
+        for (int i = 0; i < demand->rows; i++) {
             double direction[6];
-            unmeasured(p, loop->length, exact.D[i], direction);
+            unmeasured(p, loop->length, demand->D[i], direction);
             if (norm(6, direction) > 0.0 && with_direction(direction, V, rows) == HAND_BACK)
                 return HAND_BACK;
         }
@@ -74,24 +71,25 @@ static Outcome asked(const Loop *loop, const Pose *tool, const double p[3], cons
     for (int j = 0; m < 6 && j < m; j++) {
         double twist[6], direction[6];
         for (int k = 0; k < 6; k++)
-            twist[k] = J[k][j];
+            twist[k] = demand->J[k][j];
         for (int k = 0; k < 6; k++)
             direction[k] = dot(6, root[k], twist);
         if (with_direction(direction, V, rows) == HAND_BACK)
             return HAND_BACK;
     }
-    for (int i = 0; m >= 6 && i < 6; i++) {
+    for (int i = 0; m >= 6 && i < 6; i++)
         for (int k = 0; k < 6; k++)
             V[i][k] = i == k;
-        *rows = 6;
-    }
+    *rows = m < 6 ? *rows : 6;
     return DONE;
 }
 
-/* V root */
+/* V root; six rows ask for all of it, as the root does. */
 static void measured_rows(int rows, const double V[6][6], const double root[6][6], double R[6][6])
 {
-    for (int i = 0; i < rows; i++)
+    if (rows == 6)
+        memcpy(R, root, 6 * sizeof *R);
+    for (int i = 0; i < rows && rows < 6; i++)
         for (int k = 0; k < 6; k++) {
             R[i][k] = 0.0;
             for (int l = 0; l < 6; l++)
@@ -100,9 +98,10 @@ static void measured_rows(int rows, const double V[6][6], const double root[6][6
 }
 
 /* beside.py */
-static Outcome look(const Loop *loop, const Course *course, const Travel *state, const double *q, Beside *here)
+static Outcome look(const Loop *loop, const Course *course, const Travel *state, const double *q, Demand *demand,
+                    Beside *here)
 {
-    Pose tool, home;
+    Pose tool, home, target;
     double p[3], root[6][6], V[6][6], error[6], tangent[6], ahead[6], behind[6], expected = state->place;
     int m = course->m, i = piece_of(course->knots, course->at, expected);
     if (fmax(course->off[i], course->off[i + 1]) > OFF_PATH * loop->length)
@@ -111,14 +110,15 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
         memcpy(tangent, state->tangent, sizeof tangent);
     else
         curve_tangent(course, expected, tangent);
-    curve_pose(course, expected, &here->target);
+    curve_pose(course, expected, &target);
     pose_from(loop->home, &home);
-    kinematics(m, loop->screws, &home, q, here->J, &tool);
-    if (error_twist(&here->target, &tool, error) == HAND_BACK)
+    kinematics(m, loop->screws, &home, q, demand->J, &tool);
+    memcpy(here->J, demand->J, sizeof here->J);
+    if (error_twist(&target, &tool, error) == HAND_BACK)
         return HAND_BACK;
     place(&tool, loop->point, p);
     root_at(p, loop->length, root);
-    if (asked(loop, &tool, p, (const double(*)[6])root, (const Row *)here->J, V, &here->rows) == HAND_BACK)
+    if (asked(loop, &tool, p, (const double(*)[6])root, demand, V, &here->rows) == HAND_BACK)
         return HAND_BACK;
     measured_rows(here->rows, (const double(*)[6])V, (const double(*)[6])root, here->asked);
     for (int k = 0; k < here->rows; k++) {
@@ -254,7 +254,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
     if (loop->wanted > 0.0) {
         place(tool, loop->point, p);
         root_at(p, loop->length, root);
-        if (asked(loop, tool, p, (const double(*)[6])root, (const Row *)demand->J, V, &rows) == HAND_BACK)
+        if (asked(loop, tool, p, (const double(*)[6])root, demand, V, &rows) == HAND_BACK)
             return HAND_BACK;
         for (int k = 0; k < 6; k++)
             differ[k] = tangent[k] - turning[k];
@@ -333,7 +333,7 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
     if (arrived && here->off + dt * norm(here->rows, fast) <= course->tolerance) {
         progress->status = "done";
         progress->ruling = ENDED;
-    } else if (stop && order->paused && progress->after.speed * dt <= STANDING * path)
+    } else if (order->paused && progress->after.speed * dt <= STANDING * path)
         progress->status = "paused";
     else if (close)
         progress->ruling = SETTLING;
@@ -353,7 +353,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     double dt = loop->dt, length = loop->length, most = 0.0, possible, kept = 1.0;
     int m = demand.m = course->m;
     bool turning = order->back != before->back, stop = order->paused || turning;
-    if (look(loop, course, before, q, &here) == HAND_BACK)
+    if (look(loop, course, before, q, &demand, &here) == HAND_BACK)
         return HAND_BACK;
     for (int j = 0; j < m; j++)
         most = fmax(most, fabs(here.joints[j] - q[j]));

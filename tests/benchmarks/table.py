@@ -6,7 +6,9 @@ Medians and 99th percentiles in microseconds, and the ratio of each median to th
 one, to that of the compiled core. All take turns at every tick, so that a busy machine slows them down alike. A tick is
 pose, Jacobian, law and limits. The hand-written loop is damped least squares in metres and radians inside the same
 joint limits, with rows for an exact position; it has no posture, no status and no tool speed. Pink and mink are called
-as `invariantqp compare` calls them, with DAQP. placo has a script for an environment of its own, `placo_row.py`.
+as `invariantqp compare` calls them, with DAQP. A tick of a `PathFollower` is compared with an ordinary tick of the same
+engine in the same states, where limits may be met that the follower keeps away from. placo has a script for an
+environment of its own, `placo_row.py`.
 """
 
 from __future__ import annotations
@@ -18,17 +20,21 @@ from time import perf_counter_ns
 import daqp
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicSpline
 
 import invariantqp as iq
 from invariantqp import engine
 from invariantqp.compare.laws.mink_law import MinkLaw
 from invariantqp.compare.laws.pink_law import PinkLaw
+from invariantqp.control import path_compiled
 from invariantqp.pose import error, newton
 from invariantqp.robots import chain
 from invariantqp.velocity import batch, compiled, solve
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
 COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink")
+# A tick along a path beside an ordinary tick, of the same engine in the same states.
+ALONG = ((OURS, "compiled, ordinary"), (PYTHON, "Python, ordinary"))
 COUPLED = iq.limits.LimitRows(np.eye(7)[:1] + np.eye(7)[1:2], [-0.02], [0.02])
 POINT, AXIS = iq.control.ExactPoint(), iq.control.ExactAxis([0.0, 0.0, 1.0])
 ROUNDS = 40
@@ -65,18 +71,18 @@ class HandWritten:
 
 
 @contextmanager
-def python_alone(controller=None):
-    """The same controller, or a pose search, without the core."""
-    modules = (solve, batch, chain, newton, error)
-    loop = None if controller is None else controller._compiled
-    if controller is not None:
+def python_alone(*controllers):
+    """The same controllers, or a pose search, without the core."""
+    modules = (solve, batch, chain, newton, error, path_compiled)
+    loops = [controller._compiled for controller in controllers]
+    for controller in controllers:
         controller._compiled = None
     for module in modules:
         module.core = None
     yield
     for module in modules:
         module.core = engine.core
-    if controller is not None:
+    for controller, loop in zip(controllers, loops, strict=True):
         controller._compiled = loop
 
 
@@ -94,16 +100,16 @@ def ticks_of(task, wanted, **options):
     return controller, found[:: max(1, len(found) // TICKS)]
 
 
-def times(calls, ticks, controller=None):
+def times(calls, ticks, *controllers):
     """Microseconds of each contender, who take turns; "Python" is called without the core."""
     took = {name: [] for name in calls}
-    for _ in range(ROUNDS):
+    for k in range(ROUNDS):
         for tick in ticks:
-            for name, call in calls.items():
-                if name != PYTHON:
+            for name, call in tuple(calls.items())[:: (-1) ** k]:  # what runs after Python finds its caches cold
+                if not name.startswith(PYTHON):
                     took[name].append(timed(call, tick))
                     continue
-                with python_alone(controller):
+                with python_alone(*controllers):
                     took[name].append(timed(call, tick))
     return took
 
@@ -114,16 +120,22 @@ def timed(call, arguments):
     return 1e-3 * (perf_counter_ns() - start)
 
 
+def cell(took, base):
+    """A median, a 99th percentile, and the ratio of medians."""
+    median = float(np.median(took))
+    return f"{median:.1f} ({np.quantile(took, 0.99):.0f}) {median / float(np.median(base)):.2f}"
+
+
 def line(title, took):
     """One row of the table."""
-    base = float(np.median(took.get(HAND, took[OURS])))
-    cells = []
-    for name in COLUMNS:
-        if name not in took:
-            cells.append("-")
-            continue
-        median, tail = float(np.median(took[name])), float(np.quantile(took[name], 0.99))
-        cells.append(f"{median:.1f} ({tail:.0f}) {median / base:.2f}")
+    base = took.get(HAND, took[OURS])
+    cells = [cell(took[name], base) if name in took else "-" for name in COLUMNS]
+    print(f"| {title} | {' | '.join(cells)} |", flush=True)
+
+
+def line_along(title, took):
+    """One row of the table of ticks along a path."""
+    cells = [cell(took[name], took[ordinary]) for tick, ordinary in ALONG for name in (tick, ordinary)]
     print(f"| {title} | {' | '.join(cells)} |", flush=True)
 
 
@@ -146,6 +158,32 @@ def hybrid():
     felt = iq.Wrench(moment=np.cross(T[:3, 3], [0.0, 0.0, -4.0]), force=[0.0, 0.0, -4.0])
     places = 1e-3 * np.random.default_rng(0).normal(size=(TICKS, 3))
     return loop, [(q, iq.transform(translation=place) @ T, felt) for place in places]
+
+
+def along_path(name, rate, **options):
+    """Contenders along a smooth path of a random joint motion, up to TICKS of their ticks, and the ordinary loop."""
+    robot, rng, dt = iq.load_robot(name), np.random.default_rng(3), 0.002
+    low, high = np.maximum(robot.position_lower, -3.0), np.minimum(robot.position_upper, 3.0)
+    joints = CubicSpline([0.0, 0.5, 1.0], 0.5 * (low + high) + rng.uniform(-0.25, 0.25, (3, len(low))) * (high - low))
+    follower = iq.PathFollower(iq.Controller(robot, dt=dt, **options), lambda u: robot.pose(joints(u)), rate=rate)
+    ordinary, q, found, status = iq.Controller(robot, dt=dt, **options), joints(0.0), [], ""
+    follower.prepare(q)
+    while status != "done":
+        state, curve = follower._state, follower._path.curve
+        target, ahead = pin.SE3(curve.pose(state.place)), state.speed * curve.tangent(state.place)
+        found.append((state, q, target, ahead))
+        solution = follower.step(q)
+        q, status = q + dt * solution.velocity, solution.status
+
+    def on_path(state, q, target, ahead):
+        follower._state = state
+        follower.step(q)
+
+    def off_path(state, q, target, ahead):
+        ordinary.step(q, target, ahead, state.velocity)
+
+    calls = {name: call for pair in ALONG for name, call in zip(pair, (on_path, off_path), strict=True)}
+    return calls, found[:: max(1, len(found) // TICKS)], follower.controller, ordinary
 
 
 def poses(name):
@@ -214,7 +252,17 @@ def main():
         both, one, python = rows_a_second(width)
         print(f"\nbatch of {ROWS} Panda rows, {name}: {both:,.0f} rows/s compiled, {one:,.0f} on one core, ", end="")
         print(f"{python:,.0f} in Python", end="")
-    print()
+    print(f"\n\n| tick along a path | {' | '.join(name for pair in ALONG for name in pair)} |\n|---|---|---|---|---|")
+    paths = (
+        ("Panda", "panda", 0.2, {}),
+        ("Panda, as fast as limits allow", "panda", None, {}),
+        ("Panda, acceleration limits", "panda", 0.2, {"acceleration_limit": 10.0}),
+        ("Panda, as fast as acceleration limits allow", "panda", None, {"acceleration_limit": 10.0}),
+        ("UR5", "ur5", 0.2, {}),
+        ("SO-101, exact position", "so101", 0.2, {"exact": "position"}),
+    )
+    for title, name, rate, options in paths:
+        line_along(title, times(*along_path(name, rate, **options)))
 
 
 def solve_pose(robot, exact, target, start):
