@@ -284,7 +284,7 @@ class Controller:
         return self._compiled
 
     def followed(self, fields: tuple[Any, ...], velocity: Array, q: ArrayLike) -> VelocitySolution:
-        """The solution of a tick that the core answered in place of `follow`: its fields, and the velocity once more."""
+        """The solution of a tick that the core answered instead of `follow`: its fields, its velocity once more."""
         self._memory = _Memory(velocity, self._memory.turn, self._memory.convergence)
         return self._outside(VelocitySolution._make(fields), q)
 

@@ -1,7 +1,7 @@
 """A tick along a path, all of it in the compiled core: place, speed, twist, law, and what is told.
 
-The core drives as `path_driver` would in Python, or hands the tick back. It drives an arm that is on its path, without
-a limit of jerk; pushes, and paths that are left or end short, are Python's.
+The core drives as `path_driver` would in Python, or hands the tick back. It drives an arm that is on its path; pushes,
+and paths that are left or end short, are Python's.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ def compiled_course(controller: Controller, path: GivenPath, plan: PathPlan, pac
         pace: how fast it is meant to be driven.
         tolerance: how far from the path's end a tool that is there may be.
     """
-    if core is None or pace.jerk is not None or controller.compiled is None:
+    if core is None or controller.compiled is None:
         return np.empty(0)
     curve = path.curve
     cut = bool(plan.blocked) or plan.off[-1] > OFF_PATH * controller.measure.length
     sizes = plan.q.shape[1], len(plan.at), len(curve.at)
-    numbers = *sizes, path.slow, pace.rate or 0.0, pace.acceleration, tolerance, cut
+    asked = pace.rate or 0.0, pace.acceleration, pace.jerk or 0.0, tolerance
+    numbers = *sizes, path.slow, *asked, plan.braking, cut
     joints = plan.q.ravel(), plan.slopes.ravel()
     poses = curve.at, path.places, curve.poses.ravel(), curve.cubics.ravel()
     return np.concatenate((numbers, plan.at, plan.forward, plan.backward, plan.off, plan.ratio, *joints, *poses))

@@ -74,5 +74,10 @@ const Constant CONSTANTS[] = {
     {"control.path_report.AT_REST", SLOW_JOINT},
     ONE("control.path_driver", DISPLACED),
     ONE("control.path_driver", FASTEST),
+    ONE("control.path_pace", SMOOTH_SHARE),
+    {"control.path_pace.EASY_SHARE", SLOWEST_SHARE},
+    ONE("control.time_law", CANDIDATES),
+    ONE("control.time_law", SAMPLES),
+    ONE("control.time_law", ROUNDING),
     {NULL, 0.0},
 };

@@ -6,7 +6,7 @@
 /* Read a course: joints, knots of the plan, knots of the curve, and so on, then the arrays one by one. */
 static bool course_of(PyObject *object, Course *course)
 {
-    enum { FIRST = 8, MOST_KNOTS = 1000000 };
+    enum { FIRST = 10, MOST_KNOTS = 1000000 };
     if (!PyArray_Check(object))
         return false;
     PyArrayObject *array = (PyArrayObject *)object;
@@ -21,8 +21,10 @@ static bool course_of(PyObject *object, Course *course)
     course->slow = numbers[3];
     course->rate = numbers[4];
     course->most = numbers[5];
-    course->tolerance = numbers[6];
-    course->cut = numbers[7] != 0.0;
+    course->jerk = numbers[6];
+    course->tolerance = numbers[7];
+    course->braking = numbers[8];
+    course->cut = numbers[9] != 0.0;
     course->at = numbers + FIRST;
     course->forward = course->at + n;
     course->backward = course->forward + n;

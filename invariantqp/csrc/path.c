@@ -138,15 +138,16 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
 }
 
 /* path_pace.py: the speed of this tick, what limits allow, and what rules it. */
-static double paced(const Course *course, double dt, const Travel *state, double at, double near, double override,
-                    bool stop, double *possible, int *ruling)
+static Outcome paced(const Course *course, double dt, const Travel *state, double at, double near, double override,
+                     bool stop, double *speed, double *most_now, int *ruling)
 {
-    double part = course->rate > 0.0 ? 1.0 : fmin(1.0, override), wanted_rate = course->rate * override;
-    *possible = speed_at(course, at, dt, 1.0, state->back);
-    double allowed = part == 1.0 ? *possible : speed_at(course, at, dt, part, state->back), wanted = allowed;
+    bool back = state->back;
+    double part = course->rate > 0.0 ? 1.0 : fmin(1.0, override), timed = course->rate * override, a;
+    *most_now = speed_at(course, at, dt, 1.0, back);
+    double possible = part == 1.0 ? *most_now : speed_at(course, at, dt, part, back), wanted = possible;
     *ruling = nearest(course, at);
-    if (course->rate > 0.0 && wanted_rate <= wanted) {
-        wanted = wanted_rate;
+    if (course->rate > 0.0 && timed <= wanted) {
+        wanted = timed;
         *ruling = THE_RATE;
     } else if (part < 1.0)
         *ruling = THE_OVERRIDE;
@@ -158,9 +159,19 @@ static double paced(const Course *course, double dt, const Travel *state, double
         wanted = 0.0;
         *ruling = THE_STOP;
     }
-    double most = state->speed + course->most * dt;
-    double least = wanted < allowed ? fmax(state->speed - course->most * dt, 0.0) : 0.0;
-    return fmax(fmin(wanted, most), fmin(least, allowed));
+    if (course->jerk == 0.0) {
+        double most = state->speed + course->most * dt;
+        double least = wanted < possible ? fmax(state->speed - course->most * dt, 0.0) : 0.0;
+        *speed = fmax(fmin(wanted, most), fmin(least, possible));
+        return DONE;
+    }
+    if (ramped(course, state, at, fmin(wanted, SMOOTH_SHARE * possible), SMOOTH_SHARE * part, dt, &a) == HAND_BACK)
+        return HAND_BACK;
+    double v = fmax(state->speed + a * dt, 0.0), left = back ? at - course->at[0] : course->at[course->knots - 1] - at;
+    if (v == 0.0 && state->speed == 0.0 && left <= 0.5 * course->jerk * dt * dt * dt)
+        v = fmin(left / dt, wanted);
+    *speed = fmin(v, possible);
+    return DONE;
 }
 
 /* path_rate.py */
@@ -350,7 +361,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     Demand demand;
     Pose tool;
     Row slope;
-    double dt = loop->dt, length = loop->length, most = 0.0, possible, kept = 1.0;
+    double dt = loop->dt, length = loop->length, most = 0.0, speed, possible, kept = 1.0;
     int m = demand.m = course->m;
     bool turning = order->back != before->back, stop = order->paused || turning;
     if (look(loop, course, before, q, &demand, &here) == HAND_BACK)
@@ -361,7 +372,8 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
         return HAND_BACK;
     double away = fmax(here.off / (AWAY * length), 1.0), strayed = most / STRAYED;
     double near = fmin(fmax(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / fmax(strayed, 1.0));
-    double speed = paced(course, dt, before, here.place, near, order->override, stop, &possible, &progress->ruling);
+    if (paced(course, dt, before, here.place, near, order->override, stop, &speed, &possible, &progress->ruling) == HAND_BACK)
+        return HAND_BACK;
     double rate = possible_rate(loop, course, before, here.place, before->back ? -speed : speed, possible);
     Travel *after = &progress->after;
     double middle = between(here.place + 0.5 * dt * rate, course->at[0], course->at[course->knots - 1]);

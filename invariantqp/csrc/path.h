@@ -8,7 +8,7 @@
 /* given_path.py, path_plan.py and path_pace.py: what is fixed while the tool is driven; arrays lie row by row. */
 typedef struct {
     int m, knots, poses;
-    double slow, rate, most, tolerance; /* a rate of 0 is as fast as limits allow */
+    double slow, rate, most, jerk, tolerance, braking; /* a rate or jerk of 0 is none */
     bool cut;                           /* the plan ends before the path does, or the path's end is out of reach */
     const double *at, *forward, *backward, *off, *ratio, *q, *slopes;
     const double *curve_at, *places, *pose, *cubics;
@@ -48,6 +48,10 @@ double caller_place(const Course *course, double at);
 void joints_at(const Course *course, double at, Row q);
 void slope_at(const Course *course, double at, Row slope);
 double speed_at(const Course *course, double at, double dt, double share, bool back);
+double speed_limit_at(const Course *course, double at, bool back);
+
+/* ramp.c */
+Outcome ramped(const Course *course, const Travel *state, double at, double wanted, double share, double dt, double *a);
 
 /* path.c */
 Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Order *order,
@@ -69,5 +73,10 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
 #define SLOW_JOINT 1e-3
 #define DISPLACED 0.2
 #define FASTEST 1.5
+#define SMOOTH_SHARE 0.95
+#define SLOWEST_SHARE 0.7
+#define CANDIDATES 9
+#define SAMPLES 24
+#define ROUNDING 1e-9
 
 #endif

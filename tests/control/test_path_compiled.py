@@ -26,7 +26,7 @@ DRIVES = [
     ("ur5", {RISE: 0.2, "exact": "position"}, {"rate": 3.0}, 1e-5, 4),
     ("xarm7", {RISE: 0.2}, {"rate": 1.0}, 0.0, 5),
     ("so101", {"exact": "position"}, {"rate": 0.4}, 1e-5, 6),
-    ("so101", {RISE: 0.2}, {}, 0.0, 7),
+    ("so101", {RISE: 0.2}, {"acceleration": 2.0, "jerk": 20.0}, 0.0, 7),
 ]
 
 
@@ -82,7 +82,7 @@ def assert_same(native, state, python, after, gain):
 def test_a_drive_with_turns_and_pauses(name, options, given, noise, seed):
     follower, q = started(name, options, given, seed)
     rng, answered, told, override = np.random.default_rng(seed), 0, set(), 1.0
-    for k in range(240):
+    for k in range(180):
         if k in (90, 130):
             follower.reverse()
         if k in (15, 75):
@@ -90,7 +90,7 @@ def test_a_drive_with_turns_and_pauses(name, options, given, noise, seed):
         if k % 30 == 0:
             override = (1.0, float(rng.uniform(0.2, 1.5)))[rng.integers(2)]
         seen = q + noise * rng.normal(size=len(q))
-        python = in_python(follower, seen, None, override) if k % 7 == 0 or k < 3 else None
+        python = in_python(follower, seen, None, override) if k % 11 == 0 or k < 2 else None
         solution = compiled_alone(follower, seen, None, override)
         answered += solution is not None
         if solution is None:
@@ -106,20 +106,22 @@ def test_a_drive_with_turns_and_pauses(name, options, given, noise, seed):
     assert "paused" in told or noise  # with noise joints are never quite at rest
 
 
-def test_drives_that_change_hands_go_on():
+def test_a_drive_that_changes_hands_ends_the_same():
     ends = []
-    for hands in (lambda k: True, lambda k: k % 3 == 0):
-        follower, q = started("panda", {RISE: 0.3}, {}, 1)
-        for k in range(120):
+    for hands in (lambda k: True, lambda k: k % 5 == 0):
+        follower, q = started("so101", {RISE: 0.2}, {"acceleration": 1.0, "jerk": 20.0}, 7)
+        for k in range(400):
             if hands(k):
                 with python_alone():
                     solution = follower.step(q)
             else:
                 solution = follower.step(q)
             q = q + follower.controller.dt * solution.velocity
-        ends.append((solution.status, solution.place, *q))
-    assert ends[0][0] == ends[1][0]
-    np.testing.assert_allclose(ends[0][1:], ends[1][1:], rtol=0.0, atol=1e-9)
+            if solution.status == "done":
+                break
+        ends.append((k, *q))
+    assert ends[0][0] < 399
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-9)
 
 
 def test_what_python_has_to_do():
@@ -130,9 +132,6 @@ def test_what_python_has_to_do():
     for bad in (q * np.nan, q[:3]):
         with pytest.raises(iq.errors.BadInput, match="q"):
             follower.step(bad)
-    smooth, q = started("panda", {}, {"rate": 0.5, "acceleration": 1.0, "jerk": 5.0}, 0)
-    assert compiled_alone(smooth, q, None, 1.0) is None
-    assert smooth.step(q).status == "moving"
 
 
 def test_the_core_refuses_what_is_no_course():

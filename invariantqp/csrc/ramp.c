@@ -1,0 +1,102 @@
+/* Twin of control/time_law.py: the speed along a path from tick to tick, with limited acceleration and jerk.
+
+       dv/dt = a,   |da/dt| <= jerk,   -braking <= a <= acceleration */
+
+#include "path.h"
+
+#define LAST_SAMPLE (SAMPLES - 1)
+/* Speeds that differ by less than this share: rounding decides which is larger. */
+static const double CLOSE = 1e-13;
+
+typedef struct {
+    const Course *course;
+    const Travel *state;
+    double at, share, acceleration, jerk;
+} Ramp;
+
+typedef enum { YES, NO, UNSURE } Answer;
+
+/* Whether a speed is allowed at a distance ahead. */
+static Answer allows_speed(const Ramp *ramp, double speed, double ahead)
+{
+    bool back = ramp->state->back;
+    double place = ramp->at + (back ? -1.0 : 1.0) * ahead;
+    double most = ramp->share * speed_limit_at(ramp->course, place, back) * (1.0 + ROUNDING) + ROUNDING;
+    return fabs(speed - most) <= CLOSE * (speed + most) ? UNSURE : speed <= most ? YES : NO;
+}
+
+/* The shortest stop within the limits: distances and speeds on the way. */
+static void stop(const Ramp *ramp, double v, double a, double *distance, double *speed)
+{
+    double J = ramp->jerk, B = ramp->acceleration, peak = sqrt(fmax(0.5 * a * a + J * v, 0.0)), hold = 0.0;
+    if (peak > B) {
+        peak = B;
+        hold = fmax((v + (0.5 * a * a - B * B) / J) / B, 0.0);
+    }
+    double t1 = fmax((a + peak) / J, 0.0), t3 = peak / J, end = t1 + hold + t3;
+    double v1 = v + a * t1 - 0.5 * J * t1 * t1, a1 = a - J * t1, v2 = v1 + a1 * hold;
+    for (int i = 0; i < SAMPLES; i++) {
+        double t = i == LAST_SAMPLE ? end : i * (end / LAST_SAMPLE);
+        double first = fmin(t, t1), second = fmin(fmax(t - t1, 0.0), hold), third = fmin(fmax(t - (t1 + hold), 0.0), t3);
+        speed[i] = fmax(v + a * first - 0.5 * J * first * first + a1 * second + a1 * third + 0.5 * J * third * third, 0.0);
+        distance[i] = v * first + 0.5 * a * first * first - J * first * first * first / 6.0 + v1 * second +
+                      0.5 * a1 * second * second + v2 * third + 0.5 * a1 * third * third + J * third * third * third / 6.0;
+    }
+}
+
+/* Whether a stop from v and a on is below what is allowed, at every knot on the way too; `before` is driven until then. */
+static Answer stops(const Ramp *ramp, double before, double v, double a)
+{
+    const Course *course = ramp->course;
+    double distance[SAMPLES], speed[SAMPLES];
+    stop(ramp, v, a, distance, speed);
+    for (int i = 0; i < SAMPLES; i++) {
+        Answer answer = allows_speed(ramp, speed[i], distance[i] += before);
+        if (answer != YES)
+            return answer;
+    }
+    for (int k = 0, i = 0; k < course->knots; k++) {
+        int knot = ramp->state->back ? course->knots - 1 - k : k;
+        double ahead = (ramp->state->back ? -1.0 : 1.0) * (course->at[knot] - ramp->at);
+        if (!(ahead > distance[0] && ahead < distance[LAST_SAMPLE]))
+            continue;
+        while (i < LAST_SAMPLE - 1 && distance[i + 1] <= ahead)
+            i++;
+        double here = speed[i] * speed[i], there = speed[i + 1] * speed[i + 1];
+        double square = (there - here) / (distance[i + 1] - distance[i]) * (ahead - distance[i]) + here;
+        Answer answer = allows_speed(ramp, sqrt(square), ahead);
+        if (answer != YES)
+            return answer;
+    }
+    return YES;
+}
+
+/* Ramp.next, with the limits of path_pace.py: the largest acceleration of the next tick from which the speed ends at or
+   below the wanted one, and can be brought to zero. */
+Outcome ramped(const Course *course, const Travel *state, double at, double wanted, double share, double dt, double *a)
+{
+    Ramp ramp = {course, state, at, share, fmin(course->most, SLOWEST_SHARE * course->braking), course->jerk};
+    double v = state->speed, was = state->acceleration;
+    double least = fmax(was - ramp.jerk * dt, -ramp.acceleration), most = fmin(was + ramp.jerk * dt, ramp.acceleration);
+    if (least > most)
+        least = most = fmin(fmax(was, least), most);
+    *a = least;
+    for (int i = 0; i < CANDIDATES; i++) {
+        double next = i == CANDIDATES - 1 ? least : most + i * ((least - most) / (CANDIDATES - 1)), after = v + next * dt;
+        double change = 0.5 * next * fabs(next) / ramp.jerk, allowed = wanted * (1.0 + ROUNDING), settled = after + change;
+        if (after < 0.0)
+            continue;
+        if (settled != allowed && fabs(settled - allowed) <= CLOSE * (after + fabs(change) + allowed))
+            return HAND_BACK;
+        if (!(settled <= allowed))
+            continue;
+        Answer answer = stops(&ramp, v * dt, after, next);
+        if (answer == UNSURE)
+            return HAND_BACK;
+        if (answer == YES) {
+            *a = next;
+            return DONE;
+        }
+    }
+    return DONE;
+}
