@@ -20,7 +20,7 @@ from invariantqp.control.asked import asked
 from invariantqp.control.beside import Beside, look
 from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
-from invariantqp.control.path_compiled import compiled_course, compiled_drive
+from invariantqp.control.path_compiled import Course, course_of
 from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
@@ -91,7 +91,7 @@ class PathDriver:
         if tolerance is not None:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
         self._path: GivenPath | None = None
-        self._course: tuple[GivenPath, PathPlan, Array] | None = None  # for the compiled core
+        self._course: Course | None = None
         self._search: PathSearch | None = None
         self._goal: Any = None
         self._trouble = ""
@@ -142,24 +142,12 @@ class PathDriver:
 
     def _compiled_step(self, q: ArrayLike, velocity: ArrayLike | None, override: float) -> PathSolution | None:
         """A tick on the path by the compiled core; None where it has to be Python's."""
-        path, plan, state = self._path, self.plan, self._state
+        path, plan, course = self._path, self.plan, self._course
         if path is None or plan is None:
             return None
-        if self._course is None or self._course[0] is not path or self._course[1] is not plan:
-            course = compiled_course(self.controller, path, plan, self._pace, self._tolerance)
-            self._course = path, plan, course
-        found = compiled_drive(
-            self.controller,
-            self._course[2],
-            plan,
-            self._pace,
-            q,
-            state,
-            velocity,
-            override=override,
-            paused=self._paused,
-            back=self._wants_back,
-        )
+        if course is None or course.path is not path or course.plan is not plan:
+            course = self._course = course_of(self.controller, path, plan, self._pace, self._tolerance)
+        found = course.step(q, self._state, velocity, override, paused=self._paused, back=self._wants_back)
         if found is None:
             return None
         answer, self._state = found

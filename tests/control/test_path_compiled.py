@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import invariantqp as iq
-from invariantqp.control import path_driver
+from invariantqp.control.path_compiled import Course
 from invariantqp.engine import core
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
@@ -34,7 +34,7 @@ DRIVES = [
 def python_alone():
     """Neither ticks along the path nor velocities by the core."""
     with (
-        mock.patch.object(path_driver, "compiled_drive", return_value=None),
+        mock.patch.object(Course, "step", return_value=None),
         mock.patch("invariantqp.velocity.solve.core", None),
     ):
         yield
@@ -63,11 +63,6 @@ def in_python(follower, *tick):
     return answer, after
 
 
-def compiled_alone(follower, *tick):
-    """The tick by the core, None where it hands it back."""
-    return follower._compiled_step(*tick)
-
-
 def assert_same(native, state, python, after, gain):
     near = 1e-10 * np.abs(python.velocity).max() + ROUNDING * gain
     np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
@@ -91,7 +86,7 @@ def test_a_drive_with_turns_and_pauses(name, options, given, noise, seed):
             override = (1.0, float(rng.uniform(0.2, 1.5)))[rng.integers(2)]
         seen = q + noise * rng.normal(size=len(q))
         python = in_python(follower, seen, None, override) if k % 11 == 0 or k < 2 else None
-        solution = compiled_alone(follower, seen, None, override)
+        solution = follower._compiled_step(seen, None, override)
         answered += solution is not None
         if solution is None:
             solution = follower.step(seen, None, override)
@@ -126,9 +121,9 @@ def test_a_drive_that_changes_hands_ends_the_same():
 
 def test_what_python_has_to_do():
     follower, q = started("panda", {}, {"rate": 0.5}, 0)
-    assert compiled_alone(follower, q, None, 1) is not None
+    assert follower._compiled_step(q, None, 1) is not None
     for tick in ((q + 0.3, None, 1.0), (q.tolist(), None, 1.0), (q, None, 1.6), (q, None, 10**400), (q, q[:3], 1.0)):
-        assert compiled_alone(follower, *tick) is None
+        assert follower._compiled_step(*tick) is None
     for bad in (q * np.nan, q[:3]):
         with pytest.raises(iq.errors.BadInput, match="q"):
             follower.step(bad)
@@ -137,7 +132,7 @@ def test_what_python_has_to_do():
 def test_the_core_refuses_what_is_no_course():
     follower, q = started("so101", {}, {"rate": 0.5}, 6)
     follower.step(q)
-    course, loop = follower._course[2], follower.controller.compiled
+    course, loop = follower._course.numbers, follower.controller.compiled
     for bad in (course[:-1], course[:4], np.append(course, 0.0), course.tolist(), np.where(course == 5.0, 6.0, course)):
         with pytest.raises(TypeError, match="drive"):
             core.drive(loop, bad, q, follower._state, None, 1.0, *ORDER)
