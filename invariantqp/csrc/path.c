@@ -1,15 +1,11 @@
-/* Twin of control/beside.py, asked.py, path_pace.py, path_rate.py, path_drive.py, path_report.py: a tick on the path.
+/* Twin of control/beside.py, path_drive.py, path_report.py and the tick of path_driver.py: a tick on the path.
 
        s = P'(sigma) v + gain e_across,     v <= what the joints can do here and can still brake from before what comes
 
-   What is handed back: an arm that is far off, where the path is left or ends short, and rows that nearly depend on
-   each other. */
+   An arm that is far off is handed back, and where the path is left or ends short. */
 
 #include "path.h"
 #include <string.h>
-
-/* Less than this share of a direction left over by the others: Python decides whether it is one of its own. */
-static const double INDEPENDENT = 1e-5;
 
 /* beside.py; J and asked as in the beginning of the tick */
 typedef struct {
@@ -17,85 +13,6 @@ typedef struct {
     int rows;
     double asked[6][6], place, across[6], off;
 } Beside;
-
-static double between(double x, double low, double high) { return fmin(fmax(x, low), high); }
-
-/* R of `rows` orthonormal rows, one more for a direction. */
-static Outcome with_direction(const double direction[6], double R[6][6], int *rows)
-{
-    double rest[6], size = norm(6, direction);
-    memcpy(rest, direction, sizeof rest);
-    for (int again = 0; again < 2; again++)
-        for (int i = 0; i < *rows; i++) {
-            double along = dot(6, R[i], rest);
-            for (int k = 0; k < 6; k++)
-                rest[k] -= along * R[i][k];
-        }
-    double left = norm(6, rest);
-    if (*rows == 6 || !(left > INDEPENDENT * size))
-        return HAND_BACK;
-    for (int k = 0; k < 6; k++)
-        R[*rows][k] = rest[k] / left;
-    ++*rows;
-    return DONE;
-}
-
-/* x root^-1 for the root at p */
-static void unmeasured(const double p[3], double length, const double x[6], double y[6])
-{
-    double turn[3];
-    cross(x + 3, p, turn);
-    for (int i = 0; i < 3; i++) {
-        y[i] = (x[i] + turn[i]) / length;
-        y[3 + i] = x[3 + i];
-    }
-}
-
-/* asked.py: orthonormal rows V in the measure, for joint twists demand->J; the rows of what is asked are V root. */
-static Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], Demand *demand,
-                     double V[6][6], int *rows)
-{
-    int m = demand->m;
-    *rows = 0;
-    if (loop->wanted > 0.0) {
-        if (rows_of(loop->exact, (int)loop->wanted, 0.0, tool, tool, NULL, demand) == HAND_BACK)
-            return HAND_BACK;
-        for (int i = 0; i < demand->rows; i++) {
-            double direction[6];
-            unmeasured(p, loop->length, demand->D[i], direction);
-            if (norm(6, direction) > 0.0 && with_direction(direction, V, rows) == HAND_BACK)
-                return HAND_BACK;
-        }
-        return DONE;
-    }
-    for (int j = 0; m < 6 && j < m; j++) {
-        double twist[6], direction[6];
-        for (int k = 0; k < 6; k++)
-            twist[k] = demand->J[k][j];
-        for (int k = 0; k < 6; k++)
-            direction[k] = dot(6, root[k], twist);
-        if (with_direction(direction, V, rows) == HAND_BACK)
-            return HAND_BACK;
-    }
-    for (int i = 0; m >= 6 && i < 6; i++)
-        for (int k = 0; k < 6; k++)
-            V[i][k] = i == k;
-    *rows = m < 6 ? *rows : 6;
-    return DONE;
-}
-
-/* V root; six rows ask for all of it, as the root does. */
-static void measured_rows(int rows, const double V[6][6], const double root[6][6], double R[6][6])
-{
-    if (rows == 6)
-        memcpy(R, root, 6 * sizeof *R);
-    for (int i = 0; i < rows && rows < 6; i++)
-        for (int k = 0; k < 6; k++) {
-            R[i][k] = 0.0;
-            for (int l = 0; l < 6; l++)
-                R[i][k] += V[i][l] * root[l][k];
-        }
-}
 
 /* beside.py */
 static Outcome look(const Loop *loop, const Course *course, const Travel *state, const double *q, Demand *demand,
@@ -135,103 +52,6 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
     here->off = norm(here->rows, behind);
     joints_at(course, here->place, here->joints);
     return DONE;
-}
-
-/* path_pace.py: the speed of this tick, what limits allow, and what rules it. */
-static Outcome paced(const Course *course, double dt, const Travel *state, double at, double near, double override,
-                     bool stop, double *speed, double *most_now, int *ruling)
-{
-    bool back = state->back;
-    double part = course->rate > 0.0 ? 1.0 : fmin(1.0, override), timed = course->rate * override, a;
-    *most_now = speed_at(course, at, dt, 1.0, back);
-    double possible = part == 1.0 ? *most_now : speed_at(course, at, dt, part, back), wanted = possible;
-    *ruling = nearest(course, at);
-    if (course->rate > 0.0 && timed <= wanted) {
-        wanted = timed;
-        *ruling = THE_RATE;
-    } else if (part < 1.0)
-        *ruling = THE_OVERRIDE;
-    if (near < 1.0) {
-        wanted *= near;
-        *ruling = OFF_ITS_PATH;
-    }
-    if (stop) {
-        wanted = 0.0;
-        *ruling = THE_STOP;
-    }
-    if (course->jerk == 0.0) {
-        double most = state->speed + course->most * dt;
-        double least = wanted < possible ? fmax(state->speed - course->most * dt, 0.0) : 0.0;
-        *speed = fmax(fmin(wanted, most), fmin(least, possible));
-        return DONE;
-    }
-    if (ramped(course, state, at, fmin(wanted, SMOOTH_SHARE * possible), SMOOTH_SHARE * part, dt, &a) == HAND_BACK)
-        return HAND_BACK;
-    double v = fmax(state->speed + a * dt, 0.0), left = back ? at - course->at[0] : course->at[course->knots - 1] - at;
-    if (v == 0.0 && state->speed == 0.0 && left <= 0.5 * course->jerk * dt * dt * dt)
-        v = fmin(left / dt, wanted);
-    *speed = fmin(v, possible);
-    return DONE;
-}
-
-/* path_rate.py */
-static double rate_inside(int m, const Row slope, double rate, double possible, const Row before,
-                          const Row acceleration, double dt)
-{
-    static const double SHARES[] = {EASY_SHARE, TICK_SHARE};
-    double sum = 0.0, weight = 0.0;
-    for (int easy = 0; easy < 2; easy++) {
-        double low = -INFINITY, high = INFINITY;
-        for (int j = 0; j < m; j++)
-            if (slope[j] != 0.0) {
-                double middle = before[j] / slope[j], width = SHARES[easy] * (dt * acceleration[j] / fabs(slope[j]));
-                low = fmax(low, middle - width);
-                high = fmin(high, middle + width);
-            }
-        double found = between(rate, low, high);
-        if (low == -INFINITY && high == INFINITY)
-            return rate;
-        if (low <= high && (easy == 1 || (fabs(found) <= possible && possible > fabs(rate))))
-            return found;
-    }
-    for (int j = 0; j < m; j++) {
-        double width = slope[j] != 0.0 ? dt * acceleration[j] / fabs(slope[j]) : INFINITY, k = 1.0 / (width * width);
-        weight += k;
-        sum += width < INFINITY ? k * (before[j] / slope[j]) : 0.0;
-    }
-    return sum / weight;
-}
-
-/* The rate within the limits of acceleration and the ends of the plan. */
-static double possible_rate(const Loop *loop, const Course *course, const Travel *state, double at, double wanted,
-                            double possible)
-{
-    double dt = loop->dt, rate = wanted;
-    Row slope;
-    for (int again = 0; again < 2 && loop->has_braking != 0.0; again++) {
-        slope_at(course, at + 0.5 * dt * rate, slope);
-        rate = rate_inside(course->m, slope, wanted, possible, state->along, loop->acceleration, dt);
-    }
-    return between(rate, (course->at[0] - at) / dt, (course->at[course->knots - 1] - at) / dt);
-}
-
-/* asked.py: root^-1 V' V root x, the part of a twist that is asked for. */
-static void asked_part(int rows, const double V[6][6], const double p[3], const double root[6][6], double length,
-                       const double x[6], double part[6])
-{
-    double measured[6], kept[6] = {0.0}, lever[3];
-    for (int k = 0; k < 6; k++)
-        measured[k] = dot(6, root[k], x);
-    for (int i = 0; i < rows; i++) {
-        double share = dot(6, V[i], measured);
-        for (int k = 0; k < 6; k++)
-            kept[k] += share * V[i][k];
-    }
-    for (int k = 0; k < 3; k++)
-        part[k] = kept[k] / length;
-    cross(p, part, lever);
-    for (int k = 0; k < 3; k++)
-        part[3 + k] = kept[3 + k] + lever[k];
 }
 
 /* path_drive.py: the twist of a tick and its posture, with the arm in the middle of it. */
@@ -372,7 +192,8 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
         return HAND_BACK;
     double away = fmax(here.off / (AWAY * length), 1.0), strayed = most / STRAYED;
     double near = fmin(fmax(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / fmax(strayed, 1.0));
-    if (paced(course, dt, before, here.place, near, order->override, stop, &speed, &possible, &progress->ruling) == HAND_BACK)
+    if (paced(course, dt, before, here.place, near, order->override, stop, &speed, &possible, &progress->ruling) ==
+        HAND_BACK)
         return HAND_BACK;
     double rate = possible_rate(loop, course, before, here.place, before->back ? -speed : speed, possible);
     Travel *after = &progress->after;

@@ -39,6 +39,8 @@ typedef struct {
     const char *status;
 } Progress;
 
+static inline double between(double x, double low, double high) { return fmin(fmax(x, low), high); }
+
 /* course.c */
 int piece_of(int n, const double *knots, double at);
 int nearest(const Course *course, double at);
@@ -49,6 +51,19 @@ void joints_at(const Course *course, double at, Row q);
 void slope_at(const Course *course, double at, Row slope);
 double speed_at(const Course *course, double at, double dt, double share, bool back);
 double speed_limit_at(const Course *course, double at, bool back);
+
+/* asked.c */
+Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], Demand *demand,
+              double V[6][6], int *rows);
+void measured_rows(int rows, const double V[6][6], const double root[6][6], double R[6][6]);
+void asked_part(int rows, const double V[6][6], const double p[3], const double root[6][6], double length,
+                const double x[6], double part[6]);
+
+/* pace.c */
+Outcome paced(const Course *course, double dt, const Travel *state, double at, double near, double override, bool stop,
+              double *speed, double *most_now, int *ruling);
+double possible_rate(const Loop *loop, const Course *course, const Travel *state, double at, double wanted,
+                     double possible);
 
 /* ramp.c */
 Outcome ramped(const Course *course, const Travel *state, double at, double wanted, double share, double dt, double *a);

@@ -37,14 +37,17 @@ static void stop(const Ramp *ramp, double v, double a, double *distance, double 
     double v1 = v + a * t1 - 0.5 * J * t1 * t1, a1 = a - J * t1, v2 = v1 + a1 * hold;
     for (int i = 0; i < SAMPLES; i++) {
         double t = i == LAST_SAMPLE ? end : i * (end / LAST_SAMPLE);
-        double first = fmin(t, t1), second = fmin(fmax(t - t1, 0.0), hold), third = fmin(fmax(t - (t1 + hold), 0.0), t3);
-        speed[i] = fmax(v + a * first - 0.5 * J * first * first + a1 * second + a1 * third + 0.5 * J * third * third, 0.0);
-        distance[i] = v * first + 0.5 * a * first * first - J * first * first * first / 6.0 + v1 * second +
-                      0.5 * a1 * second * second + v2 * third + 0.5 * a1 * third * third + J * third * third * third / 6.0;
+        double first = fmin(t, t1), second = fmin(fmax(t - t1, 0.0), hold);
+        double third = fmin(fmax(t - (t1 + hold), 0.0), t3);
+        speed[i] = v + a * first - 0.5 * J * first * first + a1 * second + a1 * third + 0.5 * J * third * third;
+        speed[i] = fmax(speed[i], 0.0);
+        distance[i] = v * first + 0.5 * a * first * first - J * first * first * first / 6.0;
+        distance[i] += v1 * second + 0.5 * a1 * second * second;
+        distance[i] += v2 * third + 0.5 * a1 * third * third + J * third * third * third / 6.0;
     }
 }
 
-/* Whether a stop from v and a on is below what is allowed, at every knot on the way too; `before` is driven until then. */
+/* Whether a stop from v and a on is below what is allowed, at the knots on the way too; `before` is driven first. */
 static Answer stops(const Ramp *ramp, double before, double v, double a)
 {
     const Course *course = ramp->course;
@@ -82,8 +85,9 @@ Outcome ramped(const Course *course, const Travel *state, double at, double want
         least = most = fmin(fmax(was, least), most);
     *a = least;
     for (int i = 0; i < CANDIDATES; i++) {
-        double next = i == CANDIDATES - 1 ? least : most + i * ((least - most) / (CANDIDATES - 1)), after = v + next * dt;
-        double change = 0.5 * next * fabs(next) / ramp.jerk, allowed = wanted * (1.0 + ROUNDING), settled = after + change;
+        double next = i == CANDIDATES - 1 ? least : most + i * ((least - most) / (CANDIDATES - 1));
+        double after = v + next * dt, change = 0.5 * next * fabs(next) / ramp.jerk;
+        double settled = after + change, allowed = wanted * (1.0 + ROUNDING);
         if (after < 0.0)
             continue;
         if (settled != allowed && fabs(settled - allowed) <= CLOSE * (after + fabs(change) + allowed))
