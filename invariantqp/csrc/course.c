@@ -91,11 +91,16 @@ void slope_at(const Course *course, double at, Row slope)
         slope[j] = a * (x[m + j] - x[j]) + b * end[j] + c * end[m + j];
 }
 
-/* The largest speed at a place; zero beyond the ends. */
-double speed_limit_at(const Course *course, double at, bool back)
+/* The largest speed at a place; zero beyond the ends. The piece of a place nearby becomes that of this one. */
+double speed_limit_at(const Course *course, double at, bool back, int *piece)
 {
     const double *knots = course->at, *squares = back ? course->backward : course->forward;
-    int i = piece_of(course->knots, knots, at);
+    int i = *piece;
+    while (i < course->knots - 2 && knots[i + 1] <= at)
+        i++;
+    while (i > 0 && at < knots[i])
+        i--;
+    *piece = i;
     if (at < knots[0] || at > knots[course->knots - 1])
         return 0.0;
     return sqrt((squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]) * (at - knots[i]) + squares[i]);

@@ -50,7 +50,7 @@ double caller_place(const Course *course, double at);
 void joints_at(const Course *course, double at, Row q);
 void slope_at(const Course *course, double at, Row slope);
 double speed_at(const Course *course, double at, double dt, double share, bool back);
-double speed_limit_at(const Course *course, double at, bool back);
+double speed_limit_at(const Course *course, double at, bool back, int *piece);
 
 /* asked.c */
 Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], Demand *demand,

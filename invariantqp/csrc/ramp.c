@@ -16,12 +16,12 @@ typedef struct {
 
 typedef enum { YES, NO, UNSURE } Answer;
 
-/* Whether a speed is allowed at a distance ahead. */
-static Answer allows_speed(const Ramp *ramp, double speed, double ahead)
+/* Whether a speed is allowed at a distance ahead; the piece of the plan is that of a place nearby. */
+static Answer allows_speed(const Ramp *ramp, double speed, double ahead, int *piece)
 {
     bool back = ramp->state->back;
     double place = ramp->at + (back ? -1.0 : 1.0) * ahead;
-    double most = ramp->share * speed_limit_at(ramp->course, place, back) * (1.0 + ROUNDING) + ROUNDING;
+    double most = ramp->share * speed_limit_at(ramp->course, place, back, piece) * (1.0 + ROUNDING) + ROUNDING;
     return fabs(speed - most) <= CLOSE * (speed + most) ? UNSURE : speed <= most ? YES : NO;
 }
 
@@ -52,22 +52,25 @@ static Answer stops(const Ramp *ramp, double before, double v, double a)
 {
     const Course *course = ramp->course;
     double distance[SAMPLES], speed[SAMPLES];
+    int sign = ramp->state->back ? -1 : 1, first = piece_of(course->knots, course->at, ramp->at), piece = first;
     stop(ramp, v, a, distance, speed);
     for (int i = 0; i < SAMPLES; i++) {
-        Answer answer = allows_speed(ramp, speed[i], distance[i] += before);
+        Answer answer = allows_speed(ramp, speed[i], distance[i] += before, &piece);
         if (answer != YES)
             return answer;
     }
-    for (int k = 0, i = 0; k < course->knots; k++) {
-        int knot = ramp->state->back ? course->knots - 1 - k : k;
-        double ahead = (ramp->state->back ? -1.0 : 1.0) * (course->at[knot] - ramp->at);
-        if (!(ahead > distance[0] && ahead < distance[LAST_SAMPLE]))
+    piece = first;
+    for (int knot = first + (sign > 0), i = 0; knot >= 0 && knot < course->knots; knot += sign) {
+        double ahead = sign * (course->at[knot] - ramp->at);
+        if (!(ahead < distance[LAST_SAMPLE]))
+            break;
+        if (!(ahead > distance[0]))
             continue;
         while (i < LAST_SAMPLE - 1 && distance[i + 1] <= ahead)
             i++;
         double here = speed[i] * speed[i], there = speed[i + 1] * speed[i + 1];
         double square = (there - here) / (distance[i + 1] - distance[i]) * (ahead - distance[i]) + here;
-        Answer answer = allows_speed(ramp, sqrt(square), ahead);
+        Answer answer = allows_speed(ramp, sqrt(square), ahead, &piece);
         if (answer != YES)
             return answer;
     }
