@@ -2,6 +2,7 @@
 from typing import Any
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.law import Policy
 
 CONSTANTS: dict[str, float]
 MOST_JOINTS: int
@@ -15,11 +16,11 @@ def tick(
     upper: Array,
     posture: Array | None,
     dt: float,
-    policy: tuple[float, float, float],
+    policy: Policy,
     exact: tuple[Array, Array, Array | None, int | None] | None,
     cone: tuple[Array, float, Array] | None,
     limits: tuple[Array, Array, Array] | None,
-    metric: tuple[Array, Array] | None,
+    metric: tuple[Array | None, Array | None] | None,
     /,
 ) -> tuple[Any, ...] | None: ...
 def ticks(
@@ -29,14 +30,13 @@ def ticks(
     lower: Array,
     upper: Array,
     posture: Array | None,
-    policy: tuple[float, float, float],
+    policy: Policy,
     velocity: Array,
     residual: Array,
+    metric: tuple[Array | None, Array | None] | None,
     /,
 ) -> dict[int, tuple[Any, ...] | None]: ...
-def cost(
-    J: Array, s: Array, root: Array, policy: tuple[float, float, float], more: float, /
-) -> tuple[Array, Array] | None: ...
+def cost(J: Array, s: Array, root: Array, policy: Policy, more: float, /) -> tuple[Array, Array] | None: ...
 def loop(
     numbers: Array,
     point: Array,
@@ -57,6 +57,8 @@ def loop(
     rows_upper: Array,
     to_joint: Array,
     from_joint: Array,
+    policy: Policy,
+    root: Array,
     /,
 ) -> Array: ...
 def step(

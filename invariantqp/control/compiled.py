@@ -1,7 +1,8 @@
 """A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
 The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits, those of
-accelerations too, fixed `LimitRows`, a tool speed, a joint metric, and the exact demands of `demands`.
+accelerations too, fixed `LimitRows`, a tool speed, a joint metric, forms and carried metrics, and the exact demands of
+`demands`.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def compiled_loop(
     Args:
         robot: the arm.
         law: of its ticks.
-        measure: at a point of the tool.
+        measure: at a point of the tool, or of a carried metric.
         box: joint limits.
         braking: the same with acceleration limits, or None.
         gain: of the error [1/s].
@@ -67,7 +68,8 @@ def compiled_loop(
         speed: limit of a point of the tool.
         joint_rows: limits on combinations of joint velocities; the core has those that are the same in every tick.
     """
-    if core is None or law.compiled is None or measure.carried is not None or measure.point is None:
+    carried = measure.carried
+    if core is None or law.compiled is None or (carried is None and measure.point is None):
         return None
     if speed is not None and speed.exact:
         return None
@@ -77,18 +79,23 @@ def compiled_loop(
     wanted, rows = compiled_demands(exact, m), _rows(joint_rows, m)
     if wanted is None or len(wanted) > core.MOST_ROWS or rows is None or len(rows[0]) > core.MOST_JOINTS:
         return None
-    numbers = [m, law.dt, gain, measure.length, slow, pull.any(), *law.compiled]
+    numbers = [m, law.dt, gain, measure.length, slow, pull.any()]
     numbers += [-1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit, braking is not None]
-    numbers += [len(wanted), len(rows[0]), law.metric is not None]
+    kind = 0 if carried is None else 2 if carried.follows_tool else 1
+    numbers += [len(wanted), len(rows[0]), law.metric is not None, 0, kind]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
-    fixed = np.array(numbers, np.float64), measure.point, fast, robot.home, robot.screws
+    point = np.zeros(3) if measure.point is None else measure.point
+    root = np.eye(6) if carried is None else carried.root(np.eye(4))  # in the frame of its body
+    fixed = np.array(numbers, np.float64), point, fast, robot.home, robot.screws
     acceleration = np.zeros(m) if braking is None else braking.acceleration
     room = box.position_lower, box.position_upper, acceleration
     same = np.eye(m)
     metric = same if law.to_joint is None else law.to_joint, same if law.from_joint is None else law.from_joint
     limits = wanted, *rows
-    made: Array = core.loop(*fixed, low, high, box.velocity_limit, middle, pull, *room, *limits, *metric)
+    made: Array = core.loop(
+        *fixed, low, high, box.velocity_limit, middle, pull, *room, *limits, *metric, law.compiled, root
+    )
     return made
 
 

@@ -53,6 +53,12 @@ static PyObject *reason(int m, const Solution *solution)
             PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sthe tool's speed", held ? " and " : " (held by ");
         PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s", held || solution->fast ? ")" : "");
     }
+    if (solution->blended > 0.0) {
+        say(words, "descent guard: ");
+        if (!add(words, "", solution->blended, 'g', 3))
+            return NULL;
+        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of least squares blended in");
+    }
     if (solution->damping > 0.0) {
         say(words, "near a singularity: the smallest singular value is ");
         if (!add(words, "", solution->ratio, 'e', 1))
@@ -92,9 +98,13 @@ PyObject *fields(int m, const Solution *solution)
     for (int j = 0; j < m; j++)
         active += solution->active[j];
     return Py_BuildValue("(NssNNNdddsNN)", new_vector(m, solution->velocity), METHODS[solution->method],
-                         solution->stuck || solution->lost ? "degraded" : solution->slow ? "scaled" : "ok", reason(m, solution),
+                         solution->stuck || solution->lost ? "degraded"
+                         : solution->slow                  ? "scaled"
+                         : solution->blended > 0.0         ? "guarded"
+                                                           : "ok",
+                         reason(m, solution),
                          joints(m, solution->active, active), new_vector(6, solution->residual), solution->scale,
-                         solution->damping, 0.0, solution->met ? "native" : "",
+                         solution->damping, solution->blended, solution->met ? "native" : "",
                          solution->met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
                          solution->met && solution->limits > 0 ? new_vector(solution->limits, solution->multipliers + m)
                                                                : Py_NewRef(Py_None));
@@ -103,7 +113,7 @@ PyObject *fields(int m, const Solution *solution)
 /* Whether a velocity and a residual are all there is to say. */
 bool is_plain(const Solution *solution)
 {
-    if (solution->method != CLOSED_FORM || solution->stuck || solution->lost)
+    if (solution->method != CLOSED_FORM || solution->stuck || solution->lost || solution->blended > 0.0)
         return false;
     for (int j = 0; j < solution->m; j++)
         if (solution->active[j])

@@ -64,10 +64,12 @@ Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], d
     static const Row STILL = {0.0};
     Demand damped = {.threshold = DISTANCE_DAMPING, .ceiling = DISTANCE_DAMPING};
     Objective objective;
+    Spectrum found;
     Row distance;
     int m = (int)loop->joints;
     *share = 1.0;
-    if (least_squares(&damped, m, A, error, STILL, 0.0, &objective) == HAND_BACK)
+    if (spectrum(6, m, A, error, &found) == HAND_BACK ||
+        least_squares(&damped, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
     if (loop->has_metric != 0.0)

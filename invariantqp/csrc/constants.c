@@ -6,6 +6,10 @@
 
 const Constant CONSTANTS[] = {
     ONE("velocity.regular", ACCURATE_SHARE),
+    ONE("velocity.attempt", FORM_THRESHOLD),
+    ONE("velocity.attempt", FORM_CEILING),
+    ONE("velocity.attempt", UNSEEN),
+    {"velocity.guard.ROUNDING", GUARD_ROUNDING},
     ONE("velocity.objective", NULL_RATIO),
     ONE("velocity.objective", NULL_WEIGHT),
     ONE("velocity.calm", CALM),

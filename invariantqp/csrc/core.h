@@ -48,6 +48,12 @@ typedef struct {
     Row T[MOST], inverse[MOST];
 } Metric;
 
+/* forms.py: Q_h of a pitch h, or the projector along `count` twists Z; fraction of the guard, -1 for none. */
+typedef struct {
+    double pitch, fraction, count;
+    double Z[6][6]; /* Z[i] is twist i */
+} Form;
+
 /* law.py: the input of a tick. */
 typedef struct {
     int m;
@@ -69,8 +75,10 @@ typedef struct {
     Row G[MOST];
     Row least, most;
     const Metric *metric; /* NULL is the identity */
-    /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed */
-    double threshold, ceiling, fixed;
+    const Form *form;     /* NULL is least squares */
+    /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed, or more where a direction contributes
+       more than `speed`, if that is not zero */
+    double threshold, ceiling, fixed, speed;
 } Demand;
 
 /* objective.py: 1/2 |K (z - z*)|^2, K = diag(sqrt(weights)) V' */
@@ -81,10 +89,11 @@ typedef struct {
     double damping, lost, ratio;
 } Objective;
 
-/* spectrum.c: A = U diag(sigma) V', wanted = U'b */
+/* spectrum.c: A = U diag(sigma) V', wanted = U'b; U[i] is direction i, where it is asked for */
 typedef struct {
     Row V[MOST];
     Row sigma, wanted;
+    double U[6][6];
 } Spectrum;
 
 /* qp/quadratic.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e */
@@ -125,7 +134,7 @@ typedef struct {
     Method method;
     bool active[MOST];
     bool stuck, lost, slow, met, fast, held_by[LIMITS];
-    double scale, damping, ratio, lost_share; /* for the reason */
+    double scale, damping, blended, ratio, lost_share; /* for the reason */
 } Solution;
 
 /* A rigid motion. */
@@ -143,9 +152,10 @@ typedef struct {
 /* control/controller.py: what does not change from tick to tick. Numbers alone, so that an array carries it. */
 typedef struct {
     double joints, dt, gain, length, slowness, has_posture;
-    double threshold, ceiling, fixed;
     double row_rank, speed_limit, has_braking;
     double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
+    double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
+    double threshold, ceiling, fixed, speed;
     double point[3];                   /* of the tool, where the error is measured */
     double fast[3];                    /* of the tool, a point whose speed is limited */
     double home[16];
@@ -156,6 +166,8 @@ typedef struct {
     Wanted exact[MOST_ROWS];
     Row G[MOST], least, most;
     Metric metric;
+    Form form;
+    double root[6][6]; /* of the carried metric */
 } Loop;
 
 /* pose/arm.py: an arm as pose searches see it. Numbers alone, as in a Loop. */
@@ -204,6 +216,8 @@ void transformed(int m, const Row *M, const Row x, Row y);
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C);
 void product_with(int rows, int m, Row *A, const Row *T);
 bool factored(int n, Row *H);
+void forward(int n, const Row *L, double *x);
+void backward(int n, const Row *L, double *x);
 void solved(int n, const Row *L, const double *g, double *x);
 
 /* chain.c */
@@ -217,8 +231,12 @@ void exponential(const double w[3], const double v[3], Pose *T);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);
-Outcome least_squares(const Demand *demand, int n, const Row A[6], const double b[6], const Row posture, double largest,
+void asked(Spectrum *found, const double b[6]);
+double damped_square(const Demand *demand, double sigma, double wanted, double largest);
+Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
                       Objective *objective);
+Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6], double attempt[6]);
+Outcome blend(int n, const Row A[6], const double b[6], double mu, const Row x_f, const Row x_W, double fraction, double *t);
 void centre(const Objective *objective, Row z);
 void quadratic(const Objective *objective, Quadratic *problem);
 double speed(const Objective *objective, const Row z);
@@ -236,7 +254,8 @@ void polytope_on(const Polytope *limits, int m, const Row origin, int n, const R
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x);
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
-              const Share *share, const Optimum *found, Solution *solution);
+              const Share *share, const Optimum *found, double blended, Solution *solution);
+Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6]);
 Outcome reduce(const Demand *demand, const Row *C, Reduction *reduction);
 void origin(const Reduction *reduction, int m, double share, Row y);
 void joint(const Reduction *reduction, int m, const double *z, double share, Row y);
@@ -270,6 +289,10 @@ typedef struct {
 extern const Constant CONSTANTS[];
 
 #define ACCURATE_SHARE 1e-2
+#define FORM_THRESHOLD 0.3
+#define FORM_CEILING 0.3
+#define UNSEEN 1e-7
+#define GUARD_ROUNDING 1e-13
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8
 #define FREE_WEIGHT 3e-10

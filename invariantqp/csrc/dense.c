@@ -83,14 +83,27 @@ bool factored(int n, Row *H)
     return true;
 }
 
-/* H^-1 g by the factor of H. */
-void solved(int n, const Row *L, const double *g, double *x)
+/* x becomes L^-1 x. */
+void forward(int n, const Row *L, double *x)
 {
     for (int i = 0; i < n; i++)
-        x[i] = (g[i] - dot(i, L[i], x)) / L[i][i];
+        x[i] = (x[i] - dot(i, L[i], x)) / L[i][i];
+}
+
+/* x becomes L'^-1 x. */
+void backward(int n, const Row *L, double *x)
+{
     for (int i = n - 1; i >= 0; i--) {
         for (int k = i + 1; k < n; k++)
             x[i] -= L[k][i] * x[k];
         x[i] /= L[i][i];
     }
+}
+
+/* H^-1 g by the factor of H. */
+void solved(int n, const Row *L, const double *g, double *x)
+{
+    memmove(x, g, (size_t)n * sizeof(double));
+    forward(n, L, x);
+    backward(n, L, x);
 }

@@ -13,7 +13,7 @@
 static const double DEPENDENT_ROWS = 1e-3;
 
 /* D root^-1, for root = [[R, 0], [P, S]] or any other that is invertible; by elimination with pivots. */
-static Outcome measured(int k, const double D[MOST_ROWS][6], const double root[6][6], double M[MOST_ROWS][6])
+Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6])
 {
     double L[6][6 + MOST_ROWS]; /* root' X = D' */
     for (int i = 0; i < 6; i++) {
@@ -56,7 +56,7 @@ static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *
     memcpy(e, demand->e, (size_t)k * sizeof(double));
     if (!demand->of_twist)
         return DONE;
-    if (measured(k, demand->D, demand->root, M) == HAND_BACK)
+    if (over_root(k, demand->D, demand->root, M) == HAND_BACK)
         return HAND_BACK;
     double largest = 0.0;
     for (int i = 0; i < k; i++) {

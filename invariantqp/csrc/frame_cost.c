@@ -7,8 +7,9 @@ Outcome frame_cost(const Demand *demand, double more, Row *H, Row c)
 {
     static const Row STILL = {0.0};
     Objective objective;
+    Spectrum found;
     Row A[6];
-    double b[6], most = 0.0;
+    double b[6], attempt[6], most = 0.0;
     int m = demand->m;
     for (int i = 0; i < 6; i++)
         b[i] = dot(6, demand->root[i], demand->s);
@@ -16,7 +17,14 @@ Outcome frame_cost(const Demand *demand, double more, Row *H, Row c)
     bool plain = usual(6, b);
     for (int i = 0; i < 6; i++)
         plain = plain && usual(m, A[i]);
-    if (!plain || least_squares(demand, m, (const Row *)A, b, STILL, 0.0, &objective) == HAND_BACK)
+    if (!plain || spectrum(6, m, (const Row *)A, demand->form == NULL ? b : NULL, &found) == HAND_BACK)
+        return HAND_BACK;
+    if (demand->form != NULL) {
+        if (attempted(demand, m, &found, b, attempt) == HAND_BACK)
+            return HAND_BACK;
+        asked(&found, attempt);
+    }
+    if (least_squares(demand, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < m; i++)
         most = fmax(most, objective.weights[i]);

@@ -19,6 +19,28 @@ void root_at(const double p[3], double length, double root[6][6])
     root[5][1] = -p[0];
 }
 
+/* measure.py: the root of this tick's measure, at a point of the tool or of a metric carried by a body. */
+static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
+{
+    double p[3], ad[6][6] = {{0.0}};
+    if (loop->carried == 0.0) {
+        place(tool, loop->point, p);
+        root_at(p, loop->length, root);
+        return;
+    }
+    memcpy(root, loop->root, sizeof loop->root);
+    if (loop->carried == 1.0)
+        return;
+    root_at(tool->p, 1.0, ad); /* [[I, 0], [-[p]x, I]], then turned into the tool's frame */
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++) {
+            root[i][j] = 0.0;
+            for (int k = 0; k < 6; k++)
+                for (int l = k / 3 * 3; l < k / 3 * 3 + 3; l++)
+                    root[i][j] += loop->root[i][k] * tool->R[l % 3][k % 3] * ad[l][j];
+        }
+}
+
 /* limits/box.py */
 static void box(const Loop *loop, const double *q, Row lower, Row upper)
 {
@@ -70,8 +92,8 @@ static Outcome approach(const Loop *loop, const Demand *demand, const double mea
 /* controller.py: of a demand what no target decides, for joint twists demand->J. */
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand)
 {
-    double p[3];
     demand->metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
+    demand->form = loop->has_form != 0.0 ? &loop->form : NULL;
     demand->limits = (int)loop->limits;
     memcpy(demand->G, loop->G, (size_t)demand->limits * sizeof(Row));
     memcpy(demand->least, loop->least, sizeof(Row));
@@ -81,8 +103,8 @@ Outcome demand_in(const Loop *loop, const double *q, const double *before, const
     demand->threshold = loop->threshold;
     demand->ceiling = loop->ceiling;
     demand->fixed = loop->fixed;
-    place(tool, loop->point, p);
-    root_at(p, loop->length, demand->root);
+    demand->speed = loop->speed;
+    measured_by(loop, tool, demand->root);
     demand->cone.limit = loop->speed_limit;
     if (loop->speed_limit > 0.0)
         limited_point(loop, tool, demand);

@@ -3,14 +3,32 @@
 #define IMPORTS_NUMPY
 #include "boundary.h"
 
-/* Read (threshold, ceiling, fixed lambda). */
-static bool damping(PyObject *policy, Demand *demand)
+/* How a policy is written in messages. */
+#define POLICY "(threshold, ceiling, fixed, speed, (pitch, fraction, Z') or None)"
+
+/* Read a policy; its form, if it has one, goes into `form`. */
+static bool policy(PyObject *tuple, Demand *demand, Form *form)
 {
-    if (!PyTuple_Check(policy) || PyTuple_Size(policy) != 3)
+    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 5)
         return false;
-    demand->threshold = PyFloat_AsDouble(PyTuple_GetItem(policy, 0));
-    demand->ceiling = PyFloat_AsDouble(PyTuple_GetItem(policy, 1));
-    demand->fixed = PyFloat_AsDouble(PyTuple_GetItem(policy, 2));
+    demand->threshold = PyFloat_AsDouble(PyTuple_GetItem(tuple, 0));
+    demand->ceiling = PyFloat_AsDouble(PyTuple_GetItem(tuple, 1));
+    demand->fixed = PyFloat_AsDouble(PyTuple_GetItem(tuple, 2));
+    demand->speed = PyFloat_AsDouble(PyTuple_GetItem(tuple, 3));
+    demand->form = NULL;
+    PyObject *given = PyTuple_GetItem(tuple, 4);
+    if (given != Py_None) {
+        if (!PyTuple_Check(given) || PyTuple_Size(given) != 3)
+            return false;
+        PyObject *Z = PyTuple_GetItem(given, 2);
+        npy_intp count = PyArray_Check(Z) && PyArray_NDIM((PyArrayObject *)Z) == 2 ? PyArray_DIM((PyArrayObject *)Z, 0) : -1;
+        if (count < 0 || count > 6 || !matrix(Z, (int)count, 6, 6, form->Z[0]))
+            return false;
+        form->pitch = PyFloat_AsDouble(PyTuple_GetItem(given, 0));
+        form->fraction = PyFloat_AsDouble(PyTuple_GetItem(given, 1));
+        form->count = (double)count;
+        demand->form = form;
+    }
     return !PyErr_Occurred();
 }
 
@@ -79,13 +97,14 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     (void)module;
     Demand demand;
     Metric measure;
+    Form form;
     demand.rows = demand.limits = 0;
     demand.metric = NULL;
     memset(demand.posture, 0, sizeof demand.posture);
     demand.cone.limit = 0.0;
-    if (count != 12 || !damping(arguments[7], &demand)) {
+    if (count != 12 || !policy(arguments[7], &demand, &form)) {
         if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, (threshold, ceiling, fixed), "
+            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, " POLICY ", "
                                              "(A, b, of_twist, rank), (J, limit, start), (C, lower, upper), (T, inverse))");
         return NULL;
     }
@@ -114,14 +133,15 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     return fields(demand.m, &solution);
 }
 
-/* cost(J, s, root, policy, more): (H, c), or None where Python has to find them. */
+/* cost(J, s, root, POLICY, more): (H, c), or None where Python has to find them. */
 static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Demand demand;
-    if (count != 5 || !damping(arguments[3], &demand)) {
+    Form form;
+    if (count != 5 || !policy(arguments[3], &demand, &form)) {
         if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "cost(J, s, root, (threshold, ceiling, fixed), more)");
+            PyErr_SetString(PyExc_TypeError, "cost(J, s, root, " POLICY ", more)");
         return NULL;
     }
     demand.m = joints_of(arguments[0]);
@@ -137,24 +157,32 @@ static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     return Py_BuildValue("(NN)", new_matrix(demand.m, demand.m, MOST, H[0]), new_vector(demand.m, c));
 }
 
-/* loop(numbers) with the numbers of a Loop by name, arrays for those of the joints: a float64 array for `step`. */
+/* loop(numbers, ...) with the numbers of a Loop by name, arrays for those of the joints: a float64 array for `step`. */
 static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, threshold, ceiling, fixed, row_rank, "
-                                   "speed_limit, has_braking, k, r, has_metric), point, fast, home, screws, low, high, "
+    static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, row_rank, speed_limit, has_braking, "
+                                   "k, r, has_metric, 0, carried), point, fast, home, screws, low, high, "
                                    "fastest, middle, pull, position_lower, position_upper, acceleration, "
-                                   "(k, 8 + m) exact, C, lower, upper of r rows, T, its inverse)";
+                                   "(k, 8 + m) exact, C, lower, upper of r rows, T, its inverse, " POLICY ", root)";
     Loop made = {.joints = 0.0};
-    double first[15];
-    bool good = count == 19 && vector(arguments[0], 15, first) && first[0] >= 1.0 && first[0] <= MOST &&
-                first[12] >= 0.0 && first[12] <= MOST_ROWS && first[13] >= 0.0 && first[13] <= MOST;
+    Demand read;
+    double first[14];
+    bool good = count == 21 && vector(arguments[0], 14, first) && first[0] >= 1.0 && first[0] <= MOST &&
+                first[9] >= 0.0 && first[9] <= MOST_ROWS && first[10] >= 0.0 && first[10] <= MOST &&
+                policy(arguments[19], &read, &made.form) && matrix(arguments[20], 6, 6, 6, made.root[0]);
     if (!good) {
-        PyErr_SetString(PyExc_TypeError, USE);
+        if (!PyErr_Occurred())
+            PyErr_SetString(PyExc_TypeError, USE);
         return NULL;
     }
-    int m = (int)first[0], k = (int)first[12];
+    int m = (int)first[0], k = (int)first[9];
     memcpy(&made, first, sizeof first);
+    made.has_form = read.form != NULL;
+    made.threshold = read.threshold;
+    made.ceiling = read.ceiling;
+    made.fixed = read.fixed;
+    made.speed = read.speed;
     if (!vector(arguments[1], 3, made.point) || !vector(arguments[2], 3, made.fast) ||
         !matrix(arguments[3], 4, 4, 4, made.home) || !matrix(arguments[4], 6, m, MOST, made.screws[0]) ||
         !vector(arguments[5], m, made.low) || !vector(arguments[6], m, made.high) ||
@@ -225,15 +253,17 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
                          watch.ticks);
 }
 
-/* ticks(J, s, roots, lower, upper, posture, policy, velocity, residual): N rows, each a tick without dt. Velocities and
+/* ticks(J, s, roots, lower, upper, posture, POLICY, velocity, residual, (T, its inverse) or None): N rows, each a tick without dt. Velocities and
    residuals are written where the closed form answers; of the other rows a dict has the fields, or None for Python. */
 static PyObject *ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     static const int DIMENSIONS[] = {3, 2, 3, 2, 2, 2, 0, 2, 2};
     Demand shared = {.posture = {0.0}};
+    Form form;
+    Metric measure;
     PyArrayObject *arrays[9];
-    bool good = count == 9 && damping(arguments[6], &shared);
+    bool good = count == 10 && policy(arguments[6], &shared, &form);
     npy_intp n = 0, m = 0;
     for (int i = 0; good && i < 9; i++) {
         arrays[i] = NULL;
@@ -251,11 +281,15 @@ static PyObject *ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t 
         good = good && PyArray_DIM(arrays[i], 0) == n && PyArray_DIM(arrays[i], DIMENSIONS[i] - 1) == width &&
                (DIMENSIONS[i] == 2 || PyArray_DIM(arrays[i], 1) == 6);
     }
-    if (!good || m < 1 || m > MOST) {
+    good = good && m >= 1 && m <= MOST && (arguments[9] == Py_None || metric(arguments[9], (int)m, &measure));
+    if (!good) {
         if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "ticks(J, s, roots, lower, upper, posture, policy, velocity, residual)");
+            PyErr_SetString(PyExc_TypeError, "ticks(J, s, roots, lower, upper, posture, " POLICY ", velocity, residual, "
+                                             "(T, inverse))");
         return NULL;
     }
+    if (arguments[9] != Py_None)
+        shared.metric = &measure;
     shared.m = (int)m;
     shared.has_posture = arrays[5] != NULL;
     Solution *solutions = PyMem_Malloc((size_t)(n > 0 ? n : 1) * sizeof *solutions);

@@ -11,52 +11,50 @@ static const double LEAST_WEIGHT = 1e-10;
 static const double CLOSE = 10.0;
 
 /* lambda_i^2 */
-static double square(const Demand *demand, double sigma, double largest)
+double damped_square(const Demand *demand, double sigma, double wanted, double largest)
 {
     double left = demand->fixed;
     if (demand->ceiling > 0.0) {
         double share = fmin(sigma / (demand->threshold * largest), 1.0);
         left = demand->ceiling * largest * (1.0 - share * share);
     }
-    return left * left;
+    left *= left;
+    return demand->speed > 0.0 ? fmax(left, sigma * (fabs(wanted) / demand->speed - sigma)) : left;
 }
 
-/* `largest` is the singular value that all are compared with, 0 for the largest of A (6, n). */
-Outcome least_squares(const Demand *demand, int n, const Row A[6], const double b[6], const Row posture, double largest,
+/* By the spectrum of A (6, n); `largest` is the singular value that all are compared with, 0 for the largest of A. */
+Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
                       Objective *objective)
 {
     int k = n < 6 ? n : 6;
-    Spectrum found;
-    if (spectrum(6, n, A, b, &found) == HAND_BACK)
-        return HAND_BACK;
-    largest = largest > 0.0 ? largest : found.sigma[0];
+    largest = largest > 0.0 ? largest : found->sigma[0];
     double most = 0.0, least = INFINITY, missed = 0.0, damped = 0.0;
     if (!(largest > 0.0))
         return HAND_BACK;
     objective->n = n;
     objective->rank = 0;
     for (int i = 0; i < n; i++) {
-        double *v = objective->V[i], sigma = found.sigma[i];
+        double *v = objective->V[i], sigma = found->sigma[i], wanted = found->wanted[i];
         for (int j = 0; j < n; j++)
-            v[j] = found.V[i][j];
+            v[j] = found->V[i][j];
         double over = sigma / (NULL_RATIO * largest) - 1.0;
         if (sigma * CLOSE > NULL_RATIO * largest && sigma < CLOSE * NULL_RATIO * largest)
             return HAND_BACK;
         double moving = fmin(fmax(over, 0.0), 1.0); /* fades in, so that the law has no jump */
         sigma *= moving;
         bool null = moving == 0.0;
-        double squared = square(demand, sigma, largest);
+        double squared = damped_square(demand, sigma, wanted, largest);
         if (null && squared == 0.0)
             squared = NULL_WEIGHT * largest * largest;
         double weight = sigma * sigma + squared, towards = dot(n, v, posture);
         if (!null) {
-            double left = squared * found.wanted[i] / weight;
+            double left = squared * wanted / weight;
             missed += left * left;
             damped = fmax(damped, squared);
             objective->rank++;
         }
         objective->weights[i] = weight;
-        objective->optimum[i] = (sigma * found.wanted[i] + squared * towards) / weight;
+        objective->optimum[i] = (sigma * wanted + squared * towards) / weight;
         most = fmax(most, weight);
         least = fmin(least, weight);
     }
@@ -64,7 +62,7 @@ Outcome least_squares(const Demand *demand, int n, const Row A[6], const double 
         return HAND_BACK;
     objective->damping = sqrt(damped);
     objective->lost = sqrt(missed);
-    objective->ratio = found.sigma[k - 1] > NULL_RATIO * largest ? found.sigma[k - 1] / largest : 0.0;
+    objective->ratio = found->sigma[k - 1] > NULL_RATIO * largest ? found->sigma[k - 1] / largest : 0.0;
     return DONE;
 }
 

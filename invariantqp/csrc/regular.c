@@ -8,7 +8,7 @@
 bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x)
 {
     int n = demand->m;
-    if (n < 6)
+    if (n < 6 || demand->speed > 0.0)
         return false;
     Row L[6];
     double y[6], squares = 0.0, inverse_squares = 0.0;

@@ -70,7 +70,7 @@ static void clipped(const Demand *demand, const Row x, Solution *solution)
 }
 
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
-              const Share *share, const Optimum *found, Solution *solution)
+              const Share *share, const Optimum *found, double blended, Solution *solution)
 {
     double size = norm(6, wanted);
     Row x;
@@ -83,6 +83,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     solution->stuck = is_stuck(demand, A, wanted, solution->velocity, share->value);
     solution->lost = objective->lost > LOSS_TOLERANCE * size;
     solution->damping = objective->damping;
+    solution->blended = blended;
     solution->ratio = objective->ratio;
     solution->lost_share = size > 0.0 ? objective->lost / size : 0.0;
     solution->met = found->met;

@@ -35,7 +35,7 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     solution->method = CLOSED_FORM;
     solution->stuck = solution->lost = solution->slow = solution->met = false;
     solution->scale = 1.0;
-    solution->damping = 0.0;
+    solution->damping = solution->blended = 0.0;
     return true;
 }
 

@@ -3,7 +3,8 @@
        A = U diag(sigma) V',   wanted = U'b
 
    The k rows of A (or its n columns, if there are fewer) are rotated in pairs until all are orthogonal; their lengths
-   are then the singular values. Rows of A become sigma_i v_i, and b, rotated with them, becomes U'b. */
+   are then the singular values. Rows of A become sigma_i v_i, and b, rotated with them, becomes U'b; without a b, the
+   identity is, and becomes U'. */
 
 #include "core.h"
 #include <string.h>
@@ -89,16 +90,24 @@ static void completed(int n, int rank, Row *V)
     }
 }
 
+/* wanted = U'b */
+void asked(Spectrum *found, const double b[6])
+{
+    for (int i = 0; i < 6; i++)
+        found->wanted[i] = dot(6, found->U[i], b);
+}
+
+/* Without a b (NULL), k is 6. */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
 {
     bool wide = n >= k;
-    int rows = wide ? k : n, length = wide ? n : k, with = wide ? 1 : n;
+    int rows = wide ? k : n, length = wide ? n : k, with = !wide ? n : b == NULL ? k : 1;
     Rotated R[MOST];
     for (int i = 0; i < rows; i++) {
         for (int j = 0; j < length; j++)
             R[i].row[j] = wide ? A[i][j] : A[j][i];
         for (int j = 0; j < with; j++)
-            R[i].with[j] = wide ? b[i] : (i == j ? 1.0 : 0.0);
+            R[i].with[j] = wide && b != NULL ? b[i] : i == j ? 1.0 : 0.0;
     }
     double size = norm_of_rows(k, n, A);
     if (orthogonalised(rows, length, with, R, NOTHING * NOTHING * size * size) == HAND_BACK)
@@ -115,17 +124,21 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
     }
     memset(found->sigma, 0, sizeof found->sigma);
     memset(found->wanted, 0, sizeof found->wanted);
+    if (b == NULL)
+        memset(found->U, 0, sizeof found->U);
     int rank = 0;
     for (int i = 0; i < rows; i++) {
         const Rotated *r = &R[order[i]];
         double value = found->sigma[i] = sigma[order[i]];
         bool moving = value > NULL_RATIO * found->sigma[0];
+        for (int j = 0; j < k && b == NULL; j++)
+            found->U[i][j] = wide ? r->with[j] : moving ? r->row[j] / value : 0.0;
         if (wide) {
             found->wanted[i] = r->with[0];
             for (int j = 0; j < n && moving; j++)
                 found->V[i][j] = r->row[j] / value;
         } else {
-            found->wanted[i] = value > 0.0 ? dot(k, r->row, b) / value : 0.0;
+            found->wanted[i] = value > 0.0 && b != NULL ? dot(k, r->row, b) / value : 0.0;
             for (int j = 0; j < n; j++)
                 found->V[i][j] = r->with[j];
         }

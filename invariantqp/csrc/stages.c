@@ -3,7 +3,8 @@
        free       the optimum without limits, where that is inside them; otherwise:
        share      exact rows slow down along their direction where limits require it
        minimise   the optimum inside the limits
-       calm       the optimum once more, with damping that grows with the residual */
+       calm       the optimum once more, with damping that grows with the residual
+       guard      with a form: least squares inside the same limits is blended in where the form does not descend */
 
 #include "core.h"
 #include <string.h>
@@ -12,13 +13,15 @@
 typedef struct {
     const Demand *demand;
     const Row *A; /* on y, as all that follows */
-    const double *wanted;
+    const double *wanted, *attempt; /* the same array where no form changes anything */
     Row posture;
     Polytope limits;
     Cone cone;
     Reduction reduction;
-    double largest; /* singular value of A, where there are exact rows */
-    Row product[6]; /* A T */
+    Spectrum spectrum; /* of A, or of A B where there are exact rows */
+    double largest;    /* singular value of A, where there are exact rows */
+    double instead[6]; /* of `wanted`: what a form attempts */
+    Row product[6];    /* A T */
 } Posed;
 
 /* posed.py, limits_of */
@@ -49,7 +52,7 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
     Row C[MOST_ROWS], still = {0.0};
     problem->demand = demand;
     problem->A = A;
-    problem->wanted = wanted;
+    problem->wanted = problem->attempt = wanted;
     problem->largest = 0.0;
     problem->cone = demand->cone;
     memcpy(problem->posture, demand->posture, sizeof(Row));
@@ -75,39 +78,51 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
             if (!usual(m, C[i]))
                 return HAND_BACK;
     }
+    bool formed = demand->form != NULL;
+    Spectrum *found = &problem->spectrum;
+    if ((demand->rows > 0 && reduce(demand, (const Row *)C, &problem->reduction) == HAND_BACK) ||
+        spectrum(6, m, problem->A, formed ? NULL : wanted, found) == HAND_BACK)
+        return HAND_BACK;
+    if (formed) {
+        if (attempted(demand, m, found, wanted, problem->instead) == HAND_BACK)
+            return HAND_BACK;
+        if (memcmp(problem->instead, wanted, sizeof problem->instead) != 0)
+            problem->attempt = problem->instead;
+    }
     if (demand->rows == 0)
         return DONE;
-    Spectrum found;
-    if (reduce(demand, (const Row *)C, &problem->reduction) == HAND_BACK ||
-        spectrum(6, m, problem->A, wanted, &found) == HAND_BACK)
-        return HAND_BACK;
-    problem->largest = found.sigma[0];
-    return DONE;
+    problem->largest = found->sigma[0];
+    Row AB[6];
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < problem->reduction.n; j++)
+            AB[i][j] = dot(m, problem->A[i], problem->reduction.basis[j]);
+    return spectrum(6, problem->reduction.n, (const Row *)AB, NULL, found);
 }
 
 /* The objective in z at a share of the speed. */
-static Outcome objective(const Posed *problem, double share, Objective *result)
+static Outcome objective(Posed *problem, const double *attempt, double share, Objective *result)
 {
     const Demand *demand = problem->demand;
     const Reduction *reduction = &problem->reduction;
     int m = demand->m;
-    if (demand->rows == 0)
-        return least_squares(demand, m, problem->A, problem->wanted, problem->posture, 0.0, result);
-    Row AB[6], posture = {0.0}, start;
+    if (demand->rows == 0) {
+        if (demand->form != NULL)
+            asked(&problem->spectrum, attempt);
+        return least_squares(demand, m, &problem->spectrum, problem->posture, 0.0, result);
+    }
+    Row posture = {0.0}, start;
     double left[6];
     origin(reduction, m, share, start);
-    for (int i = 0; i < 6; i++) {
-        left[i] = share * problem->wanted[i] - dot(m, problem->A[i], start);
-        for (int j = 0; j < reduction->n; j++)
-            AB[i][j] = dot(m, problem->A[i], reduction->basis[j]);
-    }
+    for (int i = 0; i < 6; i++)
+        left[i] = share * attempt[i] - dot(m, problem->A[i], start);
+    asked(&problem->spectrum, left);
     if (demand->has_posture) {
         Row wanted;
         for (int j = 0; j < m; j++)
             wanted[j] = share * problem->posture[j];
         freed(reduction, m, wanted, share, posture);
     }
-    return least_squares(demand, reduction->n, (const Row *)AB, left, posture, problem->largest, result);
+    return least_squares(demand, reduction->n, &problem->spectrum, posture, problem->largest, result);
 }
 
 static void joints(const Posed *problem, const Row z, double share, Row y)
@@ -175,6 +190,31 @@ static double calming(const Posed *problem, const Share *share, const Objective 
     return calm(demand->m, problem->A, problem->wanted, y, speed(objective, z), demand->dt, factor);
 }
 
+/* y, with as much least squares blended in as descent requires; `near` has the limits that hold the rows. */
+static Outcome guarded(Posed *problem, const Share *share, double mu, Row y, double *blended)
+{
+    const Demand *demand = problem->demand;
+    Objective plain;
+    Optimum best = share->near;
+    Row least;
+    double wanted[6];
+    *blended = 0.0;
+    if (problem->attempt == problem->wanted || demand->form->fraction < 0.0)
+        return DONE;
+    if (objective(problem, problem->wanted, share->value, &plain) == HAND_BACK)
+        return HAND_BACK;
+    calmed(&plain, mu);
+    if (minimised(problem, share, &plain, &best, least) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < 6; i++)
+        wanted[i] = share->value * problem->wanted[i];
+    if (blend(demand->m, problem->A, wanted, mu, y, least, demand->form->fraction, blended) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < demand->m; j++)
+        y[j] = (1.0 - *blended) * y[j] + *blended * least[j];
+    return DONE;
+}
+
 /* A velocity inside the limits, and the share of the exact rows' speed that they allow; limits that contradict each
    other are handed back. */
 static Outcome roomy(Posed *problem, Share *share)
@@ -207,7 +247,8 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
     int m = demand->m;
     found.met = share.near.met = share.fast = false;
     share.value = 1.0;
-    if (posed(demand, A, wanted, &problem) == HAND_BACK || objective(&problem, 1.0, &cost) == HAND_BACK)
+    double blended;
+    if (posed(demand, A, wanted, &problem) == HAND_BACK || objective(&problem, problem.attempt, 1.0, &cost) == HAND_BACK)
         return HAND_BACK;
     centre(&cost, found.z);
     joints(&problem, found.z, 1.0, y);
@@ -218,7 +259,7 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
         memcpy(share.inside, y, (size_t)m * sizeof(double));
     else {
         if (roomy(&problem, &share) == HAND_BACK ||
-            (demand->rows > 0 && objective(&problem, share.value, &cost) == HAND_BACK))
+            (demand->rows > 0 && objective(&problem, problem.attempt, share.value, &cost) == HAND_BACK))
             return HAND_BACK;
         found = share.near;
         if (minimised(&problem, &share, &cost, &found, y) == HAND_BACK)
@@ -230,7 +271,9 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
         if (minimised(&problem, &share, &cost, &found, y) == HAND_BACK)
             return HAND_BACK;
     }
+    if (guarded(&problem, &share, mu, y, &blended) == HAND_BACK)
+        return HAND_BACK;
     moved(demand, y, x);
-    reported(demand, A, wanted, &cost, x, &share, &found, solution);
+    reported(demand, A, wanted, &cost, x, &share, &found, blended, solution);
     return DONE;
 }

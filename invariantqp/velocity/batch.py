@@ -110,10 +110,10 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     batch = _checked(J, twist, options)
     twists, s = batch.twists, batch.s
     n = len(twists)
-    policy, box = batch.law.compiled if batch.law.metric is None else None, (batch.lower, batch.upper)
+    box = batch.lower, batch.upper
     slow: dict[int, VelocitySolution | None] = {}
-    if core is not None and policy is not None:
-        x, residual, slow = compiled_rows(policy, twists, s, batch.roots, box, batch.posture)
+    if core is not None and batch.law.compiled is not None:
+        x, residual, slow = compiled_rows(batch.law, twists, s, batch.roots, box, batch.posture)
         done = np.ones(n, dtype=bool)
         done[list(slow)] = False
     else:

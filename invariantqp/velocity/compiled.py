@@ -1,4 +1,4 @@
-"""The ticks that the compiled core answers: those without a form. Python has the others.
+"""The ticks that the compiled core answers; Python has the others (`VelocityLaw.compiled` says which laws).
 
 The core answers what this package's own Python would, or hands the tick back.
 """
@@ -31,13 +31,13 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     demands = None if exact is None else (exact.A, exact.b, exact.of_twist, row_rank)
     slow = None if cone is None else (cone.J, cone.limit, cone.start)
     limits = None if rows is None else (rows.C, rows.lower, rows.upper)
-    metric = None if law.metric is None else (law.to_joint, law.from_joint)
+    metric = _metric(law)
     found = core.tick(J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric)
     return None if found is None else VelocitySolution._make(found)
 
 
 def compiled_rows(
-    policy: tuple[float, float, float],
+    law: VelocityLaw,
     J: Array,
     s: Array,
     roots: Array,
@@ -49,7 +49,7 @@ def compiled_rows(
     A row that is None there, and all rows of a core that refuses, are Python's. Large batches go to several threads.
 
     Args:
-        policy: `VelocityLaw.compiled`.
+        law: of all rows.
         J: (N, 6, m).
         s: (N, 6).
         roots: (N, 6, 6).
@@ -58,13 +58,14 @@ def compiled_rows(
     """
     n, _, m = J.shape
     velocity, residual = np.zeros((n, m)), np.zeros((n, 6))
-    if core is None or m > core.MOST_JOINTS:
+    policy, metric = law.compiled, _metric(law)
+    if core is None or policy is None or m > core.MOST_JOINTS:
         return velocity, residual, dict.fromkeys(range(n))
 
     def part(rows: slice) -> dict[int, Any]:
         arrays = [J[rows], s[rows], roots[rows], box[0][rows], box[1][rows]]
         wanted = None if posture is None else posture[rows]
-        found = core.ticks(*arrays, wanted, policy, velocity[rows], residual[rows])
+        found = core.ticks(*arrays, wanted, policy, velocity[rows], residual[rows], metric)
         return {rows.start + i: fields for i, fields in found.items()}
 
     threads = max(1, min(n // ROWS_A_THREAD, cpu_count() or 1))
@@ -78,3 +79,8 @@ def compiled_rows(
         with ThreadPoolExecutor(threads) as pool:
             found = {i: fields for some in pool.map(part, slices) for i, fields in some.items()}
     return velocity, residual, {i: None if f is None else VelocitySolution._make(f) for i, f in found.items()}
+
+
+def _metric(law: VelocityLaw) -> tuple[Array | None, Array | None] | None:
+    """(m, m) T and its inverse; None for the identity."""
+    return None if law.metric is None else (law.to_joint, law.from_joint)

@@ -25,7 +25,7 @@ from invariantqp.geometry.fields import Value
 
 # Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
-# A missing decrease of less than this share of |b|^2 is rounding.
+# A missing decrease of less than this share of |b|^2 or |A x|^2 is rounding.
 ROUNDING = 1e-13
 
 
@@ -68,11 +68,12 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     best, have = _decrease(A, b, mu, x_W), _decrease(A, b, mu, x_f)
     # With exact rows even x_W may increase the error; it may then be exceeded by (1 - eta) of that increase.
     missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - have
-    if missing <= ROUNDING * float(b.dot(b)):
+    achieved = A.dot(x_f)
+    if missing <= ROUNDING * max(float(b.dot(b)), float(achieved.dot(achieved))):
         return 0.0
     d = x_W - x_f
     step = A.dot(d)
-    slope = float(step.dot(b - A.dot(x_f)) - mu * x_f.dot(d))
+    slope = float(step.dot(b - achieved) - mu * x_f.dot(d))
     curvature = float(step.dot(step) + mu * d.dot(d))
     discriminant = slope * slope - 2.0 * curvature * missing
     root = slope + sqrt(discriminant) if discriminant > 0.0 else slope

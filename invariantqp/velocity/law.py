@@ -7,18 +7,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import Adaptive, Damping, Fixed, PaperLambda
+from invariantqp.velocity.damping import Adaptive, Damping, Fixed, PaperLambda, Selective
 from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.forms import Form
+from invariantqp.velocity.forms import Complement, Form, PitchForm
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.qp.backends import Backend, Daqp
+
+
+# Threshold, ceiling and fixed lambda of damping, its speed for one direction or 0; pitch, fraction of the guard or -1, and
+# complement Z' of a form, or None.
+Policy: TypeAlias = tuple[float, float, float, float, tuple[float, float, Array] | None]
 
 
 class Demand(NamedTuple):
@@ -88,14 +93,25 @@ class VelocityLaw:
     dt: float = 0.0
 
     @cached_property
-    def compiled(self) -> tuple[float, float, float] | None:
-        """(threshold, ceiling, fixed lambda) for the compiled core; None where it does not have this law."""
-        if self.form is not None or type(self.backend) is not Daqp:
+    def compiled(self) -> Policy | None:
+        """Damping, form and guard for the compiled core; None where it does not have this law.
+
+        Python's are `PaperLambda`, a convexified form, classes of the user's, and other solvers.
+        """
+        damping, form, fraction = self.damping, self.form, -1.0 if self.guard is None else self.guard.fraction
+        if type(form) is PitchForm and not form.convexified:
+            given = form.h, fraction, np.empty((0, 6))
+        elif type(form) is Complement:
+            given = 0.0, fraction, np.asarray(form.Z).T
+        else:
+            given = None
+        if (given is None and form is not None) or type(self.backend) is not Daqp:
             return None
-        damping = self.damping
         if type(damping) is Adaptive:
-            return damping.threshold, damping.ceiling, 0.0
-        return (damping.threshold, 0.0, damping.value) if type(damping) is Fixed else None
+            return damping.threshold, damping.ceiling, 0.0, 0.0, given
+        if type(damping) is Selective and type(damping.adaptive) is Adaptive:
+            return damping.adaptive.threshold, damping.adaptive.ceiling, 0.0, damping.speed, given
+        return (damping.threshold, 0.0, damping.value, 0.0, given) if type(damping) is Fixed else None
 
     @cached_property
     def to_joint(self) -> Array | None:

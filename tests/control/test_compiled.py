@@ -23,6 +23,7 @@ pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 POSE = 32 * np.finfo(float).eps
 POINT, AXIS = iq.control.ExactPoint([0.0, 0.0, 0.1]), iq.control.ExactAxis([0.2, 0.0, 1.0])
 PLANE = iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1])
+ASIDE = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
 SLOW = {"tool_speed": iq.limits.ToolSpeed(0.3, [0.0, 0.0, 0.1])}
 JOINT, ROWS = "a joint", "rows, metric, accelerations"  # they depend on the arm
 LOOPS = [
@@ -30,9 +31,10 @@ LOOPS = [
     (None, {"acceleration_limit": np.inf}),
     (None, ROWS),
     ("position", SLOW),
-    (POINT, {"acceleration_limit": 5.0}),
-    ([POINT, AXIS], {}),
+    (POINT, {"acceleration_limit": 5.0, "form": iq.CarriedMetric([0.2, 0.1, 0.3, 1.0, 2.0, 1.0], ASIDE)}),
+    ([POINT, AXIS], {"form": iq.CarriedMetric([0.2, 0.1, 0.3, 1.0, 2.0, 1.0])}),
     ([PLANE, AXIS], SLOW),
+    (None, {"form": 0.1, "damping": iq.velocity.Selective()}),
     (JOINT, ROWS),
 ]
 ARMS = ("panda", "ur5", "xarm7", "so101", "z1")
@@ -117,7 +119,8 @@ def test_the_cost_of_a_frame_task(seed):
     if rng.random() < 0.2:
         J *= 10.0 ** rng.uniform(-60.0, 60.0)
     task = FrameCost()
-    task.form, task.guard, task.damping = None, None, (iq.velocity.Fixed(0.0), iq.velocity.Adaptive())[rng.integers(2)]
+    task.form, task.guard = (None, iq.PitchForm(0.1))[rng.integers(2)], (None, iq.velocity.Guard())[rng.integers(2)]
+    task.damping = (iq.velocity.Fixed(0.0), iq.velocity.Adaptive())[rng.integers(2)]
     more = (0.0, 1e-3, 1.0)[rng.integers(3)]
     native = task._moved(J, s, root, more)
     with mock.patch("invariantqp.control.frame_cost.core", None):
@@ -230,8 +233,7 @@ def test_not_converging_is_told(panda):
         {"exact": iq.ExactRows(np.tri(9, 7), np.zeros(9))},
         {"tool_speed": iq.limits.ToolSpeed(0.25, exact=True)},
         {"rows": lambda _: iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0])},
-        {"form": 0.1},
-        {"form": iq.CarriedMetric(np.eye(6))},
+        {"form": iq.PitchForm(0.1, convexified=True)},
         {"point": "own"},
         {"backend": "osqp"},
     ],

@@ -72,7 +72,20 @@ def random_tick(rng):
     rows = random_limits(rng, lower, upper) if rng.random() < 0.3 else None
     if rng.random() < 0.3:
         law = replace(law, metric=random_metric(rng, m))
+    if rng.random() < 0.4:
+        guard = None if rng.random() < 0.2 else iq.velocity.Guard((0.0, 0.5, 0.9, 1.0)[rng.integers(4)])
+        law = replace(law, form=random_form(rng), guard=guard)
     return law, Demand(size * J, size * s, root, lower, upper, exact, posture, rows, cone)
+
+
+def random_form(rng):
+    """Any pitch, or a projection along a few twists, some of them along axes."""
+    if rng.random() < 0.6:
+        return iq.PitchForm(rng.normal() * 10.0 ** rng.uniform(-3, 2))
+    count = int(rng.integers(1, 6))
+    return iq.Complement(
+        rng.normal(size=(6, count)) if rng.random() < 0.6 else np.eye(6)[:, rng.permutation(6)[:count]]
+    )
 
 
 def random_metric(rng, m):
@@ -172,6 +185,8 @@ def spreads(law, problem, demand, native, answer):
         size += problem.reduction.bend * float(np.abs(problem.reduction.full).max())
     condition *= np.linalg.cond(T) ** 2
     spread = AGREE * size + ROUNDING * condition * (far + size)
+    if law.form is not None:  # what it attempts is known to rounding of the twist
+        spread += ROUNDING * np.linalg.norm(problem.wanted) / np.sqrt(objective.weights.min(initial=largest))
     gradient = AGREE * largest * far + largest * spread
     if problem.reduction is not None and answer.multipliers is not None:  # of rows that may nearly depend on each other
         gradient += 1e-6 * np.abs(answer.multipliers).max()

@@ -1,0 +1,180 @@
+/* Twin of velocity/attempt.py and forms.py: the measured twist to attempt with a form.
+
+       A = U diag(sigma) V',   r = b - U U'b:     U'M (U y - r) = 0,     attempt U (U'b + y)
+       N = V'MV,  B = |MV| = LL',  C = L^-1 N L^-T,   y = V L^-T f(C) L^-1 V'Mr,   f(mu) = mu / (mu^2 + filter)
+
+   V is U with each direction as far as damping leaves it. f is odd, so f(C) = C g(C'C) by the singular values of C. */
+
+#include "core.h"
+#include <string.h>
+
+/* A singular value within this factor of NULL_RATIO might be on its other side in Python. */
+static const double CLOSE = 10.0;
+/* Where M leaves a direction of V to itself, eigenvalues of |MV| below this share of |M|, rounding enlarged by one over
+   that decides on it; damping of more than DAMPED_SHARE does not let it count. */
+static const double DISTINCT = 1e-3, DAMPED_SHARE = 0.999;
+/* A vector shorter than this share of itself before it was made orthogonal depends on the others. */
+static const double DEPENDENT_TWIST = 1e-8;
+
+/* Q_h on measured twists, root^-T Q_h root^-1. */
+static Outcome pitch_form(double h, const double root[6][6], double M[6][6])
+{
+    double Q[6][6] = {{0.0}}, right[6][6], turned[6][6];
+    for (int i = 0; i < 3; i++) {
+        Q[i][i] = -2.0 * h;
+        Q[i][3 + i] = Q[3 + i][i] = 1.0;
+    }
+    if (over_root(6, (const double(*)[6])Q, root, right) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            turned[i][j] = right[j][i];
+    return over_root(6, (const double(*)[6])turned, root, M);
+}
+
+/* I - KK', K an orthonormal basis of root Z. */
+static Outcome complement(const Form *form, const double root[6][6], double M[6][6])
+{
+    int count = (int)form->count;
+    double K[6][6];
+    if (count == 6) /* nothing is left, and M is rounding */
+        return HAND_BACK;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            M[i][j] = i == j ? 1.0 : 0.0;
+    for (int k = 0; k < count; k++) {
+        double whole, *z = K[k];
+        for (int i = 0; i < 6; i++)
+            z[i] = dot(6, root[i], form->Z[k]);
+        whole = norm(6, z);
+        for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding */
+            for (int l = 0; l < k; l++) {
+                double share = dot(6, K[l], z);
+                for (int i = 0; i < 6; i++)
+                    z[i] -= share * K[l][i];
+            }
+        double length = norm(6, z);
+        if (!(length > DEPENDENT_TWIST * whole))
+            return HAND_BACK;
+        for (int i = 0; i < 6; i++)
+            z[i] /= length;
+        for (int i = 0; i < 6; i++)
+            for (int j = 0; j < 6; j++)
+                M[i][j] -= z[i] * z[j];
+    }
+    return DONE;
+}
+
+/* |MV| + damping = LL' for k directions; MV[i] = M V_i, share[i] what damping leaves of one. */
+static Outcome sized(int k, const double (*MV)[6], const double *share, double norm, Row *L)
+{
+    Row columns[6];
+    Spectrum found;
+    static const double nothing[6] = {0.0};
+    for (int r = 0; r < 6; r++)
+        for (int i = 0; i < k; i++)
+            columns[r][i] = MV[i][r];
+    if (spectrum(6, k, (const Row *)columns, nothing, &found) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j <= i; j++)
+            L[i][j] = i == j ? (1.0 - share[i]) * norm : 0.0;
+    for (int l = 0; l < k; l++) {
+        double damped = 0.0, size = found.sigma[l] + UNSEEN * norm;
+        for (int i = 0; i < k; i++) {
+            damped += (1.0 - share[i]) * found.V[l][i] * found.V[l][i];
+            for (int j = 0; j <= i; j++)
+                L[i][j] += size * found.V[l][i] * found.V[l][j];
+        }
+        if (damped < DAMPED_SHARE && found.sigma[l] < DISTINCT * norm)
+            return HAND_BACK;
+    }
+    return factored(k, L) ? DONE : HAND_BACK;
+}
+
+/* f(C) p */
+static Outcome filtered(int k, const Row *C, const double *p, double *y)
+{
+    Spectrum found;
+    Row part = {0.0};
+    if (spectrum(k, k, C, p, &found) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < k; i++) {
+        double mu = found.sigma[i], ratio = mu / FORM_THRESHOLD, filter = FORM_CEILING * fmax(0.0, 1.0 - ratio * ratio);
+        double along = dot(k, found.V[i], p) / (mu * mu + filter * filter);
+        for (int j = 0; j < k; j++)
+            part[j] += along * found.V[i][j];
+    }
+    for (int i = 0; i < k; i++)
+        y[i] = dot(k, C[i], part);
+    return DONE;
+}
+
+/* `found` is the spectrum of A (6, n), with its U. `attempt` is b itself, to the bit, where the joints can do all of it. */
+Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6], double attempt[6])
+{
+    int k = n < 6 ? n : 6;
+    const Form *form = demand->form;
+    double largest = found->sigma[0], share[6], r[6], done[6] = {0.0}, M[6][6], V[6][6], MV[6][6], square = 0.0;
+    Row L[6], C[6], y;
+    bool whole = k == 6;
+    memcpy(attempt, b, 6 * sizeof(double));
+    if (largest == 0.0)
+        return DONE;
+    asked(found, b);
+    for (int i = 0; i < k; i++) {
+        double sigma = found->sigma[i], damped = damped_square(demand, sigma, found->wanted[i], largest);
+        if (damped == 0.0 && !(sigma > CLOSE * NULL_RATIO * largest))
+            return HAND_BACK;
+        share[i] = sigma * sigma / (sigma * sigma + damped);
+        whole = whole && damped == 0.0;
+        for (int j = 0; j < 6; j++)
+            done[j] += share[i] * found->wanted[i] * found->U[i][j];
+    }
+    if (whole)
+        return DONE;
+    if ((form->count == 0.0 ? pitch_form(form->pitch, demand->root, M) : complement(form, demand->root, M)) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < 6; i++) {
+        r[i] = b[i] - done[i];
+        square += dot(6, M[i], M[i]);
+    }
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j < 6; j++)
+            V[i][j] = sqrt(share[i]) * found->U[i][j];
+    for (int i = 0; i < k; i++) {
+        for (int j = 0; j < 6; j++)
+            MV[i][j] = dot(6, M[j], V[i]);
+        y[i] = dot(6, MV[i], r);
+    }
+    if (sized(k, (const double(*)[6])MV, share, sqrt(square), L) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < k; i++) { /* columns of N, and rows of L^-1 N */
+        Row column;
+        for (int j = 0; j < k; j++)
+            column[j] = dot(6, MV[i], V[j]);
+        forward(k, (const Row *)L, column);
+        for (int j = 0; j < k; j++)
+            C[j][i] = column[j];
+    }
+    for (int i = 0; i < k; i++)
+        forward(k, (const Row *)L, C[i]);
+    forward(k, (const Row *)L, y);
+    if (filtered(k, (const Row *)C, y, y) == HAND_BACK)
+        return HAND_BACK;
+    backward(k, (const Row *)L, y);
+    double step[6] = {0.0}, shortened = 1.0;
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j < 6; j++)
+            step[j] += y[i] * V[i][j];
+    if (form->fraction >= 0.0) {
+        double most = sqrt((1.0 - form->fraction) * dot(6, done, done)), length = norm(6, step);
+        shortened = length > 0.0 ? most / fmax(most, length) : 1.0;
+    }
+    for (int j = 0; j < 6; j++) {
+        attempt[j] = shortened * step[j];
+        for (int i = 0; i < k; i++)
+            attempt[j] += found->wanted[i] * found->U[i][j];
+    }
+    return DONE;
+}
