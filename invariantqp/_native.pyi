@@ -7,6 +7,8 @@ from invariantqp.velocity.law import Policy
 CONSTANTS: dict[str, float]
 MOST_JOINTS: int
 MOST_ROWS: int
+TOLD: int
+RECORD: int
 
 def tick(
     J: Array,
@@ -31,11 +33,14 @@ def ticks(
     upper: Array,
     posture: Array | None,
     policy: Policy,
+    metric: tuple[Array | None, Array | None] | None,
     velocity: Array,
     residual: Array,
-    metric: tuple[Array | None, Array | None] | None,
+    told: Array,
+    records: Array,
     /,
-) -> dict[int, tuple[Any, ...] | None]: ...
+) -> None: ...
+def solution(record: Array, /) -> tuple[Any, ...]: ...
 def cost(J: Array, s: Array, root: Array, policy: Policy, more: float, /) -> tuple[Array, Array] | None: ...
 def loop(
     numbers: Array,

@@ -38,43 +38,56 @@ void multipliers(const Face *face, const Room *room, const Row pull, double *y)
     }
 }
 
-/* HAND_BACK where the active rows depend on each other. */
+/* Add a limit to a face, e excepted; HAND_BACK where it depends on those before it. */
+static Outcome appended(const Room *room, int i, int side, Face *face)
+{
+    int n = room->n, k = face->k;
+    if (k == n)
+        return HAND_BACK;
+    double *q = face->Q[k];
+    for (int j = 0; j < n; j++)
+        q[j] = room->N[i][j];
+    for (int l = 0; l < k; l++)
+        face->R[l][k] = 0.0;
+    for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of N */
+        for (int l = 0; l < k; l++) {
+            double share = dot(n, face->Q[l], q);
+            face->R[l][k] += share;
+            for (int j = 0; j < n; j++)
+                q[j] -= share * face->Q[l][j];
+        }
+    double length = face->R[k][k] = norm(n, q);
+    face->least = fmin(face->least, length);
+    face->most = fmax(face->most, length);
+    if (!(face->least > DEPENDENT * face->most))
+        return HAND_BACK;
+    for (int j = 0; j < n; j++)
+        q[j] /= length;
+    face->bound[k] = side > 0 ? room->upper[i] : room->lower[i];
+    face->at[k] = i;
+    face->k++;
+    return DONE;
+}
+
+/* The face of all active limits; HAND_BACK where they depend on each other. */
 Outcome face_of(const Room *room, const int *side, Face *face)
 {
-    int n = room->n;
-    Row bound;
-    double least = INFINITY, most = 0.0;
     face->k = 0;
-    for (int i = 0; i < room->count; i++) {
-        if (side[i] == 0)
-            continue;
-        int k = face->k;
-        if (k == n)
+    face->least = INFINITY;
+    face->most = 0.0;
+    for (int i = 0; i < room->count; i++)
+        if (side[i] != 0 && appended(room, i, side[i], face) == HAND_BACK)
             return HAND_BACK;
-        double *q = face->Q[k];
-        for (int j = 0; j < n; j++)
-            q[j] = room->N[i][j];
-        for (int l = 0; l < k; l++)
-            face->R[l][k] = 0.0;
-        for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of N */
-            for (int l = 0; l < k; l++) {
-                double share = dot(n, face->Q[l], q);
-                face->R[l][k] += share;
-                for (int j = 0; j < n; j++)
-                    q[j] -= share * face->Q[l][j];
-            }
-        double length = face->R[k][k] = norm(n, q);
-        least = fmin(least, length);
-        most = fmax(most, length);
-        if (!(least > DEPENDENT * most))
-            return HAND_BACK;
-        for (int j = 0; j < n; j++)
-            q[j] /= length;
-        bound[k] = side[i] > 0 ? room->upper[i] : room->lower[i];
-        face->at[k] = i;
-        face->k++;
-    }
-    shortest(face, n, bound, face->e);
+    shortest(face, room->n, face->bound, face->e);
+    return DONE;
+}
+
+/* The face with one more limit active. */
+Outcome joined(const Room *room, int i, int side, Face *face)
+{
+    if (appended(room, i, side, face) == HAND_BACK)
+        return HAND_BACK;
+    shortest(face, room->n, face->bound, face->e);
     return DONE;
 }
 
@@ -87,7 +100,7 @@ int weakest(const Room *room, const Face *face, const Row pull, const int *side,
     for (int k = 0; k < face->k; k++) {
         int i = face->at[k];
         double wrong = -side[i] * y[i];
-        if (wrong * room->length[i] > size && wrong > most && (found < 0 || !late)) {
+        if (wrong * room->length[i] > size && (found < 0 || (late ? i < found : wrong > most))) {
             most = wrong;
             found = i;
         }

@@ -90,19 +90,23 @@ static PyObject *joints(int m, const bool *active, int count)
     return tuple;
 }
 
+Status status(const Solution *solution)
+{
+    if (solution->stuck || solution->lost)
+        return DEGRADED;
+    return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : OK;
+}
+
 /* The fields of a VelocitySolution, in its order. */
 PyObject *fields(int m, const Solution *solution)
 {
-    static const char *const METHODS[] = {"closed-form", "damped", "qp"};
+    static const char *const METHODS[] = {"closed-form", "damped", "qp"}; /* in the order of Method and Status */
+    static const char *const STATUSES[] = {"ok", "scaled", "guarded", "degraded"};
     int active = 0;
     for (int j = 0; j < m; j++)
         active += solution->active[j];
     return Py_BuildValue("(NssNNNdddsNN)", new_vector(m, solution->velocity), METHODS[solution->method],
-                         solution->stuck || solution->lost ? "degraded"
-                         : solution->slow                  ? "scaled"
-                         : solution->blended > 0.0         ? "guarded"
-                                                           : "ok",
-                         reason(m, solution),
+                         STATUSES[status(solution)], reason(m, solution),
                          joints(m, solution->active, active), new_vector(6, solution->residual), solution->scale,
                          solution->damping, solution->blended, solution->met ? "native" : "",
                          solution->met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
@@ -113,7 +117,7 @@ PyObject *fields(int m, const Solution *solution)
 /* Whether a velocity and a residual are all there is to say. */
 bool is_plain(const Solution *solution)
 {
-    if (solution->method != CLOSED_FORM || solution->stuck || solution->lost || solution->blended > 0.0)
+    if (solution->method != CLOSED_FORM || status(solution) != OK)
         return false;
     for (int j = 0; j < solution->m; j++)
         if (solution->active[j])

@@ -25,7 +25,9 @@ PyObject *new_matrix(int rows, int n, int width, const double *values);
 const Loop *loop_of(PyObject *object);
 
 /* answer.c */
+typedef enum { OK, SCALED, GUARDED, DEGRADED } Status;
 PyObject *fields(int m, const Solution *solution);
+Status status(const Solution *solution);
 bool is_plain(const Solution *solution);
 
 /* search.c */

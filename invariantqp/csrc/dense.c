@@ -28,9 +28,10 @@ bool usual(int n, const double *a)
 {
     double most = 0.0;
     for (int i = 0; i < n; i++) {
-        if (!(fabs(a[i]) <= LARGEST))
+        double size = fabs(a[i]);
+        if (!(size <= LARGEST))
             return false;
-        most = fmax(most, fabs(a[i]));
+        most = size > most ? size : most;
     }
     return most == 0.0 || most >= SMALLEST;
 }
@@ -42,7 +43,7 @@ void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row 
         for (int j = 0; j < m; j++)
             C[i][j] = 0.0;
         for (int k = 0; k < 6; k++)
-            for (int j = 0; j < m; j++)
+            for (int j = 0; j < m && D[i][k] != 0.0; j++)
                 C[i][j] += D[i][k] * J[k][j];
     }
 }

@@ -253,88 +253,95 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
                          watch.ticks);
 }
 
-/* ticks(J, s, roots, lower, upper, posture, POLICY, velocity, residual, (T, its inverse) or None): N rows, each a tick without dt. Velocities and
-   residuals are written where the closed form answers; of the other rows a dict has the fields, or None for Python. */
+/* ticks(J, s, roots, lower, upper, posture, POLICY, (T, its inverse) or None, velocity, residual, told, records): N rows,
+   each a tick without dt. Written of each: velocity and residual; whether it is a closed form and no more (PLAIN), more
+   than that (RECORDED, and then its record) or Python's (0); method, status, scale, damping, guard. */
+#define TOLD 6
+#define RECORD ((npy_intp)(sizeof(Solution) / sizeof(double)))
+enum { PLAIN = 1, RECORDED = 2 };
+
 static PyObject *ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const int DIMENSIONS[] = {3, 2, 3, 2, 2, 2, 0, 2, 2};
+    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, OF_LAW, METRIC, VELOCITY, RESIDUAL, TOLD_ROWS, RECORDS, COUNT };
+    static const int DIMENSIONS[COUNT] = {3, 2, 3, 2, 2, 2, 0, 0, 2, 2, 2, 2};
     Demand shared = {.posture = {0.0}};
     Form form;
     Metric measure;
-    PyArrayObject *arrays[9];
-    bool good = count == 10 && policy(arguments[6], &shared, &form);
+    PyArrayObject *arrays[COUNT];
+    bool good = count == COUNT && policy(arguments[OF_LAW], &shared, &form);
     npy_intp n = 0, m = 0;
-    for (int i = 0; good && i < 9; i++) {
+    for (int i = 0; good && i < COUNT; i++) {
         arrays[i] = NULL;
-        if (i == 6 || (i == 5 && arguments[i] == Py_None))
+        if (i == OF_LAW || i == METRIC || (i == POSTURE && arguments[i] == Py_None))
             continue;
         good = PyArray_Check(arguments[i]);
         arrays[i] = (PyArrayObject *)arguments[i];
         good = good && PyArray_TYPE(arrays[i]) == NPY_DOUBLE && PyArray_NDIM(arrays[i]) == DIMENSIONS[i] &&
-               (i < 7 ? PyArray_ISBEHAVED_RO(arrays[i]) : PyArray_ISCARRAY(arrays[i]));
-        if (good && i == 0) {
-            n = PyArray_DIM(arrays[0], 0);
-            m = PyArray_DIM(arrays[0], 2);
+               (i < VELOCITY ? PyArray_ISBEHAVED_RO(arrays[i]) : PyArray_ISCARRAY(arrays[i]));
+        if (good && i == J) {
+            n = PyArray_DIM(arrays[J], 0);
+            m = PyArray_DIM(arrays[J], 2);
         }
-        npy_intp width = i == 1 || i == 2 || i == 8 ? 6 : m;
+        npy_intp width = i == TWIST || i == ROOT || i == RESIDUAL ? 6 : i == TOLD_ROWS ? TOLD : i == RECORDS ? RECORD : m;
         good = good && PyArray_DIM(arrays[i], 0) == n && PyArray_DIM(arrays[i], DIMENSIONS[i] - 1) == width &&
                (DIMENSIONS[i] == 2 || PyArray_DIM(arrays[i], 1) == 6);
     }
-    good = good && m >= 1 && m <= MOST && (arguments[9] == Py_None || metric(arguments[9], (int)m, &measure));
+    good = good && m >= 1 && m <= MOST && (arguments[METRIC] == Py_None || metric(arguments[METRIC], (int)m, &measure));
     if (!good) {
         if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "ticks(J, s, roots, lower, upper, posture, " POLICY ", velocity, residual, "
-                                             "(T, inverse))");
+            PyErr_SetString(PyExc_TypeError, "ticks(J, s, roots, lower, upper, posture, " POLICY ", (T, inverse) or None, "
+                                             "velocity, residual, told, records)");
         return NULL;
     }
-    if (arguments[9] != Py_None)
-        shared.metric = &measure;
     shared.m = (int)m;
-    shared.has_posture = arrays[5] != NULL;
-    Solution *solutions = PyMem_Malloc((size_t)(n > 0 ? n : 1) * sizeof *solutions);
-    Outcome *outcomes = PyMem_Malloc((size_t)(n > 0 ? n : 1) * sizeof *outcomes);
-    PyObject *others = PyDict_New();
-    if (solutions == NULL || outcomes == NULL || others == NULL) {
-        PyMem_Free(solutions);
-        PyMem_Free(outcomes);
-        Py_XDECREF(others);
-        return PyErr_NoMemory();
-    }
+    shared.has_posture = arrays[POSTURE] != NULL;
+    shared.metric = arguments[METRIC] != Py_None ? &measure : NULL;
     Py_BEGIN_ALLOW_THREADS
     Demand demand = shared;
+    Solution solution;
     for (npy_intp row = 0; row < n; row++) {
-        copied(arrays[0], row, 6, shared.m, MOST, demand.J[0]);
-        copied(arrays[1], row, 1, 6, 6, demand.s);
-        copied(arrays[2], row, 6, 6, 6, demand.root[0]);
-        copied(arrays[3], row, 1, shared.m, MOST, demand.lower);
-        copied(arrays[4], row, 1, shared.m, MOST, demand.upper);
+        double *told = (double *)PyArray_DATA(arrays[TOLD_ROWS]) + row * TOLD;
+        copied(arrays[J], row, 6, shared.m, MOST, demand.J[0]);
+        copied(arrays[TWIST], row, 1, 6, 6, demand.s);
+        copied(arrays[ROOT], row, 6, 6, 6, demand.root[0]);
+        copied(arrays[LOWER], row, 1, shared.m, MOST, demand.lower);
+        copied(arrays[UPPER], row, 1, shared.m, MOST, demand.upper);
         if (shared.has_posture)
-            copied(arrays[5], row, 1, shared.m, MOST, demand.posture);
-        outcomes[row] = solve(&demand, &solutions[row]);
-        if (outcomes[row] == HAND_BACK)
+            copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
+        told[0] = 0.0;
+        if (solve(&demand, &solution) == HAND_BACK)
             continue;
-        memcpy((double *)PyArray_DATA(arrays[7]) + row * m, solutions[row].velocity, (size_t)m * sizeof(double));
-        memcpy((double *)PyArray_DATA(arrays[8]) + row * 6, solutions[row].residual, 6 * sizeof(double));
+        memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));
+        memcpy((double *)PyArray_DATA(arrays[RESIDUAL]) + row * 6, solution.residual, 6 * sizeof(double));
+        told[0] = is_plain(&solution) ? PLAIN : RECORDED;
+        told[1] = solution.method;
+        told[2] = status(&solution);
+        told[3] = solution.scale;
+        told[4] = solution.damping;
+        told[5] = solution.blended;
+        if (told[0] == RECORDED)
+            memcpy((double *)PyArray_DATA(arrays[RECORDS]) + row * RECORD, &solution, sizeof solution);
     }
     Py_END_ALLOW_THREADS
-    for (npy_intp row = 0; row < n && others != NULL; row++) {
-        if (outcomes[row] == DONE && is_plain(&solutions[row]))
-            continue;
-        PyObject *index = PyLong_FromSsize_t(row);
-        PyObject *value = outcomes[row] == HAND_BACK ? Py_NewRef(Py_None) : fields(shared.m, &solutions[row]);
-        if (index == NULL || value == NULL || PyDict_SetItem(others, index, value) < 0)
-            Py_CLEAR(others);
-        Py_XDECREF(index);
-        Py_XDECREF(value);
+    Py_RETURN_NONE;
+}
+
+/* solution(record): the fields of a VelocitySolution that `ticks` recorded. */
+static PyObject *recorded(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Solution solution;
+    if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || solution.m < 1 || solution.m > MOST) {
+        PyErr_SetString(PyExc_TypeError, "solution(record)");
+        return NULL;
     }
-    PyMem_Free(solutions);
-    PyMem_Free(outcomes);
-    return others;
+    return fields(solution.m, &solution);
 }
 
 static PyMethodDef methods[] = {
     {"ticks", (PyCFunction)(void (*)(void))ticks, METH_FASTCALL, "Many ticks at once, without the GIL."},
+    {"solution", (PyCFunction)(void (*)(void))recorded, METH_FASTCALL, "The fields of a VelocitySolution from its record."},
     {"loop", (PyCFunction)(void (*)(void))loop, METH_FASTCALL, "The fixed numbers of a controller, for `step`."},
     {"step", (PyCFunction)(void (*)(void))controller_step, METH_FASTCALL,
      "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},
@@ -367,7 +374,8 @@ PyMODINIT_FUNC PyInit__native(void)
             return NULL;
         Py_DECREF(value);
     }
-    if (PyModule_AddIntConstant(module, "MOST_JOINTS", MOST) < 0 || PyModule_AddIntConstant(module, "MOST_ROWS", MOST_ROWS) < 0)
+    if (PyModule_AddIntConstant(module, "MOST_JOINTS", MOST) < 0 || PyModule_AddIntConstant(module, "MOST_ROWS", MOST_ROWS) < 0 ||
+        PyModule_AddIntConstant(module, "TOLD", TOLD) < 0 || PyModule_AddIntConstant(module, "RECORD", (long)RECORD) < 0)
         return NULL;
     return PyModule_AddObject(module, "CONSTANTS", constants) < 0 ? NULL : module;
 }

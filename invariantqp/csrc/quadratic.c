@@ -9,6 +9,7 @@
    other limits, with multipliers of the right sign. The problem is strictly convex, so both find the same. */
 
 #include "qp.h"
+#include <stdlib.h>
 #include <string.h>
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
@@ -32,27 +33,28 @@ Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
     Row pull;
+    if (face_of(room, side, face) == HAND_BACK)
+        return HAND_BACK;
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
-        if (face_of(room, side, face) == HAND_BACK)
-            return HAND_BACK;
         if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
-        int worst = -1;
+        int worst = 0; /* i + 1 above its upper limit, -(i + 1) below the lower one */
         double outside = 0.0;
-        bool above = false;
         for (int i = 0; i < room->count; i++) {
             if (side[i] != 0)
                 continue;
             double value = dot(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
-            double by = fmax(value - upper, lower - value) - FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper)));
-            if (by > outside) {
-                outside = by;
-                worst = i;
-                above = value > upper;
+            double by = value > upper ? value - upper : lower - value;
+            if (by > outside && by - FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper))) > outside) {
+                outside = by - FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper)));
+                worst = value > upper ? i + 1 : -i - 1;
             }
         }
-        if (worst >= 0) {
-            side[worst] = above ? 1 : -1;
+        if (worst != 0) {
+            int i = abs(worst) - 1;
+            side[i] = worst > 0 ? 1 : -1;
+            if (joined(room, i, side[i], face) == HAND_BACK)
+                return HAND_BACK;
             continue;
         }
         multipliers(face, room, pull, y);
@@ -60,6 +62,8 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
         if (wrong < 0)
             return slow == NULL || slow_enough(slow, room->n, face->e, FEASIBLE) ? DONE : HAND_BACK;
         side[wrong] = 0;
+        if (face_of(room, side, face) == HAND_BACK)
+            return HAND_BACK;
     }
     return HAND_BACK;
 }
@@ -73,6 +77,8 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++)
             column[j] += problem->T[i][j] * problem->T[i][j];
+    for (int j = 0; j < n; j++)
+        column[j] = COSINE_ROUNDING * sqrt(column[j]);
     for (int i = 0; i < limits->count; i++) {
         length[i] = limits->box ? 1.0 : norm(n, limits->A[i]);
         longest = fmax(longest, length[i]);
@@ -96,9 +102,8 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
             double sum = limits->box ? problem->T[i][j] : 0.0;
             for (int l = 0; l < n && !limits->box; l++)
                 sum += limits->A[i][l] * problem->T[l][j];
-            double rounding = COSINE_ROUNDING * length[i] * sqrt(column[j]);
-            double kept = rounding > 0.0 ? fmin(fmax(fabs(sum) - rounding, 0.0), rounding) / rounding : 0.0;
-            room->N[k][j] = kept * sum;
+            double rounding = length[i] * column[j], over = fabs(sum) - rounding;
+            room->N[k][j] = over >= rounding ? sum : over > 0.0 ? over / rounding * sum : 0.0;
         }
         room->length[k] = norm(n, room->N[k]);
     }

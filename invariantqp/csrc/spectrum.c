@@ -21,13 +21,26 @@ typedef struct {
     Row row, with;
 } Rotated;
 
-static void rotate(int n, double *p, double *q, double c, double s)
+/* Rows are worked on in steps of STEP numbers, those after the last one zero. */
+#define STEP 4
+
+static inline void rotate(int n, double *restrict p, double *restrict q, double c, double s)
 {
-    for (int i = 0; i < n; i++) {
-        double a = p[i], b = q[i];
-        p[i] = c * a - s * b;
-        q[i] = s * a + c * b;
-    }
+    for (int i = 0; i < n; i += STEP)
+        for (int j = i; j < i + STEP; j++) {
+            double a = p[j], b = q[j];
+            p[j] = c * a - s * b;
+            q[j] = s * a + c * b;
+        }
+}
+
+static inline double product(int n, const double *p, const double *q)
+{
+    double sums[STEP] = {0.0};
+    for (int i = 0; i < n; i += STEP)
+        for (int j = 0; j < STEP; j++)
+            sums[j] += p[i + j] * q[i + j];
+    return (sums[0] + sums[2]) + (sums[1] + sums[3]);
 }
 
 /* Rotate all pairs until the rows are orthogonal; squares of lengths are carried along in a sweep. */
@@ -37,11 +50,11 @@ static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double leas
         bool rotated = false;
         double square[MOST];
         for (int i = 0; i < rows; i++)
-            square[i] = dot(n, R[i].row, R[i].row);
+            square[i] = product(n, R[i].row, R[i].row);
         for (int i = 0; i + 1 < rows; i++)
             for (int j = i + 1; j < rows; j++) {
                 double *p = R[i].row, *q = R[j].row;
-                double pp = square[i], qq = square[j], pq = dot(n, p, q);
+                double pp = square[i], qq = square[j], pq = product(n, p, q);
                 if (pq * pq <= ORTHOGONAL * ORTHOGONAL * pp * qq || pp <= least || qq <= least)
                     continue;
                 double zeta = 0.5 * (qq - pp) / pq;
@@ -103,6 +116,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
     bool wide = n >= k;
     int rows = wide ? k : n, length = wide ? n : k, with = !wide ? n : b == NULL ? k : 1;
     Rotated R[MOST];
+    memset(R, 0, (size_t)rows * sizeof *R);
     for (int i = 0; i < rows; i++) {
         for (int j = 0; j < length; j++)
             R[i].row[j] = wide ? A[i][j] : A[j][i];

@@ -201,6 +201,8 @@ static Outcome guarded(Posed *problem, const Share *share, double mu, Row y, dou
     *blended = 0.0;
     if (problem->attempt == problem->wanted || demand->form->fraction < 0.0)
         return DONE;
+    if (demand->cone.limit > 0.0 && share->value < 1.0) /* a share that is told loosely */
+        return HAND_BACK;
     if (objective(problem, problem->wanted, share->value, &plain) == HAND_BACK)
         return HAND_BACK;
     calmed(&plain, mu);

@@ -6,14 +6,14 @@ answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollout
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import ChainMap
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.engine import core
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -46,7 +46,7 @@ class VelocitySolutions:
         scale: (N,) share of the exact rows' speed, 0 where held.
         damping: (N,) lambda used.
         guard: (N,) share of least squares blended in.
-        slow: {row: solution} of the rows that were solved one by one.
+        slow: {row: solution} of the rows for which a velocity and a residual are not all there is to say.
     """
 
     velocity: Array
@@ -56,7 +56,7 @@ class VelocitySolutions:
     scale: Array
     damping: Array
     guard: Array
-    slow: dict[int, VelocitySolution]
+    slow: Mapping[int, VelocitySolution]
 
     def __len__(self) -> int:
         return len(self.velocity)
@@ -111,30 +111,24 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     twists, s = batch.twists, batch.s
     n = len(twists)
     box = batch.lower, batch.upper
-    slow: dict[int, VelocitySolution | None] = {}
-    if core is not None and batch.law.compiled is not None:
-        x, residual, slow = compiled_rows(batch.law, twists, s, batch.roots, box, batch.posture)
-        done = np.ones(n, dtype=bool)
-        done[list(slow)] = False
+    found = compiled_rows(batch.law, twists, s, batch.roots, box, batch.posture)
+    if found is not None:
+        x, residual, method, status = found.velocity, found.residual, found.method, found.status
+        numbers, slow, left = found.numbers, found, found.python
     else:
         A, b = np.matmul(batch.roots, twists), np.matmul(batch.roots, s[:, :, None])[:, :, 0]
         done, x = free_rows(batch.law, A, b, box, batch.posture)
         residual = s - np.einsum("nij,nj->ni", twists, x)
+        method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
+        numbers, slow, left = np.tile([[1.0], [0.0], [0.0]], n), {}, np.flatnonzero(~done).tolist()
     if batch.law.metric is None:  # prismatic joints beside revolute ones have a metric of their own in each row
         slides = prismatic(twists, 1.0)
-        mixed = np.asarray(slides.any(axis=1) & ~slides.all(axis=1))
-        done &= ~mixed
-        slow = {i: solution for i, solution in slow.items() if not mixed[i]}
-    method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
-    scale, lambdas, blends = np.ones(n), np.zeros(n), np.zeros(n)
-    solved = {i: slow.get(i) or batch.solution(i) for i in np.flatnonzero(~done).tolist()}
-    rows, solutions = list(solved), list(solved.values())
-    if rows:
-        x[rows], residual[rows] = [s.velocity for s in solutions], [s.residual for s in solutions]
-        method[rows], status[rows] = [s.method for s in solutions], [s.status for s in solutions]
-        scale[rows], lambdas[rows] = [s.scale for s in solutions], [s.damping for s in solutions]
-        blends[rows] = [s.guard for s in solutions]
-    return VelocitySolutions(x, method, status, residual, scale, lambdas, blends, solved)
+        left = sorted({*left, *np.flatnonzero(slides.any(axis=1) & ~slides.all(axis=1)).tolist()})
+    solved = {i: batch.solution(i) for i in left}
+    for i, one in solved.items():
+        x[i], residual[i], method[i], status[i] = one.velocity, one.residual, one.method, one.status
+        numbers[:, i] = one.scale, one.damping, one.guard
+    return VelocitySolutions(x, method, status, residual, *numbers, ChainMap(solved, slow))
 
 
 class _Batch(NamedTuple):

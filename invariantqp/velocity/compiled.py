@@ -5,9 +5,9 @@ The core answers what this package's own Python would, or hands the tick back.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from os import cpu_count
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from invariantqp.velocity.solution import VelocitySolution
 
 # Rows below which a thread is not worth its start.
 ROWS_A_THREAD = 1024
+# What the core calls by number: methods, statuses, and a row that has a record.
+METHODS = np.array(["closed-form", "damped", "qp"], dtype="U11")
+STATUSES = np.array(["ok", "scaled", "guarded", "degraded"], dtype="U8")
+RECORDED = 2.0
 
 
 def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
@@ -36,6 +40,43 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     return None if found is None else VelocitySolution._make(found)
 
 
+class Rows(Mapping[int, VelocitySolution]):
+    """The answers of the core to many ticks; those that are more than a closed form by their row, made when asked for.
+
+    Attributes:
+        velocity: (N, m).
+        residual: (N, 6).
+        python: rows that are left to Python.
+        method: (N,) strings, as in VelocitySolution.
+        status: likewise.
+        numbers: (3, N) scale, damping, guard.
+    """
+
+    def __init__(self, velocity: Array, residual: Array, told: Array, records: Array) -> None:
+        """What `core.ticks` wrote: told (N, 6), records (N, RECORD)."""
+        self.velocity, self.residual = velocity, residual
+        kind = told[:, 0]
+        self.python: list[int] = np.flatnonzero(kind == 0.0).tolist()
+        self.method = METHODS[told[:, 1].astype(np.intp)]
+        self.status = STATUSES[told[:, 2].astype(np.intp)]
+        self.numbers = told[:, 3:].T.copy()
+        rows = np.flatnonzero(kind == RECORDED)
+        self._records = records[rows]
+        self._place = dict(zip(rows.tolist(), range(len(rows)), strict=True))
+        self._made: dict[int, VelocitySolution] = {}
+
+    def __len__(self) -> int:
+        return len(self._place)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._place)
+
+    def __getitem__(self, row: int) -> VelocitySolution:
+        if row not in self._made:
+            self._made[row] = VelocitySolution._make(core.solution(self._records[self._place[row]]))
+        return self._made[row]
+
+
 def compiled_rows(
     law: VelocityLaw,
     J: Array,
@@ -43,10 +84,8 @@ def compiled_rows(
     roots: Array,
     box: tuple[Array, Array],
     posture: Array | None,
-) -> tuple[Array, Array, dict[int, VelocitySolution | None]]:
-    """Many ticks: velocity (N, m), residual (N, 6), and the solutions of rows whose closed form is not all there is.
-
-    A row that is None there, and all rows of a core that refuses, are Python's. Large batches go to several threads.
+) -> Rows | None:
+    """Many ticks, each without dt; None where all are Python's. Large batches go to several threads.
 
     Args:
         law: of all rows.
@@ -57,28 +96,27 @@ def compiled_rows(
         posture: (N, m) or None.
     """
     n, _, m = J.shape
-    velocity, residual = np.zeros((n, m)), np.zeros((n, 6))
     policy, metric = law.compiled, _metric(law)
     if core is None or policy is None or m > core.MOST_JOINTS:
-        return velocity, residual, dict.fromkeys(range(n))
+        return None
+    written = np.empty((n, m)), np.empty((n, 6)), np.zeros((n, core.TOLD)), np.empty((n, core.RECORD))
 
-    def part(rows: slice) -> dict[int, Any]:
+    def part(rows: slice) -> None:
         arrays = [J[rows], s[rows], roots[rows], box[0][rows], box[1][rows]]
         wanted = None if posture is None else posture[rows]
-        found = core.ticks(*arrays, wanted, policy, velocity[rows], residual[rows], metric)
-        return {rows.start + i: fields for i, fields in found.items()}
+        core.ticks(*arrays, wanted, policy, metric, *[array[rows] for array in written])
 
     threads = max(1, min(n // ROWS_A_THREAD, cpu_count() or 1))
     edges = np.linspace(0, n, threads + 1).astype(int).tolist()
     slices = [slice(*edge) for edge in pairwise(edges)]
     if threads == 1:
-        found = part(slices[0])
+        part(slices[0])
     else:
         from concurrent.futures import ThreadPoolExecutor  # with the first large batch
 
         with ThreadPoolExecutor(threads) as pool:
-            found = {i: fields for some in pool.map(part, slices) for i, fields in some.items()}
-    return velocity, residual, {i: None if f is None else VelocitySolution._make(f) for i, f in found.items()}
+            list(pool.map(part, slices))
+    return Rows(*written)
 
 
 def _metric(law: VelocityLaw) -> tuple[Array | None, Array | None] | None:

@@ -20,9 +20,8 @@ from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.qp.backends import Backend, Daqp
 
-
-# Threshold, ceiling and fixed lambda of damping, its speed for one direction or 0; pitch, fraction of the guard or -1, and
-# complement Z' of a form, or None.
+# Threshold, ceiling and fixed lambda of damping, its speed for one direction or 0; pitch, fraction of the guard or -1,
+# and complement Z' of a form, or None.
 Policy: TypeAlias = tuple[float, float, float, float, tuple[float, float, Array] | None]
 
 
@@ -98,13 +97,12 @@ class VelocityLaw:
 
         Python's are `PaperLambda`, a convexified form, classes of the user's, and other solvers.
         """
-        damping, form, fraction = self.damping, self.form, -1.0 if self.guard is None else self.guard.fraction
+        damping, form = self.damping, self.form
+        fraction, given = -1.0 if self.guard is None else self.guard.fraction, None
         if type(form) is PitchForm and not form.convexified:
             given = form.h, fraction, np.empty((0, 6))
         elif type(form) is Complement:
             given = 0.0, fraction, np.asarray(form.Z).T
-        else:
-            given = None
         if (given is None and form is not None) or type(self.backend) is not Daqp:
             return None
         if type(damping) is Adaptive:

@@ -29,7 +29,7 @@ from invariantqp.compare.laws.pink_law import PinkLaw
 from invariantqp.control import path_compiled
 from invariantqp.pose import error, newton
 from invariantqp.robots import chain
-from invariantqp.velocity import batch, compiled, solve
+from invariantqp.velocity import compiled, solve
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
 COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink")
@@ -73,7 +73,7 @@ class HandWritten:
 @contextmanager
 def python_alone(*controllers):
     """The same controllers, or a pose search, without the core."""
-    modules = (solve, batch, chain, newton, error, path_compiled)
+    modules = (solve, compiled, chain, newton, error, path_compiled)
     loops = [controller._compiled for controller in controllers]
     for controller in controllers:
         controller._compiled = None

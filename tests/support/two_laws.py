@@ -64,18 +64,24 @@ def random_tick(rng):
     posture = rng.normal(size=m) * 10.0 ** rng.uniform(-2, 1) if rng.random() < 0.5 else None
     root = np.eye(6)
     root[3:, :3] = np.cross(np.eye(3), rng.normal(size=3))
-    law = VelocityLaw(damping=DAMPINGS[rng.integers(len(DAMPINGS))], dt=(0.0, 0.002, 0.1)[rng.integers(3)])
+    law = random_law(rng, m)
     exact = random_rows(rng, size * J, size * s) if m > 1 and rng.random() < 0.35 else None
     point = rng.normal(size=3)
     slow = iq.limits.ToolSpeed(size * np.abs(s).max() * 10.0 ** rng.uniform(-1.5, 1.0) + 1e-300, point)
     cone = slow.cone(size * J, point) if rng.random() < 0.3 else None
     rows = random_limits(rng, lower, upper) if rng.random() < 0.3 else None
+    return law, Demand(size * J, size * s, root, lower, upper, exact, posture, rows, cone)
+
+
+def random_law(rng, m):
+    """Any damping and tick, with or without a form and a joint metric."""
+    law = VelocityLaw(damping=DAMPINGS[rng.integers(len(DAMPINGS))], dt=(0.0, 0.002, 0.1)[rng.integers(3)])
     if rng.random() < 0.3:
         law = replace(law, metric=random_metric(rng, m))
     if rng.random() < 0.4:
         guard = None if rng.random() < 0.2 else iq.velocity.Guard((0.0, 0.5, 0.9, 1.0)[rng.integers(4)])
         law = replace(law, form=random_form(rng), guard=guard)
-    return law, Demand(size * J, size * s, root, lower, upper, exact, posture, rows, cone)
+    return law
 
 
 def random_form(rng):
