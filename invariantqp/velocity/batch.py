@@ -6,7 +6,6 @@ answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollout
 
 from __future__ import annotations
 
-from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.compiled import compiled_rows
+from invariantqp.velocity.compiled import LEFT, PLAIN, Rows, compiled_rows
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, form_of
 from invariantqp.velocity.free_rows import free_rows, measures
@@ -111,24 +110,21 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     twists, s = batch.twists, batch.s
     n = len(twists)
     box = batch.lower, batch.upper
-    found = compiled_rows(batch.law, twists, s, batch.roots, box, batch.posture)
-    if found is not None:
-        x, residual, method, status = found.velocity, found.residual, found.method, found.status
-        numbers, slow, left = found.numbers, found, found.python
-    else:
+    rows = compiled_rows(batch.law, twists, s, batch.roots, box, batch.posture)
+    if rows is None:
         A, b = np.matmul(batch.roots, twists), np.matmul(batch.roots, s[:, :, None])[:, :, 0]
         done, x = free_rows(batch.law, A, b, box, batch.posture)
-        residual = s - np.einsum("nij,nj->ni", twists, x)
-        method, status = np.full(n, "closed-form", dtype="U11"), np.full(n, "ok", dtype="U8")
-        numbers, slow, left = np.tile([[1.0], [0.0], [0.0]], n), {}, np.flatnonzero(~done).tolist()
+        told = np.tile([PLAIN, 0.0, 0.0, 1.0, 0.0, 0.0], (n, 1))
+        told[~done, 0] = LEFT
+        rows = Rows(x, s - np.einsum("nij,nj->ni", twists, x), told, np.empty((n, 0)))
+    left = rows.left
     if batch.law.metric is None:  # prismatic joints beside revolute ones have a metric of their own in each row
         slides = prismatic(twists, 1.0)
         left = sorted({*left, *np.flatnonzero(slides.any(axis=1) & ~slides.all(axis=1)).tolist()})
-    solved = {i: batch.solution(i) for i in left}
-    for i, one in solved.items():
-        x[i], residual[i], method[i], status[i] = one.velocity, one.residual, one.method, one.status
-        numbers[:, i] = one.scale, one.damping, one.guard
-    return VelocitySolutions(x, method, status, residual, *numbers, ChainMap(solved, slow))
+    for i in left:
+        rows.put(i, batch.solution(i))
+    scale, damping, guard = rows.numbers
+    return VelocitySolutions(rows.velocity, rows.method, rows.status, rows.residual, scale, damping, guard, rows)
 
 
 class _Batch(NamedTuple):

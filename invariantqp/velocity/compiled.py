@@ -18,10 +18,10 @@ from invariantqp.velocity.solution import VelocitySolution
 
 # Rows below which a thread is not worth its start.
 ROWS_A_THREAD = 1024
-# What the core calls by number: methods, statuses, and a row that has a record.
+# What the core calls by number: methods, statuses, and rows that are Python's, a closed form and no more, or recorded.
 METHODS = np.array(["closed-form", "damped", "qp"], dtype="U11")
 STATUSES = np.array(["ok", "scaled", "guarded", "degraded"], dtype="U8")
-RECORDED = 2.0
+LEFT, PLAIN, RECORDED = 0.0, 1.0, 2.0
 
 
 def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
@@ -41,29 +41,42 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
 
 
 class Rows(Mapping[int, VelocitySolution]):
-    """The answers of the core to many ticks; those that are more than a closed form by their row, made when asked for.
+    """The answers to many ticks; those that are more than a closed form by their row, made when asked for.
 
     Attributes:
         velocity: (N, m).
         residual: (N, 6).
-        python: rows that are left to Python.
+        left: rows that are still to be solved, for `put`.
         method: (N,) strings, as in VelocitySolution.
         status: likewise.
         numbers: (3, N) scale, damping, guard.
     """
 
     def __init__(self, velocity: Array, residual: Array, told: Array, records: Array) -> None:
-        """What `core.ticks` wrote: told (N, 6), records (N, RECORD)."""
+        """From arrays that are written row by row.
+
+        Args:
+            velocity: (N, m).
+            residual: (N, 6).
+            told: (N, 6) kind of answer, method, status, and the three numbers.
+            records: (N, r) for `core.solution`.
+        """
         self.velocity, self.residual = velocity, residual
-        kind = told[:, 0]
-        self.python: list[int] = np.flatnonzero(kind == 0.0).tolist()
+        self.left: list[int] = np.flatnonzero(told[:, 0] == LEFT).tolist()
         self.method = METHODS[told[:, 1].astype(np.intp)]
         self.status = STATUSES[told[:, 2].astype(np.intp)]
-        self.numbers = told[:, 3:].T.copy()
-        rows = np.flatnonzero(kind == RECORDED)
+        self.numbers: Array = told[:, 3:].T.copy()
+        rows = np.flatnonzero(told[:, 0] == RECORDED)
         self._records = records[rows]
         self._place = dict(zip(rows.tolist(), range(len(rows)), strict=True))
         self._made: dict[int, VelocitySolution] = {}
+
+    def put(self, row: int, solution: VelocitySolution) -> None:
+        """The answer to a row that was solved by itself."""
+        self.velocity[row], self.residual[row] = solution.velocity, solution.residual
+        self.method[row], self.status[row] = solution.method, solution.status
+        self.numbers[:, row] = solution.scale, solution.damping, solution.guard
+        self._place[row], self._made[row] = -1, solution
 
     def __len__(self) -> int:
         return len(self._place)
@@ -73,6 +86,8 @@ class Rows(Mapping[int, VelocitySolution]):
 
     def __getitem__(self, row: int) -> VelocitySolution:
         if row not in self._made:
+            if core is None or row not in self._place:
+                raise KeyError(row)
             self._made[row] = VelocitySolution._make(core.solution(self._records[self._place[row]]))
         return self._made[row]
 
