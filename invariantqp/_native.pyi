@@ -41,6 +41,17 @@ def ticks(
     /,
 ) -> None: ...
 def solution(record: Array, /) -> tuple[Any, ...]: ...
+def optimum(
+    K: Array,
+    T: Array,
+    centre: Array,
+    A: Array | None,
+    lower: Array,
+    upper: Array,
+    cone: tuple[Array, float, Array] | None,
+    inside: Array,
+    /,
+) -> tuple[Array, Array, float] | None: ...
 def cost(J: Array, s: Array, root: Array, policy: Policy, more: float, /) -> tuple[Array, Array] | None: ...
 def loop(
     numbers: Array,

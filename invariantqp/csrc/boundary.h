@@ -24,6 +24,21 @@ PyObject *new_matrix(int rows, int n, int width, const double *values);
 /* module.c */
 const Loop *loop_of(PyObject *object);
 
+/* arguments.c; how a policy is written in messages */
+#define POLICY "(threshold, ceiling, fixed, speed, (pitch, fraction, Z') or None)"
+bool policy(PyObject *tuple, Demand *demand, Form *form);
+bool exact(PyObject *tuple, Demand *demand);
+bool cone(PyObject *tuple, Demand *demand);
+bool limits(PyObject *tuple, Demand *demand);
+bool metric(PyObject *tuple, int m, Metric *into);
+int joints_of(PyObject *J);
+
+/* batch.c; numbers told of a row, and of its record */
+#define TOLD 6
+#define RECORD ((npy_intp)(sizeof(Solution) / sizeof(double)))
+PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
 /* answer.c */
 typedef enum { OK, SCALED, GUARDED, DEGRADED } Status;
 PyObject *fields(int m, const Solution *solution);

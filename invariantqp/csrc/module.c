@@ -3,95 +3,6 @@
 #define IMPORTS_NUMPY
 #include "boundary.h"
 
-/* How a policy is written in messages. */
-#define POLICY "(threshold, ceiling, fixed, speed, (pitch, fraction, Z') or None)"
-
-/* Read a policy; its form, if it has one, goes into `form`. */
-static bool policy(PyObject *tuple, Demand *demand, Form *form)
-{
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 5)
-        return false;
-    demand->threshold = PyFloat_AsDouble(PyTuple_GetItem(tuple, 0));
-    demand->ceiling = PyFloat_AsDouble(PyTuple_GetItem(tuple, 1));
-    demand->fixed = PyFloat_AsDouble(PyTuple_GetItem(tuple, 2));
-    demand->speed = PyFloat_AsDouble(PyTuple_GetItem(tuple, 3));
-    demand->form = NULL;
-    PyObject *given = PyTuple_GetItem(tuple, 4);
-    if (given != Py_None) {
-        if (!PyTuple_Check(given) || PyTuple_Size(given) != 3)
-            return false;
-        PyObject *Z = PyTuple_GetItem(given, 2);
-        npy_intp count = PyArray_Check(Z) && PyArray_NDIM((PyArrayObject *)Z) == 2 ? PyArray_DIM((PyArrayObject *)Z, 0) : -1;
-        if (count < 0 || count > 6 || !matrix(Z, (int)count, 6, 6, form->Z[0]))
-            return false;
-        form->pitch = PyFloat_AsDouble(PyTuple_GetItem(given, 0));
-        form->fraction = PyFloat_AsDouble(PyTuple_GetItem(given, 1));
-        form->count = (double)count;
-        demand->form = form;
-    }
-    return !PyErr_Occurred();
-}
-
-/* Read exact rows: (A, b, of_twist or None, how many of them an arm can keep, or None). */
-static bool exact(PyObject *tuple, Demand *demand)
-{
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 4)
-        return false;
-    PyObject *A = PyTuple_GetItem(tuple, 0), *D = PyTuple_GetItem(tuple, 2), *rank = PyTuple_GetItem(tuple, 3);
-    bool good = PyArray_Check(A) && PyArray_NDIM((PyArrayObject *)A) == 2;
-    npy_intp rows = good ? PyArray_DIM((PyArrayObject *)A, 0) : 0;
-    if (rows < 1 || rows > MOST_ROWS)
-        return false;
-    demand->rows = (int)rows;
-    demand->of_twist = D != Py_None;
-    demand->row_rank = rank == Py_None ? -1 : (int)PyLong_AsLong(rank);
-    return matrix(A, demand->rows, demand->m, MOST, demand->C[0]) &&
-           vector(PyTuple_GetItem(tuple, 1), demand->rows, demand->e) &&
-           (!demand->of_twist || matrix(D, demand->rows, 6, 6, demand->D[0]));
-}
-
-/* Read a speed limit: (J, limit, start). */
-static bool cone(PyObject *tuple, Demand *demand)
-{
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 3)
-        return false;
-    demand->cone.limit = PyFloat_AsDouble(PyTuple_GetItem(tuple, 1));
-    return demand->cone.limit > 0.0 && matrix(PyTuple_GetItem(tuple, 0), 3, demand->m, MOST, demand->cone.J[0]) &&
-           vector(PyTuple_GetItem(tuple, 2), 3, demand->cone.start);
-}
-
-/* Read limits on combinations of joint velocities: (C, lower, upper). */
-static bool limits(PyObject *tuple, Demand *demand)
-{
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 3)
-        return false;
-    PyObject *C = PyTuple_GetItem(tuple, 0);
-    bool good = PyArray_Check(C) && PyArray_NDIM((PyArrayObject *)C) == 2;
-    npy_intp rows = good ? PyArray_DIM((PyArrayObject *)C, 0) : 0;
-    if (rows < 1 || rows > MOST)
-        return false;
-    demand->limits = (int)rows;
-    return matrix(C, demand->limits, demand->m, MOST, demand->G[0]) &&
-           vector(PyTuple_GetItem(tuple, 1), demand->limits, demand->least) &&
-           vector(PyTuple_GetItem(tuple, 2), demand->limits, demand->most);
-}
-
-/* Read a joint metric: (T, its inverse). */
-static bool metric(PyObject *tuple, int m, Metric *into)
-{
-    return PyTuple_Check(tuple) && PyTuple_Size(tuple) == 2 &&
-           matrix(PyTuple_GetItem(tuple, 0), m, m, MOST, into->T[0]) &&
-           matrix(PyTuple_GetItem(tuple, 1), m, m, MOST, into->inverse[0]);
-}
-
-/* How many columns a matrix has; 0 for something else, and for more than the core has room for. */
-static int joints_of(PyObject *J)
-{
-    bool good = PyArray_Check(J) && PyArray_NDIM((PyArrayObject *)J) == 2;
-    npy_intp m = good ? PyArray_DIM((PyArrayObject *)J, 1) : 0;
-    return m > MOST ? 0 : (int)m;
-}
-
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -253,95 +164,40 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
                          watch.ticks);
 }
 
-/* ticks(J, s, roots, lower, upper, posture, POLICY, (T, its inverse) or None, velocity, residual, told, records): N rows,
-   each a tick without dt. Written of each: velocity and residual; whether it is a closed form and no more (PLAIN), more
-   than that (RECORDED, and then its record) or Python's (0); method, status, scale, damping, guard. */
-#define TOLD 6
-#define RECORD ((npy_intp)(sizeof(Solution) / sizeof(double)))
-enum { PLAIN = 1, RECORDED = 2 };
-
-static PyObject *ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+/* optimum(K, T, centre, A or None, lower, upper, (J, limit, start) or None, inside): (z, multipliers, nu) of the quadratic
+   1/2 |K (z - centre)|^2, T = K^-1, inside the limits, of which `inside` is one point; or None. */
+static PyObject *optimum(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, OF_LAW, METRIC, VELOCITY, RESIDUAL, TOLD_ROWS, RECORDS, COUNT };
-    static const int DIMENSIONS[COUNT] = {3, 2, 3, 2, 2, 2, 0, 0, 2, 2, 2, 2};
-    Demand shared = {.posture = {0.0}};
-    Form form;
-    Metric measure;
-    PyArrayObject *arrays[COUNT];
-    bool good = count == COUNT && policy(arguments[OF_LAW], &shared, &form);
-    npy_intp n = 0, m = 0;
-    for (int i = 0; good && i < COUNT; i++) {
-        arrays[i] = NULL;
-        if (i == OF_LAW || i == METRIC || (i == POSTURE && arguments[i] == Py_None))
-            continue;
-        good = PyArray_Check(arguments[i]);
-        arrays[i] = (PyArrayObject *)arguments[i];
-        good = good && PyArray_TYPE(arrays[i]) == NPY_DOUBLE && PyArray_NDIM(arrays[i]) == DIMENSIONS[i] &&
-               (i < VELOCITY ? PyArray_ISBEHAVED_RO(arrays[i]) : PyArray_ISCARRAY(arrays[i]));
-        if (good && i == J) {
-            n = PyArray_DIM(arrays[J], 0);
-            m = PyArray_DIM(arrays[J], 2);
-        }
-        npy_intp width = i == TWIST || i == ROOT || i == RESIDUAL ? 6 : i == TOLD_ROWS ? TOLD : i == RECORDS ? RECORD : m;
-        good = good && PyArray_DIM(arrays[i], 0) == n && PyArray_DIM(arrays[i], DIMENSIONS[i] - 1) == width &&
-               (DIMENSIONS[i] == 2 || PyArray_DIM(arrays[i], 1) == 6);
-    }
-    good = good && m >= 1 && m <= MOST && (arguments[METRIC] == Py_None || metric(arguments[METRIC], (int)m, &measure));
-    if (!good) {
-        if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "ticks(J, s, roots, lower, upper, posture, " POLICY ", (T, inverse) or None, "
-                                             "velocity, residual, told, records)");
+    Quadratic problem;
+    Polytope room;
+    Demand slow = {.m = 0};
+    Optimum found;
+    Row inside;
+    npy_intp rows = count == 8 && PyArray_Check(arguments[4]) ? PyArray_SIZE((PyArrayObject *)arguments[4]) : -1;
+    if (rows < 0) {
+        PyErr_SetString(PyExc_TypeError, "optimum(K, T, centre, A or None, lower, upper, (J, limit, start) or None, inside)");
         return NULL;
     }
-    shared.m = (int)m;
-    shared.has_posture = arrays[POSTURE] != NULL;
-    shared.metric = arguments[METRIC] != Py_None ? &measure : NULL;
-    Py_BEGIN_ALLOW_THREADS
-    Demand demand = shared;
-    Solution solution;
-    for (npy_intp row = 0; row < n; row++) {
-        double *told = (double *)PyArray_DATA(arrays[TOLD_ROWS]) + row * TOLD;
-        copied(arrays[J], row, 6, shared.m, MOST, demand.J[0]);
-        copied(arrays[TWIST], row, 1, 6, 6, demand.s);
-        copied(arrays[ROOT], row, 6, 6, 6, demand.root[0]);
-        copied(arrays[LOWER], row, 1, shared.m, MOST, demand.lower);
-        copied(arrays[UPPER], row, 1, shared.m, MOST, demand.upper);
-        if (shared.has_posture)
-            copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
-        told[0] = 0.0;
-        if (solve(&demand, &solution) == HAND_BACK)
-            continue;
-        memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));
-        memcpy((double *)PyArray_DATA(arrays[RESIDUAL]) + row * 6, solution.residual, 6 * sizeof(double));
-        told[0] = is_plain(&solution) ? PLAIN : RECORDED;
-        told[1] = solution.method;
-        told[2] = status(&solution);
-        told[3] = solution.scale;
-        told[4] = solution.damping;
-        told[5] = solution.blended;
-        if (told[0] == RECORDED)
-            memcpy((double *)PyArray_DATA(arrays[RECORDS]) + row * RECORD, &solution, sizeof solution);
+    int n = slow.m = problem.n = joints_of(arguments[0]);
+    room.count = (int)rows;
+    room.box = arguments[3] == Py_None;
+    if (n == 0 || rows > LIMITS || !matrix(arguments[0], n, n, MOST, problem.K[0]) ||
+        !matrix(arguments[1], n, n, MOST, problem.T[0]) || !vector(arguments[2], n, problem.centre) ||
+        (room.box ? rows != n : !matrix(arguments[3], (int)rows, n, MOST, room.A[0])) ||
+        !vector(arguments[4], (int)rows, room.lower) || !vector(arguments[5], (int)rows, room.upper) ||
+        (arguments[6] != Py_None && !cone(arguments[6], &slow)) || !vector(arguments[7], n, inside) ||
+        minimise(&problem, &room, &slow.cone, inside, NULL, &found) == HAND_BACK) {
+        if (PyErr_Occurred())
+            return NULL;
+        Py_RETURN_NONE;
     }
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
-}
-
-/* solution(record): the fields of a VelocitySolution that `ticks` recorded. */
-static PyObject *recorded(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    Solution solution;
-    if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || solution.m < 1 || solution.m > MOST) {
-        PyErr_SetString(PyExc_TypeError, "solution(record)");
-        return NULL;
-    }
-    return fields(solution.m, &solution);
+    return Py_BuildValue("(NNd)", new_vector(n, found.z), new_vector((int)rows, found.multipliers), found.nu);
 }
 
 static PyMethodDef methods[] = {
-    {"ticks", (PyCFunction)(void (*)(void))ticks, METH_FASTCALL, "Many ticks at once, without the GIL."},
-    {"solution", (PyCFunction)(void (*)(void))recorded, METH_FASTCALL, "The fields of a VelocitySolution from its record."},
+    {"ticks", (PyCFunction)(void (*)(void))batch_ticks, METH_FASTCALL, "Many ticks at once, without the GIL."},
+    {"solution", (PyCFunction)(void (*)(void))batch_solution, METH_FASTCALL, "The fields of a VelocitySolution from its record."},
     {"loop", (PyCFunction)(void (*)(void))loop, METH_FASTCALL, "The fixed numbers of a controller, for `step`."},
     {"step", (PyCFunction)(void (*)(void))controller_step, METH_FASTCALL,
      "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},
@@ -352,6 +208,8 @@ static PyMethodDef methods[] = {
     {"cost", (PyCFunction)(void (*)(void))cost, METH_FASTCALL, "H and c of a frame task, or None where Python has to find them."},
     {"tick", (PyCFunction)(void (*)(void))tick, METH_FASTCALL,
      "The fields of a VelocitySolution, or None where Python has to answer."},
+    {"optimum", (PyCFunction)(void (*)(void))optimum, METH_FASTCALL,
+     "The optimum of a quadratic inside limits, its multipliers and the speed limit's; or None."},
     {"arm", (PyCFunction)(void (*)(void))search_arm, METH_FASTCALL, "The numbers of an arm, for a pose search."},
     {"descend", (PyCFunction)(void (*)(void))search_descend, METH_FASTCALL,
      "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."},

@@ -14,6 +14,10 @@ import numpy as np
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
+from invariantqp.velocity.qp.backends import Backend, Daqp
+from invariantqp.velocity.qp.polytope import Polytope
+from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
 from invariantqp.velocity.solution import VelocitySolution
 
 # Rows below which a thread is not worth its start.
@@ -132,6 +136,29 @@ def compiled_rows(
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(part, slices))
     return Rows(*written)
+
+
+def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
+    """`minimise_in_cone`, by the core where it can.
+
+    Args:
+        backend: the solver that Python asks.
+        problem: what is minimised.
+        limits: on z.
+        cone: likewise, or None.
+        inside: (n,) a z inside both.
+
+    Raises:
+        SolverFailure: as `minimise_in_cone`.
+    """
+    found = None
+    if core is not None and type(backend) is Daqp and (cone is None or (cone.program is None and cone.J.any())):
+        slow = None if cone is None else (cone.J, cone.limit, cone.start)
+        found = core.optimum(*problem, limits.A, limits.lower, limits.upper, slow, inside)
+    if found is None:
+        return minimise_in_cone(backend, problem, limits, cone, inside)
+    z, multipliers, nu = found
+    return Optimum(z, multipliers, "native" if nu > 0.0 or multipliers.any() else "", "", nu)
 
 
 def _metric(law: VelocityLaw) -> tuple[Array | None, Array | None] | None:

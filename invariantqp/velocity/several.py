@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
+from scipy.linalg import lapack
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
@@ -25,11 +26,11 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.span import rank_of
 from invariantqp.velocity.attempt import attempted
+from invariantqp.velocity.compiled import minimised
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.exact import ROW_TOLERANCE, reduce
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.cone import minimise_in_cone
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.backends import SolverFailure
@@ -201,7 +202,7 @@ def _solved(
         cone = None if limits.cone is None else limits.cone.on(origin, B)
         best = _sum(level, origin, B, T, damping, share)
         known = (inside - origin).dot(B)
-        found = minimise_in_cone(law.backend, best, limits.polytope.on(origin, B), cone, known)
+        found = minimised(law.backend, best, limits.polytope.on(origin, B), cone, known)
         inside = origin = origin + B.dot(found.z)
         B = B.dot(_left(level, T.dot(B)))
         bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend
@@ -234,7 +235,7 @@ def _sum(
             if measure.form is not None:
                 inverse_root = np.asarray(np.linalg.inv(measure.root), np.float64)
                 b = attempted(measure.form, inverse_root, A, b, damping, None)
-            spectrum = spectrum_of(A.dot(B), float(np.linalg.norm(A, 2)))
+            spectrum = spectrum_of(A.dot(B), float(lapack.dgesdd(A, compute_uv=0)[1][0]))
             objective = least_squares(spectrum, share * b - A.dot(origin), None, damping)
             K = objective.quadratic().K
             roots.append(weight * K)

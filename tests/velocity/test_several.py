@@ -165,3 +165,23 @@ def test_exact_rows_that_cannot_be_kept_are_told(rng):
     assert back.status in {"scaled", "degraded"}
     assert ((back.velocity >= lower) & (back.velocity <= upper)).all()
     assert back.velocity[0] == pytest.approx(0.2, abs=1e-6)
+
+
+@pytest.mark.skipif(not iq.native, reason="no compiled core here")
+def test_the_core_and_python_find_the_same(rng, monkeypatch):
+    native = 0
+    for k in range(30):
+        m = 5 + k % 4
+        first, second = (iq.velocity.TwistTask(arm(rng, m), rng.normal(size=6)) for _ in range(2))
+        rest = iq.velocity.JointTask(rng.normal(size=m), weight=0.1, priority=k % 2)
+        slow = iq.limits.ToolSpeed(0.3, np.zeros(3)) if k % 3 == 0 else None
+        rows = iq.limits.LimitRows(rng.normal(size=(2, m)), [-0.1, -0.2], [0.3, 0.1]) if k % 5 == 0 else None
+        asked = {"bounds": box(m, 0.3), "tool_speed": slow, "rows": rows}
+        one = iq.velocity.solve_tasks([first, second, rest], **asked)
+        with monkeypatch.context() as patch:
+            patch.setattr("invariantqp.velocity.compiled.core", None)
+            other = iq.velocity.solve_tasks([first, second, rest], **asked)
+        native += one.backend == "native"
+        np.testing.assert_allclose(one.velocity, other.velocity, rtol=0.0, atol=1e-10)
+        assert (one.method, one.status, one.active) == (other.method, other.status, other.active)
+    assert native > 25
