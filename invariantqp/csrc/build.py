@@ -21,7 +21,7 @@ SOURCES = PACKAGE / "csrc"
 # The oldest CPython that the stable ABI is asked for: one wheel serves it and every later one.
 OLDEST = (3, 10)
 # No multiply-add is contracted and nothing is reordered, so that x86-64 and aarch64 round alike.
-OPTIONS = ["-std=c11", "-O3", "-g0", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden"]
+OPTIONS = ["-std=c11", "-O3", "-g0", "-ffp-contract=off", "-fno-math-errno", "-fno-wrapv", "-fvisibility=hidden"]
 MICROSOFT_OPTIONS = ["/std:c11", "/O2", "/fp:precise"]
 SANITIZERS = ["-g", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=undefined"]
 

@@ -7,7 +7,7 @@
 
 /* Rounding of t, as a share of the velocity, beyond which Python might blend otherwise. */
 static const double UNDECIDED = 1e-12;
-/* Rounding of a decrease, as a share of |b|^2 or |A x|^2. */
+/* Rounding of a decrease, as a share of |b|^2 or |A x|^2, and of products of it. */
 static const double DECREASE_ROUNDING = 1e-15;
 
 static double decrease(int n, const Row A[6], const double b[6], double mu, const Row x)
@@ -47,11 +47,8 @@ Outcome blend(int n, const Row A[6], const double b[6], double mu, const Row x_f
     }
     curvature += mu * dot(n, d, d);
     double discriminant = slope * slope - 2.0 * curvature * missing;
-    if (!(discriminant > 0.0))
-        return HAND_BACK;
-    double root = sqrt(discriminant);
-    if (!(DECREASE_ROUNDING * size * norm(n, d) <= UNDECIDED * root * fmax(norm(n, x_f), norm(n, x_W))))
-        return HAND_BACK;
+    double root = sqrt(fmax(discriminant, 0.0)), rounding = slope * slope + 2.0 * curvature * (missing + size);
     *t = slope + root > 0.0 ? fmin(2.0 * missing / (slope + root), 1.0) : 1.0;
-    return DONE;
+    double loose = DECREASE_ROUNDING * rounding * *t * norm(n, d), tight = UNDECIDED * fmax(norm(n, x_f), norm(n, x_W));
+    return loose <= tight * root * (slope + root) ? DONE : HAND_BACK;
 }

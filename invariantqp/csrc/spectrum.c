@@ -26,8 +26,8 @@ typedef struct {
 
 static inline void rotate(int n, double *restrict p, double *restrict q, double c, double s)
 {
-    for (int i = 0; i < n; i += STEP)
-        for (int j = i; j < i + STEP; j++) {
+    for (; n > 0; n -= STEP, p += STEP, q += STEP)
+        for (int j = 0; j < STEP; j++) {
             double a = p[j], b = q[j];
             p[j] = c * a - s * b;
             q[j] = s * a + c * b;
@@ -37,9 +37,9 @@ static inline void rotate(int n, double *restrict p, double *restrict q, double 
 static inline double product(int n, const double *p, const double *q)
 {
     double sums[STEP] = {0.0};
-    for (int i = 0; i < n; i += STEP)
+    for (; n > 0; n -= STEP, p += STEP, q += STEP)
         for (int j = 0; j < STEP; j++)
-            sums[j] += p[i + j] * q[i + j];
+            sums[j] += p[j] * q[j];
     return (sums[0] + sums[2]) + (sums[1] + sums[3]);
 }
 
