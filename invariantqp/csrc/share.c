@@ -32,14 +32,16 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
 {
     Objective still = {.n = m};
     Quadratic cost;
-    Optimum found;
+    Optimum found = {.met = true};
     int k = m - reduction->n;
     for (int i = 0; i < m; i++) {
         memcpy(still.V[i], i < k ? reduction->span[i] : reduction->basis[i - k], (size_t)m * sizeof(double));
         still.weights[i] = REGULARISATION + (i < k ? 1.0 : 0.0);
     }
     quadratic(&still, &cost);
-    if (minimise(&cost, limits, cone, inside, NULL, &found) == HAND_BACK)
+    for (int i = 0; i < limits->count; i++) /* active at first: limits that do not allow standing still */
+        found.multipliers[i] = (limits->upper[i] < 0.0) - (limits->lower[i] > 0.0);
+    if (minimise(&cost, limits, cone, inside, &found, &found) == HAND_BACK)
         return HAND_BACK;
     memcpy(inside, found.z, (size_t)m * sizeof(double));
     for (int i = 0; i < k; i++) {
