@@ -1,7 +1,7 @@
 """A tick along a path, all of it in the compiled core: place, speed, twist, law, and what is told.
 
 The core drives as `path_driver` would in Python, or hands the tick back. It drives an arm that is on its path; pushes,
-and paths that are left or end short, are Python's.
+paths that are left or end short, and carried metrics are Python's.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def course_of(controller: Controller, path: GivenPath, plan: PathPlan, pace: Pac
         pace: how fast it is meant to be driven.
         tolerance: how far from the path's end a tool that is there may be.
     """
-    if core is None or controller.compiled is None:
+    if core is None or controller.compiled is None or controller.measure.carried is not None:
         return Course(controller, path, plan, pace, np.empty(0))
     curve = path.curve
     cut = bool(plan.blocked) or plan.off[-1] > OFF_PATH * controller.measure.length

@@ -132,7 +132,8 @@ TROUBLES = {
 
 @pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
 @pytest.mark.parametrize("case", TROUBLES)
-def test_a_solver_that_fails_is_replaced_and_the_status_says_so(case, rows):
+def test_a_solver_that_fails_is_replaced_and_the_status_says_so(case, rows, monkeypatch):
+    monkeypatch.setattr("invariantqp.velocity.solve.core", None)
     answer, said = TROUBLES[case]
     arguments, options = limited(3, rows=rows)
     solver = Solver(answer)
