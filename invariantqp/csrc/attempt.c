@@ -121,7 +121,7 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
     memcpy(attempt, b, 6 * sizeof(double));
     if (largest == 0.0)
         return DONE;
-    asked(found, b);
+    want(found, b);
     for (int i = 0; i < k; i++) {
         double sigma = found->sigma[i], damped = damped_square(demand, sigma, found->wanted[i], largest);
         if (damped == 0.0 && !(sigma > CLOSE * NULL_RATIO * largest))

@@ -235,7 +235,7 @@ void exponential(const double w[3], const double v[3], Pose *T);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);
-void asked(Spectrum *found, const double b[6]);
+void want(Spectrum *found, const double b[6]);
 double damped_square(const Demand *demand, double sigma, double wanted, double largest);
 Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
                       Objective *objective);

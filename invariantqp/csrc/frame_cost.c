@@ -22,7 +22,7 @@ Outcome frame_cost(const Demand *demand, double more, Row *H, Row c)
     if (demand->form != NULL) {
         if (attempted(demand, m, &found, b, attempt) == HAND_BACK)
             return HAND_BACK;
-        asked(&found, attempt);
+        want(&found, attempt);
     }
     if (least_squares(demand, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;

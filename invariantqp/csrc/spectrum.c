@@ -34,7 +34,7 @@ static inline void rotate(int n, double *restrict p, double *restrict q, double 
         }
 }
 
-static inline double product(int n, const double *p, const double *q)
+static inline double dot_in_steps(int n, const double *p, const double *q)
 {
     double sums[STEP] = {0.0};
     for (; n > 0; n -= STEP, p += STEP, q += STEP)
@@ -50,11 +50,11 @@ static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double leas
         bool rotated = false;
         double square[MOST];
         for (int i = 0; i < rows; i++)
-            square[i] = product(n, R[i].row, R[i].row);
+            square[i] = dot_in_steps(n, R[i].row, R[i].row);
         for (int i = 0; i + 1 < rows; i++)
             for (int j = i + 1; j < rows; j++) {
                 double *p = R[i].row, *q = R[j].row;
-                double pp = square[i], qq = square[j], pq = product(n, p, q);
+                double pp = square[i], qq = square[j], pq = dot_in_steps(n, p, q);
                 if (pq * pq <= ORTHOGONAL * ORTHOGONAL * pp * qq || pp <= least || qq <= least)
                     continue;
                 double zeta = 0.5 * (qq - pp) / pq;
@@ -104,7 +104,7 @@ static void completed(int n, int rank, Row *V)
 }
 
 /* wanted = U'b */
-void asked(Spectrum *found, const double b[6])
+void want(Spectrum *found, const double b[6])
 {
     for (int i = 0; i < 6; i++)
         found->wanted[i] = dot(6, found->U[i], b);

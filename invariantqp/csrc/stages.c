@@ -107,7 +107,7 @@ static Outcome objective(Posed *problem, const double *attempt, double share, Ob
     int m = demand->m;
     if (demand->rows == 0) {
         if (demand->form != NULL)
-            asked(&problem->spectrum, attempt);
+            want(&problem->spectrum, attempt);
         return least_squares(demand, m, &problem->spectrum, problem->posture, 0.0, result);
     }
     Row posture = {0.0}, start;
@@ -115,7 +115,7 @@ static Outcome objective(Posed *problem, const double *attempt, double share, Ob
     origin(reduction, m, share, start);
     for (int i = 0; i < 6; i++)
         left[i] = share * attempt[i] - dot(m, problem->A[i], start);
-    asked(&problem->spectrum, left);
+    want(&problem->spectrum, left);
     if (demand->has_posture) {
         Row wanted;
         for (int j = 0; j < m; j++)
