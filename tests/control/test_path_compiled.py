@@ -17,12 +17,12 @@ ROUNDING = 1e-13
 AXIS, PLANE = iq.control.ExactAxis([0.2, 0.0, 1.0]), iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1])
 ORDER = (False, False)  # neither paused nor backward
 RISE = "acceleration limits"
-# Arm, exact demands and limits, what is asked of the path, noise of the encoders [rad], seed.
+# Arm, form, exact demands and limits, what is asked of the path, noise of the encoders [rad], seed.
 DRIVES = [
     ("panda", {}, {"rate": 0.5}, 0.0, 0),
     ("panda", {RISE: 0.3}, {}, 1e-4, 1),
     ("panda", {"exact": [PLANE, AXIS], "tool_speed": 0.3}, {"acceleration": 2.0}, 0.0, 2),
-    ("ur5", {}, {}, 1e-3, 3),
+    ("ur5", {"form": iq.PitchForm(0.2)}, {}, 1e-3, 3),
     ("ur5", {RISE: 0.2, "exact": "position"}, {"rate": 3.0}, 1e-5, 4),
     ("xarm7", {RISE: 0.2}, {"rate": 1.0}, 0.0, 5),
     ("so101", {"exact": "position"}, {"rate": 0.4}, 1e-5, 6),
