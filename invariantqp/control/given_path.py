@@ -54,11 +54,11 @@ def given_path(
         measure: of its controller.
         path: a function of a parameter in [0, end] that returns poses, or (n, 4, 4) poses.
         end: of a function's parameter.
-        times: (n,) the parameter of poses; None is their number, from 0.
+        times: (n,) the parameter of poses; None is their number, from 0. A function has its own.
         timed: whether the caller's parameter is the one that is driven; otherwise it is the length.
 
     Raises:
-        BadInput: not a path, or one that stands still.
+        BadInput: not a path, one that stands still, or times of a function.
     """
     J = robot.jacobian(middle(robot))
 
@@ -67,6 +67,10 @@ def given_path(
         return sqrt(float(v.dot(v)))
 
     if callable(path):
+        if times is not None:
+            raise BadInput(
+                "times", "times for a path that is a function", "none", "end=T and rate=1 time it in seconds."
+            )
         last = arrays.number(end, "end", "the end of the path's parameter", positive=True)
         curve = curve_of(lambda at: arrays.pose(path(at), "path"), last, size, measure.length)
     else:

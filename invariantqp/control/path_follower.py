@@ -44,7 +44,7 @@ class PathFollower(PathDriver):
             controller: a velocity controller.
             path: the tool's pose (4, 4) as a function of a parameter in [0, end], or (n, 4, 4) poses on the way.
             end: of a function's parameter.
-            times: (n,) the parameter of poses; None is their number, from 0.
+            times: (n,) the parameter of poses; None is their number, from 0. A function takes none.
             rate: how fast the parameter is meant to go [1/s], 1 where it is time; None is as fast as limits allow.
             acceleration: of the speed along the path; its unit is that of the parameter over s^2, or with rate=None
                 [length/s^2]; None is as much as the joints allow.
@@ -54,7 +54,8 @@ class PathFollower(PathDriver):
                 the measure's length, the arm's reach. Noise in q needs more.
 
         Raises:
-            BadInput: not a path, fewer than two poses, times that do not increase, a path that stands still.
+            BadInput: not a path, fewer than two poses, times that do not increase or of a function, a path that
+                stands still.
         """
         stops = arrays.choice(blocked, "blocked", ("stop", "leave")) == "stop"
         super().__init__(controller, rate=rate, acceleration=acceleration, jerk=jerk, stops=stops, tolerance=tolerance)

@@ -13,7 +13,8 @@ import numpy as np
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve, piece_of
-from invariantqp.control.joint_path import AT_LIMIT, SHORTEST, Knot
+from invariantqp.control.joint_path import AT_LIMIT, SHORTEST
+from invariantqp.control.path_knot import Knot
 from invariantqp.control.path_speed import drivable, top_speed
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at

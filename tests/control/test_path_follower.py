@@ -211,6 +211,38 @@ def test_it_leaves_what_is_out_of_reach_and_comes_back():
     assert acceleration_share(robot, x) <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize(("name", "where"), [("so101", "start"), ("ur5", "middle"), ("panda", "end")])
+def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
+    robot = iq.load_robot(name)
+    q = {
+        "so101": [0, -0.4, 0.5, 0.6, 0],
+        "ur5": [0, -1.4, 1.6, -1.8, -1.57, 0],
+        "panda": [0, -0.4, 0, -2.2, 0, 1.8, 0.8],
+    }
+    start = np.array(q[name], float)
+    home = robot.pose(start)
+    length = iq.Controller(robot, dt=DT).measure.length
+    far = {"start": lambda u: 1.0 - u, "middle": lambda u: np.sin(np.pi * u), "end": lambda u: u}[where]
+    out = 0.6 * length * home[:3, 3] / np.linalg.norm(home[:3, 3])
+
+    def pose(u):
+        return iq.transform(home[:3, :3], home[:3, 3] + far(u) * out + [0.0, 0.2 * length * u, 0.0])
+
+    follower = follower_on(robot, pose, dt=0.01, options={"exact": "position"}, blocked="leave")
+    follower.prepare(start)
+    solutions, positions, x = drive(follower, start, 1000)
+    last = solutions[-1]
+    assert any(s.status == "left" for s in solutions)
+    if where == "end":
+        assert last.status == "blocked"
+        assert "it is out of reach, by" in last.reason
+    else:
+        assert last.status == "done"
+        assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
+    assert (np.abs(x) <= robot.velocity_limit + 1e-9).all()
+    assert acceleration_share(robot, x, 0.01) <= 1.0 + 1e-9
+
+
 def test_a_start_out_of_reach_blocks_the_path():
     robot = iq.load_robot("ur5")
     q = np.array([0.3, -0.6, 0.12, -0.4, -1.2, 0.1])  # nearly stretched
@@ -503,6 +535,7 @@ def test_a_copy_is_a_follower_of_its_own():
         ({"path": [np.eye(4)]}, "path"),
         ({"path": [np.eye(4), np.eye(4)]}, "path"),
         ({"path": [np.eye(4), np.eye(4)], "times": [1.0, 1.0]}, "times"),
+        ({"times": [0.0, 1.0]}, "times for a path that is a function"),
         ({"rate": -1.0}, "rate"),
         ({"jerk": 0.0}, "jerk"),
         ({"blocked": "jump"}, "blocked"),

@@ -1,0 +1,250 @@
+"""The arm at a place of a path: joint positions with the tool on it, and the joint motion through them.
+
+    q' = law(J(q), tangent, posture),         inside the position limits
+
+No speed limit counts here: the motion is a function of place, not of time. In the null space joints go towards the
+posture as if the arm were at full speed; where damping acts they keep their direction.
+
+Where the arm cannot do all of the path, q' is the derivative of the joint positions of least error. Least squares for
+the tangent are not: the error times the bend of the tool's motion is missing. Beside exact rows q' turns the tool
+towards the least error instead, over some of the path.
+
+Where a path with exact rows is left they cannot be met, and near that edge not at a bearable joint speed:
+
+    q' = (1 - t) q'_rows + t q'_least,        t the share of the rows that damped least squares miss
+
+q'_rows meets the rows as far as damped least squares do, q'_least is damped least squares in which they count most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import sqrt
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invariantqp.control.asked import asked, asked_part, measured_rows
+from invariantqp.control.controller import Controller
+from invariantqp.control.demands import View, rows_of
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Sighting
+from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.law import Demand
+from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.solve import solve
+
+# A tool this close to the path, relative to the measure's length, is on it.
+ON_PATH = 1e-12
+# Where a path is left: the damping, and the share of the longest step by which damping grows with the distance
+# (`calm`), beside exact rows the second. So an arm stretched out bends again in time.
+PASSING, CALMING, CALMING_ROWS = Adaptive(1e-2, 3e-3), 0.1, 0.5
+# The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, it shrinks
+# with the root of the distance to LAST of it, so that the tool is back after a finite way.
+REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
+# What the rest of a twist counts beside exact rows that cannot be met.
+REST = 0.1
+# The share of the path over which a tool with exact demands turns, or moves, to the least of the error beside them.
+TURNING = 0.1
+# Where an error of this size stays, relative, the slope is probed this share of a step ahead, until it changes by less
+# than this share of it.
+UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
+# Corrections at a knot.
+CORRECTIONS = 8
+
+
+class Knot(NamedTuple):
+    """The arm at a place of the path.
+
+    Attributes:
+        at: the path's parameter.
+        q: (m,) joint positions.
+        slope: (m,) q', per unit of the path's parameter.
+        off: how far the tool is off the path in what is asked of it, in the measure.
+        ratio: smallest singular value of the measured joint twists over the largest: how far from a singularity.
+    """
+
+    at: float
+    q: Array
+    slope: Array
+    off: float
+    ratio: float
+
+
+class Poses(Protocol):
+    """A path: a `Curve`, or one the other way round."""
+
+    @property
+    def end(self) -> float:
+        """The largest parameter."""
+        ...
+
+    def pose(self, at: float) -> Array:
+        """(4, 4) the pose at a place."""
+        ...
+
+    def tangent(self, at: float) -> Array:
+        """(6,) the twist per unit of the parameter at a place, base frame."""
+        ...
+
+
+class KnotFinder:
+    """Finds knots of one path."""
+
+    def __init__(
+        self, controller: Controller, scale: float, longest: float, *, rate: float | None = None, stops: bool = True
+    ) -> None:
+        """What all knots have in common.
+
+        Args:
+            controller: whose law chooses.
+            scale: of the path's parameter, of which lengths along the path are shares.
+            longest: step between knots.
+            rate: of the parameter [1/s] at which the path is meant to be driven; None is as fast as limits allow.
+            stops: whether a knot has to be on the path; otherwise it is as near as the law goes.
+        """
+        self._controller = controller
+        self._scale = scale
+        self._longest = longest
+        self._stops = stops
+        self._length = controller.measure.length
+        self._no_limit = np.full(len(controller.robot.names), np.inf)
+        self._law = replace(controller.law, dt=0.0)
+        if not stops:
+            calming = CALMING_ROWS if controller.exact else CALMING
+            self._law = replace(controller.law, dt=calming * longest, damping=PASSING)
+        self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
+        speed = controller.robot.velocity_limit
+        self._speed = np.where(np.isfinite(speed), speed, 1.0)
+
+    def knot(self, curve: Poses, at: float, q: Array, before: Array | None, step: float) -> Knot:
+        """The arm at a place.
+
+        Args:
+            curve: the path.
+            at: the place.
+            q: (m,) joint positions near it.
+            before: (m,) the slope before it, or None.
+            step: for which the slope has to stay inside the position limits.
+        """
+        controller = self._controller
+        robot, box = controller.robot, controller.box
+        target = robot.target(curve.pose(at))
+        q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
+        at_limit = (q <= box.position_lower) | (q >= box.position_upper)
+        tolerance = ON_PATH * self._length
+        for k in range(CORRECTIONS if self._stops else 1):
+            sighting = robot.sight(q, target)
+            root = self._controller.measure.root(robot, sighting, target)
+            rows = asked(self._controller, sighting, root)
+            off = rows.dot(sighting.error)
+            size = sqrt(float(off.dot(off)))
+            if size <= tolerance or not self._stops:
+                break
+            back: Array = sighting.error
+            still = None
+            if self._controller.exact and len(rows) < 6:
+                # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
+                # turning towards the path is up to the slope.
+                back = asked_part(rows, root).dot(back)
+                still = at_limit if k < CORRECTIONS // 2 else None
+            q = q + self._answer(q, sighting, root, back, 1.0, None, still)
+        tangent = curve.tangent(at)
+        if not self._stops or self._controller.exact:  # back to the path a little at a time
+            share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
+            tangent = tangent + sighting.error / (share * self._scale)
+        if before is None:
+            before = self._answer(q, sighting, root, tangent, step, None)
+        slope = self._answer(q, sighting, root, tangent, step, self._posture(q, before))
+        unmet = root.dot(sighting.error)
+        if self._stops and not self._controller.exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
+            slope = self._bent(curve, at, q, slope, self._answer(q, sighting, root, sighting.error, 1.0, None))
+        sigma = np.linalg.svd(root.dot(sighting.J), compute_uv=False)
+        return Knot(at, q, slope, size, float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0)
+
+    def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
+        """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
+
+        Where part of an error stays, its size times the bend of the tool's motion counts too.
+
+        Args:
+            curve: the path.
+            at: the place.
+            q: (m,) joint positions there.
+            slope: (m,) of least squares.
+            here: (m,) the correction there.
+        """
+        ahead = PROBE * self._longest
+        if at + ahead > curve.end:
+            ahead = -ahead
+        robot = self._controller.robot
+        target = robot.target(curve.pose(at + ahead))
+        for _ in range(CORRECTIONS):
+            there = q + ahead * slope
+            sighting = robot.sight(there, target)
+            root = self._controller.measure.root(robot, sighting, target)
+            change = (self._answer(there, sighting, root, sighting.error, 1.0, None) - here) / ahead
+            slope = slope + change
+            if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
+                break
+        return slope
+
+    def _posture(self, q: Array, before: Array) -> Array:
+        """The posture's velocity per unit of the parameter, from the slope of the knot before."""
+        pull = self._controller.posture_pull(q)
+        if pull is None:
+            return before
+        if self._pace == 0.0:
+            self._pace = float((np.abs(before) / self._speed).max())
+        return pull * self._pace
+
+    def _answer(
+        self,
+        q: Array,
+        sighting: Sighting,
+        root: Array,
+        twist: Array,
+        h: float,
+        posture: Array | None,
+        still: NDArray[np.bool_] | None = None,
+    ) -> Array:
+        """The law's answer (m,) for a twist, such that q + h x is inside the position limits; `still` joints rest."""
+        controller = self._controller
+        box = JointBox(controller.box.position_lower, controller.box.position_upper, self._no_limit, h)
+        lower, upper = box.at(q)
+        if still is not None:
+            lower, upper = np.where(still, 0.0, lower), np.where(still, 0.0, upper)
+        exact = None
+        if controller.exact:
+            view = View(controller.robot, sighting, sighting.pose, 0.0, twist)
+            exact = rows_of(controller.exact, view)
+        demand = Demand(sighting.J, twist, root, lower, upper, exact, posture, row_rank=controller.row_rank)
+        if exact is None or self._stops:
+            return solve(self._law, demand).velocity
+        return self._passing(demand, exact)
+
+    def _passing(self, demand: Demand, exact: ExactRows) -> Array:
+        """The law's answer (m,) where exact rows need not be met."""
+        rows = measured_rows(exact, demand.root)
+        alone = demand._replace(exact=_joint_rows(exact), row_rank=None)
+        only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
+        nearest = solve(replace(self._law, form=None), alone._replace(root=only, posture=None)).velocity
+        wanted = rows.dot(demand.s)
+        missed = wanted - rows.dot(demand.J.dot(nearest))
+        size = float(np.linalg.norm(wanted))
+        t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
+        met = ExactRows(exact.A, np.asarray(exact.A).dot(nearest), exact.of_twist)
+        part = asked_part(rows, demand.root)
+        weighted = demand.root.dot(part + REST * (np.eye(6) - part))
+        x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
+        return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x
+
+
+def _joint_rows(exact: ExactRows) -> ExactRows | None:
+    """Those of exact rows that are no parts of the twist; None where there are none."""
+    if exact.of_twist is None:
+        return exact
+    own = ~np.asarray(exact.of_twist).any(axis=1)
+    return ExactRows(exact.A[own], exact.b[own]) if own.any() else None
