@@ -11,8 +11,9 @@ from invariantqp.control.joint_path import JointPath
 from invariantqp.control.path_plan import PathPlan, plan_of
 from invariantqp.geometry.arrays import Array
 
-# On a path that grows, knots kept behind the tool, and new ones after which a plan is worth making.
-KEPT, WORTH = 3, 20
+# On a path that grows, knots kept behind the tool; and what makes a plan worth making, new knots and a share of the
+# scale: no tool should come to rest in the middle of a tight bend.
+KEPT, WORTH, FAR = 3, 20, 1e-3
 
 
 class Backward(NamedTuple):
@@ -70,7 +71,7 @@ class PathSearch:
         self._controller = controller
         self._curve = curve
         self._place = place
-        scale = curve.end if scale is None else scale
+        self._scale = scale = curve.end if scale is None else scale
         self._ahead = JointPath(controller, curve, q, place, rate=rate, stops=stops, scale=scale)
         self._behind: JointPath | None = None
         if place > curve.knots[0]:
@@ -85,7 +86,9 @@ class PathSearch:
     def ready(self) -> bool:
         """Whether a plan is worth making."""
         knots = self._ahead.knots
-        return self.done or (self._grows and len(knots) > WORTH and knots[-1 - WORTH].at >= self._planned)
+        if self.done or not self._grows or len(knots) <= WORTH:
+            return self.done
+        return knots[-1 - WORTH].at >= self._planned and knots[-1].at - self._planned >= FAR * self._scale
 
     def extend(self) -> None:
         """One step."""

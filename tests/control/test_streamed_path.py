@@ -64,6 +64,27 @@ def test_the_tool_stays_on_the_path_and_inside_limits(name, each):
     assert np.abs(pause.velocity).max() < 1e-3
 
 
+def test_a_dense_stream_with_tight_bends_is_driven_without_stops():
+    robot = iq.load_robot("ur5")
+    q, dt, gap, radius = joint_path(robot)(0.0), 0.005, 5e-4, 0.012
+    T = robot.pose(q)
+    path = iq.control.StreamedPath(iq.Controller(robot, dt=dt, acceleration_limit=robot.velocity_limit / RISE))
+    tool, status = [T[:3, 3]], ""
+    while status != "done":
+        assert len(tool) < 300
+        for u in np.arange(5 * len(tool), 5 * len(tool) + 5) * gap / radius:  # 1000 poses a second, for 0.3 s
+            if len(tool) <= 60:
+                path.add(iq.transform(T[:3, :3], T[:3, 3] + radius * np.array([0.0, np.sin(u), np.cos(u) - 1.0])))
+        if len(tool) == 60:
+            path.close()
+        told = path.step(q)
+        q, status = q + dt * told.velocity, told.status
+        tool.append(robot.pose(q)[:3, 3])
+    speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) / dt
+    moving = np.flatnonzero(speed > 0.5 * np.median(speed))
+    assert speed[moving[0] : moving[-1]].min() > 0.5 * np.median(speed)
+
+
 def test_a_stream_that_stands_still_is_no_path():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot)
