@@ -11,12 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.control.path_plan import PathPlan
+from invariantqp.control.path_plan import EASY_SHARE, PathPlan
 from invariantqp.control.path_state import PathState
 from invariantqp.control.time_law import Ramp
 
-# With a jerk but no acceleration, the path accelerates at this share of what the slowest joint could.
-EASY_SHARE = 0.7
 # An S-curve stays below this share of what limits allow: at their edge joint accelerations leave no choice of speed.
 SMOOTH_SHARE = 0.95
 # What rules a tick where limits do not.
@@ -37,6 +35,11 @@ class Pace(NamedTuple):
     rate: float | None
     acceleration: float
     jerk: float | None
+
+    @property
+    def smooth(self) -> float | None:
+        """The largest acceleration along the path where its jerk is limited; None where it is not."""
+        return None if self.jerk is None else self.acceleration
 
     def speed(
         self, plan: PathPlan, state: PathState, place: float, *, near: float, override: float, stop: str

@@ -15,7 +15,7 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve, piece_of
 from invariantqp.control.joint_path import AT_LIMIT, SHORTEST
 from invariantqp.control.path_knot import Knot
-from invariantqp.control.path_speed import drivable, top_speed
+from invariantqp.control.path_speed import drivable, smooth_speed, top_speed
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.limits.braking import braking_speed
@@ -23,6 +23,8 @@ from invariantqp.velocity.limits.braking import braking_speed
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
 VELOCITY_SHARE = 0.998
 ACCELERATION_SHARE = 0.97
+# With a jerk but no acceleration, the path accelerates at this share of what the slowest joint could.
+EASY_SHARE = 0.7
 # Below this share of its top speed, what rules at a knot is the acceleration needed elsewhere.
 RULED = 1.0 - 1e-6
 ACCELERATION = "acceleration"
@@ -128,7 +130,14 @@ class PathPlan(NamedTuple):
         return max(0.0, min(v, sign * ((knots[0] if back else knots[-1]) - at) / dt))
 
 
-def plan_of(controller: Controller, curve: Curve, knots: list[Knot], blocked: str, fastest: float = inf) -> PathPlan:
+def plan_of(
+    controller: Controller,
+    curve: Curve,
+    knots: list[Knot],
+    blocked: str,
+    fastest: float = inf,
+    smooth: float | None = None,
+) -> PathPlan:
     """The plan of knots; the tool stops at the first and the last of them.
 
     Args:
@@ -137,6 +146,8 @@ def plan_of(controller: Controller, curve: Curve, knots: list[Knot], blocked: st
         knots: one or more.
         blocked: why the path ends at the last of them, in words; "" where it does not.
         fastest: the largest v that will be asked for.
+        smooth: the largest acceleration along the path that will be asked for, where its jerk is limited; joints then
+            have to leave room for all of it everywhere. None is no limit of jerk.
     """
     if len(knots) == 1:  # blocked from the start on
         knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * curve.end)]
@@ -146,13 +157,15 @@ def plan_of(controller: Controller, curve: Curve, knots: list[Knot], blocked: st
     slopes = np.array([k.slope for k in knots])
     top, ruling = _top(controller, curve, at, q, slopes, acceleration)
     top = np.minimum(top, fastest)
+    with np.errstate(divide="ignore"):
+        braking = float(np.where(slopes != 0.0, acceleration / np.abs(slopes), inf).min())
+    if smooth is not None and np.isfinite(braking):
+        top = np.minimum(top, smooth_speed(at, q, slopes, acceleration, min(smooth, EASY_SHARE * braking)))
     final = 0.0 if np.isfinite(acceleration).any() else inf
     forward = drivable(at, q, slopes, top, acceleration, final)
     backward = drivable(at[-1] - at[::-1], q[::-1], -slopes[::-1], top[::-1], acceleration, final)[::-1]
     for i in np.flatnonzero(np.sqrt(forward) < RULED * top).tolist():
         ruling[i] = ACCELERATION
-    with np.errstate(divide="ignore"):
-        braking = float(np.where(slopes != 0.0, acceleration / np.abs(slopes), inf).min())
     return PathPlan(
         at=at.tolist(),
         q=q,

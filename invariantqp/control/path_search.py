@@ -97,18 +97,19 @@ class PathSearch:
         elif self._behind is not None and not self._behind.done:
             self._behind.extend()
 
-    def plan(self, fastest: float = inf) -> PathPlan:
+    def plan(self, fastest: float = inf, smooth: float | None = None) -> PathPlan:
         """The plan of what is found; the tool stops at its ends.
 
         Args:
             fastest: the largest speed that will be asked for.
+            smooth: as in `plan_of`.
         """
         knots = self._ahead.knots
         self._planned = knots[-1].at
         if self._behind is not None:
             back = self._behind.knots[:0:-1]
             knots = [k._replace(at=self._place - k.at, slope=-k.slope) for k in back] + knots
-        return plan_of(self._controller, self._curve, knots, self._ahead.blocked, fastest)
+        return plan_of(self._controller, self._curve, knots, self._ahead.blocked, fastest, smooth)
 
     def grow(self, curve: Curve, place: float) -> None:
         """Go on along a curve that is the old one as far as that goes, and forget what lies behind a place."""

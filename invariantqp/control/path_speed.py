@@ -34,6 +34,35 @@ def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.i
     return np.take_along_axis(speed, which[:, None], axis=1)[:, 0], which
 
 
+def bends(at: Array, positions: Array, slopes: Array) -> tuple[Array, Array]:
+    """(n - 1, m) q'' at the beginning and at the end of each piece, of the cubic with these positions and slopes."""
+    h = np.diff(at)[:, None]
+    mean = np.diff(positions, axis=0) / h
+    return (6.0 * mean - 4.0 * slopes[:-1] - 2.0 * slopes[1:]) / h, (
+        2.0 * slopes[:-1] + 4.0 * slopes[1:] - 6.0 * mean
+    ) / h
+
+
+def smooth_speed(at: Array, positions: Array, slopes: Array, acceleration: Array, along: float) -> Array:
+    """(n,) the largest speed v at each knot at which joints can follow any path acceleration up to `along`.
+
+        |q'' v^2| + |q' along| <= a
+
+    Args:
+        at: as in `drivable`, and so are the others.
+        positions: (n, m).
+        slopes: (n, m).
+        acceleration: (m,) of the joints.
+        along: of the path, at most acceleration / |slopes| anywhere.
+    """
+    first, last = np.abs(bends(at, positions, slopes))
+    most = np.zeros_like(slopes)
+    most[:-1] = first
+    most[1:] = np.maximum(most[1:], last)
+    speed: Array = np.sqrt(_most(most, acceleration - np.abs(slopes) * along).min(axis=1))
+    return speed
+
+
 def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array, final: float = 0.0) -> Array:
     """(n,) the largest v^2 at each knot from which all later ones can be driven.
 
@@ -54,10 +83,7 @@ def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleratio
         return squares
     a = acceleration[limited]
     q = slopes[:, limited]
-    # q'' at both ends of a piece, of the cubic with these positions and slopes.
-    mean = (positions[1:] - positions[:-1])[:, limited] / h[:, None]
-    first = (6.0 * mean - 4.0 * q[:-1] - 2.0 * q[1:]) / h[:, None]
-    last = (2.0 * q[:-1] + 4.0 * q[1:] - 6.0 * mean) / h[:, None]
+    first, last = bends(at, positions[:, limited], q)
     half = 0.5 / h[:, None]
     # Rows alpha x + beta y <= gamma on the squares x, y at the two ends of a piece: two ends, two signs.
     alpha = np.hstack((first - q[:-1] * half, -q[1:] * half))

@@ -237,7 +237,7 @@ class HybridFollower:
             self._search = PathSearch(self.hybrid.loop, curve, q, 0.0, rate=self._pace.rate, stops=True)
         self._search.extend()
         if self._search.done:
-            self.plan = self._search.plan(inf if self._pace.rate is None else self._pace.rate)
+            self.plan = self._search.plan(inf if self._pace.rate is None else self._pace.rate, self._pace.smooth)
 
     def _told(
         self, answer: HybridSolution, status: str, reason: str, speed: float, ruling: str, off: float
