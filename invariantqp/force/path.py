@@ -4,14 +4,16 @@
 
 The path's parameter sigma is the place on it nearest the tool, seen along S alone: how deep the tool is pressed counts
 for nothing. How fast is planned as for a `PathFollower`; the force part is the `HybridController`'s, and goes on
-whatever the path does. Until the tool touches, and while it has lost contact, the path waits.
+whatever the path does. Until the tool touches, and while it has lost contact, the path waits. A tool that is pushed
+far off along S, or joints that are where the path leaves them free, come back under the force, and the path is looked
+along again with the joints as they are then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from attrs import field, frozen
@@ -19,7 +21,8 @@ from numpy.typing import ArrayLike
 
 from invariantqp.control.asked import asked
 from invariantqp.control.given_path import GivenPath, given_path
-from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN
+from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN, STRAYED
+from invariantqp.control.path_driver import DISPLACED, PUSHED
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_rate import rate_inside
@@ -42,6 +45,22 @@ TOUCH = 0.5
 # How near the end a tool is that is there, along S, relative to the measure's length.
 AT_END = 1e-4
 NO_CONTACT = ("lost", "overload", "fault")
+# A singular value below this share of the largest moves no tool: joints are free to move along it.
+STILL = 1e-3
+
+
+class _Beside(NamedTuple):
+    """Where the tool is beside its path.
+
+    Attributes:
+        place: nearest it along S.
+        off: how far it is from there, along S.
+        strayed: how far a joint is off the plan by motion that leaves the tool where it is [rad, length].
+    """
+
+    place: float
+    off: float
+    strayed: float
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -136,7 +155,8 @@ class HybridFollower:
             wanted: what to exert in this tick; None takes the task's.
 
         Returns:
-            HybridPathSolution: "waiting" until the tool touches, and where contact is lost.
+            HybridPathSolution: "waiting" until the tool touches, where contact is lost, and on the way back
+                from a push.
 
         Raises:
             BadInput: NaN or wrong shapes.
@@ -147,15 +167,17 @@ class HybridFollower:
         before = self._state.velocity if velocity is None else velocity
         if not (contact is None or isinstance(contact, Contact)):
             raise BadInput("contact", excerpt(contact), "a Contact")
+        here = hybrid.task.contact_at(robot.pose(positions)) if contact is None else contact
+        beside = self._beside(positions, here)
+        far = beside.off > PUSHED * loop.measure.length or beside.strayed > DISPLACED
+        if far and self._state.place > 0.0:
+            self.plan, self._search = None, None
         plan = self.plan
         if plan is None:
-            answer = hybrid.step(positions, curve.pose(0.0), wrench, None, contact, before, wanted)
-            self._look_on(positions)
-            self._state = at_rest(0.0, answer.velocity)
-            return self._told(answer, "waiting", "looking along the path", 0.0, "the start", 0.0)
-        here = hybrid.task.contact_at(robot.pose(positions)) if contact is None else contact
-        place, off = self._beside(plan, positions, here)
-        rate, slope, ruling = self._pace_at(plan, place, off)
+            answer = hybrid.step(positions, curve.pose(self._state.place), wrench, None, here, before, wanted)
+            return self._waiting(answer, positions, beside.off)
+        place, off, strayed = beside
+        rate, slope, ruling = self._pace_at(plan, place, off, strayed)
         middle = min(place + 0.5 * loop.dt * rate, plan.end)
         posture = rate * slope + JOINT_GAIN * (plan.joints(place) - positions)
         ahead = rate * curve.tangent(middle)
@@ -181,11 +203,22 @@ class HybridFollower:
                 status, reason = "blocked", plan.blocked
         return self._told(answer, status, reason, rate, ruling, off)
 
-    def _pace_at(self, plan: PathPlan, place: float, off: float) -> tuple[float, Array, str]:
+    def _waiting(self, answer: HybridSolution, q: Array, off: float) -> HybridPathSolution:
+        """What is told of a tick without a plan: on the way back to the path, or looking along it."""
+        state, pushed = self._state, self._state.place > 0.0
+        self._touching = self._touches(answer)
+        reason = "pushed off the path, on the way back"
+        if self._search is not None or not pushed or off <= AT_END * self.hybrid.loop.measure.length:
+            reason = "looking along the path"
+            self._look_on(q)
+        self._state = at_rest(state.place, answer.velocity, state.ticks + 1 if pushed else 0)
+        return self._told(answer, "waiting", reason, 0.0, "a push" if pushed else "the start", off)
+
+    def _pace_at(self, plan: PathPlan, place: float, off: float, strayed: float) -> tuple[float, Array, str]:
         """The rate of this tick, the slope of the joint motion along it, and what rules it."""
         loop, state = self.hybrid.loop, self._state
         away = max(off / (AWAY * loop.measure.length), 1.0)
-        near = max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0))
+        near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed / STRAYED, 1.0))
         stop = "" if self._touching else "no contact"
         speed, possible, ruling = self._pace.speed(plan, state, place, near=near, override=1.0, stop=stop)
         rate = min(speed, (plan.end - place) / loop.dt)
@@ -204,8 +237,8 @@ class HybridFollower:
         there = self._at_end(plan) and off <= AT_END * loop.measure.length
         return there and stands(loop, state.velocity)
 
-    def _beside(self, plan: PathPlan, q: Array, contact: Contact) -> tuple[float, float]:
-        """The place nearest the tool along S, and how far the tool is from it."""
+    def _beside(self, q: Array, contact: Contact) -> _Beside:
+        """Where the tool is; without a plan, beside the place where it is expected."""
         loop, curve, expected = self.hybrid.loop, self._path.curve, self._state.place
         target = loop.robot.target(curve.pose(expected))
         sighting = loop.robot.sight(q, target)
@@ -215,11 +248,18 @@ class HybridFollower:
         P = self._split.projectors.motion
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
         R = asked(loop, sighting, root).dot(A).dot(P).dot(B.T)
+        plan = self.plan
+        if plan is None:
+            return _Beside(expected, float(np.linalg.norm(R.dot(sighting.error))), 0.0)
         ahead, error = R.dot(curve.tangent(expected)), R.dot(sighting.error)
         shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + self._path.slow * self._path.slow)
         place = min(max(expected - shift, plan.start), plan.end)
         rest = error - (expected - place) * ahead
-        return place, sqrt(float(rest.dot(rest)))
+        astray = plan.joints(place) - q
+        _, sigma, Vt = np.linalg.svd(root.dot(sighting.J), full_matrices=False)
+        moving = Vt[sigma > STILL * sigma[0]]
+        free = astray - moving.T.dot(moving.dot(astray))
+        return _Beside(place, sqrt(float(rest.dot(rest))), float(np.abs(free).max()))
 
     def _touches(self, answer: HybridSolution) -> bool:
         """Whether the tool is in contact."""
@@ -234,7 +274,8 @@ class HybridFollower:
     def _look_on(self, q: Array) -> None:
         if self._search is None:
             curve = self._path.curve
-            self._search = PathSearch(self.hybrid.loop, curve, q, 0.0, rate=self._pace.rate, stops=True)
+            place = self._state.place
+            self._search = PathSearch(self.hybrid.loop, curve, q, place, rate=self._pace.rate, stops=True)
         self._search.extend()
         if self._search.done:
             self.plan = self._search.plan(inf if self._pace.rate is None else self._pace.rate, self._pace.smooth)

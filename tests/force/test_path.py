@@ -73,3 +73,41 @@ def test_the_path_waits_while_contact_is_lost():
     assert places[lost[-1]] - places[lost[0] + 20] < 1e-3 * PERIOD
     assert statuses[lost[-1] + 1] == "slowed"
     assert places[-1] > places[lost[-1]] + 0.01 * PERIOD
+
+
+def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
+    bench = slow_bench()
+    path = circle(bench.start, RADIUS, PERIOD)
+    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2)
+    follower.prepare(bench.q)
+    told, off = [], []
+    for k in range(3000):
+        if k == 200:  # 30 mm to the side, as deep in the paper as before
+            J = iq.adjoint(iq.transform(translation=-bench.robot.pose(bench.q)[:3, 3])) @ bench.robot.jacobian(bench.q)
+            bench.q = bench.q + np.linalg.pinv(J) @ [0.0, 0.0, 0.0, 0.0, -0.03, 0.0]
+            bench.height = bench.robot.pose(bench.q)[2, 3] + 5e-4
+        told.append(follower.step(bench.q, bench.wrench()))
+        bench.q = bench.q + DT * told[-1].velocity
+        off.append(off_circle(bench))
+        if told[-1].status in ("done", "blocked"):
+            break
+    back = [k for k, s in enumerate(told) if "pushed off the path" in s.reason]
+    assert back[0] == 200
+    assert all(told[k].status == "waiting" and told[k].place == told[199].place for k in back)
+    assert max(abs(told[k].hybrid.intensities[0] / 5.0 - 1.0) for k in back[100:]) < 0.05
+    assert told[-1].status == "done"
+    assert max(off[back[-1] + 50 :]) < 5e-5
+
+
+def test_joints_off_their_plan_slow_the_path_down():
+    bench = slow_bench()
+    path = circle(bench.start, RADIUS, PERIOD)
+    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2)
+    follower.prepare(bench.q)
+    for k in range(230):
+        if k == 200:
+            J = bench.robot.jacobian(bench.q)
+            bench.q = bench.q + 0.1 * np.linalg.svd(J)[2][-1]  # the tool stays where it is, but for 0.1 mm or so
+        told = follower.step(bench.q, bench.wrench())
+        bench.q = bench.q + DT * told.velocity
+    assert told.ruling == "the arm is off its path"
