@@ -22,7 +22,7 @@ from invariantqp.velocity.limits.braking import braking_speed
 
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
 VELOCITY_SHARE = 0.998
-ACCELERATION_SHARE = 0.97
+ACCELERATION_SHARE = 0.965
 # With a jerk but no acceleration, the path accelerates at this share of what the slowest joint could.
 EASY_SHARE = 0.7
 # Below this share of its top speed, what rules at a knot is the acceleration needed elsewhere.
