@@ -41,8 +41,8 @@ ON_PATH = 1e-12
 # Where a path is left: the damping, and the share of the longest step by which damping grows with the distance
 # (`calm`), beside exact rows the second. So an arm stretched out bends again in time.
 PASSING, CALMING, CALMING_ROWS = Adaptive(1e-2, 3e-3), 0.1, 0.5
-# The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, it shrinks
-# with the root of the distance to LAST of it, so that the tool is back after a finite way.
+# The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, this share
+# shrinks with the root of the distance, to LAST of itself.
 REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
 # What the rest of a twist counts beside exact rows that cannot be met.
 REST = 0.1
