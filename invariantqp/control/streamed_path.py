@@ -29,7 +29,7 @@ from invariantqp.robots.kinematics import middle
 # Poses nearer to one another than this, relative to the measure's length, make no piece: which way they lie is noise.
 SPACING = 1e-3
 # Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
-STEPS = 1000.0
+STEPS = 1500.0
 # Pieces kept behind the tool.
 PIECES_BEHIND = 2
 
