@@ -3,6 +3,8 @@
 surface   the tip is pushed out along the normal in proportion to how deep it is; friction where it is said
 hole      a peg touches its hole with its tip and at the mouth, past a clearance
 grip      the tool holds something that moves along one screw, and is pulled back to it in proportion
+
+Each also as what MuJoCo is to simulate: a pen with a tip of 2 mm, a hole of eight flat walls, a handle tied at four points.
 """
 
 from collections.abc import Callable
@@ -12,6 +14,10 @@ from math import cos, pi, sin
 import numpy as np
 
 import invariantqp as iq
+from invariantqp.geometry.se3 import facing
+from invariantqp.geometry.surfaces import Cylinder, Plane
+from invariantqp.runs.plants.solids import Solid, Solids, ball_at
+from invariantqp.runs.plants.springs import HingeSprings, SurfaceSprings
 
 TURN, RIGHT, CREEP = 4.0, np.array([0.05**2] * 3 + [1.0] * 3), 1e-3  # [s] a turn; what a twist weighs; [m/s]
 
@@ -28,6 +34,7 @@ class Scene:
         off: how far along the path a pose is from another [m].
         missing: how far a wrench is from the wanted force at a pose [N]; None where nothing can be pressed.
         options: of the task, such as a stiffness.
+        touch: the same world for MuJoCo; None where it has no shape for it.
     """
 
     told: Callable
@@ -37,6 +44,7 @@ class Scene:
     off: Callable
     missing: Callable
     options: dict
+    touch: SurfaceSprings | HingeSprings | Solids | None
 
 
 def gradient(height, p):
@@ -47,7 +55,7 @@ def at(point, force):
     return np.concatenate((np.cross(point, force), force))
 
 
-def surface(heights, told, path, wanted=(5.0,), k=1e4, friction=0.0, over=None, **options):
+def surface(heights, told, path, touch, wanted=(5.0,), k=1e4, friction=0.0, over=None, **options):
     """Surfaces by functions that are zero on them, grow outwards and are nothing where `over` is negative."""
 
     def world(tool, twist):
@@ -73,11 +81,16 @@ def surface(heights, told, path, wanted=(5.0,), k=1e4, friction=0.0, over=None, 
         presses = [gradient(height, tool[:3, 3]) @ wrench[3:] for height in heights]
         return max((p - w for p, w in zip(presses, wanted, strict=True)), key=abs)
 
-    return Scene(told, list(wanted), world, path, off, missing, options)
+    return Scene(told, list(wanted), world, path, off, missing, options, touch)
 
 
-def hole(mouth, axis, told, path, clearance=5e-5, stiffness=1e4):
+def hole(mouth, axis, told, path, clearance=5e-5, stiffness=1e4, radius=0.01):
     """A peg along the tool's z in a hole: pushed back at the tip and where it passes the mouth."""
+    pose, wide, long = facing(axis, mouth), (radius + clearance) * np.tan(pi / 8.0), 0.03
+    turns = [iq.exp([0.0, 0.0, i * pi / 4.0, 0.0, 0.0, 0.0]) for i in range(8)]
+    wall = iq.transform(translation=[radius + clearance + wide, 0.0, long])
+    walls = [Solid("box", (wide, wide, long), pose @ turn @ wall) for turn in turns]
+    peg = Solid("capsule", (radius, long), iq.transform(translation=[0.0, 0.0, -long]))
 
     def world(tool, _):
         tip, along = tool[:3, 3], tool[:3, 2]
@@ -91,12 +104,16 @@ def hole(mouth, axis, told, path, clearance=5e-5, stiffness=1e4):
     def off(tool, target):
         return abs(axis @ (target[:3, 3] - tool[:3, 3]))
 
-    return Scene(told, [0.0] * 4, world, path, off, lambda _, wrench: np.linalg.norm(wrench[3:]), {})
+    def missing(_, wrench):
+        return np.linalg.norm(wrench[3:] - axis * (axis @ wrench[3:]))
+
+    return Scene(told, [0.0] * 4, world, path, off, missing, {}, Solids(tuple(walls), (peg,), stiffness))
 
 
 def grip(start, screw, told, path, stiffness=1e4, **options):
     """Something held that moves along a screw from a pose: 1e4 N/m and 50 Nm/rad at the tool pull it back."""
     K = stiffness * np.array([5e-3] * 3 + [1.0] * 3)
+    handle = np.sqrt(5e-3) * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 
     def nearest(tool):
         """How far along the screw, and how far off it: a twist at the tool [m], by three steps of Newton's method."""
@@ -115,7 +132,14 @@ def grip(start, screw, told, path, stiffness=1e4, **options):
         there = iq.adjoint(iq.transform(translation=-tool[:3, 3])) @ screw
         return abs(a) * np.sqrt(there @ (RIGHT * there))
 
-    return Scene(told, [0.0] * 5, world, path, off, lambda _, wrench: np.linalg.norm(wrench[3:]), options)
+    def missing(tool, wrench):
+        """Without friction and inertia along the way that is free."""
+        local = iq.adjoint(iq.transform(translation=-tool[:3, 3])) @ screw
+        there = local[3:] / np.linalg.norm(local[3:])
+        return np.linalg.norm(wrench[3:] - there * (there @ wrench[3:]))
+
+    touch = HingeSprings(handle, start, screw, stiffness)
+    return Scene(told, [0.0] * 5, world, path, off, missing, options, touch)
 
 
 def circle(start, radius):
@@ -144,12 +168,20 @@ def scenes(start, radius):
     tip, foot = start[:3, 3], start[:3, 3] - 0.002 * z
     round_ = circle(start, radius)
 
-    def flat(n, told=None, **options):
-        told = n if told is None else told
-        return surface([lambda p: n @ (p - foot)], lambda tool: iq.point_contact(tool[:3, 3], told), round_, **options)
+    def pen(shape, k=1e4):
+        return SurfaceSprings("point", np.zeros((1, 3)), shape, k)
 
-    def curved(height):
-        return surface([height], lambda tool: iq.contacts.surface_contact(tool[:3, 3], implicit=height), round_)
+    def flat(n, told=None, k=1e4, **options):
+        told, touch = n if told is None else told, pen(Plane(foot, n), k)
+        return surface(
+            [lambda p: n @ (p - foot)], lambda tool: iq.point_contact(tool[:3, 3], told), round_, touch, k=k, **options
+        )
+
+    def curved(height, touch):
+        return surface([height], lambda tool: iq.contacts.surface_contact(tool[:3, 3], implicit=height), round_, touch)
+
+    def solids(*world):
+        return Solids(world, (ball_at(np.zeros(3), start[:3, :3].T @ z),), 1e4)
 
     def turned(degrees, about=x):
         return iq.exp([*np.deg2rad(degrees) * about, 0, 0, 0])[:3, :3]
@@ -178,13 +210,19 @@ def scenes(start, radius):
         "hard, 1e5 N/m": flat(z, k=1e5),
         "1e6 N/m": flat(z, k=1e6),
         "1e6 N/m, told": flat(z, k=1e6, stiffness=1e6),
-        "ball of 150 mm": curved(lambda p: np.linalg.norm(p - foot + 0.15 * z) - 0.15),
-        "bar of 100 mm": curved(lambda p: np.linalg.norm(np.cross(x, p - foot + 0.1 * z)) - 0.1),
-        "waves, by a function": curved(lambda p: floor(p) + 0.01 * sin(40.0 * x @ (p - foot))),
+        "ball of 150 mm": curved(
+            lambda p: np.linalg.norm(p - foot + 0.15 * z) - 0.15,
+            solids(Solid("sphere", (0.15,), iq.transform(translation=foot - 0.15 * z))),
+        ),
+        "bar of 100 mm": curved(
+            lambda p: np.linalg.norm(np.cross(x, p - foot + 0.1 * z)) - 0.1, pen(Cylinder(foot - 0.1 * z, x, 0.1))
+        ),
+        "waves, by a function": curved(lambda p: floor(p) + 0.01 * sin(40.0 * x @ (p - foot)), None),
         "over an edge and back": surface(
             [floor],
             lambda tool: iq.contacts.surface_contact(tool[:3, 3], implicit=floor, extent=to_edge),
             along(start, 2.0 * radius * slide(x)),
+            pen(Plane(foot, z, (1.5 * radius * x,))),
             over=to_edge,
             edge_margin=0.005,
         ),
@@ -192,6 +230,7 @@ def scenes(start, radius):
             [floor, lambda p: x @ (p - wall)],
             lambda tool: corner.moved(iq.transform(translation=tool[:3, 3] - tip)),
             along(start, 2.0 * radius * slide(y)),
+            solids(*(Solid("plane", (), facing(n, p)) for n, p in ((z, foot), (x, wall - 0.002 * x)))),
             wanted=(5.0, 3.0),
         ),
         "peg, hole tilted 2 deg": hole(

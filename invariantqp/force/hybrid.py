@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from copy import deepcopy
-from math import inf, pi, sqrt
+from math import hypot, inf, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,8 @@ from invariantqp.velocity.measure import length_at
 
 # The longest dead time for which ways are remembered.
 MOST_TICKS = 10_000
+# How far a grip may be from where the compliance was taken, as a share of the contact's size.
+NEAR = 0.2
 
 
 class HybridController:
@@ -113,6 +115,7 @@ class HybridController:
         self._normal = NormalEstimate()
         self._ways = self._no_ways()
         self._split = task.split(contact.kind)
+        self._grip: Array | None = None  # for which that is
 
     @property
     def robot(self) -> Robot:
@@ -123,9 +126,12 @@ class HybridController:
         return deepcopy(self)  # with a loop of its own
 
     def reset(self) -> None:
-        """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
+        """Forget an overload, a fault or a loss, and the readings: the state before the first touch.
+
+        How stiff the contact was at least is kept: a touch that was an overload is looked for more slowly next.
+        """
         self._watch = Watch()
-        self._regulation = Regulation()
+        self._regulation = Regulation(least=self._regulation.least)
         self._normal = NormalEstimate()
         self._ways = self._no_ways()
         self._smoothing = self._smoothing._replace(value=None)
@@ -168,7 +174,7 @@ class HybridController:
             contact = self.task.contact_at(tool)
         elif not isinstance(contact, Contact):
             raise BadInput("contact", excerpt(contact), "a Contact")
-        split = self._split_for(contact)
+        split = self._split_for(contact, tool)
         contact, told = self._turned(contact)
         exert = (
             split.wanted(self.task.wrench) if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted")
@@ -247,10 +253,8 @@ class HybridController:
             way = self._ways[0]  # the last one whose effect has been measured
             along = -out.dot(way)
             moved = np.array([along, *(way + along * out)])
-            estimate = regulation.estimate.after(
-                felt.press[0], moved, felt.noise, self.loop.dt, touching=watch.touching
-            )
-            regulation = regulation._replace(estimate=estimate)
+            touching = watch.touching
+            regulation = regulation.felt(felt.press, moved, felt.noise, self.loop.dt, self._late, touching=touching)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 
     def _turned(self, contact: Contact) -> tuple[Contact, Array]:
@@ -272,10 +276,15 @@ class HybridController:
         ticks = 1 + round(self._delay / self.loop.dt)
         return deque([np.zeros(3)] * ticks, maxlen=ticks)
 
-    def _split_for(self, contact: Contact) -> Split:
-        """The task's split for the kind of this contact, kept while the kind is the same."""
-        if contact.kind is not self._split.kind:
-            self._split = self.task.split(contact.kind)
+    def _split_for(self, contact: Contact, tool: Array) -> Split:
+        """The task's split for the kind of this contact, kept while the kind is the same and the grip near."""
+        task, kind = self.task, contact.kind
+        if task.compliance is None and kind.presses == 0:
+            grip = se3.inverse(contact.pose, check=False).dot(tool.dot([*task.grip, 1.0]))[:3]
+            if self._grip is None or kind != self._split.kind or hypot(*(grip - self._grip)) > NEAR * task.size:
+                self._split, self._grip = task.split(kind, grip), grip
+        elif kind is not self._split.kind:
+            self._split = task.split(kind)
         return self._split
 
     def _measure(self, reading: Array, tool: Array) -> tuple[Array, Array, Smoothing]:

@@ -59,7 +59,8 @@ class HybridTask(Value):
         h: pitch whose reciprocal system is the complement Z, or None.
         complement: Z itself, (6, 6-k) in the contact's own frame, or None.
         metric: (6, 6) in the contact's own frame, or None.
-        compliance: (6, 6) C, twist per wrench, in the contact's own frame.
+        compliance: (6, 6) C, twist per wrench, in the contact's own frame; None is the same in all directions about
+            the place of contact, or about the grip of a contact that cannot be lost.
         adapts: whether C is scaled to the stiffness, because no compliance was given.
         stiffness: of the contact along the press [force/length], or None where it is not known.
         size: over what length the contact spreads [length].
@@ -77,7 +78,7 @@ class HybridTask(Value):
     h: float | None
     complement: Array | None = field(converter=optional(own))
     metric: Array | None = field(converter=optional(own))
-    compliance: Array = field(converter=own, repr=False)
+    compliance: Array | None = field(converter=optional(own), repr=False)
     adapts: bool = field(repr=False)
     stiffness: float | None
     size: float = field(repr=False)
@@ -135,7 +136,8 @@ class HybridTask(Value):
                 none of the three, Z = C W follows from the compliance; it exists for every contact.
             compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
                 in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses
-                it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known.
+                it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known, and in a
+                contact that cannot be lost takes it about the grip.
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
             stiffness: of the contact along the press [force/length]; None identifies it at each touch, unless a
                 compliance is given. Once it is known, the force law has integral action.
@@ -180,7 +182,7 @@ class HybridTask(Value):
             h=None if h is None else finite_pitch(h),
             complement=None if complement is None else arrays.system(complement, "complement"),
             metric=None if metric is None else arrays.positive_definite(metric, 6, "metric"),
-            compliance=_compliance(UNKNOWN if compliance is None else compliance, length),
+            compliance=None if compliance is None else _compliance(compliance, length),
             adapts=compliance is None if adapts is None else arrays.flag(adapts, "adapts"),
             stiffness=None if stiffness is None else arrays.number(stiffness, "stiffness", "N/m", positive=True),
             size=length,
@@ -217,8 +219,12 @@ class HybridTask(Value):
             raise BadInput("contact", f"a function that gave {excerpt(contact)}", "one that gives a Contact")
         return contact
 
-    def split(self, kind: ContactKind) -> Split:
+    def split(self, kind: ContactKind, grip: Array | None = None) -> Split:
         """P, P* and the admittance for a kind of contact, in its own frame.
+
+        Args:
+            kind: of contact.
+            grip: (3,) the place of the grip in that frame; None is the place of contact.
 
         Raises:
             BadInput, NoProjectors: the task does not fit this contact.
@@ -231,6 +237,9 @@ class HybridTask(Value):
             found = f"an angle, and a {kind.name} with {kind.presses} presses"
             raise BadInput("normal_within", found, "None for a contact without a press or with more than one")
         S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance
+        if C is None:
+            place = se3.adjoint(se3.transform(None, kind.origin if grip is None else grip), check=False)
+            C = place.dot(_compliance(UNKNOWN, self.size)).dot(place.T)
         complement = self.complement
         if self.h is None and self.metric is None and complement is None:
             complement = C.dot(W)
@@ -238,6 +247,8 @@ class HybridTask(Value):
         Z, F = projectors.complement, projectors.force
         parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
         press = float(W[:, 0].dot(C).dot(W[:, 0])) if W.shape[1] else 0.0
+        if self.compliance is None and kind.presses == 0 and W.shape[1]:
+            press = UNKNOWN  # of a force through the grip
         split = Split(kind, projectors, F.T.dot(C).dot(F), parts, press)
         return split._replace(load=load_at(split.wanted(self.wrench), np.asarray(kind.origin)))
 
@@ -251,14 +262,14 @@ class HybridTask(Value):
         Y = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
         back = se3.inverse(X, check=False)
         A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
-        contact, M, Z, w = self.contact, self.metric, self.complement, self.wrench
+        contact, C, M, Z, w = self.contact, self.compliance, self.metric, self.complement, self.wrench
         return evolve(
             self,
             contact=contact.relabelled(X) if isinstance(contact, Contact) else _Relabelled(contact, X, Y),
             wrench=by_name(B.dot(w)) if len(w) == 6 else w,
             complement=None if Z is None else A.dot(Z),
             metric=None if M is None else B.dot(M).dot(B.T),
-            compliance=A.dot(self.compliance).dot(A.T),
+            compliance=None if C is None else A.dot(C).dot(A.T),
             grip=Y[:3, :3].T.dot(self.grip - Y[:3, 3]),
         )
 

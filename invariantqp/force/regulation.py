@@ -4,13 +4,15 @@
 
 On a contact of stiffness k the loop is a first-order lag of rate c k, stable with dead time d below c k d = pi / 2. The
 rate is at most RATE, and a quarter of 1 / (dt + delay + time constant of the low-pass), from which on no overshoot is
-visible. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
+visible. Until the stiffness is known it is supposed: at least what the press has risen by over the way into the surface,
+and softer and softer until the press is felt. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
 damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral,
 since a too fast one oscillates.
 """
 
 from __future__ import annotations
 
+from math import exp, hypot, inf
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +31,18 @@ OVERDAMPED = 5.0
 # arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
 STIFF = 1e5
 USUAL = 2e4
+# No contact of an arm is stiffer [N/m].
+STIFFEST = 1e7
+# How much a slope that is not known may add to the way into the surface, as a share of the way across it.
+SLOPE = 0.15
+# When a rise of the press says how stiff the contact is at least, so many standard deviations of noise are left out, and
+# at least this share of the wanted press.
+ABOVE_NOISE = 4.0
+LEFT_OUT = 0.25
+# Until this share of the press is felt, the contact is supposed to be softer and softer, with this time constant in
+# units of that of the force law.
+REACHED = 0.5
+SOFTENING = 4.0
 # An error above this share of the wanted press counts as this much in the integral.
 INTEGRATED = 0.2
 # After the contact was lost again and again the rate is reduced by this factor, each time.
@@ -43,11 +57,21 @@ class Regulation(NamedTuple):
         estimate: of the contact's stiffness.
         integral: (6,) of the wrench error [force s].
         caution: share of the rate, less than 1 after chatter.
+        supposed: stiffness that the gain is for until it is known [force/length].
+        least: what the stiffest contact so far was at least [force/length].
+        air: press in the last tick without contact [force]; inf before any.
+        way: into the surface since then, at most [length].
+        reached: whether a good share of the press has been felt since then.
     """
 
     estimate: StiffnessEstimate = StiffnessEstimate()
     integral: Array = np.zeros(6)
     caution: float = 1.0
+    supposed: float = USUAL
+    least: float = 0.0
+    air: float = inf
+    way: float = 0.0
+    reached: bool = False
 
     def rate(self, late: float) -> float:
         """c k [1/s] to aim at, `late` [s] being the sum of tick, delay and low-pass."""
@@ -55,15 +79,43 @@ class Regulation(NamedTuple):
 
     def factor(self, compliance: float, stiffness: float | None, late: float) -> float:
         """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told."""
-        return self.rate(late) / (compliance * (self.known(stiffness) or USUAL))
+        return self.rate(late) / (compliance * (self.known(stiffness) or self.supposed))
 
     def approach_speed(self, press: float, stiffness: float | None, late: float) -> float:
         """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness."""
-        return press / ((self.known(stiffness) or STIFF) * late)
+        return press / ((self.known(stiffness) or max(STIFF, self.least)) * late)
 
     def known(self, stiffness: float | None) -> float | None:
         """The stiffness that was told, or that is known from the last touch."""
         return self.estimate.value if stiffness is None else stiffness
+
+    def felt(
+        self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: float, *, touching: bool
+    ) -> Regulation:
+        """What is known of the stiffness after one more reading.
+
+        Args:
+            press: felt and wanted [force].
+            moved: (4,) way since the last reading, as `StiffnessEstimate.after` takes it.
+            noise: standard deviation of the press [force].
+            dt: tick [s].
+            late: sum of tick, delay and low-pass [s].
+            touching: whether there is contact.
+        """
+        felt, wanted = press
+        estimate = self.estimate.after(felt, moved, noise, dt, touching=touching)
+        way = abs(float(moved[0])) + SLOPE * hypot(*moved[1:].tolist())
+        if not touching:
+            return self._replace(estimate=estimate, supposed=USUAL, air=felt, way=way * late / dt, reached=False)
+        if estimate.fresh:
+            return self._replace(estimate=estimate)
+        way += self.way
+        rise = felt - self.air - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)
+        least = min(STIFFEST, max(0.0, rise) / max(way, TINY))
+        reached = self.reached or felt >= REACHED * wanted
+        softer = 1.0 if reached else exp(-dt * self.rate(late) / SOFTENING)
+        supposed, most = max(softer * self.supposed, least), max(self.least, least)
+        return self._replace(estimate=estimate, supposed=supposed, least=most, way=way, reached=reached)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
         """The integral after a tick.

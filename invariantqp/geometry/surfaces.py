@@ -5,7 +5,7 @@ plane: depth = -n.(p - p0),     cylinder: depth = r - |distance from the axis|
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, inf
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +14,22 @@ from invariantqp.geometry.arrays import Array
 
 
 class Plane(NamedTuple):
-    """A plane through a point (3,), with its unit normal (3,) pointing out."""
+    """A plane through a point (3,), with its unit normal (3,) pointing out.
+
+    It ends at straight edges, if there are any: each is the vector (3,) from the point to the edge and across it.
+    """
 
     point: Array
     normal: Array
+    edges: tuple[Array, ...] = ()
 
     def depth(self, p: Array) -> tuple[float, Array]:
         """How deep p (3,) is [length], negative outside, and the unit normal there."""
         return float(self.normal.dot(self.point - p)), self.normal
+
+    def extent(self, p: Array) -> float:
+        """How far the nearest edge is from p (3,) [length], negative beyond it; inf without edges."""
+        return min((float(e.dot(self.point + e - p)) / hypot(*e.tolist()) for e in self.edges), default=inf)
 
 
 class Cylinder(NamedTuple):

@@ -1,7 +1,8 @@
 """The tables of a task file about contact: [contact] what is touched, [force] how to press, [sensor] what measures it.
 
 Lengths are in metres, directions in base axes, and places are relative to where the tool is at the start. The
-controller is told everything in [contact] except `tilt`: how the real surface lies is for force control to find out.
+controller is told everything in [contact] except `tilt`: how the real surface lies is for force control to find out, and
+with `normal_within` it corrects the normal.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from invariantqp.force.hybrid_task import MOST_TILT
 from invariantqp.runs.section import Direction, NotNegative, Number, Positive, Section, Vector3, Vector6
 
 # How many lengths say how far each kind of contact extends: an edge has a length, a face two sides.
@@ -38,6 +40,18 @@ class ContactSpec(Section):
     radius: Positive | None = Field(
         None, description="of a round bar along `along`, for a point; left out: a plane [m]", examples=[0.3]
     )
+    edges: list[Vector3] = Field(
+        [],
+        description="of a plane that ends, each the way from the tool at the start to a straight edge and across it "
+        "[m]; nothing is pushed beyond one",
+        examples=[[[0.08, 0.0, 0.0]]],
+    )
+    normal_within: Positive | None = Field(
+        None,
+        description="by how much the controller may correct the normal by the tool's motion [rad]; left out: it trusts it",
+        examples=[0.1],
+        le=MOST_TILT,
+    )
     axis: Direction = Field((0.0, 0.0, 1.0), description="axis of a hinge", examples=[[0, 0, 1]])
     point: Vector3 = Field((-0.4, 0.0, 0.0), description="of that axis, from the tool [m]", examples=[[0, -0.4, 0]])
     stiffness: Positive = Field(2e4, description="of the contact [N/m]", examples=[2e4])
@@ -58,6 +72,11 @@ class ContactSpec(Section):
             raise ValueError(f"size of {article} {self.kind} has {wanted} number{'s' * (wanted != 1)}, not {given}")
         if self.radius is not None and self.kind != "point":
             raise ValueError(f"radius is for a point on a round bar, not for kind = {self.kind!r}")
+        if self.edges and (self.kind == "hinge" or self.radius is not None):
+            what = "a hinge" if self.kind == "hinge" else "a round bar"
+            raise ValueError(f"edges are those of a plane; {what} has none, leave them out")
+        if self.normal_within is not None and self.kind == "hinge":
+            raise ValueError("normal_within is for a surface; a hinge has no normal, leave it out")
         return self
 
 
@@ -103,6 +122,9 @@ class ForceSpec(Section):
     )
     on_loss: Literal["approach", "hold", "retreat", "continue"] = Field(
         "approach", description="what to do when contact is lost", examples=["hold"]
+    )
+    edge_margin: NotNegative = Field(
+        0.01, description="an edge of the surface nearer than this is told [m]", examples=[0.01]
     )
     approach_speed: Positive = Field(0.02, description="largest speed before contact [m/s]", examples=[0.02])
 

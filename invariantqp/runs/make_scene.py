@@ -97,6 +97,8 @@ def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> H
         on_overload=force.on_overload,
         on_loss=force.on_loss,
         approach_speed=force.approach_speed,
+        edge_margin=force.edge_margin,
+        normal_within=contact.normal_within,
     )
 
 
@@ -132,7 +134,9 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     x /= np.linalg.norm(x)
     y = np.cross(n, x)
     foot = T[:3, 3] - contact.gap * n
-    believed, real = _shaped(foot, n, x, contact.radius), _shaped(foot, tilt.dot(n), tilt.dot(x), contact.radius)
+    edges = tuple(_in_plane(np.array(edge), n) for edge in contact.edges)
+    believed = _shaped(foot, n, x, contact.radius, edges)
+    real = _shaped(foot, tilt.dot(n), tilt.dot(x), contact.radius, tuple(tilt.dot(edge) for edge in edges))
     a, b = [*(0.5 * s for s in contact.size or ()), 0.0, 0.0][:2]
     points = np.array([R.T.dot(i * a * x + j * b * y) for i, j in CORNERS[contact.kind]])
     along = R.T.dot(x)
@@ -140,10 +144,12 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     def contact_at(tool: Array) -> Contact:
         p = tool[:3, 3]
         if contact.kind == "point":
-            return point_contact(p, believed.depth(p)[1], tangent=x)
-        if contact.kind == "edge":
-            return line_contact(p, tool[:3, :3].dot(along), n)
-        return face_contact(p, n, tangent=tool[:3, :3].dot(along))
+            here = point_contact(p, believed.depth(p)[1], tangent=x)
+        elif contact.kind == "edge":
+            here = line_contact(p, tool[:3, :3].dot(along), n)
+        else:
+            here = face_contact(p, n, tangent=tool[:3, :3].dot(along))
+        return Contact(here.kind, here.pose, believed.extent(p)) if edges and isinstance(believed, Plane) else here
 
     lever = b or a or POINT_SIZE, a or POINT_SIZE, a or POINT_SIZE
     shape: Literal["point", "edge", "face"] = contact.kind  # type: ignore[assignment]
@@ -151,8 +157,15 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     return _Touched(SurfaceSprings(shape, points, real, contact.stiffness), stiffness, contact_at, n, believed)
 
 
-def _shaped(foot: Array, normal: Array, along: Array, radius: float | None) -> Surface:
-    return Plane(foot, normal) if radius is None else Cylinder(foot - radius * normal, along, radius)
+def _shaped(foot: Array, normal: Array, along: Array, radius: float | None, edges: tuple[Array, ...]) -> Surface:
+    return Plane(foot, normal, edges) if radius is None else Cylinder(foot - radius * normal, along, radius)
+
+
+def _in_plane(edge: Array, normal: Array) -> Array:
+    across: Array = edge - normal * normal.dot(edge)
+    if not np.linalg.norm(across) > LEAST_ARM:
+        raise BadInput("contact.edges", f"{edge.tolist()} along the normal", "a way in the surface from the tool to an edge")
+    return across
 
 
 def _hinge(contact: ContactSpec, T: Array) -> _Touched:

@@ -61,6 +61,9 @@ def _faces(surface: Surface, path: Array, margin: float) -> Array:
     if isinstance(surface, Plane):
         b = _grid(from_point.dot(v), margin)
         corners = surface.point + a[:, None, None] * u + b[None, :, None] * v
+        for edge in surface.edges:
+            beyond = np.maximum((corners - surface.point - edge).dot(edge) / edge.dot(edge), 0.0)
+            corners = corners - beyond[..., None] * edge
     else:
         corners = _bent(surface, a, v)
     return np.stack((corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]), axis=2).reshape(-1, 4, 3)

@@ -72,7 +72,8 @@ def test_a_tilted_face_lies_down_and_is_wiped_along(panda):
 def test_a_door_is_moved_along_its_screw_and_pushed_no_other_way(panda):
     start = panda.pose(PANDA)
     post = start[:3, 3] + [0.0, 0.6, 0.0]
-    task = iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5))
+    yields = iq.inverse(start)[:3, :3] @ (post - start[:3, 3])  # the hinge does, in the tool frame
+    task = iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5), grip=yields)
     loop, q = iq.HybridController(panda, task, dt=DT, order="moment first"), PANDA.copy()
     twist = 0.2 * iq.revolute(UP, post)
     for k in range(500):

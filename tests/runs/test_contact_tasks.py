@@ -33,8 +33,9 @@ def judged(trace):
     return 1e3 * path.max(), np.sqrt(np.mean((press / trace.task.force.press - 1.0) ** 2))
 
 
-def test_six_tasks_are_shipped():
-    assert set(IN_CONTACT) == {"pen_on_paper", "wipe_table", "edge_follow", "hinged_door", "so101_pen"}
+def test_the_tasks_that_are_shipped():
+    some = {"pen_on_paper", "wipe_table", "edge_follow", "hinged_door", "so101_pen", "tilted_table"}
+    assert set(IN_CONTACT) == some
     assert iq.load_task("shared_surface").operator is not None
 
 
@@ -57,7 +58,7 @@ def test_path_and_force_hold_after_contact_has_settled(name, physics):
         assert by_hand[0] < path
         assert by_hand[1] < force
         assert by_hand[1] <= figures["force_error_relative_rms"] * (1.0 + 1e-9)  # which counts moments too
-    if name in ("pen_on_paper", "so101_pen"):
+    if trace.task.contact.kind == "point":
         assert by_hand == pytest.approx((figures["position_error_mm"]["max"], figures["force_error_relative_rms"]))
 
 
@@ -120,6 +121,23 @@ def test_a_pen_follows_a_round_bar():
     assert np.linalg.norm(last) == pytest.approx(5.0, rel=0.02)
 
 
+@pytest.mark.parametrize("physics", ["ideal", "mujoco"])
+def test_a_pen_that_leaves_its_table_says_so_first_and_presses_again(physics):
+    """The same edge as springs that end and as a box of MuJoCo's."""
+    if physics == "mujoco":
+        pytest.importorskip("mujoco")
+    contact = {"edges": [(-0.03, 0.0, 0.0)], "tilt": (0.01, 0.0, 0.0), "settle": 0.3}
+    path = {"centre": (-0.02, 0.0, 0.0)}
+    trace = iq.run_task(short("tilted_table", duration=1.6, contact=contact, path=path), physics=physics)
+    gone = trace.contact.drawn[:, 0] - trace.contact.drawn[0, 0] < -0.032  # a pen's tip has a radius of 2 mm
+    assert not trace.contact.press[gone].any()
+    assert set(np.array(trace.statuses)[gone]) == {"lost"}
+    first = int(np.argmax(gone))
+    assert gone.sum() > 50
+    assert "degraded" in trace.statuses[first - 150 : first]
+    assert trace.contact.press[-50:].mean() == pytest.approx(5.0, rel=0.1)
+
+
 def test_what_is_believed_differs_from_what_is_by_the_tilt():
     task = iq.load_task("pen_on_paper")
     T = task.load_robot().pose(task.start())
@@ -146,6 +164,7 @@ def test_without_force_wanted_there_is_no_relative_error():
     ("changes", "said"),
     [
         ({"contact": {"along": [0.0, 0.0, 1.0]}}, "contact.along: found .* along the normal"),
+        ({"contact": {"edges": [[0.0, 0.0, 0.1]]}}, "contact.edges: found .* along the normal"),
         ({"contact": {"kind": "hinge", "size": [0.1, 0.1], "point": [0.0, 0.0, 0.2]}}, "the tool on the axis"),
         ({"force": {"complement": [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]}}, "complement"),
     ],

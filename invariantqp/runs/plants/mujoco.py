@@ -5,6 +5,7 @@ velocity loop: lag v' = u - v,    contact: f_i = (k / n) depth_i + damping,  fri
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.physics import Physics
 from invariantqp.runs.plants.plant import Measurement, PlantState
 from invariantqp.runs.plants.sensor import SimulatedSensor
+from invariantqp.runs.plants.solids import Solids
 from invariantqp.runs.plants.springs import Springs
 
 try:
@@ -46,7 +48,7 @@ class MujocoPlant:
         robot: Robot,
         start: Array,
         dt: float,
-        springs: Springs | None,
+        touch: Springs | Solids | None,
         sensor: SimulatedSensor | None = None,
         physics: Physics | None = None,
     ) -> None:
@@ -57,9 +59,9 @@ class MujocoPlant:
             robot: says which joints move, and which frame is the tool's.
             start: (m,) [rad, m].
             dt: tick [s].
-            springs: what the tool touches.
+            touch: what the tool touches.
             sensor: the force sensor; None is at the tool frame, with nothing on it.
-            physics: friction, lag, noise.
+            physics: friction, lag, dead time, noise.
 
         Raises:
             RobotModelError: MuJoCo cannot make a model of the arm.
@@ -68,12 +70,13 @@ class MujocoPlant:
         self._physics = Physics() if physics is None else physics
         sensor = SimulatedSensor(np.eye(4)) if sensor is None else sensor
         self._steps = max(1, round(dt / SUBSTEP))
-        self.model: Any = arm_model(urdf, robot, start, dt / self._steps, springs, sensor, self._physics)
+        self.model: Any = arm_model(urdf, robot, start, dt / self._steps, touch, sensor, self._physics)
         self.data: Any = mujoco.MjData(self.model)
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.names])
         self._dofs = np.array([self.model.joint(name).dofadr[0] for name in robot.names])
         self._tool = self.model.body(tool_body(robot)).id
         self._sensor = self.model.body("sensor").id
+        self._late = deque([np.zeros(len(start))] * round(self._physics.delay / dt))
         self._rng = np.random.default_rng(self._physics.seed)
         self.data.qpos[self._joints] = start
         self._tune(start)
@@ -87,7 +90,8 @@ class MujocoPlant:
 
     def command(self, velocity: Array) -> None:
         """One tick of the engine."""
-        self.data.ctrl[:] = velocity
+        self._late.append(velocity)
+        self.data.ctrl[:] = self._late.popleft()
         for _ in range(self._steps):
             mujoco.mj_step(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)  # sensors and forces of where the arm is now

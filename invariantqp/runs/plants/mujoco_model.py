@@ -7,18 +7,18 @@ robot's own controller does; the force sensor still feels what hangs on it.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from invariantqp.errors import BadInput, MissingExtra, RobotModelError
+from invariantqp.errors import MissingExtra, RobotModelError
 from invariantqp.force.wrench import GRAVITY
-from invariantqp.geometry import se3
+from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.surfaces import Plane
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.physics import Physics
 from invariantqp.runs.plants.sensor import SimulatedSensor
+from invariantqp.runs.plants.solids import Solid, SolidKind, Solids, solids_of
 from invariantqp.runs.plants.springs import HingeSprings, Springs, SurfaceSprings
 from invariantqp.runs.plants.urdf import chain_xml
 
@@ -33,15 +33,16 @@ IMPEDANCE = 0.02
 # Damping over stiffness of a contact [s]. MuJoCo's convex friction lifts a sliding contact by friction x speed x this:
 # 15 micrometres at 0.1 m/s. With critical damping it would be half a millimetre, and contact would be lost.
 RELAXATION = 5e-4
-# Radius of the tip of a pen and of an edge, thickness of a face [m].
-TIP = 2e-3
 # The mass of the tool beyond its sensor is a ball of this radius [m].
 TOOL_RADIUS = 0.03
-# Mass of a door [kg], and half its width [m].
+# Mass of a door [kg], and half its width [m]; at least this, and less where the handle is nearer to the axis: a nut.
 DOOR_MASS = 5.0
-DOOR_HALF = 0.3
-# A pitch below this [m/rad] is rounding.
-LEAST_PITCH = 1e-9
+DOOR_HALF = (0.03, 0.3)
+# Which of MuJoCo's shapes a solid is.
+GEOMS = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get_args(SolidKind)}
+# How fast a nut follows its thread [s] and the damping ratio, and how little it gives: it pushes both ways, so that the
+# mass of MuJoCo's stiff constraints does no harm.
+THREAD = {"solref": (2e-3, 1.0), "solimp": (0.999, 0.999, 1e-3, 0.5, 2.0)}
 # Mass and inertia given to a massless link, without which MuJoCo cannot move it [kg, kg m^2].
 LEAST_MASS = 1e-6
 LEAST_INERTIA = 1e-9
@@ -52,7 +53,7 @@ def arm_model(
     robot: Robot,
     start: Array,
     timestep: float,
-    springs: Springs | None,
+    touch: Springs | Solids | None,
     sensor: SimulatedSensor,
     physics: Physics,
 ) -> Any:
@@ -69,18 +70,20 @@ def arm_model(
         raise RobotModelError(f"{urdf.name}: MuJoCo cannot read it ({error})") from error
     _settings(spec, timestep)
     _add_tool(spec, tool, sensor)
-    if isinstance(springs, SurfaceSprings):
-        _add_surface(spec, springs, sensor, robot.pose(start), physics)
-    elif springs is not None:
-        _add_door(spec, springs, sensor, physics)
+    if isinstance(touch, SurfaceSprings):
+        touch = solids_of(touch, robot.pose(start))
+    if isinstance(touch, Solids):
+        _add_solids(spec, touch, sensor, physics)
+    elif touch is not None:
+        _add_door(spec, touch, sensor, physics)
     for name in robot.names:
-        _add_servo(spec, name)
+        _add_servo(spec, name, physics.armature)
     try:
         model = spec.compile()
     except ValueError as error:
         raise RobotModelError(f"{urdf.name}: MuJoCo cannot make a model of it ({error})") from error
-    if springs is not None:
-        _stiffen(model, springs)
+    if touch is not None:
+        _stiffen(model, touch)
     return model
 
 
@@ -89,9 +92,10 @@ def tool_body(robot: Robot) -> str:
     return str(getattr(robot, "tool", ""))
 
 
-def _add_servo(spec: Any, joint: str) -> None:
+def _add_servo(spec: Any, joint: str, armature: float) -> None:
     """A velocity loop for a joint; the plant sets its gains. Limits are left to the controller under test."""
     spec.joint(joint).limited = 0
+    spec.joint(joint).armature = armature
     spec.add_actuator(
         name=joint,
         target=joint,
@@ -101,22 +105,23 @@ def _add_servo(spec: Any, joint: str) -> None:
     )
 
 
-def _stiffen(model: Any, springs: Springs) -> None:
+def _stiffen(model: Any, touch: Solids | HingeSprings) -> None:
     """Give the contact its stiffness: MuJoCo scales it by the inverse masses it assumes for the two bodies."""
-    each = springs.stiffness / len(springs.points)
-    A = model.body_invweight0[model.body("sensor").id, 0]
-    if isinstance(springs, HingeSprings):
-        A += model.body_invweight0[model.body("door").id, 0]
+    each, A = touch.stiffness, model.body_invweight0[model.body("sensor").id, 0]
+    if isinstance(touch, HingeSprings):
+        each, A = each / len(touch.points), A + model.body_invweight0[model.body("door").id, 0]
     spring = (1.0 - IMPEDANCE) * A * each
     damper = spring * RELAXATION
     impedance = (IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0)
-    if isinstance(springs, HingeSprings):
-        model.eq_solref[:] = (-spring, -damper)
-        model.eq_solimp[:] = impedance
+    if isinstance(touch, HingeSprings):
+        tied = model.eq_type == mujoco.mjtEq.mjEQ_CONNECT
+        model.eq_solref[tied] = (-spring, -damper)
+        model.eq_solimp[tied] = impedance
     else:
-        tip = model.geom("tip").id
-        model.geom_solref[tip] = (-spring, -damper)
-        model.geom_solimp[tip] = impedance
+        for i in range(len(touch.tool)):
+            tip = model.geom(f"tip {i}").id
+            model.geom_solref[tip] = (-spring, -damper)
+            model.geom_solimp[tip] = impedance
 
 
 def _settings(spec: Any, timestep: float) -> None:
@@ -145,58 +150,42 @@ def _add_tool(spec: Any, tool: str, sensor: SimulatedSensor) -> None:
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="sensor")
 
 
-def _add_surface(spec: Any, springs: SurfaceSprings, sensor: SimulatedSensor, T: Array, physics: Physics) -> None:
-    """The surface, and on the tool a ball, an edge or a face that touches it at the points of the springs."""
+def _add_solids(spec: Any, solids: Solids, sensor: SimulatedSensor, physics: Physics) -> None:
+    """What does not move, and what is on the tool."""
     common: dict[str, Any] = {"contype": 1, "conaffinity": 1, "condim": 3, "friction": (physics.friction, 0.0, 0.0)}
-    kind, size, frame = _surface_shape(springs)
-    spec.worldbody.add_geom(name="surface", type=kind, size=size, **_place(frame), **common)
-    kind, size, frame = _tip_shape(springs, T)
-    place = _place(se3.inverse(sensor.mount).dot(frame))
-    spec.body("sensor").add_geom(name="tip", type=kind, size=size, mass=0.0, priority=1, **place, **common)
+    for solid in solids.world:
+        spec.worldbody.add_geom(type=GEOMS[solid.kind], size=_size(solid), **_place(solid.pose), **common)
+    to_sensor = se3.inverse(sensor.mount)
+    for i, solid in enumerate(solids.tool):
+        place = _place(to_sensor.dot(solid.pose))
+        shape = {"type": GEOMS[solid.kind], "size": _size(solid)}
+        spec.body("sensor").add_geom(name=f"tip {i}", mass=0.0, priority=1, **shape, **place, **common)
 
 
-def _surface_shape(springs: SurfaceSprings) -> tuple[Any, tuple[float, ...], Array]:
-    """MuJoCo's shape for the surface, its size, and its pose in the base frame."""
-    surface = springs.surface
-    if isinstance(surface, Plane):
-        return mujoco.mjtGeom.mjGEOM_PLANE, (0.0, 0.0, 1.0), se3.facing(surface.normal, surface.point)
-    if springs.shape == "point":
-        return mujoco.mjtGeom.mjGEOM_CYLINDER, (surface.radius, 1.0, 0.0), se3.facing(surface.axis, surface.point)
-    raise BadInput("physics", f"a {springs.shape} on a round bar", "a point there, or a plane, with MuJoCo")
-
-
-def _tip_shape(springs: SurfaceSprings, T: Array) -> tuple[Any, tuple[float, ...], Array]:
-    """MuJoCo's shape for the part of the tool that touches, its size, and its pose in the frame of a tool at T."""
-    p = springs.points.mean(axis=0)
-    _, normal = springs.surface.depth(T[:3, :3].dot(p) + T[:3, 3])
-    up = T[:3, :3].T.dot(normal)  # in the tool frame
-    if springs.shape == "point":
-        return mujoco.mjtGeom.mjGEOM_SPHERE, (TIP, 0.0, 0.0), se3.transform(None, p + TIP * up)
-    if springs.shape == "edge":
-        along = springs.points[1] - springs.points[0]
-        half = 0.5 * float(np.linalg.norm(along))
-        return mujoco.mjtGeom.mjGEOM_CAPSULE, (TIP, half, 0.0), se3.facing(along, p + TIP * up)
-    a, b = springs.points[1] - springs.points[0], springs.points[2] - springs.points[1]
-    sides = 0.5 * float(np.linalg.norm(a)), 0.5 * float(np.linalg.norm(b))
-    R = np.column_stack((a / (2.0 * sides[0]), b / (2.0 * sides[1]), np.cross(a, b) / (4.0 * sides[0] * sides[1])))
-    return mujoco.mjtGeom.mjGEOM_BOX, (*sides, 0.5 * TIP), se3.transform(R, p + 0.5 * TIP * up)
+def _size(solid: Solid) -> list[float]:
+    """As MuJoCo writes it; of a plane, the spacing of a grid."""
+    return [0.0, 0.0, 1.0] if solid.kind == "plane" else [*solid.size, 0.0, 0.0][:3]
 
 
 def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics: Physics) -> None:
-    """A door on its hinge, tied to the tool at the points of the springs."""
-    axis, moment = springs.screw[:3], springs.screw[3:]
-    if abs(axis.dot(moment)) > LEAST_PITCH * axis.dot(axis):
-        raise BadInput("physics", "a hinge with a pitch", "pitch 0 with MuJoCo", "Run it with the ideal physics.")
-    foot = np.cross(axis, moment) / axis.dot(axis)
+    """A door on its hinge, or a nut on its bolt, tied to the tool at the points of the springs."""
+    axis, foot = screws.axis(springs.screw)
+    pitch = float(springs.screw[:3].dot(springs.screw[3:]) / springs.screw[:3].dot(springs.screw[:3]))
+    half = float(np.clip(np.linalg.norm(np.cross(axis, springs.home[:3, 3] - foot)), *DOOR_HALF))
     door = spec.worldbody.add_body(
         name="door",
         pos=foot,
         mass=DOOR_MASS,
-        inertia=np.full(3, DOOR_MASS * DOOR_HALF**2 / 3.0),
+        ipos=np.zeros(3),  # left out, MuJoCo takes the place of the body
+        inertia=np.full(3, DOOR_MASS * half**2 / 3.0),
         gravcomp=1.0,
         explicitinertial=True,
     )
     door.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, frictionloss=physics.hinge_friction)
+    if pitch != 0.0:
+        door.add_joint(name="lead", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        screw = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1="lead", name2="hinge", **THREAD)
+        screw.data[:5] = (0.0, pitch, 0.0, 0.0, 0.0)
     to_sensor = se3.inverse(sensor.mount)
     for i, (on_door, on_tool) in enumerate(zip(springs.handle(0.0), springs.points, strict=True)):
         door.add_site(name=f"door {i}", pos=on_door - foot)

@@ -15,7 +15,7 @@ import numpy as np
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.surfaces import Surface
+from invariantqp.geometry.surfaces import Plane, Surface
 
 # Gauss-Newton steps for the angle of a hinge: two reach rounding from the angle of a tick ago.
 ANGLE_STEPS = 3
@@ -43,7 +43,7 @@ class SurfaceSprings:
         each = self.stiffness / len(self.points)
         for p in self.points.dot(T[:3, :3].T) + T[:3, 3]:
             depth, normal = self.surface.depth(p)
-            if depth > 0.0:
+            if depth > 0.0 and (not isinstance(self.surface, Plane) or self.surface.extent(p) > 0.0):
                 total += force_at(each * depth * normal, p)
         return total
 

@@ -103,6 +103,37 @@ def test_sliding_meets_friction_and_no_more():
     np.testing.assert_allclose(force[1], -0.3 * force[2], rtol=0.02)  # against the motion, at the cone's edge
 
 
+def test_a_nut_goes_along_its_thread():
+    """A tool turned about a screw's axis and moved along it by the pitch feels little more than the hinge's friction."""
+    robot, pitch = iq.load_robot("panda"), 0.02
+    T = robot.pose(READY)
+    screw = iq.se3.helical([0.0, 0.0, 1.0], T[:3, 3], pitch)
+    _, plant = panda(HingeSprings(FACE, T, screw, 1e4))
+    forces = []
+    for _ in range(500):
+        now = plant.state()
+        plant.command(np.linalg.pinv(robot.jacobian(now.q)) @ (0.5 * screw))
+        forces.append(now.wrench)
+    turned, risen = plant.data.joint("hinge").qpos[0], plant.data.joint("lead").qpos[0]
+    assert 0.45 < turned < 0.5  # motors lag, the grip gives
+    assert risen == pytest.approx(pitch * turned, rel=1e-3)
+    powers = np.array(forces)[250:] @ screw
+    assert powers.mean() == pytest.approx(-SILENT.hinge_friction, rel=0.02)
+
+
+def test_commands_are_late_as_asked():
+    moved = []
+    for delay in (0.0, 3 * DT):
+        _, plant = panda(physics=SILENT.model_copy(update={"delay": delay}))
+        for _ in range(10):
+            plant.command(np.full(7, 0.2))
+        moved.append(plant.state().q)
+        for _ in range(round(delay / DT)):
+            plant.command(np.zeros(7))
+    np.testing.assert_array_less(moved[1], moved[0])
+    np.testing.assert_allclose(plant.state().q, moved[0], atol=1e-12)
+
+
 def test_noise_is_what_was_asked_and_can_be_had_again():
     def readings(seed):
         _, plant = panda(physics=Physics(force_noise=1.0, moment_noise=0.1, seed=seed))
@@ -120,8 +151,9 @@ def test_what_has_no_model_is_refused():
     bar = Cylinder(T[:3, 3] - [0.0, 0.0, 0.3], np.array([0.0, 1.0, 0.0]), 0.3)
     with pytest.raises(iq.BadInput, match="a face on a round bar"):
         panda(SurfaceSprings("face", FACE, bar, 1e4))
-    with pytest.raises(iq.BadInput, match="a hinge with a pitch"):
-        panda(HingeSprings(FACE, T, iq.se3.helical([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0], 0.05), 1e4))
+    slanted = Plane(T[:3, 3], np.array([0.0, 0.0, 1.0]), (np.array([0.1, 0.0, 0.0]), np.array([0.1, 0.1, 0.0])))
+    with pytest.raises(iq.BadInput, match="contact.edges: found edges at another angle"):
+        panda(SurfaceSprings("point", np.zeros((1, 3)), slanted, 1e4))
     task = iq.load_task("arm_3r")
     with pytest.raises(iq.BadInput, match="found a robot from joint screws"):
         iq.run_task(task, physics="mujoco")
