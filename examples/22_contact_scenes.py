@@ -2,10 +2,11 @@
 
 Surfaces, a corner, an edge, a peg, a door, a screw. The controller is told the contact, except where the table says
 that it is told wrong, and the stiffness only where the table says so. A second after the touch the path begins, and
-errors count: of the path in the directions that the contact leaves free, of the true force against the wanted one, none in a peg, a door
-and a screw. MuJoCo adds friction 0.3 (none at 1e6 N/m), motors that lag 10 ms and yield, commands 4 ms late and 0.3 N of
-noise; lag and dead time are told. `frames` is the largest change of a joint velocity where frames of tool, sensor and contact are displaced and
-readings are the same. `shared/contact_scenes.py` has the scenes.
+half a second later errors count: of the path in the directions that the contact leaves free, of the true force against
+the wanted one, none in a peg, a door and a screw. MuJoCo adds friction 0.3 (none at 1e6 N/m), motors that lag 10 ms
+and yield, commands 4 ms late and 0.3 N of noise; lag and dead time are told. `frames` is the largest change of a joint
+velocity where frames of tool, sensor and contact are displaced and readings are the same. `shared/contact_scenes.py`
+has the scenes.
 
 Run: python examples/22_contact_scenes.py [arm ...] [--physics mujoco] [--seconds 5] [--scene NAME]
 """
@@ -20,7 +21,8 @@ from invariantqp.robots.load import urdf_of
 from invariantqp.runs.physics import Physics
 from invariantqp.runs.plants.plant import Measurement, PlantState
 
-DT, TOUCH, SETTLED, LONGEST = 0.002, 0.3, 1.0, 20.0  # [s], of a touch, after it, until it
+DT = 0.002  # [s]
+TOUCH, SETTLED, STARTED, LONGEST = 0.3, 1.0, 0.5, 20.0  # [s] of a touch, after it, of the path's start, until the touch
 PHYSICS = Physics(delay=0.004, force_noise=0.3, moment_noise=0.01)
 LATE = {"ideal": 0.0, "mujoco": PHYSICS.lag + PHYSICS.delay}  # [s]
 NOISE = {"ideal": 0.1, "mujoco": PHYSICS.force_noise}  # [N] a force component
@@ -82,7 +84,7 @@ def loops(robot, scene, physics):
 
 
 def run(name, robot, q, scene, physics, seconds):
-    """Path error [mm], force error rms, most and at the touch [N], time of the touch [s], change by frames, statuses."""
+    """Path error [mm], force error rms, most and at the touch [N], time of the touch [s], change by frames, said."""
     plant, (loop, other) = plant_of(physics, name, robot, q, scene), loops(robot, scene, physics)
     k, touched, begins, first, force, off, said, change = 0, None, np.inf, [0.0], [], [], {}, 0.0
     while k * DT < (LONGEST if touched is None else touched + seconds):
@@ -94,7 +96,7 @@ def run(name, robot, q, scene, physics, seconds):
         missing = scene.missing(now.pose, now.wrench)
         if 0.0 <= since < TOUCH:
             first.append(missing or 0.0)
-        if since > SETTLED:
+        if since > SETTLED + STARTED:
             off.append(1e3 * scene.off(now.pose, target))
             force += [] if missing is None else [missing]
         measured = plant.measure()
@@ -119,7 +121,9 @@ parser.add_argument("--physics", choices=LATE, default="ideal")
 parser.add_argument("--seconds", type=float, default=5.0, help="after the touch")
 parser.add_argument("--scene", default="")
 given = parser.parse_args()
-print(f"{'arm':7s}{'contact':26s}{'path, mm':>9s}{'force rms, N':>14s}{'most':>8s}{'touch':>8s}{'after, s':>9s}", end="")
+print(
+    f"{'arm':7s}{'contact':26s}{'path, mm':>9s}{'force rms, N':>14s}{'most':>8s}{'touch':>8s}{'after, s':>9s}", end=""
+)
 print(f"{'frames':>9s}  said" if given.physics == "mujoco" else "  said")
 for name in given.arms or ARMS:
     start, radius = ARMS[name]

@@ -4,7 +4,7 @@ surface   the tip is pushed out along the normal in proportion to how deep it is
 hole      a peg touches its hole with its tip and at the mouth, past a clearance
 grip      the tool holds something that moves along one screw, and is pulled back to it in proportion
 
-Each also as what MuJoCo is to simulate: a pen with a tip of 2 mm, a hole of eight flat walls, a handle tied at four points.
+Each also as what MuJoCo is to simulate: a pen's tip of 2 mm, a hole of eight flat walls, a handle tied at four points.
 """
 
 from collections.abc import Callable

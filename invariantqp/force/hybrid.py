@@ -31,6 +31,7 @@ from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
 from invariantqp.force.solution import HybridSolution
 from invariantqp.force.split import Split
+from invariantqp.force.two_presses import TwoPresses
 from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
 from invariantqp.force.watch import Felt, Watch, overload_of
 from invariantqp.force.wrench import WrenchSensor, load_of
@@ -111,11 +112,16 @@ class HybridController:
         self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self._watch = Watch()
-        self._regulation = Regulation()
+        self._regulation = self._nothing_known()
         self._normal = NormalEstimate()
         self._ways = self._no_ways()
         self._split = task.split(contact.kind)
         self._grip: Array | None = None  # for which that is
+
+    @property
+    def stiffness(self) -> float | None:
+        """Of the contact along the press [force/length], as told or as last identified; None is not known yet."""
+        return self._regulation.known(self.task.stiffness)
 
     @property
     def robot(self) -> Robot:
@@ -126,12 +132,9 @@ class HybridController:
         return deepcopy(self)  # with a loop of its own
 
     def reset(self) -> None:
-        """Forget an overload, a fault or a loss, and the readings: the state before the first touch.
-
-        How stiff the contact was at least is kept: a touch that was an overload is looked for more slowly next.
-        """
+        """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
-        self._regulation = Regulation(least=self._regulation.least)
+        self._regulation = self._nothing_known()
         self._normal = NormalEstimate()
         self._ways = self._no_ways()
         self._smoothing = self._smoothing._replace(value=None)
@@ -176,9 +179,8 @@ class HybridController:
             raise BadInput("contact", excerpt(contact), "a Contact")
         split = self._split_for(contact, tool)
         contact, told = self._turned(contact)
-        exert = (
-            split.wanted(self.task.wrench) if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted")
-        )
+        asked = (self.task.wrench,) if wanted is None else (wanted_of(wanted, "wanted"), "wanted")
+        exert = self._regulation.share * split.wanted(*asked)
         raw, measured, smoothing = self._measure(reading, tool)
 
         # From the contact frame to the base frame.
@@ -270,6 +272,10 @@ class HybridController:
         if bound is None or k is None or felt.press is None or not watch.touching:
             return NormalEstimate()
         return self._normal.after(told, self._ways[0], felt.press, k, self.task.size, bound)
+
+    def _nothing_known(self) -> Regulation:
+        """What the force law knows before the first touch."""
+        return Regulation(presses=TwoPresses() if self.task.two_presses else None)
 
     def _no_ways(self) -> deque[Array]:
         """No way in the last ticks, as many as pass until a command shows in the measurements."""

@@ -63,6 +63,7 @@ class HybridTask(Value):
             the place of contact, or about the grip of a contact that cannot be lost.
         adapts: whether C is scaled to the stiffness, because no compliance was given.
         stiffness: of the contact along the press [force/length], or None where it is not known.
+        two_presses: whether the stiffness is taken from two presses at rest.
         size: over what length the contact spreads [length].
         normal_within: how far off the told normal the found one may be [rad]; None trusts the told one.
         lost_below, lost_after, on_loss: when a contact is lost, and what is done then.
@@ -81,6 +82,7 @@ class HybridTask(Value):
     compliance: Array | None = field(converter=optional(own), repr=False)
     adapts: bool = field(repr=False)
     stiffness: float | None
+    two_presses: bool = field(repr=False)
     size: float = field(repr=False)
     normal_within: float | None = field(repr=False)
     lost_below: float | None = field(repr=False)
@@ -108,6 +110,7 @@ class HybridTask(Value):
         compliance: ArrayLike | None = None,
         adapts: bool | None = None,
         stiffness: float | None = None,
+        two_presses: bool = False,
         size: float = 0.05,
         normal_within: float | None = None,
         lost_below: float | None = None,
@@ -141,6 +144,8 @@ class HybridTask(Value):
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
             stiffness: of the contact along the press [force/length]; None identifies it at each touch, unless a
                 compliance is given. Once it is known, the force law has integral action.
+            two_presses: takes it from two presses at two forces after each touch, half of the wanted one first, while
+                the tool rests on the surface: ten time constants of the force law each. For contacts with one press.
             size: over what length the contact spreads, which weighs moments against forces [length].
             normal_within: corrects the told normal by how the tool moves along the surface, by this angle at most
                 [rad], up to pi/4; None trusts the told one. Friction does not disturb it. One press only.
@@ -175,6 +180,8 @@ class HybridTask(Value):
             raise BadInput(given[0], " and ".join(given), "one of h, complement, metric, or none")
         if not isinstance(contact, Contact) and not callable(contact):
             raise BadInput("contact", excerpt(contact), "a Contact, or a function of the tool's pose that gives one")
+        if stiffness is not None and arrays.flag(two_presses, "two_presses"):
+            raise BadInput("two_presses", "True beside a stiffness", "one of them")
         length = arrays.number(size, "size", "a length", positive=True)
         self.__attrs_init__(
             contact=contact,
@@ -185,6 +192,7 @@ class HybridTask(Value):
             compliance=None if compliance is None else _compliance(compliance, length),
             adapts=compliance is None if adapts is None else arrays.flag(adapts, "adapts"),
             stiffness=None if stiffness is None else arrays.number(stiffness, "stiffness", "N/m", positive=True),
+            two_presses=arrays.flag(two_presses, "two_presses"),
             size=length,
             normal_within=None if normal_within is None else _angle(normal_within),
             lost_below=None if lost_below is None else arrays.not_negative(lost_below, "lost_below", "a force"),
@@ -233,9 +241,13 @@ class HybridTask(Value):
             raise BadInput("kind", excerpt(kind), "a ContactKind, such as contact.kind")
         if kind.out is None and "retreat" in (self.on_loss, self.on_overload):
             raise BadInput("contact", f"a {kind.name} and a retreat", "a contact that can be left", "Hold instead.")
-        if self.normal_within is not None and kind.presses != 1:
-            found = f"an angle, and a {kind.name} with {kind.presses} presses"
-            raise BadInput("normal_within", found, "None for a contact without a press or with more than one")
+        for argument, given, none in (
+            ("normal_within", self.normal_within is not None, "None"),
+            ("two_presses", self.two_presses, "False"),
+        ):
+            if given and kind.presses != 1:
+                found = f"{getattr(self, argument)!r}, and a {kind.name} with {kind.presses} presses"
+                raise BadInput(argument, found, f"{none} for a contact without a press or with more than one")
         S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance
         if C is None:
             place = se3.adjoint(se3.transform(None, kind.origin if grip is None else grip), check=False)

@@ -6,13 +6,14 @@ in the air      along the wanted wrench, so slowly that the touch is gentle, wha
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import speed_at
-from invariantqp.force.regulation import Regulation
+from invariantqp.force.regulation import USUAL, Regulation
 from invariantqp.force.split import Split
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
@@ -25,11 +26,13 @@ class Gains(NamedTuple):
         factor: on the compliance.
         rate: of the integral [1/s]; None without one.
         gentle: speed at which contact is looked for [length/s]; None where the force error says it.
+        most: largest speed [length/s], while a touch has not said how stiff the contact is.
     """
 
     factor: float
     rate: float | None
     gentle: float | None
+    most: float = inf
 
 
 class Push(NamedTuple):
@@ -52,13 +55,15 @@ def gains_of(
         late: sum of tick, delay and low-pass [s].
         touching: whether there is contact.
     """
-    factor, gentle = 1.0, None
+    factor, gentle, most = 1.0, None, inf
     if task.adapts and split.compliance > 0.0:
         factor = regulation.factor(split.compliance, task.stiffness, late)
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, late))
+            if not regulation.reached and regulation.known(task.stiffness) is None:
+                most = gentle * max(1.0, USUAL / regulation.supposed)
     k = regulation.known(task.stiffness) if task.adapts else task.stiffness
-    return Gains(factor, factor * split.compliance * k if k is not None and touching else None, gentle)
+    return Gains(factor, factor * split.compliance * k if k is not None and touching else None, gentle, most)
 
 
 def push(
@@ -93,5 +98,5 @@ def push(
     elif slow and gains.gentle is not None:
         ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
         return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)
-    share = min(1.0, speed / speed_at(contact, twist, task.size)) if slow else 1.0
+    share = min(1.0, (speed if slow else gains.most) / speed_at(contact, twist, task.size))
     return Push(np.asarray(share * twist), not slow)

@@ -4,10 +4,10 @@
 
 On a contact of stiffness k the loop is a first-order lag of rate c k, stable with dead time d below c k d = pi / 2. The
 rate is at most RATE, and a quarter of 1 / (dt + delay + time constant of the low-pass), from which on no overshoot is
-visible. Until the stiffness is known it is supposed: at least what the press has risen by over the way into the surface,
-and softer and softer until the press is felt. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
-damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral,
-since a too fast one oscillates.
+visible. Until the stiffness is known it is supposed: at least the rise of the press over the way into the surface, and
+softer and softer until the press is felt. A normal told wrong moves the surface at constant speed, and the integral
+leaves no error of that. Critical damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through.
+Without k there is no integral, since a too fast one oscillates.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 
 from invariantqp.force.place import TINY
 from invariantqp.force.stiffness import StiffnessEstimate
+from invariantqp.force.two_presses import TwoPresses
 from invariantqp.geometry.arrays import Array
 
 # How fast a force error is corrected where nothing else is asked for [1/s].
@@ -35,8 +36,8 @@ USUAL = 2e4
 STIFFEST = 1e7
 # How much a slope that is not known may add to the way into the surface, as a share of the way across it.
 SLOPE = 0.15
-# When a rise of the press says how stiff the contact is at least, so many standard deviations of noise are left out, and
-# at least this share of the wanted press.
+# Where a rise of the press says how stiff the contact is at least, so many standard deviations of noise are left out,
+# and at least this share of the wanted press.
 ABOVE_NOISE = 4.0
 LEFT_OUT = 0.25
 # Until this share of the press is felt, the contact is supposed to be softer and softer, with this time constant in
@@ -56,6 +57,7 @@ class Regulation(NamedTuple):
     Attributes:
         estimate: of the contact's stiffness.
         integral: (6,) of the wrench error [force s].
+        presses: two presses since the touch; None where they are not asked for.
         caution: share of the rate, less than 1 after chatter.
         supposed: stiffness that the gain is for until it is known [force/length].
         least: what the stiffest contact so far was at least [force/length].
@@ -66,12 +68,18 @@ class Regulation(NamedTuple):
 
     estimate: StiffnessEstimate = StiffnessEstimate()
     integral: Array = np.zeros(6)
+    presses: TwoPresses | None = None
     caution: float = 1.0
     supposed: float = USUAL
     least: float = 0.0
     air: float = inf
     way: float = 0.0
     reached: bool = False
+
+    @property
+    def share(self) -> float:
+        """How much of the wanted press to exert now."""
+        return 1.0 if self.presses is None else self.presses.share
 
     def rate(self, late: float) -> float:
         """c k [1/s] to aim at, `late` [s] being the sum of tick, delay and low-pass."""
@@ -105,17 +113,24 @@ class Regulation(NamedTuple):
         felt, wanted = press
         estimate = self.estimate.after(felt, moved, noise, dt, touching=touching)
         way = abs(float(moved[0])) + SLOPE * hypot(*moved[1:].tolist())
+        presses = self.presses
+        if presses is not None:
+            presses = presses.after(felt, moved, dt * self.rate(late)) if touching else TwoPresses()
+            k = presses.stiffness(noise)
+            if k is not None:  # and stays until contact is lost
+                return self._replace(estimate=StiffnessEstimate(k, True, inf), presses=presses)
+        now = self._replace(estimate=estimate, presses=presses)
         if not touching:
-            return self._replace(estimate=estimate, supposed=USUAL, air=felt, way=way * late / dt, reached=False)
+            return now._replace(supposed=USUAL, air=felt, way=way * late / dt, reached=False)
         if estimate.fresh:
-            return self._replace(estimate=estimate)
+            return now
         way += self.way
         rise = felt - self.air - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)
         least = min(STIFFEST, max(0.0, rise) / max(way, TINY))
         reached = self.reached or felt >= REACHED * wanted
         softer = 1.0 if reached else exp(-dt * self.rate(late) / SOFTENING)
         supposed, most = max(softer * self.supposed, least), max(self.least, least)
-        return self._replace(estimate=estimate, supposed=supposed, least=most, way=way, reached=reached)
+        return now._replace(supposed=supposed, least=most, way=way, reached=reached)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
         """The integral after a tick.

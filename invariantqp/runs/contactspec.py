@@ -1,8 +1,8 @@
 """The tables of a task file about contact: [contact] what is touched, [force] how to press, [sensor] what measures it.
 
 Lengths are in metres, directions in base axes, and places are relative to where the tool is at the start. The
-controller is told everything in [contact] except `tilt`: how the real surface lies is for force control to find out, and
-with `normal_within` it corrects the normal.
+controller is told everything in [contact] except `tilt`: how the real surface lies is for force control to find out,
+and with `normal_within` it corrects the normal.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class ContactSpec(Section):
     )
     normal_within: Positive | None = Field(
         None,
-        description="by how much the controller may correct the normal by the tool's motion [rad]; left out: it trusts it",
+        description="by how much the controller may correct the normal by the tool's motion [rad]; left out: not at all",
         examples=[0.1],
         le=MOST_TILT,
     )

@@ -1,4 +1,4 @@
-"""What a real robot cell adds to geometry: friction, actuator lag, dead time, sensor noise. Task files set it as [physics].
+"""What a real robot cell adds to geometry: friction, lag, dead time, noise. Task files set it as [physics].
 
 The only place where these defaults are written.
 """

@@ -59,7 +59,7 @@ def test_a_true_normal_stays_and_the_bound_holds_and_is_told(panda):
 
 def test_a_bound_needs_a_contact_with_one_press():
     hinge = iq.contacts.hinge([0.0, 0.0, 0.0], UP)
-    with pytest.raises(iq.BadInput, match="normal_within: found an angle, and a hinge with 0 presses"):
+    with pytest.raises(iq.BadInput, match=r"normal_within: found 0\.1, and a hinge with 0 presses"):
         iq.HybridTask(hinge, np.zeros(5), normal_within=0.1)
     with pytest.raises(iq.BadInput, match="normal_within: found 1 rad"):
         iq.HybridTask(tip, [5.0], normal_within=1.0)

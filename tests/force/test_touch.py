@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 from support.noisy_plane import press_on_plane
+from support.spring_plane import gantry, tip
 
+import invariantqp as iq
 from invariantqp.force.settling import Settling
 from invariantqp.force.stiffness import StiffnessEstimate
 from invariantqp.force.touch import CERTAIN, Touch, loss_limit
+from invariantqp.force.two_presses import TwoPresses
 
 
 def rms(run, wanted, since):
@@ -75,6 +78,32 @@ def test_the_gain_follows_the_stiffness(stiffness):
     assert rms(run, 5.0, 3.0) < 0.02
     assert run.press.max() < 7.0
     assert set(run.statuses()[-200:]) == {"ok"}
+
+
+@pytest.mark.parametrize("stiffness", [500.0, 1e6])
+def test_two_presses_say_how_stiff_a_contact_is(stiffness):
+    """At rest, with noise: one press alone is off by a tenth at 1e3 N/m and finds nothing at 500 N/m."""
+    task = iq.HybridTask(tip, [5.0], two_presses=True, approach_speed=0.02 if stiffness < 1e5 else 1e-3)
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.1)
+    rng, q, robot, dt = np.random.default_rng(0), np.zeros(6), gantry(), 0.002
+    loop, presses = iq.HybridController(robot, task, dt=dt, sensor=sensor), []
+    for _ in range(550):
+        press = stiffness * max(0.0, -1e-4 - robot.pose(q)[2, 3])
+        presses.append(press)
+        reading = np.r_[0, 0, 0, 0.1 * rng.normal(size=3)] + press * np.eye(6)[5]
+        q = q + dt * loop.step(q, np.eye(4), reading).velocity
+    assert loop.stiffness == pytest.approx(stiffness, rel=0.05)
+    assert max(presses) < 6.5
+    assert presses[-1] == pytest.approx(5.0, rel=0.03)
+
+
+def test_two_presses_while_sliding_say_nothing():
+    presses = TwoPresses()
+    for k in range(400):
+        along = 1e-5 * (k == 200)
+        presses = presses.after(2.5 if k < 200 else 5.0, np.array([along, 1e-4, 0.0, 0.0]), 0.05)
+    assert presses.done
+    assert presses.stiffness(0.0) is None
 
 
 def test_a_normal_told_wrong_by_five_degrees_costs_little():

@@ -1,6 +1,6 @@
 """What touches as solids, for a physics engine: shapes that stand in the world and shapes on the tool.
 
-Springs of a task file become solids by `solids_of`; a scene of another kind, a peg in a hole or a tool in a corner, gives its own.
+Springs of a task file become solids by `solids_of`; a scene of another kind, such as a peg in a hole, gives its own.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def test_sliding_meets_friction_and_no_more():
 
 
 def test_a_nut_goes_along_its_thread():
-    """A tool turned about a screw's axis and moved along it by the pitch feels little more than the hinge's friction."""
+    """A tool turned about a screw's axis and moved along it by the pitch feels friction's power alone."""
     robot, pitch = iq.load_robot("panda"), 0.02
     T = robot.pose(READY)
     screw = iq.se3.helical([0.0, 0.0, 1.0], T[:3, 3], pitch)
@@ -152,7 +152,7 @@ def test_what_has_no_model_is_refused():
     with pytest.raises(iq.BadInput, match="a face on a round bar"):
         panda(SurfaceSprings("face", FACE, bar, 1e4))
     slanted = Plane(T[:3, 3], np.array([0.0, 0.0, 1.0]), (np.array([0.1, 0.0, 0.0]), np.array([0.1, 0.1, 0.0])))
-    with pytest.raises(iq.BadInput, match="contact.edges: found edges at another angle"):
+    with pytest.raises(iq.BadInput, match=r"contact\.edges: found edges at another angle"):
         panda(SurfaceSprings("point", np.zeros((1, 3)), slanted, 1e4))
     task = iq.load_task("arm_3r")
     with pytest.raises(iq.BadInput, match="found a robot from joint screws"):
