@@ -227,7 +227,7 @@ class HybridTask(Value):
             raise BadInput("contact", f"a function that gave {excerpt(contact)}", "one that gives a Contact")
         return contact
 
-    def split(self, kind: ContactKind, grip: Array | None = None) -> Split:
+    def split(self, kind: ContactKind, grip: ArrayLike | None = None) -> Split:
         """P, P* and the admittance for a kind of contact, in its own frame.
 
         Args:
@@ -250,7 +250,8 @@ class HybridTask(Value):
                 raise BadInput(argument, found, f"{none} for a contact without a press or with more than one")
         S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance
         if C is None:
-            place = se3.adjoint(se3.transform(None, kind.origin if grip is None else grip), check=False)
+            at = kind.origin if grip is None else arrays.vector(grip, 3, "grip")
+            place = se3.adjoint(se3.transform(None, at), check=False)
             C = place.dot(_compliance(UNKNOWN, self.size)).dot(place.T)
         complement = self.complement
         if self.h is None and self.metric is None and complement is None:

@@ -48,7 +48,7 @@ class ContactSpec(Section):
     )
     normal_within: Positive | None = Field(
         None,
-        description="by how much the controller may correct the normal by the tool's motion [rad]; left out: not at all",
+        description="by how much the controller may correct the normal by the tool's motion [rad]; left out: not",
         examples=[0.1],
         le=MOST_TILT,
     )

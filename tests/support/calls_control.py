@@ -224,6 +224,7 @@ CONTROL = {
             "stiffness": None,
             "size": 0.05,
             "normal_within": None,
+            "two_presses": False,
             "lost_below": None,
             "lost_after": 0.1,
             "on_loss": "approach",
@@ -241,7 +242,7 @@ CONTROL = {
     ),
     "HybridTask.contact_at": lambda: (task().contact_at, {"tool": T}),
     "HybridTask.relabelled": lambda: (task().relabelled, {"offset": T, "tool_offset": T}),
-    "HybridTask.split": lambda: (task().split, {"kind": contact().kind}),
+    "HybridTask.split": lambda: (task().split, {"kind": contact().kind, "grip": [0.0, 0.0, 0.1]}),
     "HybridController": lambda: (
         iq.HybridController,
         {
