@@ -44,7 +44,7 @@ SHORTER = {
     "14_defaults": ONE,
     "15_elastic_paths": ONE,
     "25_pink_scripts": ("--short",),
-    "22_contact_scenes": ("so101", "--seconds", "1.5", "--scene", "bar"),
+    "22_contact_scenes": ("so101", "--physics", "mujoco", "--seconds", "0.3", "--scene", "bar"),
     "24_gallery": ("gallery", "ur5_wrist"),
     "28_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
     "16_frame_race": ("film.gif", "3"),
