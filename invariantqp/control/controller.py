@@ -340,15 +340,15 @@ class Controller:
             twist = np.zeros(6) if ahead is None else ahead
             exact = rows_of(self.exact, View(self.robot, sighting, target, gain, twist))
             exact = exact if more is None else exact.with_rows(more)
-        demand = Demand(
-            sighting.J, s, root, lower, upper, exact, posture, row_rank=None if more is not None else self.row_rank
-        )
+        rows = cone = None
         if self.tool_speed is not None:
             fast, _ = self.robot.points(sighting, target, self._limited_point)
-            demand = demand._replace(cone=self.tool_speed.cone(sighting.J, fast))
+            cone = self.tool_speed.cone(sighting.J, fast)
         if self.joint_rows is not None:
             rows, trouble = self.joint_rows.at(positions, before)
-            demand, stand = demand._replace(rows=rows), trouble or stand
+            stand = trouble or stand
+        rank = None if more is not None else self.row_rank
+        demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank)
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
         self._memory = self._memory._replace(velocity=solution.velocity.copy())
         return with_trouble(solution, self._named(strained)) if strained else self._outside(solution, positions)

@@ -8,6 +8,7 @@ allow (`share`). `posed` changes to coordinates in which the joint metric M is t
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -187,17 +188,22 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     met = wanted.dot(U[:, :r])
     y = met / sigma[:r]
     full = Vt[:r].T.dot(y)
-    size, left, beyond = float(np.linalg.norm(e)), e - C.dot(full), 0.0
+    size, left, beyond = _norm(e), e - C.dot(full), 0.0
     if rank is not None and rank < len(wanted):
         unmet = wanted.dot(U)[r:]
-        size, left = float(np.linalg.norm(wanted)), unmet[: rank - r]
-        beyond = float(np.linalg.norm(unmet[rank - r :]))
+        size, left = _norm(wanted), unmet[: rank - r]
+        beyond = _norm(unmet[rank - r :])
+    whole, part = _norm(sigma), _norm(met)
     return Reduction(
         full=full,
         basis=Vt[r:].T,
-        effort=float(np.linalg.norm(sigma) * np.linalg.norm(y) / np.linalg.norm(met)) if met.any() else 1.0,
-        bend=float(np.linalg.norm(sigma) / sigma[r - 1]) if r else 1.0,
-        unmet=float(np.linalg.norm(left)) / size if size > 0.0 else 0.0,
+        effort=whole * _norm(y) / part if part > 0.0 else 1.0,
+        bend=whole / float(sigma[r - 1]) if r else 1.0,
+        unmet=_norm(left) / size if size > 0.0 else 0.0,
         beyond=beyond / size if size > 0.0 else 0.0,
         start=np.zeros(len(full)),
     )
+
+
+def _norm(x: Array) -> float:
+    return sqrt(float(x.dot(x)))

@@ -8,6 +8,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
@@ -36,7 +38,7 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
     slow = answer.share < WHOLE_SPEED
     x, active = clipped(demand, _shortened(demand, answer.y))
     residual = demand.s - demand.J.dot(x)
-    size = float(np.linalg.norm(problem.wanted))
+    size = sqrt(float(problem.wanted.dot(problem.wanted)))
     lost = objective.lost > LOSS_TOLERANCE * size
     troubles = [*answer.troubles, *_row_troubles(demand, problem)]
     if _is_stuck(demand, problem.wanted, x, answer.share):
@@ -93,7 +95,7 @@ def _loss_words(lost: float, size: float) -> str:
 
 def _row_troubles(demand: Demand, problem: Posed) -> list[str]:
     """What of the exact rows no velocity meets, here or anywhere."""
-    troubles = [unkept(problem.reduction)] if unkept(problem.reduction) else []
+    troubles = list(filter(None, [unkept(problem.reduction)]))
     beyond = 0.0 if problem.reduction is None else problem.reduction.beyond
     if beyond > UNMET_TOLERANCE:
         troubles.append(f"this arm can keep {demand.row_rank} of the exact rows: {beyond:.1e} of the demand is unmet")
@@ -104,9 +106,8 @@ def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
     """Whether nothing moves towards the twist or along the exact rows, short of both."""
     if demand.exact is not None and share > PROGRESS_SHARE:
         return False
-    size = float(np.linalg.norm(wanted))
     left = demand.root.dot(demand.s - demand.J.dot(x))
-    little = wanted.dot(wanted - left) < PROGRESS_SHARE * size * size
+    little = wanted.dot(wanted - left) < PROGRESS_SHARE * wanted.dot(wanted)
     return bool(little) and not is_met(demand.root.dot(demand.J), wanted, x)
 
 

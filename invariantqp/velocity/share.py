@@ -77,9 +77,10 @@ def share_of(
     basis = np.column_stack((d / length, reduction.basis))
     n = basis.shape[1]
     room = limits.on(start, basis)
-    only = np.zeros((1, n))
-    only[0, 0] = 1.0
-    room = Polytope(np.vstack((room.rows(), only)), np.append(room.lower, 0.0), np.append(room.upper, length))
+    count = len(room.lower)
+    if inside.any():  # else part of the way from standing still costs less than a share outside [0, 1]
+        whole = np.append(room.lower, 0.0), np.append(room.upper, length)
+        room = Polytope(np.vstack((room.rows(), np.eye(1, n))), *whole)
     slow = None if cone is None else cone.on(start, basis)
 
     first = (inside - start).dot(basis)
@@ -99,8 +100,11 @@ def share_of(
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:
         return Share(1.0, velocity, [])
-    multipliers = found.multipliers[:-1]
+    multipliers = found.multipliers[:count]
     fast = slow is not None and slow.speed(found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE)
     given = 1.0 - INTERIOR * (1.0 - value)
-    held_by = multipliers.nonzero()[0].tolist()
-    return Share(value * given, inside + given * (velocity - inside), held_by, fast, multipliers)
+    held = multipliers.nonzero()[0]
+    near = multipliers.copy()
+    if len(held) > 1:
+        near[held[np.abs(multipliers[held]).argmin()]] = 0.0
+    return Share(value * given, inside + given * (velocity - inside), held.tolist(), fast, near)

@@ -19,7 +19,7 @@ import numpy as np
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.calm import CALM, calm
 from invariantqp.velocity.exact import Reduction
-from invariantqp.velocity.guard import blend
+from invariantqp.velocity.guard import Guard, blend
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.limits.conflicts import relaxed, slowed
@@ -68,13 +68,27 @@ class Limits(NamedTuple):
 
 
 class Room(NamedTuple):
-    """The problem, and the share of the exact rows' speed that the limits allow."""
+    """What is left to minimise over: the velocities at the share of the exact rows' speed that the limits allow.
+
+    Attributes:
+        problem: the tick.
+        share: of the exact rows' speed.
+        polytope: the limits on z at that share.
+        cone: likewise, or None.
+        inside: (n,) a z inside both.
+        held_by: the limits that slow the exact rows down, in words.
+        troubles: contradictions between limits.
+        near: an optimum with limits that are likely to be active, or None.
+    """
 
     problem: Posed
     share: float
-    inside: Array  # a y inside the limits with that share
+    polytope: Polytope
+    cone: Cone | None
+    inside: Array
     held_by: str
-    near: Optimum | None = None  # with limits that are likely to be active
+    troubles: tuple[str, ...]
+    near: Optimum | None
 
 
 def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
@@ -84,22 +98,29 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
         SolverFailure: no velocity was found.
     """
     objective = problem.objective(1.0)
+    guard = None if problem.attempt is problem.wanted else law.guard
     y = problem.joint(objective.centre(), 1.0)
     if not np.isfinite(y).all():
         raise SolverFailure("the closed form", "it overflowed: the input is too large")
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
-        limits, room = Limits(*limits_of(law, demand), (), y), Room(problem, 1.0, y, "")
         first = Answer(y, 1.0, objective, None, 0.0, (), "")
+        mu = _calm(law, problem, first)
+        if mu == 0.0 and guard is None:
+            return first
+        room = _room(law, problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
     else:
         limits = given_way(law, demand)
-        room = _room(law, problem, limits, len(demand.lower))
-        if problem.reduction is not None:  # at another share, or counted from another velocity
-            objective = room.problem.objective(room.share)
-        first = _minimised(law, room, limits, objective)
-    mu = _calm(law, room, first)
-    answer = first if mu == 0.0 else _minimised(law, room, limits, first.objective.calmed(mu), first)
-    return _guarded(law, room, limits, answer, mu)
+        share = Share(1.0, limits.inside, [])
+        if problem.reduction is not None:
+            reduction, share = slowed_rows(problem.reduction, limits, law.dt, law.backend)
+            problem = problem._replace(reduction=reduction)
+            objective = problem.objective(share.value)  # at another share, or counted from another velocity
+        room = _room(law, problem, limits, share)
+        first = _minimised(law, room, objective)
+        mu = _calm(law, problem, first)
+    answer = first if mu == 0.0 else _minimised(law, room, first.objective.calmed(mu), first)
+    return answer if guard is None else _guarded(law, guard, room, answer, mu)
 
 
 def given_way(law: VelocityLaw, demand: Demand) -> Limits:
@@ -126,18 +147,21 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     return Limits(polytope, cone, tuple(troubles), y)
 
 
-def _room(law: VelocityLaw, problem: Posed, limits: Limits, m: int) -> Room:
-    """The share of the exact rows' speed inside the limits."""
-    if problem.reduction is None:
-        return Room(problem, 1.0, limits.inside, "")
-    reduction, share = slowed_rows(problem.reduction, limits, law.dt, law.backend)
-    by = [
-        named([i for i in share.held_by if i < len(limits.polytope.lower)], m),
-        "the tool's speed" if share.fast else "",
-    ]
-    problem = problem._replace(reduction=reduction)
+def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share) -> Room:
+    """The velocities inside the limits at a share of the exact rows' speed."""
+    value = share.value
+    by = [named(share.held_by, problem.A.shape[1]), "the tool's speed" if share.fast else ""]
     near = None if share.multipliers is None else Optimum(share.velocity, share.multipliers, law.backend.name)
-    return Room(problem, share.value, share.velocity, " and ".join(filter(None, by)), near)
+    return Room(
+        problem,
+        value,
+        problem.limits(limits.polytope, value),
+        problem.cone(limits.cone, value),
+        problem.free(share.velocity, value),
+        " and ".join(filter(None, by)),
+        limits.troubles,
+        near,
+    )
 
 
 def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backend) -> tuple[Reduction, Share]:
@@ -165,39 +189,32 @@ def unkept(reduction: Reduction | None) -> str:
     return f"the joints cannot keep the direction of the exact rows: {reduction.unmet:.1e} of the demand is unmet"
 
 
-def _minimised(
-    law: VelocityLaw, room: Room, limits: Limits, objective: Objective, near: Answer | None = None
-) -> Answer:
+def _minimised(law: VelocityLaw, room: Room, objective: Objective, near: Answer | None = None) -> Answer:
     """The optimum inside the limits; `near` is the answer for a similar objective, to start from."""
-    problem, share = room.problem, room.share
-    polytope, cone = problem.limits(limits.polytope, share), problem.cone(limits.cone, share)
-    inside, begin = problem.free(room.inside, share), room.near if near is None else near.found
-    found = minimise_in_cone(law.backend, objective.quadratic(), polytope, cone, inside, begin)
-    troubles = limits.troubles if near is None else near.troubles
+    begin, troubles = (room.near, room.troubles) if near is None else (near.found, near.troubles)
+    found = minimise_in_cone(law.backend, objective.quadratic(), room.polytope, room.cone, room.inside, begin)
     if found.trouble:
         troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
+    y = room.problem.joint(found.z, room.share)
     met = found.nu > 0.0 or bool(found.multipliers.any())
-    return Answer(problem.joint(found.z, share), share, objective, found if met else None, 0.0, troubles, room.held_by)
+    return Answer(y, room.share, objective, found if met else None, 0.0, troubles, room.held_by)
 
 
-def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
-    problem = room.problem
+def _calm(law: VelocityLaw, problem: Posed, answer: Answer) -> float:
     if law.dt == 0.0 or problem.spectrum is None:
         return 0.0
     factor = CALM if problem.reduction is None else CALM * problem.reduction.bend
-    speed = answer.objective.speed(problem.free(answer.y, room.share))
+    speed = answer.objective.speed(problem.free(answer.y, answer.share))
     return calm(problem.A, problem.wanted, problem.A.dot(answer.y), speed, law.dt, factor)
 
 
-def _guarded(law: VelocityLaw, room: Room, limits: Limits, answer: Answer, mu: float) -> Answer:
-    """With a form: the answer, with as much least squares blended in as descent requires."""
+def _guarded(law: VelocityLaw, guard: Guard, room: Room, answer: Answer, mu: float) -> Answer:
+    """The answer of a form, with as much least squares blended in as descent requires."""
     problem = room.problem
-    if law.guard is None or problem.attempt is problem.wanted:
-        return answer
-    plain = room._replace(problem=problem._replace(attempt=problem.wanted))
-    best = _minimised(law, plain, limits, plain.problem.objective(room.share).calmed(mu))
+    plain = problem._replace(attempt=problem.wanted)
+    best = _minimised(law, room, plain.objective(room.share).calmed(mu))
     wanted = room.share * problem.wanted
-    t = blend(problem.A, wanted, mu, answer.y, best.y, law.guard.fraction)
+    t = blend(problem.A, wanted, mu, answer.y, best.y, guard.fraction)
     if t == 0.0:
         return answer
     return answer._replace(y=(1.0 - t) * answer.y + t * best.y, blended=t)

@@ -97,13 +97,15 @@ def minimise_in_cone(
         return minimise(backend, problem, limits, inside, near)
     most = MOST_SHARE * _unit(problem, cone)
     slow = Slow(cone.J.dot(problem.T), cone.velocity(problem.centre), cone.limit, most)
-    found = None if near is None or not cone.J.any() else _similar(problem, limits, slow, near)
-    if found is not None:
-        return found
+    movable = bool(cone.J.any())
+    if movable and (near is not None or cone.program is None):
+        found = _similar(problem, limits, slow, near)
+        if found is not None:
+            return found
     found = minimise(backend, problem, limits, inside, near)
     if cone.nearly_allows(found.z):
         return found
-    if not cone.J.any():
+    if not movable:
         raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
     if cone.program is not None:
         try:
@@ -119,11 +121,13 @@ def minimise_in_cone(
     return _slowed(cone, answer, inside)
 
 
-def _similar(problem: Quadratic, limits: Polytope, slow: Slow, near: Optimum) -> Optimum | None:
-    """The optimum with the active set of `near`, corrected; None where that does not succeed."""
+def _similar(problem: Quadratic, limits: Polytope, slow: Slow, near: Optimum | None) -> Optimum | None:
+    """The optimum with the active set of `near`, or an empty one, corrected; None where that does not succeed."""
     room = centred(problem, limits)
-    answer = corrected(problem, limits, room, sides_of(near), CORRECTIONS * len(room.lower), slow)
-    return None if answer is None else answer._replace(backend=near.backend, trouble=near.trouble)
+    count = len(room.lower)
+    side = np.zeros(count, dtype=np.intp) if near is None else sides_of(near)
+    answer = corrected(problem, limits, room, side, CORRECTIONS * count, slow)
+    return answer if answer is None or near is None else answer._replace(backend=near.backend, trouble=near.trouble)
 
 
 def _unit(problem: Quadratic, cone: Cone) -> float:

@@ -40,8 +40,7 @@ class Face(NamedTuple):
 
     def shortest(self, b: Array) -> Array:
         """(n,) the shortest e with N_a e = b (k,)."""
-        e: Array = self.Q.dot(lapack.dtrtrs(self.R, b, trans=1)[0])
-        return e
+        return _shortest(self.Q, self.R, b)
 
     def along(self, M: Array) -> Array:
         """(k, n) rows of M (k, n) without their parts that would move an active limit."""
@@ -80,12 +79,17 @@ def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
         raise np.linalg.LinAlgError("more active rows than unknowns")
     packed, tau, _, _ = lapack.dgeqrf(N[at].T)
     R = packed[:k]
-    sizes = np.abs(R.diagonal())
-    if sizes.min() <= DEPENDENT * sizes.max():
+    sizes = [abs(size) for size in R.diagonal().tolist()]
+    if min(sizes) <= DEPENDENT * max(sizes):
         raise np.linalg.LinAlgError("active rows depend on each other")
     Q, _, _ = lapack.dorgqr(packed, tau)
-    face = Face(at, above, Q, R, np.empty(0))
-    return face._replace(e=face.shortest(np.where(above, upper[at], lower[at])))
+    return Face(at, above, Q, R, _shortest(Q, R, np.where(above, upper[at], lower[at])))
+
+
+def _shortest(Q: Array, R: Array, b: Array) -> Array:
+    """(n,) the shortest e with R'Q'e = b (k,)."""
+    e: Array = Q.dot(lapack.dtrtrs(R, b, trans=1)[0])
+    return e
 
 
 def weakest(N: Array, face: Face, pull: Array, multipliers: Array, *, late: bool = False) -> int:
@@ -93,8 +97,11 @@ def weakest(N: Array, face: Face, pull: Array, multipliers: Array, *, late: bool
 
     Late in a search the first one is taken (Bland's rule), so that no active set repeats.
     """
+    wrong = multipliers[face.at]
+    wrong = np.where(face.above, -wrong, wrong)
+    if not (wrong > 0.0).any():
+        return -1
     rows = N[face.at]
-    wrong = np.where(face.above, -1.0, 1.0) * multipliers[face.at]
     found = (wrong * np.sqrt((rows * rows).sum(axis=1)) > WRONG_SIGN * np.sqrt(pull.dot(pull))).nonzero()[0]
     if not len(found):
         return -1

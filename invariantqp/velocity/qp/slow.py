@@ -19,6 +19,7 @@ from invariantqp.velocity.qp.active import Face
 
 # Newton's steps for the multiplier: |v(nu)|^-1 is nearly linear in nu, a few reach rounding.
 NEWTON_STEPS = 20
+EPSILON = float(np.finfo(float).eps)
 
 
 class Slower(NamedTuple):
@@ -85,6 +86,6 @@ def _multiplier(gains: list[float], squares: list[float], limit: float, most: fl
         nu += ahead
         if nu > most:
             return most
-        if ahead <= np.finfo(float).eps * nu:
+        if ahead <= EPSILON * nu:
             break
     return nu
