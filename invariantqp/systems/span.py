@@ -26,6 +26,7 @@ RANK_TOLERANCE = 1e-13
 # A length above this many of the caller's units, or below one over it, is not that of a machine: it is rounding where a
 # part of the twists should be zero, the rotation of a gantry or the moments of axes that meet in the origin.
 LENGTH_LIMIT = 1e12
+TINY = float(np.finfo(float).tiny)
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -78,7 +79,7 @@ def length_unit(J: Array) -> float:
 
 def rank_of(sigma: NDArray[np.floating[Any]], tolerance: float) -> int:
     """How many singular values, largest first, are not zero: above `tolerance` times the largest."""
-    return int(np.count_nonzero(sigma > tolerance * max(float(sigma.max(initial=0.0)), np.finfo(float).tiny)))
+    return int(np.count_nonzero(sigma > tolerance * max(float(sigma.max(initial=0.0)), TINY)))
 
 
 def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = None) -> Span:

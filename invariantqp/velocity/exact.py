@@ -21,7 +21,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.systems.span import rank_of
+from invariantqp.systems.span import TINY, rank_of
 from invariantqp.velocity.measure import root_at
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
@@ -82,8 +82,11 @@ class ExactRows(Value):
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
-        parts = arrays.matrix(D, (None, 6), "D")
-        return cls(parts.dot(arrays.columns(J)), b, parts)
+        parts, twists = arrays.matrix(D, (None, 6), "D"), arrays.columns(J)
+        rows = arrays.matrix(parts.dot(twists), (len(parts), twists.shape[1]), "A")
+        made = cls.__new__(cls)
+        made.__attrs_init__(rows, arrays.vector(b, len(rows), "b"), parts)
+        return made
 
     def on(self, to_joint: Array | None) -> ExactRows:
         """The same rows on y, x = T y."""
@@ -178,7 +181,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
         if joints.any():
             gram += np.diag(np.where(joints, (C * C).sum(axis=1), 0.0))
         sizes, mix, _ = lapack.dsyev(gram)
-        kept = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), np.finfo(float).tiny)
+        kept = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), TINY)
         whiten = (mix[:, kept] / np.sqrt(sizes[kept])).T
         whitened, wanted = whiten.dot(C), whiten.dot(e)
     svd = lapack.dgesdd if len(whitened) else np.linalg.svd  # LAPACK's own takes no empty matrix

@@ -59,6 +59,13 @@ class Demand(NamedTuple):
             return boxed
         return boxed and (self.rows is None or self.rows.allow(x)) and (self.cone is None or self.cone.allows(x))
 
+    def agrees(self) -> bool:
+        """Whether the exact rows ask for what the twist does: else no velocity does both."""
+        if self.exact is None or self.exact.of_twist is None:
+            return True
+        apart = self.exact.of_twist.dot(self.s) - self.exact.b
+        return bool(apart.dot(apart) <= AGREEMENT**2 * self.exact.b.dot(self.exact.b))
+
     def achieves(self, x: Array) -> bool:
         """Whether the exact rows hold, to rounding."""
         if self.exact is None:
@@ -69,6 +76,8 @@ class Demand(NamedTuple):
 
 # Rounding of C x - e, relative to the size of its terms.
 ROW_ROUNDING = 1e-14
+# Likewise of two ways to say what a point does, relative to what is asked of it.
+AGREEMENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

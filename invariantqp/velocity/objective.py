@@ -131,12 +131,13 @@ def least_squares(spectrum: Spectrum, b: Array, posture: Array | None, damping: 
     squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
     weights = sigma * sigma + squares
     left = np.where(null, 0.0, squares)
-    missed = left * wanted / weights
+    largest_left = float(left.max())
+    missed = left * wanted / weights if largest_left > 0.0 else left
     return Objective(
         V=Vt.T,
         weights=weights,
         optimum=(sigma * wanted + squares * towards) / weights,
-        damping=sqrt(float(left.max())),
+        damping=sqrt(largest_left),
         lost=sqrt(float(missed.dot(missed))),
         rank=n - int(np.count_nonzero(null)),
         ratio=float(singular[-1]) / largest if singular[-1] > NULL_RATIO * largest else 0.0,

@@ -8,6 +8,7 @@ the share of the demanded speed: rows, twist and posture slow down together.
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,40 @@ from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.objective import Objective, Spectrum, least_squares, spectrum_of
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.stationary import convexified
+
+
+class Left(NamedTuple):
+    """The velocities y = origin + B z that exact rows leave at a share of their speed; every y = z without rows.
+
+    Attributes:
+        basis: (m, n) B, or None without rows.
+        origin: (m,), then (0,).
+    """
+
+    basis: Array | None
+    origin: Array
+
+    def joint(self, z: Array) -> Array:
+        """(m,) y of z."""
+        if self.basis is None:
+            return z
+        y: Array = self.origin + self.basis.dot(z)
+        return y
+
+    def free(self, y: Array) -> Array:
+        """The z of a y with that share."""
+        if self.basis is None:
+            return y
+        z: Array = (y - self.origin).dot(self.basis)
+        return z
+
+    def limits(self, limits: Polytope) -> Polytope:
+        """Limits on y as limits on z."""
+        return limits if self.basis is None else limits.on(self.origin, self.basis)
+
+    def cone(self, cone: Cone | None) -> Cone | None:
+        """A speed limit on y as one on z."""
+        return cone if cone is None or self.basis is None else cone.on(self.origin, self.basis)
 
 
 class Posed(NamedTuple):
@@ -54,42 +89,30 @@ class Posed(NamedTuple):
 
     def objective(self, share: float) -> Objective:
         """The objective in z at a share of the speed."""
-        posture = None if self.posture is None else share * self.posture
+        left = self.left(share)
+        posture = None if self.posture is None else left.free(share * self.posture)
         wanted = share * self.attempt
-        if self.reduction is not None:
-            origin, B = self.reduction.origin(share), self.reduction.basis
-            posture = None if posture is None else (posture - origin).dot(B)
-            wanted = wanted - self.A.dot(origin)
+        if left.basis is not None:
+            wanted = wanted - self.A.dot(left.origin)
         if self.spectrum is not None:
             return least_squares(self.spectrum, wanted, posture, self.damping)
         J, s = self.J, share * self.s
-        if self.reduction is not None:
-            J, s = J.dot(B), s - J.dot(origin)
+        if left.basis is not None:
+            J, s = J.dot(left.basis), s - J.dot(left.origin)
         return convexified(J, s, self.pitch, posture, self.damping)
 
-    def joint(self, z: Array, share: float) -> Array:
-        """(m,) y of z."""
+    def slowed(self, whole: Objective, share: float) -> Objective:
+        """The objective at a share of the speed, from that at the whole speed."""
+        linear = self.spectrum is not None and whole.damping == 0.0 and self.damping.threshold < inf
+        if linear and self.reduction is not None and not self.reduction.start.any():
+            return whole._replace(optimum=share * whole.optimum)
+        return self.objective(share)
+
+    def left(self, share: float) -> Left:
+        """What the exact rows leave at a share of the speed."""
         if self.reduction is None:
-            return z
-        y: Array = self.reduction.origin(share) + self.reduction.basis.dot(z)
-        return y
-
-    def free(self, y: Array, share: float) -> Array:
-        """The z of a y with that share."""
-        if self.reduction is None:
-            return y
-        z: Array = (y - self.reduction.origin(share)).dot(self.reduction.basis)
-        return z
-
-    def limits(self, limits: Polytope, share: float) -> Polytope:
-        """Limits on y as limits on z."""
-        return limits if self.reduction is None else limits.on(self.reduction.origin(share), self.reduction.basis)
-
-    def cone(self, cone: Cone | None, share: float) -> Cone | None:
-        """A speed limit on y as one on z."""
-        if self.reduction is None or cone is None:
-            return cone
-        return cone.on(self.reduction.origin(share), self.reduction.basis)
+            return Left(None, np.empty(0))
+        return Left(self.reduction.basis, self.reduction.origin(share))
 
 
 def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:

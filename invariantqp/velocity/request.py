@@ -80,7 +80,7 @@ def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions
         return MethodChoice("damped", "[DS]'s formula as it is printed, clipped to the bounds", 0.0, 1.0)
     problem = posed(law, demand, law.damping)
     objective = problem.objective(1.0)
-    x = problem.joint(objective.centre(), 1.0)
+    x = problem.left(1.0).joint(objective.centre())
     x = x if law.to_joint is None else law.to_joint.dot(x)
     if not demand.allows(x):
         outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()

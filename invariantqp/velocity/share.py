@@ -74,8 +74,9 @@ def share_of(
     length = sqrt(float(d.dot(d)))
     if length == 0.0:
         return Share(1.0, inside, [])
-    basis = np.column_stack((d / length, reduction.basis))
-    n = basis.shape[1]
+    m, n = reduction.basis.shape[0], reduction.basis.shape[1] + 1
+    basis = np.empty((m, n))
+    basis[:, 0], basis[:, 1:] = d / length, reduction.basis
     room = limits.on(start, basis)
     count = len(room.lower)
     if inside.any():  # else part of the way from standing still costs less than a share outside [0, 1]
@@ -86,10 +87,10 @@ def share_of(
     first = (inside - start).dot(basis)
 
     def best(nu: float, near: Optimum | None = None) -> Optimum:
-        weights, centre = np.full(n, REGULARISATION + nu), np.zeros(n)
-        weights[0] += 1.0
-        centre[0] = length / weights[0]
-        return minimise_in_cone(backend, Quadratic.diagonal(np.sqrt(weights), centre), room, slow, first, near)
+        weight = REGULARISATION + nu
+        root, centre = np.full(n, sqrt(weight)), np.zeros(n)
+        root[0], centre[0] = sqrt(1.0 + weight), length / (1.0 + weight)
+        return minimise_in_cone(backend, Quadratic.diagonal(root, centre), room, slow, first, near)
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
@@ -103,8 +104,8 @@ def share_of(
     multipliers = found.multipliers[:count]
     fast = slow is not None and slow.speed(found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE)
     given = 1.0 - INTERIOR * (1.0 - value)
-    held = multipliers.nonzero()[0]
+    held_by = multipliers.nonzero()[0].tolist()
     near = multipliers.copy()
-    if len(held) > 1:
-        near[held[np.abs(multipliers[held]).argmin()]] = 0.0
-    return Share(value * given, inside + given * (velocity - inside), held.tolist(), fast, near)
+    if len(held_by) > 1:
+        near[min(held_by, key=np.abs(multipliers).__getitem__)] = 0.0
+    return Share(value * given, inside + given * (velocity - inside), held_by, fast, near)

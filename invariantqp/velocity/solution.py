@@ -61,7 +61,7 @@ def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
     x = np.minimum(np.maximum(x, demand.lower), demand.upper)
     margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
     at = (x <= demand.lower + margin) | (x >= demand.upper - margin)
-    return x, tuple(np.flatnonzero(at).tolist())
+    return x, tuple(at.nonzero()[0].tolist())
 
 
 def with_trouble(solution: VelocitySolution, trouble: str) -> VelocitySolution:

@@ -52,6 +52,8 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
 
 def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution | None:
     """The closed form by one Cholesky factor where nothing is damped and no limit is active; None elsewhere."""
+    if not demand.agrees():
+        return None
     A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
     x = regular_velocity(A, b, demand.posture, damping.threshold)
     if x is None or not (demand.allows(x) and demand.achieves(x) and is_met(A, b, x)):

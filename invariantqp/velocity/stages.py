@@ -24,7 +24,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.limits.conflicts import relaxed, slowed
 from invariantqp.velocity.objective import Objective
-from invariantqp.velocity.posed import Posed, limits_of
+from invariantqp.velocity.posed import Left, Posed, limits_of
 from invariantqp.velocity.qp.backends import Backend, SolverFailure
 from invariantqp.velocity.qp.polytope import Polytope, named
 from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
@@ -73,6 +73,7 @@ class Room(NamedTuple):
     Attributes:
         problem: the tick.
         share: of the exact rows' speed.
+        left: what the rows leave at that share.
         polytope: the limits on z at that share.
         cone: likewise, or None.
         inside: (n,) a z inside both.
@@ -83,6 +84,7 @@ class Room(NamedTuple):
 
     problem: Posed
     share: float
+    left: Left
     polytope: Polytope
     cone: Cone | None
     inside: Array
@@ -99,26 +101,24 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     """
     objective = problem.objective(1.0)
     guard = None if problem.attempt is problem.wanted else law.guard
-    y = problem.joint(objective.centre(), 1.0)
+    y = problem.left(1.0).joint(objective.centre())
     if not np.isfinite(y).all():
         raise SolverFailure("the closed form", "it overflowed: the input is too large")
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         first = Answer(y, 1.0, objective, None, 0.0, (), "")
-        mu = _calm(law, problem, first)
-        if mu == 0.0 and guard is None:
-            return first
         room = _room(law, problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
     else:
         limits = given_way(law, demand)
         share = Share(1.0, limits.inside, [])
         if problem.reduction is not None:
             reduction, share = slowed_rows(problem.reduction, limits, law.dt, law.backend)
-            problem = problem._replace(reduction=reduction)
-            objective = problem.objective(share.value)  # at another share, or counted from another velocity
+            if reduction is not problem.reduction:
+                problem = problem._replace(reduction=reduction)
+            objective = problem.slowed(objective, share.value)
         room = _room(law, problem, limits, share)
         first = _minimised(law, room, objective)
-        mu = _calm(law, problem, first)
+    mu = _calm(law, room, first)
     answer = first if mu == 0.0 else _minimised(law, room, first.objective.calmed(mu), first)
     return answer if guard is None else _guarded(law, guard, room, answer, mu)
 
@@ -149,15 +149,16 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
 
 def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share) -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
-    value = share.value
+    left = problem.left(share.value)
     by = [named(share.held_by, problem.A.shape[1]), "the tool's speed" if share.fast else ""]
     near = None if share.multipliers is None else Optimum(share.velocity, share.multipliers, law.backend.name)
     return Room(
         problem,
-        value,
-        problem.limits(limits.polytope, value),
-        problem.cone(limits.cone, value),
-        problem.free(share.velocity, value),
+        share.value,
+        left,
+        left.limits(limits.polytope),
+        left.cone(limits.cone),
+        left.free(share.velocity),
         " and ".join(filter(None, by)),
         limits.troubles,
         near,
@@ -195,16 +196,17 @@ def _minimised(law: VelocityLaw, room: Room, objective: Objective, near: Answer 
     found = minimise_in_cone(law.backend, objective.quadratic(), room.polytope, room.cone, room.inside, begin)
     if found.trouble:
         troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
-    y = room.problem.joint(found.z, room.share)
+    y = room.left.joint(found.z)
     met = found.nu > 0.0 or bool(found.multipliers.any())
     return Answer(y, room.share, objective, found if met else None, 0.0, troubles, room.held_by)
 
 
-def _calm(law: VelocityLaw, problem: Posed, answer: Answer) -> float:
+def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
+    problem = room.problem
     if law.dt == 0.0 or problem.spectrum is None:
         return 0.0
     factor = CALM if problem.reduction is None else CALM * problem.reduction.bend
-    speed = answer.objective.speed(problem.free(answer.y, answer.share))
+    speed = answer.objective.speed(room.left.free(answer.y))
     return calm(problem.A, problem.wanted, problem.A.dot(answer.y), speed, law.dt, factor)
 
 

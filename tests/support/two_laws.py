@@ -185,7 +185,7 @@ def spreads(law, problem, demand, native, answer):
     sizes = [native.velocity, answer.velocity, np.zeros(1) if demand.posture is None else demand.posture]
     size = max(float(np.abs(x).max()) for x in sizes)
     T = np.eye(len(demand.lower)) if law.to_joint is None else law.to_joint
-    far = np.linalg.norm(answer.velocity - T.dot(problem.joint(objective.centre(), answer.scale)))
+    far = np.linalg.norm(answer.velocity - T.dot(problem.left(answer.scale).joint(objective.centre())))
     condition = 1.0 if answer.method == "closed-form" else largest / objective.weights.min(initial=largest)
     if problem.reduction is not None:
         size += problem.reduction.bend * float(np.abs(problem.reduction.full).max())

@@ -125,9 +125,9 @@ def _similar(problem: Quadratic, limits: Polytope, slow: Slow, near: Optimum | N
     """The optimum with the active set of `near`, or an empty one, corrected; None where that does not succeed."""
     room = centred(problem, limits)
     count = len(room.lower)
-    side = np.zeros(count, dtype=np.intp) if near is None else sides_of(near)
-    answer = corrected(problem, limits, room, side, CORRECTIONS * count, slow)
-    return answer if answer is None or near is None else answer._replace(backend=near.backend, trouble=near.trouble)
+    if near is None:
+        return corrected(problem, limits, room, np.zeros(count, dtype=np.intp), CORRECTIONS * count, slow)
+    return corrected(problem, limits, room, sides_of(near), CORRECTIONS * count, slow, near.backend, near.trouble)
 
 
 def _unit(problem: Quadratic, cone: Cone) -> float:
@@ -150,7 +150,8 @@ def _slowed(cone: Cone, found: Optimum, inside: Array) -> Optimum:
 def _programmed(program: Cvxpy, problem: Quadratic, limits: Polytope, cone: Cone) -> Optimum:
     """The problem with the second-order cone, by CVXPY."""
     room, rows, A = centred(problem, limits), limits.moving(), limits.A
-    qp, size = scaled(problem.K, None if A is None else A[rows], room.lower[rows], room.upper[rows])
+    some = None if A is None else A[rows]
+    qp, size = scaled(problem.K, some, limits.lengths[rows], room.lower[rows], room.upper[rows])
     start = cone.velocity(problem.centre)
     d = size * program.solve_in_cone(qp, cone.J * (size / cone.limit), start / cone.limit)
     z = problem.centre + d

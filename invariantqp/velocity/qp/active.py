@@ -5,6 +5,7 @@ e + N_a'y = 0,   y > 0 at an upper limit, y < 0 at a lower one: loosening limit 
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -45,16 +46,20 @@ class Face(NamedTuple):
     def along(self, M: Array) -> Array:
         """(k, n) rows of M (k, n) without their parts that would move an active limit."""
         free = M
-        for _ in range(2):  # twice, since the first time leaves rounding of M
+        for _ in range(2 if len(self.at) else 0):  # twice, since the first time leaves rounding of M
             free = free - free.dot(self.Q).dot(self.Q.T)
         return free
 
-    def multipliers(self, pull: Array, count: int) -> Array:
-        """(count,) y with pull + N_a'y = 0 on the active limits, zero for the others."""
-        y = np.zeros(count)
-        if len(self.at):
-            y[self.at] = lapack.dtrtrs(self.R, -pull.dot(self.Q))[0]
+    def multipliers(self, pull: Array) -> Array:
+        """(k,) y with pull + N_a'y = 0."""
+        y: Array = lapack.dtrtrs(self.R, -pull.dot(self.Q))[0] if len(self.at) else np.empty(0)
         return y
+
+    def spread(self, y: Array, count: int) -> Array:
+        """(count,) multipliers (k,) of the active limits among all, zero for the others."""
+        every = np.zeros(count)
+        every[self.at] = y
+        return every
 
 
 def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
@@ -71,10 +76,9 @@ def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
     """
     n = N.shape[1]
     at = side.nonzero()[0]
-    above = side[at] > 0
     k = len(at)
     if k == 0:
-        return Face(at, above, np.empty((n, 0)), np.empty((0, 0)), np.zeros(n))
+        return Face(at, np.empty(0, dtype=bool), np.empty((n, 0)), np.empty((0, 0)), np.zeros(n))
     if k > n:
         raise np.linalg.LinAlgError("more active rows than unknowns")
     packed, tau, _, _ = lapack.dgeqrf(N[at].T)
@@ -83,6 +87,7 @@ def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
     if min(sizes) <= DEPENDENT * max(sizes):
         raise np.linalg.LinAlgError("active rows depend on each other")
     Q, _, _ = lapack.dorgqr(packed, tau)
+    above = side[at] > 0
     return Face(at, above, Q, R, _shortest(Q, R, np.where(above, upper[at], lower[at])))
 
 
@@ -92,17 +97,17 @@ def _shortest(Q: Array, R: Array, b: Array) -> Array:
     return e
 
 
-def weakest(N: Array, face: Face, pull: Array, multipliers: Array, *, late: bool = False) -> int:
-    """The active limit whose multiplier has the wrong sign by most; -1 for none.
+def weakest(N: Array, face: Face, pull: Array, y: Array, *, late: bool = False) -> int:
+    """The active limit whose multiplier, of (k,) y, has the wrong sign by most; -1 for none.
 
     Late in a search the first one is taken (Bland's rule), so that no active set repeats.
     """
-    wrong = multipliers[face.at]
-    wrong = np.where(face.above, -wrong, wrong)
-    if not (wrong > 0.0).any():
+    wrong = [-v if up else v for v, up in zip(y.tolist(), face.above.tolist(), strict=True)]
+    if max(wrong, default=0.0) <= 0.0:
         return -1
-    rows = N[face.at]
-    found = (wrong * np.sqrt((rows * rows).sum(axis=1)) > WRONG_SIGN * np.sqrt(pull.dot(pull))).nonzero()[0]
-    if not len(found):
+    rows, size = N[face.at], WRONG_SIGN * sqrt(float(pull.dot(pull)))
+    lengths = np.sqrt((rows * rows).sum(axis=1)).tolist()
+    found = [i for i, v in enumerate(wrong) if v * lengths[i] > size]
+    if not found:
         return -1
-    return int(face.at[found[0] if late else found[wrong[found].argmax()]])
+    return int(face.at[found[0] if late else max(found, key=wrong.__getitem__)])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,8 @@ ACTIVE_TOLERANCE = 1e-6
 ROW_TOLERANCE = 1e-12
 
 
-class Polytope(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Polytope:
     """lower <= A z <= upper; A = None is the identity.
 
     Attributes:
@@ -28,16 +30,18 @@ class Polytope(NamedTuple):
     lower: Array
     upper: Array
 
+    @cached_property
+    def lengths(self) -> Array:
+        """(k,) of the rows of A."""
+        return np.ones(len(self.lower)) if self.A is None else np.sqrt((self.A * self.A).sum(axis=1))
+
     def value(self, z: Array) -> Array:
         """(k,) A z."""
         return z if self.A is None else self.A.dot(z)
 
     def moving(self) -> NDArray[np.intp]:
         """The limits that some z moves."""
-        if self.A is None:
-            return np.arange(len(self.lower))
-        square = (self.A * self.A).sum(axis=1)
-        return np.flatnonzero(square > ROW_TOLERANCE**2 * square.max(initial=0.0))
+        return np.flatnonzero(self.lengths > ROW_TOLERANCE * self.lengths.max())
 
     def at(self, z: Array) -> NDArray[np.bool_]:
         """(k,) which limits z is at."""

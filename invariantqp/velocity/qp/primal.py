@@ -44,8 +44,9 @@ def from_inside(
             face = face_of(N, lower, upper, side)
         except np.linalg.LinAlgError:  # nearly dependent rows meet at e
             break
-        best, pull, nu = (face.e, face.e, 0.0) if slow is None or slow.allows(face.e) else slow.on(face)
-        y = face.multipliers(pull, len(lower))
+        best, pull, nu = (face.e, face.e, 0.0) if slow is None else slow.on(face)
+        pulls = face.multipliers(pull)
+        y = face.spread(pulls, len(lower))
         step = best - e
         change, value = N.dot(step), N.dot(e)
         moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(step)))
@@ -58,7 +59,7 @@ def from_inside(
             side[first] = 1 if change[first] > 0.0 else -1
             continue
         e = best
-        wrong = weakest(N, face, pull, y, late=count > 2 * len(lower))
+        wrong = weakest(N, face, pull, pulls, late=count > 2 * len(lower))
         if wrong < 0:
             return e, face, y, nu
         side[wrong] = 0

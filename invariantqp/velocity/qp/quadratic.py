@@ -44,7 +44,8 @@ class Quadratic(NamedTuple):
     @classmethod
     def diagonal(cls, root: Array, centre: Array) -> Quadratic:
         """1/2 |e|^2 with K = diag(root), root (n,)."""
-        return cls(np.diag(root), np.diag(1.0 / root), centre)
+        same = np.eye(len(root))
+        return cls(root * same, same / root, centre)
 
     def plus(self, root: Array, wanted: Array) -> Quadratic:
         """The same with 1/2 |root z - wanted|^2 added."""
@@ -105,12 +106,12 @@ def minimise(
     """
     room = centred(problem, limits)
     count = len(room.lower)
-    if (room.lower <= 0.0).all() and (room.upper >= 0.0).all():
+    if room.lower.max() <= 0.0 <= room.upper.min():
         return Optimum(problem.centre, np.zeros(count))
-    if near is not None and near.multipliers.any():
-        answer = corrected(problem, limits, room, sides_of(near), CORRECTIONS)
+    if near is not None:
+        answer = corrected(problem, limits, room, sides_of(near), CORRECTIONS, None, near.backend)
         if answer is not None:
-            return answer._replace(backend=near.backend)
+            return answer
     rows = limits.moving()
     if len(rows) < count:
         still = np.ones(count, dtype=bool)
@@ -119,7 +120,7 @@ def minimise(
         if not len(rows):
             return Optimum(problem.centre, np.zeros(count))
     A = None if limits.A is None else limits.A[rows]
-    qp, size = scaled(problem.K, A, room.lower[rows], room.upper[rows])
+    qp, size = scaled(problem.K, A, limits.lengths[rows], room.lower[rows], room.upper[rows])
     try:
         found = solved(backend, qp)
     except SolverFailure as failure:
@@ -129,12 +130,12 @@ def minimise(
         return answer._replace(backend="active set", trouble="" if failure.infeasible else str(failure))
     side = np.zeros(count, dtype=np.intp)
     side[rows] = _sides(qp, found.z)
-    answer = corrected(problem, limits, room, side, len(rows))
-    if answer is None and inside is not None:
-        answer = primal(problem, limits, room, inside)
-    if answer is None:
-        answer = Optimum(problem.centre + size * found.z, np.zeros(count))
-    return answer._replace(backend=found.backend, trouble=found.trouble)
+    answer = corrected(problem, limits, room, side, len(rows), None, found.backend, found.trouble)
+    if answer is not None:
+        return answer
+    if inside is None:
+        return Optimum(problem.centre + size * found.z, np.zeros(count), found.backend, found.trouble)
+    return primal(problem, limits, room, inside)._replace(backend=found.backend, trouble=found.trouble)
 
 
 def primal(problem: Quadratic, limits: Polytope, room: Centred, inside: Array, slow: Slow | None = None) -> Optimum:
@@ -156,13 +157,11 @@ class Centred(NamedTuple):
 def centred(problem: Quadratic, limits: Polytope) -> Centred:
     """The limits on e."""
     value = limits.value(problem.centre)
-    T, A = problem.T, limits.A
-    N, length = (T, 1.0) if A is None else (A.dot(T), np.sqrt((A * A).sum(axis=1))[:, None])
-    rounding = COSINE_ROUNDING * length * np.sqrt((T * T).sum(axis=0))
-    size = np.abs(N)
-    if (size < 2.0 * rounding).any():
-        N = N * np.minimum(np.maximum(size - rounding, 0.0) / np.maximum(rounding, TINY), 1.0)
-    return Centred(N, limits.lower - value, limits.upper - value)
+    T = problem.T
+    N = T if limits.A is None else limits.A.dot(T)
+    rounding = limits.lengths[:, None] * (COSINE_ROUNDING * np.sqrt((T * T).sum(axis=0))) + TINY
+    kept = np.minimum(np.maximum(np.abs(N) / rounding - 1.0, 0.0), 1.0)
+    return Centred(kept * N, limits.lower - value, limits.upper - value)
 
 
 def sides_of(optimum: Optimum) -> Sides:
@@ -171,7 +170,14 @@ def sides_of(optimum: Optimum) -> Sides:
 
 
 def corrected(
-    problem: Quadratic, limits: Polytope, room: Centred, side: Sides, tries: int, slow: Slow | None = None
+    problem: Quadratic,
+    limits: Polytope,
+    room: Centred,
+    side: Sides,
+    tries: int,
+    slow: Slow | None = None,
+    backend: str = "",
+    trouble: str = "",
 ) -> Optimum | None:
     """The optimum, from a guess at its active set that is corrected where necessary; None where that fails.
 
@@ -182,32 +188,41 @@ def corrected(
         side: (k,) the guess; it is changed.
         tries: of active sets, at most.
         slow: a speed limit beside them.
+        backend: who guessed.
+        trouble: on the way there.
     """
     N, lower, upper = room
-    edge = FEASIBLE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
-    low, high = lower - edge, upper + edge
     for _ in range(tries):
         try:
             face = face_of(N, lower, upper, side)
         except np.linalg.LinAlgError:
             return None
-        e, pull, nu = (face.e, face.e, 0.0) if slow is None or slow.allows(face.e) else slow.on(face)
+        e, pull, nu = (face.e, face.e, 0.0) if slow is None else slow.on(face)
         value = N.dot(e)
-        outside = np.maximum(value - high, low - value)
-        outside[face.at] = -1.0
-        worst = int(outside.argmax())
-        if outside[worst] > 0.0:
+        worst = _furthest_outside(value, lower, upper, face)
+        if worst >= 0:
             side[worst] = 1 if value[worst] > upper[worst] else -1
             continue
-        multipliers = face.multipliers(pull, len(lower))
-        wrong = weakest(N, face, pull, multipliers)
+        y = face.multipliers(pull)
+        wrong = weakest(N, face, pull, y)
         if wrong >= 0:
             side[wrong] = 0
             continue
-        if slow is not None and not slow.allows(e, FEASIBLE):
+        if slow is not None and nu > 0.0 and not slow.allows(e):
             return None
-        return Optimum(_precise(problem, limits, face, e), multipliers, nu=nu)
+        return Optimum(_precise(problem, limits, face, e), face.spread(y, len(lower)), backend, trouble, nu)
     return None
+
+
+def _furthest_outside(value: Array, lower: Array, upper: Array, face: Face) -> int:
+    """The limit that is exceeded by most, beyond rounding; -1 for none."""
+    outside = np.maximum(value - upper, lower - value)
+    outside[face.at] = -1.0
+    if outside[outside.argmax()] <= 0.0:
+        return -1
+    outside -= FEASIBLE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
+    worst = int(outside.argmax())
+    return worst if outside[worst] > 0.0 else -1
 
 
 def _precise(problem: Quadratic, limits: Polytope, face: Face, e: Array) -> Array:

@@ -40,16 +40,16 @@ class Scaled(NamedTuple):
     size: float
 
 
-def scaled(K: Array, A: Array | None, lower: Array, upper: Array) -> Scaled:
+def scaled(K: Array, A: Array | None, length: Array, lower: Array, upper: Array) -> Scaled:
     """1/2 |K d|^2 inside lower <= A d <= upper, where d = 0 is outside, in units of how far outside it is.
 
     Args:
         K: (n, n) root.
-        A: (r, n) rows, none of them zero, or None for the identity.
+        A: (r, n) rows, or None for the identity.
+        length: (r,) of the rows, none of them zero.
         lower: (r,).
         upper: (r,).
     """
-    length = np.ones(len(lower)) if A is None else np.sqrt((A * A).sum(axis=1))
     low, high = lower / length, upper / length
     size = float(np.maximum(low, -high).max(initial=0.0)) or 1.0
     H = K.T.dot(K)

@@ -20,15 +20,17 @@ from invariantqp.velocity.qp.active import Face
 # Newton's steps for the multiplier: |v(nu)|^-1 is nearly linear in nu, a few reach rounding.
 NEWTON_STEPS = 20
 EPSILON = float(np.finfo(float).eps)
+# A speed above the limit by less than this, relative, is at it.
+ROUNDING = 1e-9
 
 
 class Slower(NamedTuple):
-    """The optimum on a face at the limit's speed.
+    """The optimum on a face.
 
     Attributes:
         e: (n,).
         pull: (n,) the gradient e + nu M'v there.
-        nu: the multiplier; the largest one where the whole face is too fast.
+        nu: the multiplier; 0 where the speed limit is not met, the largest one where the whole face is too fast.
     """
 
     e: Array
@@ -49,34 +51,42 @@ class Slow(NamedTuple):
         v: Array = self.start + self.M.dot(e)
         return v
 
-    def allows(self, e: Array, tolerance: float = 0.0) -> bool:
-        """Whether the point is slow enough, give or take a relative tolerance."""
-        v = self.velocity(e)
-        return sqrt(float(v.dot(v))) <= self.limit * (1.0 + tolerance)
+    def allows(self, e: Array) -> bool:
+        """Whether the point is slow enough, but for rounding."""
+        return _within(self.velocity(e), self.limit)
 
     def on(self, face: Face) -> Slower:
-        """The optimum on a face whose shortest e is too fast.
+        """The optimum on a face.
 
-        Where the whole face is, its slowest e: the multipliers then tell which limit has to be left.
+        Where the whole face is too fast, its slowest e: the multipliers then tell which limit has to be left.
         """
-        axes, sizes, ways, _ = lapack.dgesdd(face.along(self.M))
-        k = len(sizes)
-        along = self.velocity(face.e).dot(axes)
-        gains = [*(sizes * sizes).tolist(), 0.0, 0.0][:3]
-        nu = _multiplier(gains, (along * along).tolist(), self.limit, self.most)
-        e = face.e - (nu * sizes * along[:k] / (1.0 + nu * sizes * sizes)).dot(ways[:k])
+        v = self.velocity(face.e)
+        if _within(v, self.limit):
+            return Slower(face.e, face.e, 0.0)
+        axes, singular, ways, _ = lapack.dgesdd(face.along(self.M))
+        sizes, along = singular.tolist(), v.dot(axes).tolist()
+        gains = [*(size * size for size in sizes), 0.0, 0.0][:3]
+        nu = _multiplier(gains, [part * part for part in along], self.limit, self.most)
+        slower = [nu * size * part / (1.0 + nu * size * size) for size, part in zip(sizes, along, strict=False)]
+        e = face.e - np.dot(slower, ways[: len(slower)])
         return Slower(e, e + nu * self.velocity(e).dot(self.M), nu)
+
+
+def _within(v: Array, limit: float) -> bool:
+    return sqrt(float(v.dot(v))) <= limit * (1.0 + ROUNDING)
 
 
 def _multiplier(gains: list[float], squares: list[float], limit: float, most: float) -> float:
     """nu with sum of squares / (1 + nu gain)^2 = limit^2, or `most` where that is larger."""
     nu, wanted = 0.0, limit * limit
+    parts = list(zip(gains, squares, strict=True))
     for _ in range(NEWTON_STEPS):
         square = slope = 0.0
-        for gain, start in zip(gains, squares, strict=True):
-            shrunk = start / (1.0 + nu * gain) ** 2
+        for gain, start in parts:
+            shrink = 1.0 + nu * gain
+            shrunk = start / (shrink * shrink)
             square += shrunk
-            slope += shrunk * gain / (1.0 + nu * gain)
+            slope += shrunk * gain / shrink
         if square <= wanted:
             break
         if slope <= 0.0:
