@@ -19,8 +19,10 @@ from invariantqp.control.approach import braking_share, distances, same_turn
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import Convergence, slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.joint_rows import JointRows, PinkLimit, Rows, joint_rows
+from invariantqp.control.joint_rows import JointRows, PinkLimit, Rows
+from invariantqp.control.loop_limits import LoopLimits, loop_limits
 from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.memory import Memory
 from invariantqp.control.posture import joint_gains, posture_gain
 from invariantqp.control.tracking import tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
@@ -32,7 +34,7 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import JointBox, accelerations
+from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
@@ -148,19 +150,16 @@ class Controller:
         self.posture_gain: float = posture_gain(posture, m)
         self._middle = mid
         self._pull = joint_gains(robot, self.posture_gain)
-        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
-        self.box: JointBox = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, self.dt, margin)
-        self.braking: BrakingBox | None = None
-        if acceleration_limit is not None:
-            self.braking = BrakingBox(self.box, accelerations(acceleration_limit, m))
-        self.joint_rows: JointRows | None = joint_rows(robot, rows, limits, self.dt)
-        if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
-            tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
-        self.tool_speed: ToolSpeed | None = tool_speed
-        fast = None if tool_speed is None else tool_speed.point
-        self._limited_point = np.zeros(3) if fast is None else np.asarray(fast)
+        self._limits: LoopLimits = loop_limits(
+            robot, self.dt, acceleration_limit, position_margin, tool_speed, rows, limits
+        )
+        self.box: JointBox
+        self.braking: BrakingBox | None
+        self.tool_speed: ToolSpeed | None
+        self.joint_rows: JointRows | None
+        self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
-        self._memory = _Memory(np.zeros(m), None, Convergence())
+        self._memory = Memory(np.zeros(m), None, Convergence())
         self._compiled: Array | None = compiled_loop(
             robot,
             self.law,
@@ -173,7 +172,7 @@ class Controller:
             self._slowness,
             self.exact,
             self.row_rank,
-            tool_speed,
+            self.tool_speed,
             self.joint_rows,
         )
 
@@ -198,13 +197,12 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        before = self._last(velocity)
+        before = self._memory.now(velocity)
         if self._compiled is not None:
             tick = compiled_tick(self._compiled, q, target, feedforward, before, self._memory.convergence)
             if tick is not None:
-                self._memory = _Memory(tick.velocity, tick.turn, tick.convergence)
-                solution, trouble = self._outside(tick.solution, q), tick.convergence.trouble
-                return with_trouble(solution, trouble) if trouble else solution
+                self._memory = Memory(tick.velocity, tick.turn, tick.convergence)
+                return self._watched(self._limits.told(tick.solution, q, self.robot.names))
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, self._memory.turn)
@@ -216,12 +214,10 @@ class Controller:
             share = self._braking_share(sighting.J, error, root)
             s -= (1.0 - share) * self.gain * error
         state = _Observed(positions, sighting, target, root, before)
-        watch = self._memory.convergence.seen(root.dot(error))
         solution = self._tick(state, s, share * self.gain, ahead)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
-        watch = watch.commanded(root.dot(error), root.dot(change), self._slowness / self.dt)
-        self._memory = self._memory._replace(turn=error[:3].copy(), convergence=watch)
-        return with_trouble(solution, watch.trouble) if watch.trouble else solution
+        self._memory = self._memory.followed(error, change, root, self._slowness / self.dt)
+        return self._watched(solution)
 
     def follow(
         self,
@@ -256,7 +252,9 @@ class Controller:
             require_rows(rows, len(self._middle))
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, len(self._middle), "posture")
-        return self._tick(self._here(positions, sighting, self._last(velocity), where), s, 0.0, s, rows, posture=free)
+        return self._tick(
+            self._here(positions, sighting, self._memory.now(velocity), where), s, 0.0, s, rows, posture=free
+        )
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -275,7 +273,7 @@ class Controller:
         positions = arrays.vector(q, len(self._middle), "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        state = self._here(positions, sighting, self._last(velocity), None)
+        state = self._here(positions, sighting, self._memory.now(velocity), None)
         return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
 
     @property
@@ -285,8 +283,8 @@ class Controller:
 
     def followed(self, fields: tuple[Any, ...], velocity: Array, q: ArrayLike) -> VelocitySolution:
         """The solution of a tick that the core answered instead of `follow`: its fields, its velocity once more."""
-        self._memory = _Memory(velocity, self._memory.turn, self._memory.convergence)
-        return self._outside(VelocitySolution._make(fields), q)
+        self._memory = self._memory._replace(velocity=velocity)
+        return self._limits.told(VelocitySolution._make(fields), q, self.robot.names)
 
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
@@ -301,9 +299,10 @@ class Controller:
         root = self.measure.root(self.robot, sighting, sighting.pose, at)
         return _Observed(positions, sighting, sighting.pose, root, before)
 
-    def _last(self, velocity: ArrayLike | None) -> Array:
-        """(m,) the joint velocity now: as measured, or else the one commanded last."""
-        return self._memory.velocity if velocity is None else arrays.vector(velocity, len(self._middle), "velocity")
+    def _watched(self, solution: VelocitySolution) -> VelocitySolution:
+        """The solution; a loop that does not converge is trouble."""
+        trouble = self._memory.convergence.trouble
+        return with_trouble(solution, trouble) if trouble else solution
 
     def _braking_share(self, J: Array, error: Array, root: Array) -> float:
         """The share of the gain from which the joints can still brake before the target."""
@@ -329,37 +328,19 @@ class Controller:
         `stand` is a reason to stand still instead, None for none.
         """
         positions, sighting, target, root, before = state
-        strained: tuple[tuple[int, str], ...] = ()
-        if self.braking is None:
-            lower, upper = self.box.at(positions)
-        else:
-            lower, upper, strained = self.braking.at(positions, before)
         posture = self.posture_pull(positions) if posture is None else posture
         exact = more
         if self.exact:
             twist = np.zeros(6) if ahead is None else ahead
             exact = rows_of(self.exact, View(self.robot, sighting, target, gain, twist))
             exact = exact if more is None else exact.with_rows(more)
-        rows = cone = None
-        if self.tool_speed is not None:
-            fast, _ = self.robot.points(sighting, target, self._limited_point)
-            cone = self.tool_speed.cone(sighting.J, fast)
-        if self.joint_rows is not None:
-            rows, trouble = self.joint_rows.at(positions, before)
-            stand = trouble or stand
+        lower, upper, rows, cone, strained, trouble = self._limits.at(self.robot, sighting, target, positions, before)
+        stand = trouble or stand
         rank = None if more is not None else self.row_rank
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank)
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
-        self._memory = self._memory._replace(velocity=solution.velocity.copy())
-        return with_trouble(solution, self._named(strained)) if strained else self._outside(solution, positions)
-
-    def _outside(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
-        """The solution; where limits hold it, its reason names the joints that are outside their position range."""
-        far = self.box.outside(q, solution.active) if self.braking is None else ()
-        return solution._replace(reason=f"{self._named(far)}; {solution.reason}") if far else solution
-
-    def _named(self, joints: tuple[tuple[int, str], ...]) -> str:
-        return "; ".join(f"joint {i} ({self.robot.names[i]}): {what}" for i, what in joints)
+        self._memory = self._memory.commanded(solution.velocity)
+        return self._limits.told(solution, positions, self.robot.names, strained)
 
 
 class _Observed(NamedTuple):
@@ -370,11 +351,3 @@ class _Observed(NamedTuple):
     target: Any
     root: Array
     before: Array
-
-
-class _Memory(NamedTuple):
-    """The state between ticks: the velocity commanded last, the rotation of the error, and how the loop converges."""
-
-    velocity: Array
-    turn: Array | None
-    convergence: Convergence

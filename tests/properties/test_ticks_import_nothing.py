@@ -8,6 +8,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.control.controller import Controller
+from invariantqp.control.memory import Memory
 from invariantqp.force.hybrid import HybridController
 
 ROOT = Path(__file__).parents[2]
@@ -53,7 +54,7 @@ def test_no_tick_imports_anything(imports, name):
 
 def test_the_watch_sees_an_import(imports, monkeypatch):
     monkeypatch.delitem(sys.modules, "this", raising=False)
-    monkeypatch.setattr(Controller, "_last", lambda loop, velocity: __import__("this") and loop._memory.velocity)
+    monkeypatch.setattr(Memory, "now", lambda memory, velocity: __import__("this") and memory.velocity)
     robot = iq.load_robot("ur5")
     q = [0.1, -1.0, 1.2, 0.3, 0.5, 0.0]
     iq.Controller(robot, dt=0.01).step(q, robot.pose(q))

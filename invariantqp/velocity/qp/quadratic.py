@@ -131,11 +131,11 @@ def minimise(
     side = np.zeros(count, dtype=np.intp)
     side[rows] = _sides(qp, found.z)
     answer = corrected(problem, limits, room, side, len(rows), None, found.backend, found.trouble)
-    if answer is not None:
-        return answer
-    if inside is None:
-        return Optimum(problem.centre + size * found.z, np.zeros(count), found.backend, found.trouble)
-    return primal(problem, limits, room, inside)._replace(backend=found.backend, trouble=found.trouble)
+    if answer is None and inside is not None:
+        answer = primal(problem, limits, room, inside)._replace(backend=found.backend, trouble=found.trouble)
+    if answer is None:
+        answer = Optimum(problem.centre + size * found.z, np.zeros(count), found.backend, found.trouble)
+    return answer
 
 
 def primal(problem: Quadratic, limits: Polytope, room: Centred, inside: Array, slow: Slow | None = None) -> Optimum:
