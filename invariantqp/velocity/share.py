@@ -43,7 +43,8 @@ class Share(NamedTuple):
         velocity: (m,) a y with that share.
         held_by: limits (indices of the polytope) that keep it from being larger.
         fast: whether a tool speed limit does.
-        multipliers: (k,) of the limits; None where none is active.
+        multipliers: (k,) of the limits; None where none is active. The smallest is 0: on what the rows leave free, the
+            limits that hold them depend on each other, and the next optimum is at all but one.
     """
 
     value: float

@@ -3,8 +3,9 @@
     minimise 1/2 |K (z - z*)|^2 + 1/2 nu |start + J z|^2   inside the other limits,
     nu >= 0 such that the speed is the limit
 
-Given which of the other limits are active, nu is the root of one scalar equation (`slow`). The active set is that
-without the speed limit, corrected; where this does not succeed, it is found by way of velocities inside all limits.
+Given which of the other limits are active, nu is the root of one scalar equation (`slow`). The search for them begins
+with none: a tool at its speed limit meets few others. Where it does not succeed, it begins with those active without
+the speed limit and, where that fails too, goes by way of velocities inside all limits.
 """
 
 from __future__ import annotations
