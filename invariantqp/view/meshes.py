@@ -21,8 +21,9 @@ try:
 except ImportError as error:
     raise MissingExtra(error.name or "trimesh", "meshes") from error
 
-# Cells along a mesh's longest side: at first, a millimetre of an arm's link.
-CELLS = (200, 100, 50)
+# Cells along a mesh's longest side: at the first, half a millimetre of an arm's link; at a millimetre what is behind
+# the shell of a Panda's wrist comes through.
+CELLS = (400, 200, 100, 50)
 # How many times the wanted triangles are few enough.
 ENOUGH = 1.1
 # No mesh is reduced to fewer triangles.
