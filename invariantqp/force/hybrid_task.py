@@ -155,9 +155,10 @@ class HybridTask(Value):
                 it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
             edge_margin: a contact nearer to the edge of its surface than this is told [length]; beyond the edge nothing
                 is pushed. Only for contacts that say where their edge is.
-            approach_speed: the most that the force law moves the place of contact in the air [length/s].
+            approach_speed: the most that the force law moves the place of contact in the air [length/s], and into the
+                contact beside as much as the tool slides, unless a compliance is given.
             approach_distance: after this way towards the contact without feeling it, stand still [length]; inf is
-                never.
+                never. After as much into it without its press, the status is "fault".
             approach_time: likewise [s].
             max_force: force [N] above which the status is "overload"; None is twice the wanted one, the task's or the
                 tick's, whichever is larger, 20 N where none is wanted; inf is never.

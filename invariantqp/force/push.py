@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.place import speed_at
+from invariantqp.force.place import speed_at, way_out
 from invariantqp.force.regulation import USUAL, Regulation
 from invariantqp.force.split import Split
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.contacts import Contact
 
 
@@ -26,7 +27,7 @@ class Gains(NamedTuple):
         factor: on the compliance.
         rate: of the integral [1/s]; None without one.
         gentle: speed at which contact is looked for [length/s]; None where the force error says it.
-        most: largest speed [length/s], while a touch has not said how stiff the contact is.
+        most: largest speed into the contact [length/s], beside what sliding asks for.
     """
 
     factor: float
@@ -60,8 +61,9 @@ def gains_of(
         factor = regulation.factor(split.compliance, task.stiffness, late)
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, late))
+            most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
-                most = gentle * max(1.0, USUAL / regulation.supposed)
+                most = min(most, gentle * max(1.0, USUAL / regulation.supposed))
     k = regulation.known(task.stiffness) if task.adapts else task.stiffness
     return Gains(factor, factor * split.compliance * k if k is not None and touching else None, gentle, most)
 
@@ -76,6 +78,7 @@ def push(
     error: Array,
     integral: Array,
     *,
+    sliding: float,
     slow: bool,
 ) -> Push:
     """The force part of the twist.
@@ -89,6 +92,7 @@ def push(
         exert: (6,) W_d in the contact's frame.
         error: (6,) of the wrench, likewise.
         integral: (6,) likewise.
+        sliding: how fast the tool is to move along the contact [length/s]: a slope may ask for as much of the press.
         slow: whether contact is looked for.
     """
     twist = gains.factor * A.dot(split.admittance.dot(error + integral))
@@ -98,5 +102,7 @@ def push(
     elif slow and gains.gentle is not None:
         ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
         return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)
-    share = min(1.0, (speed if slow else gains.most) / speed_at(contact, twist, task.size))
-    return Push(np.asarray(share * twist), not slow)
+    inwards = velocity_at(twist, contact.point).dot(way_out(contact, A)) < 0.0
+    most = speed if slow else gains.most + sliding if inwards else inf
+    share = min(1.0, most / speed_at(contact, twist, task.size))
+    return Push(np.asarray(share * twist), not slow and share == 1.0)

@@ -32,8 +32,9 @@ OVERDAMPED = 5.0
 # arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
 STIFF = 1e5
 USUAL = 2e4
-# No contact of an arm is stiffer [N/m].
+# No contact of an arm is stiffer, and none is supposed to be softer [N/m].
 STIFFEST = 1e7
+SOFTEST = 100.0
 # How much a slope that is not known may add to the way into the surface, as a share of the way across it.
 SLOPE = 0.15
 # Where a rise of the press says how stiff the contact is at least, so many standard deviations of noise are left out,
@@ -129,7 +130,7 @@ class Regulation(NamedTuple):
         least = min(STIFFEST, max(0.0, rise) / max(way, TINY))
         reached = self.reached or felt >= REACHED * wanted
         softer = 1.0 if reached else exp(-dt * self.rate(late) / SOFTENING)
-        supposed, most = max(softer * self.supposed, least), max(self.least, least)
+        supposed, most = max(softer * self.supposed, least, SOFTEST), max(self.least, least)
         return now._replace(supposed=supposed, least=most, way=way, reached=reached)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:

@@ -20,8 +20,8 @@ WINDOW = 0.5
 # Standard errors of k from which on it is known, and the least number of readings.
 KNOWN = 8.0
 FEWEST = 20
-# The least relative spread of the regressors that least squares resolves.
-RESOLVED = 1e-10
+# The least relative spread of the ways across that counts, a thousandth as a way: smaller ones are rounding.
+RESOLVED = 1e-6
 
 
 class StiffnessEstimate(NamedTuple):

@@ -3,7 +3,8 @@
 lost        unilateral contact that is not felt (`touch`) for longer than lost_after; over when it is felt again
             an approach that meets nothing within approach_distance or approach_time stands still until `reset`
 overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`
-fault       what the readings say of the sensor (`health`); until `reset`
+fault       what the readings say of the sensor (`health`), or approach_distance into a contact without its press; until
+            `reset`
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ class Watch(NamedTuple):
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
         left: how far it has retreated [length].
+        sunk: way into the contact since its press was last reached [length].
     """
 
     touch: Touch = Touch()
@@ -68,6 +70,7 @@ class Watch(NamedTuple):
     leaving: str = ""
     status: str = ""
     left: float = 0.0
+    sunk: float = 0.0
 
     @property
     def touching(self) -> bool:
@@ -92,7 +95,11 @@ class Watch(NamedTuple):
         settling = self.settling.after(press, wanted, touch.touching, dt) if limit > 0.0 else self.settling
         if felt.press is None:
             settling = self.settling.after_missing(felt.missing, felt.most[0], dt)
-        watch = self._replace(touch=touch, health=health, settling=settling)
+        short = settling.short(wanted) or not touch.touching
+        watch = self._replace(touch=touch, health=health, settling=settling, sunk=self.sunk if short else 0.0)
+        if watch.sunk > task.approach_distance:
+            why = f"{written(watch.sunk)} into the contact, and {written(press, 3)} of {written(wanted, 3)} N are read"
+            return watch._replace(status="fault", leaving=why, left=0.0)
         if touch.touching:
             return watch._replace(approached=0.0, waited=0.0)
         why = _given_up(task, touch.airborne, self.approached, self.waited + dt)
@@ -102,7 +109,8 @@ class Watch(NamedTuple):
         """The watch after a tick that moved the place of contact outwards by a distance [length]."""
         if self.status:
             return self._replace(left=self.left + max(0.0, out))
-        return self if self.touching else self._replace(approached=self.approached + max(0.0, -out))
+        into = max(0.0, -out)
+        return self._replace(sunk=self.sunk + into) if self.touching else self._replace(approached=self.approached + into)
 
 
 def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:

@@ -165,7 +165,9 @@ def _in_plane(edge: Array, normal: Array) -> Array:
     across: Array = edge - normal * normal.dot(edge)
     if not np.linalg.norm(across) > LEAST_ARM:
         raise BadInput(
-            "contact.edges", f"{edge.tolist()} along the normal", "a way in the surface from the tool to an edge"
+            "contact.edges",
+            f"{edge.tolist()} along the normal or too short",
+            "a way along the surface from the tool to an edge",
         )
     return across
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.noisy_plane import press_on_plane
-from support.spring_plane import gantry, tip
+from support.spring_plane import gantry, pen
 
 import invariantqp as iq
 from invariantqp.force.settling import Settling
@@ -80,21 +80,48 @@ def test_the_gain_follows_the_stiffness(stiffness):
     assert set(run.statuses()[-200:]) == {"ok"}
 
 
+def press_at_rest(law, ticks, reads=lambda press: press, **task):
+    """Presses, speeds downwards and statuses on a surface whose press is a function of depth, and the loop."""
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.1)
+    rng, q, robot, dt = np.random.default_rng(0), np.zeros(6), gantry(), 0.002
+    loop, presses, speeds, statuses = iq.HybridController(robot, pen(**task), dt=dt, sensor=sensor), [], [], []
+    for _ in range(ticks):
+        presses.append(law(max(0.0, -1e-4 - robot.pose(q)[2, 3])))
+        reading = np.r_[0, 0, 0, 0.1 * rng.normal(size=3)] + reads(presses[-1]) * np.eye(6)[5]
+        solution = loop.step(q, np.eye(4), reading)
+        q = q + dt * solution.velocity
+        speeds.append(-solution.velocity[2])
+        statuses.append(solution.status)
+    return presses, speeds, statuses, loop
+
+
 @pytest.mark.parametrize("stiffness", [500.0, 1e6])
 def test_two_presses_say_how_stiff_a_contact_is(stiffness):
     """At rest, with noise: one press alone is off by a tenth at 1e3 N/m and finds nothing at 500 N/m."""
-    task = iq.HybridTask(tip, [5.0], two_presses=True, approach_speed=0.02 if stiffness < 1e5 else 1e-3)
-    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.1)
-    rng, q, robot, dt = np.random.default_rng(0), np.zeros(6), gantry(), 0.002
-    loop, presses = iq.HybridController(robot, task, dt=dt, sensor=sensor), []
-    for _ in range(550):
-        press = stiffness * max(0.0, -1e-4 - robot.pose(q)[2, 3])
-        presses.append(press)
-        reading = np.r_[0, 0, 0, 0.1 * rng.normal(size=3)] + press * np.eye(6)[5]
-        q = q + dt * loop.step(q, np.eye(4), reading).velocity
+    speed = 0.02 if stiffness < 1e5 else 1e-3
+    presses, _, _, loop = press_at_rest(lambda x: stiffness * x, 550, two_presses=True, approach_speed=speed)
     assert loop.stiffness == pytest.approx(stiffness, rel=0.05)
     assert max(presses) < 6.5
     assert presses[-1] == pytest.approx(5.0, rel=0.03)
+
+
+def test_what_is_soft_and_suddenly_stiff_is_met_no_faster_than_told():
+    """Twice the wanted force, and a tick's way at 20 mm/s: 4 N of 1e5 N/m."""
+    presses, speeds, *_ = press_at_rest(lambda x: 200.0 * x + 1e5 * max(0.0, x - 0.01), 350)
+    assert max(speeds) <= 0.02 * (1.0 + 1e-9)
+    assert 5.0 < max(presses) < 14.0
+
+
+@pytest.mark.parametrize("most", [1.5, 2.0])
+def test_a_reading_that_rises_no_further_is_not_pressed_on(most):
+    """A sensor that saturates, or is stuck, with noise."""
+    presses, speeds, statuses, _ = press_at_rest(
+        lambda x: 1e3 * x, 700, lambda press: min(press, most), approach_distance=0.01
+    )
+    assert statuses[-1] == "fault"
+    assert max(speeds) <= 0.02 * (1.0 + 1e-9)
+    assert max(presses) < 11.0  # ten millimetres
+    assert presses[-1] == 0.0
 
 
 def test_two_presses_while_sliding_say_nothing():
@@ -149,3 +176,17 @@ def test_stiffness_is_told_apart_from_a_slope(sliding):
         estimate = estimate.after(1e4 * x + 1e2 * sliding * u + 0.05 * rng.normal(), moved, 0.05, 0.002, touching=True)
     assert estimate.value == pytest.approx(1e4, rel=0.1)
     assert StiffnessEstimate().after(1.0, np.zeros(4), 0.1, 0.01, touching=True).value is None
+
+
+def test_ways_across_that_are_next_to_nothing_say_nothing_of_stiffness():
+    """In displaced frames they are others by rounding: of an arm at rest that changed the stiffness by 5e-10."""
+    rng, x, told, other = np.random.default_rng(0), 0.0, StiffnessEstimate(), StiffnessEstimate()
+    for _ in range(100):
+        x += 1e-5
+        press, across = 1e4 * x + 0.05 * rng.normal(), 1e-8 * rng.normal(size=(2, 3))
+        told, other = (
+            e.after(press, np.array([1e-5, *a]), 0.05, 0.002, touching=True)
+            for e, a in zip((told, other), across, strict=True)
+        )
+    assert told.value == pytest.approx(other.value, rel=1e-13)
+    assert told.value == pytest.approx(1e4, rel=0.05)

@@ -164,7 +164,7 @@ def test_without_force_wanted_there_is_no_relative_error():
     ("changes", "said"),
     [
         ({"contact": {"along": [0.0, 0.0, 1.0]}}, "contact.along: found .* along the normal"),
-        ({"contact": {"edges": [[0.0, 0.0, 0.1]]}}, "contact.edges: found .* along the normal"),
+        ({"contact": {"edges": [[0.0, 0.0, 0.1]]}}, "contact.edges: found .* along the normal or too short"),
         ({"contact": {"kind": "hinge", "size": [0.1, 0.1], "point": [0.0, 0.0, 0.2]}}, "the tool on the axis"),
         ({"force": {"complement": [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]}}, "complement"),
     ],
