@@ -16,7 +16,7 @@ class Physics(Section):
     friction: NotNegative = Field(0.3, description="Coulomb coefficient between tool and surface", examples=[0.3])
     hinge_friction: NotNegative = Field(0.3, description="friction torque of a hinge [N m]", examples=[0.3])
     lag: Positive = Field(0.01, description="time constant of the joints' velocity loops [s]", examples=[0.01])
-    delay: NotNegative = Field(0.0, description="dead time of the commands [s]", examples=[0.004], le=10.0)
+    delay: NotNegative = Field(0.0, description="dead time of the commands [s]", examples=[0.004], lt=10.0)
     armature: NotNegative = Field(
         0.0, description="inertia of each motor's rotor behind its gear [kg m^2]", examples=[0.1]
     )

@@ -128,7 +128,7 @@ def test_a_pen_that_leaves_its_table_says_so_first_and_presses_again(physics):
         pytest.importorskip("mujoco")
     contact = {"edges": [(-0.03, 0.0, 0.0)], "tilt": (0.01, 0.0, 0.0), "settle": 0.3}
     path = {"centre": (-0.02, 0.0, 0.0)}
-    trace = iq.run_task(short("tilted_table", duration=1.6, contact=contact, path=path), physics=physics)
+    trace = iq.run_task(short("tilted_table", duration=1.2, contact=contact, path=path), physics=physics)
     gone = trace.contact.drawn[:, 0] - trace.contact.drawn[0, 0] < -0.032  # a pen's tip has a radius of 2 mm
     assert not trace.contact.press[gone].any()
     assert set(np.array(trace.statuses)[gone]) == {"lost"}

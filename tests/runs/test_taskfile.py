@@ -67,6 +67,12 @@ PROBLEMS |= {
         "valid number or",
         "= 10.0)",
     ),
+    "a dead time without end": (
+        {"physics": {"delay": 1e9}},
+        "$.physics.delay",
+        "less than 10",
+        "= 0.004)",
+    ),
     "gone before it comes": (
         {"path": {"kind": "hold", "duration": 1.0, "begin": 0.5, "end": 0.2}},
         "$.path",
