@@ -24,7 +24,7 @@ from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.normal import NormalEstimate
-from invariantqp.force.place import load_at, speed_at, way_out, weakest
+from invariantqp.force.place import load_at, way_out, weakest
 from invariantqp.force.push import gains_of, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
@@ -197,9 +197,7 @@ class HybridController:
         press = None if felt.press is None else felt.press[1]
         gains = gains_of(self.task, split, regulation, press, self._late, touching=watch.touching or press is None)
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
-        sliding = speed_at(contact, motion, self.task.size)
-        integral = regulation.integral
-        pushed = push(self.task, contact, A, split, gains, exert, error, integral, sliding=sliding, slow=slow)
+        pushed = push(self.task, contact, A, split, gains, exert, error, regulation.integral, motion, slow=slow)
         force, where = pushed.twist, contact.point if self._at_contact else None
         if answer.action == HOLD:
             motion = force = np.zeros(6)

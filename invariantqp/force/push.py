@@ -77,8 +77,8 @@ def push(
     exert: Array,
     error: Array,
     integral: Array,
+    motion: Array,
     *,
-    sliding: float,
     slow: bool,
 ) -> Push:
     """The force part of the twist.
@@ -92,7 +92,7 @@ def push(
         exert: (6,) W_d in the contact's frame.
         error: (6,) of the wrench, likewise.
         integral: (6,) likewise.
-        sliding: how fast the tool is to move along the contact [length/s]: a slope may ask for as much of the press.
+        motion: (6,) the other part of the twist, base frame: a slope may ask for as much speed inwards.
         slow: whether contact is looked for.
     """
     twist = gains.factor * A.dot(split.admittance.dot(error + integral))
@@ -103,6 +103,6 @@ def push(
         ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
         return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)
     inwards = velocity_at(twist, contact.point).dot(way_out(contact, A)) < 0.0
-    most = speed if slow else gains.most + sliding if inwards else inf
+    most = speed if slow else gains.most + speed_at(contact, motion, task.size) if inwards else inf
     share = min(1.0, most / speed_at(contact, twist, task.size))
     return Push(np.asarray(share * twist), not slow and share == 1.0)

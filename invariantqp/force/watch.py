@@ -89,17 +89,17 @@ class Watch(NamedTuple):
         press, wanted = (0.0, 0.0) if felt.press is None else felt.press
         limit = 0.0 if felt.press is None else loss_limit(task.lost_below, wanted, felt.noise)
         health = self.health.after(felt.reading, felt.press, limit, felt.noise, dt)
-        if health.fault:
-            return self._replace(health=health, status="fault", leaving=health.fault, left=0.0)
         touch = self.touch.after(press, limit, felt.noise, dt)
         settling = self.settling.after(press, wanted, touch.touching, dt) if limit > 0.0 else self.settling
         if felt.press is None:
             settling = self.settling.after_missing(felt.missing, felt.most[0], dt)
         short = settling.short(wanted) or not touch.touching
         watch = self._replace(touch=touch, health=health, settling=settling, sunk=self.sunk if short else 0.0)
-        if watch.sunk > task.approach_distance:
-            why = f"{written(watch.sunk)} into the contact, and {written(press, 3)} of {written(wanted, 3)} N are read"
-            return watch._replace(status="fault", leaving=why, left=0.0)
+        if not health.fault and watch.sunk > task.approach_distance:
+            read = f"{written(press, 3)} of {written(wanted, 3)} N are read"
+            health = health._replace(fault=f"{written(watch.sunk)} into the contact, and {read}")
+        if health.fault:
+            return watch._replace(health=health, status="fault", leaving=health.fault, left=0.0)
         if touch.touching:
             return watch._replace(approached=0.0, waited=0.0)
         why = _given_up(task, touch.airborne, self.approached, self.waited + dt)
@@ -110,7 +110,9 @@ class Watch(NamedTuple):
         if self.status:
             return self._replace(left=self.left + max(0.0, out))
         into = max(0.0, -out)
-        return self._replace(sunk=self.sunk + into) if self.touching else self._replace(approached=self.approached + into)
+        if self.touching:
+            return self._replace(sunk=self.sunk + into)
+        return self._replace(approached=self.approached + into)
 
 
 def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
