@@ -21,6 +21,9 @@ void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, doub
 PyObject *new_vector(int n, const double *values);
 PyObject *new_matrix(int rows, int n, int width, const double *values);
 
+/* Whether a number that a count is made of is one. */
+static inline bool within(double x, int least, int most) { return x >= least && x <= most; }
+
 /* module.c */
 const Loop *loop_of(PyObject *object);
 

@@ -64,6 +64,8 @@ Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, c
     demand->of_twist = false;
     for (int k = 0; k < count; k++) {
         const Wanted *wanted = &exact[k];
+        if (!(wanted->kind >= POINT && wanted->kind <= JOINTS))
+            return HAND_BACK;
         Kind kind = (Kind)wanted->kind;
         double(*D)[6] = demand->D + demand->rows, *e = demand->e + demand->rows, Dp[3][6], ep[3];
         Row *C = demand->C + demand->rows;

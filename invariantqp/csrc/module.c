@@ -118,7 +118,12 @@ const Loop *loop_of(PyObject *object)
     PyArrayObject *array = (PyArrayObject *)object;
     bool good = PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY_RO(array) &&
                 PyArray_SIZE(array) == (npy_intp)(sizeof(Loop) / sizeof(double));
-    return good ? (const Loop *)PyArray_DATA(array) : NULL;
+    if (!good)
+        return NULL;
+    const Loop *loop = PyArray_DATA(array);
+    bool fits = within(loop->joints, 1, MOST) && within(loop->wanted, 0, MOST_ROWS) && within(loop->limits, 0, MOST) &&
+                within(loop->form.count, 0, 6) && within(loop->row_rank, -1, MOST_ROWS * 3);
+    return fits ? loop : NULL;
 }
 
 /* Read a Convergence of Python: (promised, achieved, speed, expected, size, ticks). */

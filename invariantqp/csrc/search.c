@@ -2,7 +2,11 @@
 
 #include "boundary.h"
 
-static bool arm_of(PyObject *object, Arm *arm) { return vector(object, sizeof *arm / sizeof(double), (double *)arm); }
+static bool arm_of(PyObject *object, Arm *arm)
+{
+    return vector(object, sizeof *arm / sizeof(double), (double *)arm) && within(arm->joints, 1, MOST) &&
+           within(arm->wanted, 0, MOST_ROWS);
+}
 
 /* arm((m, length, k), point, home, screws, lower, upper, turn, whole, (k, 8 + m) exact): a float64 array for `descend` and `misses`. */
 PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -35,7 +39,8 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
     Try found = {.known = {.damping = DAMPING}};
     const int knows = sizeof found.known / sizeof(double);
     if (count != 7 || !arm_of(arguments[0], &arm) ||
-        (arguments[6] != Py_None && !vector(arguments[6], knows, (double *)&found.known))) {
+        (arguments[6] != Py_None && !vector(arguments[6], knows, (double *)&found.known)) ||
+        !within(found.known.steps, 0, PATIENCE)) {
         PyErr_SetString(PyExc_TypeError, "descend(arm, target, start, goal, turning, patient, known)");
         return NULL;
     }

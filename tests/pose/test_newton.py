@@ -119,5 +119,8 @@ def test_numbers_that_are_none():
         core.descend(np.zeros(3), pose, np.zeros(7), *HOW)
     with pytest.raises(TypeError, match="misses"):
         core.misses(arm.compiled, pose)
+    for steps in (-1.0, np.nan, 1e300):  # no count of steps
+        with pytest.raises(TypeError, match="descend"):
+            core.descend(arm.compiled, pose, np.zeros(7), *HOW[:-1], np.full(10, steps))
     for target, start in ((np.nan * pose, np.zeros(7)), (pose, np.zeros(6)), (pose, np.full(7, np.nan))):
         assert core.descend(arm.compiled, target, start, *HOW) is None
