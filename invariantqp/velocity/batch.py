@@ -118,9 +118,8 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         told[~done, 0] = LEFT
         rows = Rows(x, s - np.einsum("nij,nj->ni", twists, x), told, np.empty((n, 0)))
     left = rows.left
-    if batch.law.metric is None:  # prismatic joints beside revolute ones have a metric of their own in each row
-        slides = prismatic(twists, 1.0)
-        left = sorted({*left, *np.flatnonzero(slides.any(axis=1) & ~slides.all(axis=1)).tolist()})
+    if batch.law.metric is None:  # prismatic joints have a metric of their own in each row
+        left = sorted({*left, *np.flatnonzero(prismatic(twists, 1.0).any(axis=1)).tolist()})
     for i in left:
         rows.put(i, batch.solution(i))
     scale, damping, guard = rows.numbers

@@ -37,7 +37,7 @@ class VelocityOptions(TypedDict, total=False):
     bounds: joint velocity limits, `Bounds` or (lower, upper); None is no limits.
     exact: rows A x = b, met before anything is minimised; they slow down where limits forbid their full speed.
     joint_metric: (m, m) or (m,) positive definite M, the size of a joint velocity is x'Mx; None is the identity, with
-        1/L^2 for prismatic joints beside revolute ones.
+        1/L^2 for prismatic joints.
     backend: "daqp", "osqp", any solver qpsolvers has, or a `Backend` of yours (a kept `Osqp()`, for instance).
     guard: the descent guard of a form; False switches it off.
     posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
@@ -170,7 +170,8 @@ def measure_of(
 def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array | None:
     """(m, m) the joint metric, None for the identity.
 
-    Without a `joint_metric`, L of a prismatic joint counts as one radian of a revolute one, where there are both.
+    Without a `joint_metric`, L of a prismatic joint counts as one radian of a revolute one. Where no joint turns that
+    still makes joint speeds, by which loops are damped, free of the unit of length.
 
     Raises:
         BadInput: not symmetric positive definite.
@@ -178,7 +179,7 @@ def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array 
     if joint_metric is not None:
         return arrays.positive_definite(joint_metric, J.shape[1], "joint_metric")
     slides = prismatic(J, length)
-    if not slides.any() or slides.all():
+    if not slides.any():
         return None
     return np.diag(np.where(slides, 1.0 / (length * length), 1.0))
 

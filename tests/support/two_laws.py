@@ -12,6 +12,7 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.velocity import solve as python
+from invariantqp.velocity.calm import CALM
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.posed import posed
@@ -191,6 +192,22 @@ def spreads(law, problem, demand, native, answer):
         size += problem.reduction.bend * float(np.abs(problem.reduction.full).max())
     condition *= np.linalg.cond(T) ** 2
     spread = AGREE * size + ROUNDING * condition * (far + size)
+    if answer.method == "closed-form" and far > AGREE * size:  # calmed by a residual that is known to rounding
+        A = np.linalg.norm(problem.A)
+        residual = ROUNDING * (
+            np.linalg.norm(problem.wanted) + A * np.linalg.norm(problem.objective(answer.scale).centre())
+        )
+        bend = 1.0 if problem.reduction is None else problem.reduction.bend
+        spread += (
+            0.5
+            * CALM
+            * bend
+            * law.dt
+            * A
+            * residual
+            / objective.weights.min(initial=largest)
+            * float(np.abs(answer.velocity).max())
+        )
     if law.form is not None:  # what it attempts is known to rounding of the twist
         spread += ROUNDING * np.linalg.norm(problem.wanted) / np.sqrt(objective.weights.min(initial=largest))
     gradient = AGREE * largest * far + largest * spread
