@@ -44,12 +44,15 @@ from invariantqp.velocity.solve import solve, standing
 
 # The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
 WHOLE_ERROR = 1.0 + 1e-9
+# What a loop is made from; the compiled core has its own copy.
+FIXED = {"robot", "law", "measure", "dt", "gain", "posture_gain", "exact", "row_rank"}
+FIXED |= {"box", "braking", "tool_speed", "joint_rows"}
 
 
 class Controller:
     """Task-space velocity control of one arm; `step` is one tick. One controller drives one arm, in one thread.
 
-    A copy, shallow or deep, is a loop of its own.
+    Its attributes do not change: make another one instead. A copy, shallow or deep, is a loop of its own.
 
     Attributes:
         robot: the arm.
@@ -175,6 +178,11 @@ class Controller:
             self.tool_speed,
             self.joint_rows,
         )
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in FIXED and "_compiled" in self.__dict__:
+            raise AttributeError(f"{name} of a controller does not change; make another Controller")
+        object.__setattr__(self, name, value)
 
     def __copy__(self) -> Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks

@@ -31,7 +31,7 @@ PARALLEL = 1e-12
 ORIGIN = (0.0, 0.0, 0.0)
 # Random states in which rows are counted: one that is not singular is enough.
 STATES = 4
-# A singular value of rows below this share of the largest entry is rounding, that of a rounded robot model included.
+# A singular value of rows below this share of the terms they sum is rounding, that of a rounded robot model included.
 ROW_TOLERANCE = 1e-5
 
 
@@ -269,10 +269,14 @@ def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
         q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper))
         target = robot.target(robot.pose(q))
         rows = rows_of(demands, View(robot, robot.sight(q, target), target, 1.0, np.zeros(6)))
-        size = float(np.abs(rows.A).max())
+        sizes = np.abs(rows.A)
         if rows.of_twist is not None:  # the size of the terms that A = D J sums
-            size = max(size, float(np.abs(rows.of_twist).max() * np.abs(robot.jacobian(q)).max()))
-        best = max(best, int(np.linalg.matrix_rank(rows.A, tol=ROW_TOLERANCE * size)))
+            sizes = np.maximum(sizes, np.abs(rows.of_twist).dot(np.abs(robot.jacobian(q))))
+        joint = sizes.max(axis=0)  # hinges and slides have units of their own, and so have rows
+        joint[joint == 0.0] = 1.0
+        row = (sizes / joint).max(axis=1, keepdims=True)
+        row[row == 0.0] = 1.0
+        best = max(best, int(np.linalg.matrix_rank(rows.A / joint / row, tol=ROW_TOLERANCE)))
     return None if best == len(rows.A) else best
 
 

@@ -143,7 +143,7 @@ def drive(
         acceleration=acceleration,
         back=back if turned else state.back,
         along=rate * slope,
-        velocity=answer.velocity,
+        velocity=answer.velocity.copy(),
         tangent=tangent,
         ticks=state.ticks + 1,
     )

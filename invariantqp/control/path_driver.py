@@ -145,7 +145,8 @@ class PathDriver:
         path, plan, course = self._path, self.plan, self._course
         if path is None or plan is None:
             return None
-        if course is None or course.path is not path or course.plan is not plan:
+        made_of = (self.controller, path, plan)
+        if course is None or any(a is not b for a, b in zip(course, made_of, strict=False)):
             course = self._course = course_of(self.controller, path, plan, self._pace, self._tolerance)
         found = course.step(q, self._state, velocity, override, paused=self._paused, back=self._wants_back)
         if found is None:
@@ -205,7 +206,7 @@ class PathDriver:
         why = "; ".join(filter(None, (reason, answer.reason)))
         state = self._state
         ticks = state.ticks + 1 if self._trouble else 0  # time runs from when it first set out
-        self._state = state._replace(velocity=answer.velocity, ticks=ticks)
+        self._state = state._replace(velocity=answer.velocity.copy(), ticks=ticks)
         at = state.place if self._path is None else self._path.place(state.place)
         lag = None if self._pace.rate is None else max(ticks * self.controller.dt - at / self._pace.rate, 0.0)
         ruling = "a push" if self._trouble else "the start"

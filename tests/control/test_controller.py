@@ -223,6 +223,26 @@ def test_the_default_is_the_metric_of_the_arms_reach_at_the_tool():
     assert np.abs(elsewhere.velocity - plain.velocity).max() > 0.1
 
 
+def test_a_gantry_is_as_fast_in_millimetres():
+    """It cannot turn its tool, and the error that stays damps the loop."""
+    speeds = []
+    for unit in (1.0, 1000.0):
+        slides = np.column_stack([iq.se3.prismatic(axis) for axis in np.eye(3)])
+        robot = iq.robots.Chain(slides, np.eye(4), (), [-2.0 * unit] * 3, [2.0 * unit] * 3, [unit] * 3)
+        goal = iq.exp([0.5, 0.0, 0.0, 0.1 * unit, 0.02 * unit, 0.0])
+        loop = iq.Controller(robot, dt=0.01, gain=5.0, length=unit)
+        speeds.append(loop.step(np.zeros(3), goal).velocity / unit)
+    np.testing.assert_allclose(*speeds, rtol=1e-12, atol=1e-15)
+
+
+def test_what_a_loop_is_made_of_does_not_change():
+    """The compiled core would go on with the old numbers."""
+    loop = controller()
+    for name, value in (("gain", 1.0), ("tool_speed", iq.limits.ToolSpeed(0.1)), ("law", loop.law)):
+        with pytest.raises(AttributeError, match=f"{name} of a controller does not change"):
+            setattr(loop, name, value)
+
+
 def test_a_slide_counts_by_the_reach_in_any_unit_of_length():
     """Two slides beside two hinges: metres or millimetres, the joints go the same way."""
     Z, X = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)

@@ -120,3 +120,14 @@ def test_values_are_checked_when_they_are_made():
         with pytest.raises(iq.BadInput):
             make()
     assert demands_of(None) == ()
+
+
+def test_a_slide_beside_hinges_keeps_three_rows_in_millimetres():
+    slide, hinge = iq.se3.prismatic([0.6, 0.3, -0.7]), iq.revolute([0.1, 0.9, 0.4], [0.2, -0.3, 0.4])
+    S, home = np.column_stack((slide, hinge, iq.revolute([0.1, 0.9, 0.4], [-0.1, 0.3, 0.5]))), np.eye(4)
+    home[:3, 3] = 0.4, -0.2, 0.1
+    for unit in (1.0, 1e3, 1e6):
+        scaled, placed = S * np.repeat([1.0, unit], 3)[:, None] / [unit, 1.0, 1.0], home.copy()
+        placed[:3, 3] *= unit
+        robot = iq.robots.Chain(scaled, placed, (), [-unit, -1.0, -1.0], [unit, 1.0, 1.0], [unit, 1.0, 1.0])
+        assert iq.Controller(robot, dt=0.01, exact="position").row_rank is None

@@ -137,3 +137,21 @@ def test_the_core_refuses_what_is_no_course():
         with pytest.raises(TypeError, match="drive"):
             core.drive(loop, bad, q, follower._state, None, 1.0, *ORDER)
     assert core.drive(loop, course, q, follower._state[:-1], None, 1.0, *ORDER) is None
+    for demands in (-1.0, np.nan, 1e9):  # how many there are
+        with pytest.raises(TypeError, match="drive"):
+            core.drive(np.r_[loop[:9], demands, loop[10:]], course, q, follower._state, None, 1.0, *ORDER)
+
+
+def test_another_controller_drives_from_its_first_tick():
+    follower, q = started("panda", {}, {}, 0)
+    follower.step(q)
+    follower.controller = iq.Controller(follower.controller.robot, dt=0.005, tool_speed=0.01)
+    python, after = in_python(follower, q)
+    assert_same(follower.step(q), follower._state, python, after, follower.controller.gain)
+
+
+def test_a_velocity_that_is_changed_afterwards_is_not_what_was_commanded():
+    follower, q = started("so101", {RISE: 0.2}, {}, 6)
+    with python_alone():
+        follower.step(q).velocity[:] = 0.0
+    assert follower._state.velocity.any()
