@@ -145,8 +145,8 @@ class PathDriver:
         path, plan, course = self._path, self.plan, self._course
         if path is None or plan is None:
             return None
-        made_of = (self.controller, path, plan)
-        if course is None or any(a is not b for a, b in zip(course, made_of, strict=False)):
+        stale = course is None or course.path is not path or course.plan is not plan
+        if course is None or stale or course.controller is not self.controller:
             course = self._course = course_of(self.controller, path, plan, self._pace, self._tolerance)
         found = course.step(q, self._state, velocity, override, paused=self._paused, back=self._wants_back)
         if found is None:
