@@ -79,7 +79,8 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
 {
     (void)module;
     Solution solution;
-    if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || solution.m < 1 || solution.m > MOST) {
+    if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || !within(solution.m, 1, MOST) ||
+        !within(solution.limits, 0, MOST) || !within((int)solution.method, CLOSED_FORM, QP)) {
         PyErr_SetString(PyExc_TypeError, "solution(record)");
         return NULL;
     }

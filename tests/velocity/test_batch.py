@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import invariantqp as iq
+from invariantqp.engine import core
 from invariantqp.errors import BadInput
 
 COUNT = 7
@@ -192,3 +193,12 @@ def test_rows_with_different_kinds_of_joints():
     found = iq.solve_velocities(J, s)
     for i in range(3):
         np.testing.assert_allclose(found.velocity[i], iq.solve_velocity(J[i], s[i]).velocity, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+@pytest.mark.parametrize("counts", [(0, 0), (17, 0), (7, -1), (7, 1000)])
+def test_a_record_that_the_core_did_not_write_is_refused(counts):
+    record = np.zeros(core.RECORD)
+    record[:1].view(np.int32)[:] = counts
+    with pytest.raises(TypeError):
+        core.solution(record)
