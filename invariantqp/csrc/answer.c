@@ -3,7 +3,7 @@
 #include "boundary.h"
 
 /* Longer than any reason. */
-#define WORDS 512
+#define WORDS 1024
 
 /* Write text and a number at the end of words: `code` and `digits` as in a format of Python, whatever the locale. */
 static bool add(char *words, const char *text, double number, char code, int digits)
@@ -52,6 +52,14 @@ static PyObject *reason(int m, const Solution *solution)
         if (solution->fast)
             PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sthe tool's speed", held ? " and " : " (held by ");
         PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s", held || solution->fast ? ")" : "");
+        for (int i = 0, told = 0; i < solution->rows; i++) {
+            if (solution->beside[i] == 0.0)
+                continue;
+            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sexact row %d",
+                          told++ > 0 ? ", " : "; limits require motion beside it: ", i);
+            if (!add(words, " is off by ", solution->beside[i], 'g', 3))
+                return NULL;
+        }
     }
     if (solution->blended > 0.0) {
         say(words, "descent guard: ");

@@ -32,6 +32,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.share", WHOLE),
     ONE("velocity.share", INTERIOR),
     ONE("velocity.law", ROW_ROUNDING),
+    ONE("velocity.stages", BESIDE_TOLERANCE),
     ONE("velocity.qp.slow", NEWTON_STEPS),
     ONE("velocity.limits.cone", CONE_TOLERANCE),
     ONE("velocity.limits.cone", FIXED_TOLERANCE),

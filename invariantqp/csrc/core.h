@@ -135,6 +135,8 @@ typedef struct {
     bool active[MOST];
     bool stuck, lost, slow, met, fast, held_by[LIMITS];
     double scale, damping, blended, ratio, lost_share; /* for the reason */
+    int rows;
+    double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
 } Solution;
 
 /* A rigid motion. */
@@ -320,6 +322,7 @@ extern const Constant CONSTANTS[];
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR 1e-6
 #define ROW_ROUNDING 1e-14
+#define BESIDE_TOLERANCE 1e-6
 #define NEWTON_STEPS 20
 #define CONE_TOLERANCE 1e-9
 #define FIXED_TOLERANCE 1e-13

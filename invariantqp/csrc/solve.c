@@ -32,6 +32,7 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     for (int i = 0; i < 6; i++)
         solution->residual[i] = demand->s[i] - dot(m, demand->J[i], x);
     solution->m = m;
+    solution->rows = 0;
     solution->method = CLOSED_FORM;
     solution->stuck = solution->lost = solution->slow = solution->met = false;
     solution->scale = 1.0;

@@ -239,6 +239,24 @@ static Outcome roomy(Posed *problem, Share *share)
     return share_of(&problem->reduction, m, &problem->limits, &problem->cone, demand->dt, share);
 }
 
+/* How far a motion that limits require takes each exact row off its share of the speed. */
+static void beside(const Posed *problem, const Share *share, Solution *solution)
+{
+    const Demand *demand = problem->demand;
+    int m = demand->m;
+    Row start, x;
+    solution->rows = share->value < 1.0 ? demand->rows : 0; /* share->inside is told only below 1 */
+    if (solution->rows == 0)
+        return;
+    moved(demand, problem->reduction.start, start);
+    moved(demand, share->inside, x);
+    for (int i = 0; i < demand->rows; i++) {
+        double off = fabs((1.0 - share->value) * dot(m, demand->C[i], start));
+        bool told = off > BESIDE_TOLERANCE * norm(m, demand->C[i]) * norm(m, x);
+        solution->beside[i] = told ? off : 0.0;
+    }
+}
+
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution)
 {
     Posed problem;
@@ -277,5 +295,6 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
         return HAND_BACK;
     moved(demand, y, x);
     reported(demand, A, wanted, &cost, x, &share, &found, blended, solution);
+    beside(&problem, &share, solution);
     return DONE;
 }

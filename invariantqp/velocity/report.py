@@ -47,6 +47,7 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
     if slow:
         by = f" (held by {answer.held_by})" if answer.held_by else ""
         words.append(f"limits allow {answer.share:.3g} of the exact rows' speed{by}")
+        words.extend(filter(None, [answer.beside]))
     if answer.blended > 0.0:
         words.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
     if objective.damping > 0.0:

@@ -37,7 +37,7 @@ from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.polytope import named
 from invariantqp.velocity.qp.quadratic import Quadratic, weighted
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
-from invariantqp.velocity.stages import given_way, slowed_rows, unkept
+from invariantqp.velocity.stages import beside, given_way, slowed_rows, unkept
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -188,11 +188,13 @@ def _solved(
     m = len(demand.lower)
     T = np.eye(m) if law.to_joint is None else law.to_joint
     limits = given_way(law, demand)
-    origin, B, share, inside, troubles = np.zeros(m), np.eye(m), 1.0, limits.inside, list(limits.troubles)
+    origin, B, share, inside, moved = np.zeros(m), np.eye(m), 1.0, limits.inside, ""
+    troubles = list(limits.troubles)
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(law.to_joint), demand.root)
         reduction, part = slowed_rows(reduction, limits, 0.0, law.backend)
         share, inside = part.value, part.velocity
+        moved = beside(demand.exact, reduction, law.to_joint, part)
         troubles += filter(None, [unkept(reduction)])
         origin, B = reduction.origin(share), reduction.basis
     bounded, backend = False, ""
@@ -212,6 +214,7 @@ def _solved(
     words = [*troubles]
     if share < 1.0:
         words.append(f"limits allow {share:.3g} of the exact rows' speed")
+        words.extend(filter(None, [moved]))
     if active:
         words.append(f"at the limits of {named(list(active), m)}")
     status = "degraded" if troubles else "scaled" if share < 1.0 else "ok"

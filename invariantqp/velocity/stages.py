@@ -18,7 +18,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.calm import CALM, calm
-from invariantqp.velocity.exact import Reduction
+from invariantqp.velocity.exact import ExactRows, Reduction
 from invariantqp.velocity.guard import Guard, blend
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
@@ -32,6 +32,8 @@ from invariantqp.velocity.share import Share, share_of
 
 # Exact rows of which more than this, relative, cannot be met: the joints cannot keep the direction of the demand.
 UNMET_TOLERANCE = 1e-9
+# A motion of an exact row below this share of the joints' is none: the weight below leaves 1e-9 of it.
+BESIDE_TOLERANCE = 1e-6
 # Weight of |y|^2 beside the squared motion of the rows where the least motion of the rows is computed.
 REGULARISATION = 1e-9
 
@@ -47,6 +49,7 @@ class Answer(NamedTuple):
         blended: share of least squares that the guard blended in.
         troubles: what was not as asked, in words.
         held_by: the limits that slow the exact rows down, in words.
+        beside: how far limits move the exact rows besides, in words.
     """
 
     y: Array
@@ -56,6 +59,7 @@ class Answer(NamedTuple):
     blended: float
     troubles: tuple[str, ...]
     held_by: str
+    beside: str
 
 
 class Limits(NamedTuple):
@@ -78,6 +82,7 @@ class Room(NamedTuple):
         cone: likewise, or None.
         inside: (n,) a z inside both.
         held_by: the limits that slow the exact rows down, in words.
+        beside: how far limits move the exact rows besides, in words.
         troubles: contradictions between limits.
         near: an optimum with limits that are likely to be active, or None.
     """
@@ -89,6 +94,7 @@ class Room(NamedTuple):
     cone: Cone | None
     inside: Array
     held_by: str
+    beside: str
     troubles: tuple[str, ...]
     near: Optimum | None
 
@@ -106,7 +112,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
         raise SolverFailure("the closed form", "it overflowed: the input is too large")
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
-        first = Answer(y, 1.0, objective, None, 0.0, (), "")
+        first = Answer(y, 1.0, objective, None, 0.0, (), "", "")
         room = _room(law, problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
     else:
         limits = given_way(law, demand)
@@ -116,7 +122,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
             if reduction is not problem.reduction:
                 problem = problem._replace(reduction=reduction)
             objective = problem.slowed(objective, share.value)
-        room = _room(law, problem, limits, share)
+        room = _room(law, problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
         first = _minimised(law, room, objective)
     mu = _calm(law, room, first)
     answer = first if mu == 0.0 else _minimised(law, room, first.objective.calmed(mu), first)
@@ -147,7 +153,7 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     return Limits(polytope, cone, tuple(troubles), y)
 
 
-def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share) -> Room:
+def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     left = problem.left(share.value)
     by = [named(share.held_by, problem.A.shape[1]), "the tool's speed" if share.fast else ""]
@@ -160,6 +166,7 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share) -> Roo
         left.cone(limits.cone),
         left.free(share.velocity),
         " and ".join(filter(None, by)),
+        moved,
         limits.troubles,
         near,
     )
@@ -190,6 +197,24 @@ def unkept(reduction: Reduction | None) -> str:
     return f"the joints cannot keep the direction of the exact rows: {reduction.unmet:.1e} of the demand is unmet"
 
 
+def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array | None, share: Share) -> str:
+    """How far a motion that limits require takes each exact row off its share of the speed, "" where it does not.
+
+    Args:
+        rows: on x = T y.
+        reduction: of the rows on y, counted from the velocity that moves them least.
+        to_joint: (m, m) T; None is the identity.
+        share: what the limits allow.
+    """
+    if rows is None or reduction is None or share.value == 1.0 or not reduction.start.any():
+        return ""
+    T = np.eye(len(reduction.start)) if to_joint is None else to_joint
+    off = np.abs(rows.A.dot(T.dot((1.0 - share.value) * reduction.start)))
+    least = BESIDE_TOLERANCE * np.linalg.norm(rows.A, axis=1) * np.linalg.norm(T.dot(share.velocity))
+    moved = ", ".join(f"exact row {i} is off by {off[i]:.3g}" for i in np.flatnonzero(off > least))
+    return f"limits require motion beside it: {moved}" if moved else ""
+
+
 def _minimised(law: VelocityLaw, room: Room, objective: Objective, near: Answer | None = None) -> Answer:
     """The optimum inside the limits; `near` is the answer for a similar objective, to start from."""
     begin, troubles = (room.near, room.troubles) if near is None else (near.found, near.troubles)
@@ -198,7 +223,7 @@ def _minimised(law: VelocityLaw, room: Room, objective: Objective, near: Answer 
         troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
     y = room.left.joint(found.z)
     met = found.nu > 0.0 or bool(found.multipliers.any())
-    return Answer(y, room.share, objective, found if met else None, 0.0, troubles, room.held_by)
+    return Answer(y, room.share, objective, found if met else None, 0.0, troubles, room.held_by, room.beside)
 
 
 def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:

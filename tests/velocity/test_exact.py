@@ -236,6 +236,22 @@ def test_where_rest_is_forbidden_the_share_counts_from_what_moves_the_rows_least
     assert still.velocity[:2].sum() == pytest.approx(0.0, abs=1e-9)
     assert fast.velocity[:2].sum() == pytest.approx(-0.8, rel=1e-6)
     assert fast.scale == pytest.approx(0.8 / 5.0, rel=1e-5)
+    assert "beside" not in fast.reason
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_rows_that_limits_move_against_their_demand_are_told(native, monkeypatch):
+    """The first joint has to move where a row wants it at rest, while another row slows down."""
+    if not native:
+        monkeypatch.setattr("invariantqp.velocity.solve.core", None)
+    J = np.random.default_rng(14).normal(size=(6, 4))
+    rows = iq.ExactRows([[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]], [4.0, 0.0])
+    bounds = ([0.2, -1.0, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
+    for metric in (None, np.diag([1.0, 2.0, 3.0, 4.0])):
+        solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric)
+        off = solution.velocity[0]
+        assert solution.status == "scaled"
+        assert f"; limits require motion beside it: exact row 1 is off by {off:.3g}; at the limits" in solution.reason
 
 
 def test_with_open_sides_too():
