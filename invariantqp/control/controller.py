@@ -255,7 +255,7 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
-        s = arrays.twist(twist)
+        s = arrays.not_too_fast(arrays.twist(twist))
         if rows is not None:
             require_rows(rows, len(self._middle))
         where = None if at is None else arrays.vector(at, 3, "at")

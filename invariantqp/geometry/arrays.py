@@ -22,6 +22,9 @@ Result = TypeVar("Result")
 FLOAT64 = np.dtype(np.float64)
 # The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
 REAL_KINDS = "iufO"
+# Of a twist that is wanted of joints. Beside velocity limits of 0.1 to 10, rounding of the twist costs 1e-11 of them at
+# this size on random joints, 1e-7 at 1e16, and all of them at 1e23.
+LARGEST_SPEED = 1e12
 # Of every homogeneous matrix of a rigid motion.
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
@@ -90,6 +93,15 @@ def direction(value: ArrayLike, argument: str) -> Array:
 def twist(value: ArrayLike, argument: str = "twist") -> Array:
     """A finite (6,) twist (omega; v)."""
     return vector(value, 6, argument)
+
+
+def not_too_fast(twists: Array, argument: str = "twist") -> Array:
+    """Finite wanted twists (..., 6), no entry above `LARGEST_SPEED`."""
+    largest = float(np.abs(twists).max(initial=0.0))
+    if largest > LARGEST_SPEED:
+        expected = f"entries up to {LARGEST_SPEED:g}"
+        raise BadInput(argument, f"an entry of size {largest:.3g}", expected, "Scale it down.")
+    return twists
 
 
 def columns(value: ArrayLike, argument: str = "J") -> Array:

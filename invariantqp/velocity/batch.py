@@ -156,7 +156,7 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
             raise BadInput(name, "given for a batch", "None", "Solve these rows one by one with solve_velocity.")
     twists = _stack(J)
     n, _, m = twists.shape
-    s = _rows(twist, (n, 6), "twist", "one twist a Jacobian")
+    s = arrays.not_too_fast(_rows(twist, (n, 6), "twist", "one twist a Jacobian"))
     lower, upper = _box(options.get("bounds"), n, m)
     posture, point, length = options.get("posture"), options.get("point"), options.get("length")
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")

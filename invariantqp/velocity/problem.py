@@ -115,7 +115,7 @@ class VelocityProblem:
             BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
             UnknownName: no such back end.
         """
-        twists, s = arrays.columns(J), arrays.twist(twist)
+        twists, s = arrays.columns(J), arrays.not_too_fast(arrays.twist(twist))
         m = twists.shape[1]
         box = bounds_of(bounds, m)
         lower, upper = np.asarray(box.lower), np.asarray(box.upper)

@@ -58,7 +58,8 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
         VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
 
     Raises:
-        BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
+        BadInput: NaN, a twist above 1e12, shapes that do not fit, crossed bounds, a metric that is not positive
+            definite.
         UnknownName: no such back end.
 
     Reference: [DS] Sect. 6.2 for forms. A stationary point of an indefinite form is not a minimum, hence the guard.

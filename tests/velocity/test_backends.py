@@ -12,7 +12,9 @@ from support.velocity_reference import (
 )
 
 import invariantqp as iq
+from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.qp import backends
+from invariantqp.velocity.solve import solve
 
 # Relative to the largest joint velocity. A solver only says which limits are active; the numbers are ours.
 AGREEMENT = 1e-9
@@ -171,10 +173,10 @@ def test_when_every_solver_fails_the_active_set_answers_from_inside(monkeypatch,
 
 def test_numbers_beyond_any_scale_are_answered_by_standing_still():
     """As near to rest as the bounds allow: outside its position limits a joint has to come back."""
-    bounds = iq.Bounds([0.2] * 3, [0.3] * 3)
     J = 1e200 * np.random.default_rng(0).normal(size=(6, 3))
+    demand = Demand(J, 1e200 * np.ones(6), np.eye(6), np.full(3, 0.2), np.full(3, 0.3))
     with np.errstate(all="ignore"):
-        solution = iq.solve_velocity(J, 1e200 * np.ones(6), bounds=bounds, point=np.zeros(3))
+        solution = solve(VelocityLaw(), demand)
     assert (solution.method, solution.status) == ("hold", "held")
     assert solution.reason
     np.testing.assert_array_equal(solution.velocity, [0.2] * 3)

@@ -333,3 +333,14 @@ def test_lists_will_do():
     listed = iq.solve_velocity(J6.tolist(), ONE.tolist(), form=0.3, bounds=([-1] * 6, [1] * 6))
     given = iq.solve_velocity(J6, ONE, form=iq.PitchForm(0.3), bounds=iq.Bounds(-ONE, ONE))
     assert listed == given
+
+
+def test_a_twist_beyond_any_speed_is_refused_before_its_rounding_decides():
+    """At the largest size there is, the limits are those of any large twist; above, no answer is given."""
+    J, s, bounds = np.random.default_rng(5).normal(size=(6, 7)), np.arange(-2.0, 4.0) / 3.0, ([-1.0] * 7, [1.0] * 7)
+    first, last = (iq.solve_velocity(J, size * s, bounds=bounds).velocity for size in (1e9, 1e12))
+    np.testing.assert_allclose(first, last, atol=1e-8)
+    for function in (iq.solve_velocity, iq.solve_velocities, iq.velocity.TwistTask):
+        stack = J[None] if function is iq.solve_velocities else J
+        with pytest.raises(iq.BadInput, match=r"found an entry of size 1e\+22; expected entries up to 1e\+12"):
+            function(stack, 1e22 * s)
