@@ -252,7 +252,7 @@ class Controller:
             VelocitySolution, as from `step`.
 
         Raises:
-            BadInput: NaN or wrong shapes; the controller is as it was.
+            BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.not_too_fast(arrays.twist(twist))
