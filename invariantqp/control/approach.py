@@ -14,7 +14,9 @@ from math import pi, sqrt
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.damping import Adaptive, PaperLambda
+from invariantqp.velocity.law import VelocityLaw
+from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
 # Share of the joints' acceleration that is used to brake along the joint distances; the rest is a reserve, since joint
@@ -52,6 +54,23 @@ def braking_share(distance: Array, acceleration: Array, gain: float) -> float:
     d, a, knee = d[far], a[far], knee[far]
     share: Array = np.sqrt(a * (2.0 * d - knee)) / (gain * d)
     return min(1.0, float(share.min()))
+
+
+def share_of_gain(law: VelocityLaw, braking: BrakingBox, gain: float, A: Array, error: Array) -> float:
+    """b for a law, 1 where its damping is [DS]'s.
+
+    Args:
+        law: of the loop.
+        braking: its acceleration limits.
+        gain: [1/s].
+        A: (6, m) measured joint twists.
+        error: (6,) measured twist that takes the tool to its target in unit time.
+    """
+    if isinstance(law.damping, PaperLambda):
+        return 1.0
+    T = law.to_joint
+    distance = distances(A, error) if T is None else T.dot(distances(A.dot(T), error))
+    return braking_share(distance, braking.acceleration, gain)
 
 
 def same_turn(error: Array, before: Array | None) -> Array:

@@ -15,15 +15,13 @@ from numpy.typing import ArrayLike
 from invariantqp.control.convergence import Convergence
 from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlane, ExactPoint
 from invariantqp.control.joint_rows import JointRows
+from invariantqp.control.loop_limits import LoopLimits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.law import VelocityLaw
-from invariantqp.velocity.limits.box import JointBox
-from invariantqp.velocity.limits.braking import BrakingBox
-from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.solution import VelocitySolution
 
 
@@ -40,16 +38,13 @@ def compiled_loop(
     robot: Robot,
     law: VelocityLaw,
     measure: ToolMeasure,
-    box: JointBox,
-    braking: BrakingBox | None,
+    limits: LoopLimits,
     gain: float,
     middle: Array,
     pull: Array,
     slow: float,
     exact: tuple[Exact, ...],
     row_rank: int | None,
-    speed: ToolSpeed | None,
-    joint_rows: JointRows | None,
 ) -> Array | None:
     """The fixed numbers of a loop for `compiled_tick`; None for a loop that the core does not have.
 
@@ -57,17 +52,15 @@ def compiled_loop(
         robot: the arm.
         law: of its ticks.
         measure: at a point of the tool, or of a carried metric.
-        box: joint limits.
-        braking: the same with acceleration limits, or None.
+        limits: of the loop; of rows on the joint velocity, the core has those that are the same in every tick.
         gain: of the error [1/s].
         middle: (m,) the posture, middle of the joint ranges.
         pull: (m,) gains of the posture [1/s].
         slow: 1 / |v|, v the measured twist at full speed.
         exact: what is met exactly.
         row_rank: how many of its rows the arm can keep at best.
-        speed: limit of a point of the tool.
-        joint_rows: limits on combinations of joint velocities; the core has those that are the same in every tick.
     """
+    box, braking, speed, joint_rows = limits
     carried = measure.carried
     if core is None or law.compiled is None or (carried is None and measure.point is None):
         return None
@@ -92,9 +85,9 @@ def compiled_loop(
     room = box.position_lower, box.position_upper, acceleration
     same = np.eye(m)
     metric = same if law.to_joint is None else law.to_joint, same if law.from_joint is None else law.from_joint
-    limits = wanted, *rows
+    held = wanted, *rows
     made: Array = core.loop(
-        *fixed, low, high, box.velocity_limit, middle, pull, *room, *limits, *metric, law.compiled, root
+        *fixed, low, high, box.velocity_limit, middle, pull, *room, *held, *metric, law.compiled, root
     )
     return made
 

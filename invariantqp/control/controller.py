@@ -10,19 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.approach import braking_share, distances, same_turn
+from invariantqp.control.approach import same_turn, share_of_gain
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import Convergence, slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.joint_rows import JointRows, PinkLimit, Rows
+from invariantqp.control.joint_rows import PinkLimit, Rows
 from invariantqp.control.loop_limits import LoopLimits, loop_limits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import Memory
+from invariantqp.control.observed import Observed, at_rest
 from invariantqp.control.posture import joint_gains, posture_gain
 from invariantqp.control.tracking import tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
@@ -34,16 +35,12 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import JointBox
-from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 from invariantqp.velocity.solve import solve, standing
 
-# The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
-WHOLE_ERROR = 1.0 + 1e-9
 # What a loop is made from; the compiled core has its own copy.
 FIXED = {"robot", "law", "measure", "dt", "gain", "posture_gain", "exact", "row_rank"}
 FIXED |= {"box", "braking", "tool_speed", "joint_rows"}
@@ -132,8 +129,6 @@ class Controller:
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         late = arrays.not_negative(delay, "delay", "a dead time in seconds")
         self.gain: float = tracking_gain(gain, self.dt, late)
-        if self.gain * self.dt > WHOLE_ERROR:
-            raise BadInput("gain", f"{self.gain:g} 1/s with dt = {self.dt:g} s", "at most 1/dt", "More overshoots.")
         self.exact: tuple[Exact, ...] = demands_of(exact)
         self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
@@ -156,27 +151,11 @@ class Controller:
         self._limits: LoopLimits = loop_limits(
             robot, self.dt, acceleration_limit, position_margin, tool_speed, rows, limits
         )
-        self.box: JointBox
-        self.braking: BrakingBox | None
-        self.tool_speed: ToolSpeed | None
-        self.joint_rows: JointRows | None
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
-        self._slowness = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
+        self._slowness = slow = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._memory = Memory(np.zeros(m), None, Convergence())
         self._compiled: Array | None = compiled_loop(
-            robot,
-            self.law,
-            self.measure,
-            self.box,
-            self.braking,
-            self.gain,
-            mid,
-            self._pull,
-            self._slowness,
-            self.exact,
-            self.row_rank,
-            self.tool_speed,
-            self.joint_rows,
+            robot, self.law, self.measure, self._limits, self.gain, mid, self._pull, slow, self.exact, self.row_rank
         )
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -219,9 +198,9 @@ class Controller:
         root = self.measure.root(self.robot, sighting, target)
         share = 1.0
         if self.braking is not None:
-            share = self._braking_share(sighting.J, error, root)
+            share = share_of_gain(self.law, self.braking, self.gain, root.dot(sighting.J), root.dot(error))
             s -= (1.0 - share) * self.gain * error
-        state = _Observed(positions, sighting, target, root, before)
+        state = Observed(positions, sighting, target, root, before)
         solution = self._tick(state, s, share * self.gain, ahead)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
         self._memory = self._memory.followed(error, change, root, self._slowness / self.dt)
@@ -260,9 +239,8 @@ class Controller:
             require_rows(rows, len(self._middle))
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, len(self._middle), "posture")
-        return self._tick(
-            self._here(positions, sighting, self._memory.now(velocity), where), s, 0.0, s, rows, posture=free
-        )
+        state = at_rest(self.robot, self.measure, positions, sighting, self._memory.now(velocity), where)
+        return self._tick(state, s, 0.0, s, rows, posture=free)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -281,7 +259,7 @@ class Controller:
         positions = arrays.vector(q, len(self._middle), "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        state = self._here(positions, sighting, self._memory.now(velocity), None)
+        state = at_rest(self.robot, self.measure, positions, sighting, self._memory.now(velocity))
         return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
 
     @property
@@ -298,32 +276,14 @@ class Controller:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
         return (self._middle - q) * self._pull if self.posture_gain else None
 
-    def _here(self, positions: Array, sighting: Sighting | None, before: Array, at: Array | None) -> _Observed:
-        """The state of an arm whose target is where its tool is now."""
-        if sighting is None:
-            sighting = self.robot.sight(positions, self.robot.target(self.robot.pose(positions)))
-        elif not isinstance(sighting, Sighting):
-            raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
-        root = self.measure.root(self.robot, sighting, sighting.pose, at)
-        return _Observed(positions, sighting, sighting.pose, root, before)
-
     def _watched(self, solution: VelocitySolution) -> VelocitySolution:
         """The solution; a loop that does not converge is trouble."""
         trouble = self._memory.convergence.trouble
         return with_trouble(solution, trouble) if trouble else solution
 
-    def _braking_share(self, J: Array, error: Array, root: Array) -> float:
-        """The share of the gain from which the joints can still brake before the target."""
-        if self.braking is None or isinstance(self.law.damping, PaperLambda):
-            return 1.0
-        T = self.law.to_joint
-        A = root.dot(J) if T is None else root.dot(J).dot(T)
-        distance = distances(A, root.dot(error))
-        return braking_share(distance if T is None else T.dot(distance), self.braking.acceleration, self.gain)
-
     def _tick(
         self,
-        state: _Observed,
+        state: Observed,
         s: Array,
         gain: float,
         ahead: Array | None,
@@ -331,10 +291,7 @@ class Controller:
         stand: str | None = None,
         posture: Array | None = None,
     ) -> VelocitySolution:
-        """The joint velocity for the twist s; exact demands follow the target with `gain` and the twist `ahead`.
-
-        `stand` is a reason to stand still instead, None for none.
-        """
+        """The velocity for the twist s, or at rest if told to `stand`; exact demands follow `gain` and `ahead`."""
         positions, sighting, target, root, before = state
         posture = self.posture_pull(positions) if posture is None else posture
         exact = more
@@ -349,13 +306,3 @@ class Controller:
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
         self._memory = self._memory.commanded(solution.velocity)
         return self._limits.told(solution, positions, self.robot.names, strained)
-
-
-class _Observed(NamedTuple):
-    """One tick: checked joint positions, the robot's state there, the target, the measure, the velocity before."""
-
-    positions: Array
-    sighting: Sighting
-    target: Any
-    root: Array
-    before: Array

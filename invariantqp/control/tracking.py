@@ -16,6 +16,8 @@ from invariantqp.geometry.arrays import Array
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
+# The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
+WHOLE_ERROR = 1.0 + 1e-9
 # The largest gain times delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
 DELAY_SHARE = 0.25
 
@@ -29,10 +31,13 @@ def tracking_gain(gain: float | None, dt: float, delay: float = 0.0) -> float:
         delay: dead time beyond one tick [s].
 
     Raises:
-        BadInput: not positive.
+        BadInput: not positive, or above 1/dt.
     """
     if gain is not None:
-        return arrays.number(gain, "gain", positive=True)
+        asked = arrays.number(gain, "gain", positive=True)
+        if asked * dt > WHOLE_ERROR:
+            raise BadInput("gain", f"{asked:g} 1/s with dt = {dt:g} s", "at most 1/dt", "More overshoots.")
+        return asked
     usual = TRACKING_SHARE / dt
     return usual if delay == 0.0 else min(usual, DELAY_SHARE / delay)
 

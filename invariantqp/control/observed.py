@@ -1,0 +1,48 @@
+"""What a controller knows of its arm in one tick."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot, Sighting
+
+
+class Observed(NamedTuple):
+    """One tick.
+
+    Attributes:
+        positions: (m,) checked joint positions.
+        sighting: the robot's state there.
+        target: as the robot returned it.
+        root: (6, 6) of the measure.
+        before: (m,) the joint velocity before.
+    """
+
+    positions: Array
+    sighting: Sighting
+    target: Any
+    root: Array
+    before: Array
+
+
+def at_rest(
+    robot: Robot,
+    measure: ToolMeasure,
+    positions: Array,
+    sighting: Sighting | None,
+    before: Array,
+    at: Array | None = None,
+) -> Observed:
+    """The tick of an arm whose target is where its tool is now; `sighting` and `at` are as in `Controller.follow`.
+
+    Raises:
+        BadInput: `sighting` is something else.
+    """
+    if sighting is None:
+        sighting = robot.sight(positions, robot.target(robot.pose(positions)))
+    elif not isinstance(sighting, Sighting):
+        raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
+    return Observed(positions, sighting, sighting.pose, measure.root(robot, sighting, sighting.pose, at), before)
