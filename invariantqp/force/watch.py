@@ -96,8 +96,8 @@ class Watch(NamedTuple):
         short = settling.short(wanted) or not touch.touching
         watch = self._replace(touch=touch, health=health, settling=settling, sunk=self.sunk if short else 0.0)
         if not health.fault and watch.sunk > task.approach_distance:
-            read = f"{written(press, 3)} of {written(wanted, 3)} N are read"
-            health = health._replace(fault=f"{written(watch.sunk)} into the contact, and {read}")
+            told = f"{written(watch.sunk)} into the contact, {written(press, 3)} of {written(wanted, 3)} N are read"
+            health = health._replace(fault=told)
         if health.fault:
             return watch._replace(health=health, status="fault", leaving=health.fault, left=0.0)
         if touch.touching:
