@@ -17,15 +17,21 @@ def slow_bench():
     )
 
 
+def prepared(**given):
+    """That bench, half a circle on the paper, and a follower that has looked along it."""
+    bench = slow_bench()
+    path = circle(bench.start, RADIUS, PERIOD)
+    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2, **given)
+    follower.prepare(bench.q)
+    return bench, path, follower
+
+
 def off_circle(bench):
     return abs(np.linalg.norm(bench.robot.pose(bench.q)[:2, 3] - bench.start[:2, 3] + [RADIUS, 0.0]) - RADIUS)
 
 
 def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
-    bench = slow_bench()
-    path = circle(bench.start, RADIUS, PERIOD)
-    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2, rate=1.0)
-    follower.prepare(bench.q)
+    bench, path, follower = prepared(rate=1.0)
     told, off, jumps = [], [], []
     for _ in range(2000):
         told.append(follower.step(bench.q, bench.wrench()))
@@ -56,10 +62,7 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
 
 
 def test_the_path_waits_while_contact_is_lost():
-    bench = slow_bench()
-    path = circle(bench.start, RADIUS, PERIOD)
-    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2)
-    follower.prepare(bench.q)
+    bench, _, follower = prepared()
     places, statuses = [], []
     for k in range(600):
         if k == 200:
@@ -76,10 +79,7 @@ def test_the_path_waits_while_contact_is_lost():
 
 
 def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
-    bench = slow_bench()
-    path = circle(bench.start, RADIUS, PERIOD)
-    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2)
-    follower.prepare(bench.q)
+    bench, _, follower = prepared()
     told, off = [], []
     for k in range(3000):
         if k == 200:  # 30 mm to the side, as deep in the paper as before
@@ -100,10 +100,7 @@ def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
 
 
 def test_joints_off_their_plan_slow_the_path_down():
-    bench = slow_bench()
-    path = circle(bench.start, RADIUS, PERIOD)
-    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2)
-    follower.prepare(bench.q)
+    bench, _, follower = prepared()
     for k in range(230):
         if k == 200:
             J = bench.robot.jacobian(bench.q)
