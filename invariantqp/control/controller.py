@@ -188,7 +188,8 @@ class Controller:
         if self._compiled is not None:
             tick = compiled_tick(self._compiled, q, target, feedforward, before, self._memory.convergence)
             if tick is not None:
-                self._memory = Memory(tick.velocity, tick.turn, tick.convergence)
+                # As `self._memory =` would, without asking `__setattr__`: a twentieth of this tick.
+                object.__setattr__(self, "_memory", Memory(tick.velocity, tick.turn, tick.convergence))
                 return self._watched(self._limits.told(tick.solution, q, self.robot.names))
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)

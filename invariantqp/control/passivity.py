@@ -102,7 +102,8 @@ class LinkEnd:
         told = arrays.not_negative(received, "received", "an energy")
         old = arrays.number(age, "age", "seconds", infinite=True)
         held = self._doubt(old)
-        self._told = self._told if held else told
+        if not held:
+            self._told = told
         passed, met = (v, w) if self.passes == "twist" else (w, v)
         # What was passed on was held for a tick; what it met has changed meanwhile.
         energy = float(self._passed.dot(self._met + met)) / 2.0 * self.dt
