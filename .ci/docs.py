@@ -25,7 +25,7 @@ from invariantqp.geometry.arrays import Array
 # What a newcomer looks for comes first on the page of public names.
 ORDER = (
     *("robots", "control", "velocity", "batches", "force", "pose", "runs", "analysis", "pictures", "view"),
-    *("geometry", "systems", "compare", "engine", "errors"),
+    *("geometry", "systems", "compare", "engine", "errors", "version"),
 )
 # Aliases that a signature would spell out, as signatures spell them out, and what they are called.
 ALIASES = {inspect.formatannotation(alias): name for alias, name in ((ArrayLike, "ArrayLike"), (Array, "Array"))}
@@ -57,7 +57,7 @@ def main(folder: Path) -> None:
     """Write the pages."""
     warnings.simplefilter("error")
     homes: dict[str, str] = vars(iq)["_MODULE_OF"]
-    iq.__all__.sort(key=lambda name: ORDER.index(homes.get(name, "invariantqp.errors").split(".")[1]))
+    iq.__all__.sort(key=lambda name: ORDER.index(homes[name].split(".")[1]))
     for found in walk_packages(iq.__path__, "invariantqp."):
         resolve(import_module(found.name))
     inspect.formatannotation = pdoc.doc.formatannotation = called_by_name(inspect.formatannotation)

@@ -4,14 +4,34 @@ Here are the names that most scripts use; the namespaces have the others. Names 
 the package loads neither Pinocchio nor a solver.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
+# Names that were here once, by the namespace that has them now. They work, with a DeprecationWarning.
+MOVED = {
+    "invariantqp.analysis": "Inspection Recommendation Survey inspect",
+    "invariantqp.compare": "ContactFrameCheck FrameCheck contact_frame_check frame_check",
+    "invariantqp.contacts": "Contact ContactKind face_contact hinge line_contact peg_in_hole surface_contact",
+    "invariantqp.control": "ExactAxis ExactJoints ExactPlane ExactPoint SharedTask",
+    "invariantqp.errors": "MissingExtra RobotModelError TaskFileError UnknownName",
+    "invariantqp.force": "HybridSolution",
+    "invariantqp.forms": "invariant_form",
+    "invariantqp.limits": "LimitRows ToolSpeed",
+    "invariantqp.pictures": "picture pitch_picture",
+    "invariantqp.pose": "PoseSolution",
+    "invariantqp.robots": "Chain Robot",
+    "invariantqp.se3": "axis bracket helical pitch prismatic",
+    "invariantqp.systems": "Border DualProjectors Existence GibsonHunt HyperbolicSpectrum Involution "
+    "PointMotion StationaryPoint SystemReport annihilator blind_directions centre describe error_form existence "
+    "gram_matrix gram_polynomial hyperbolic_singular_values leg_spectrum leg_wrenches motions_along "
+    "platform_stiffness point_motion principal_screws reciprocal_has_pseudoinverse screw_system self_reciprocal "
+    "stationary_point system_meet system_sum vanishing_pitches wrench_pseudoinverse",
+    "invariantqp.tasks": "ContactTrace Task Trace shipped_tasks",
+    "invariantqp.velocity": "Adaptive BoxQP Fixed JointTask MethodChoice Osqp PaperLambda Selective TwistTask "
+    "VelocitySolution VelocitySolutions method_for solve_tasks",
+    "invariantqp.view": "Viewer animation",
+}
 
-from invariantqp.lazy import load_lazily
-from invariantqp.version import __version__ as __version__
-
-if TYPE_CHECKING:
+with lazily(__name__, moved=MOVED):
     from invariantqp import analysis as analysis
     from invariantqp import batches as batches
     from invariantqp import compare as compare
@@ -75,66 +95,4 @@ if TYPE_CHECKING:
     from invariantqp.velocity.guard import Guard as Guard
     from invariantqp.velocity.limits.box import Bounds as Bounds
     from invariantqp.velocity.request import solve_velocity as solve_velocity
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.control.controller": ("Controller",),
-        "invariantqp.control.measure": ("tool_metric",),
-        "invariantqp.control.path_follower": ("PathFollower",),
-        "invariantqp.errors": ("BadInput", "BlindSystem", "InvariantQPError", "NoProjectors", "NoPseudoinverse"),
-        "invariantqp.force.hybrid": ("HybridController",),
-        "invariantqp.force.hybrid_task": ("HybridTask",),
-        "invariantqp.force.reading": ("Wrench",),
-        "invariantqp.force.wrench": ("WrenchSensor",),
-        "invariantqp.geometry.forms": ("pitch_form", "pitch_form_inverse"),
-        "invariantqp.geometry.screws": ("revolute",),
-        "invariantqp.geometry.se3": ("adjoint", "coadjoint", "exp", "inverse", "log", "transform"),
-        "invariantqp.engine": ("native",),
-        "invariantqp.pose.batch": ("solve_poses",),
-        "invariantqp.pose.ik": ("solve_pose",),
-        "invariantqp.robots.load": ("load_robot",),
-        "invariantqp.runs.run": ("run_task",),
-        "invariantqp.runs.taskfile": ("load_task",),
-        "invariantqp.systems.classification": ("gibson_hunt",),
-        "invariantqp.systems.contacts": ("point_contact",),
-        "invariantqp.systems.gram": ("principal_pitches",),
-        "invariantqp.systems.involution": ("involution",),
-        "invariantqp.systems.projectors": ("dual_projectors",),
-        "invariantqp.systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
-        "invariantqp.systems.subspaces": ("reciprocal",),
-        "invariantqp.velocity.batch": ("solve_velocities",),
-        "invariantqp.velocity.exact": ("ExactRows",),
-        "invariantqp.velocity.forms": ("CarriedMetric", "Complement", "PitchForm"),
-        "invariantqp.velocity.guard": ("Guard",),
-        "invariantqp.velocity.limits.box": ("Bounds",),
-        "invariantqp.velocity.request": ("solve_velocity",),
-    },
-    namespaces="analysis batches compare contacts control errors force forms lerobot limits mink pictures pink "
-    "pose robots se3 systems tasks velocity view",
-    own=("__version__",),
-    # Names that were here once, by the namespace that has them now. They work, with a DeprecationWarning.
-    moved={
-        "invariantqp.analysis": "Inspection Recommendation Survey inspect",
-        "invariantqp.compare": "ContactFrameCheck FrameCheck contact_frame_check frame_check",
-        "invariantqp.contacts": "Contact ContactKind face_contact hinge line_contact peg_in_hole surface_contact",
-        "invariantqp.control": "ExactAxis ExactJoints ExactPlane ExactPoint SharedTask",
-        "invariantqp.errors": "MissingExtra RobotModelError TaskFileError UnknownName",
-        "invariantqp.force": "HybridSolution",
-        "invariantqp.forms": "invariant_form",
-        "invariantqp.limits": "LimitRows ToolSpeed",
-        "invariantqp.pictures": "picture pitch_picture",
-        "invariantqp.pose": "PoseSolution",
-        "invariantqp.robots": "Chain Robot",
-        "invariantqp.se3": "axis bracket helical pitch prismatic",
-        "invariantqp.systems": "Border DualProjectors Existence GibsonHunt HyperbolicSpectrum Involution "
-        "PointMotion StationaryPoint SystemReport annihilator blind_directions centre describe error_form existence "
-        "gram_matrix gram_polynomial hyperbolic_singular_values leg_spectrum leg_wrenches motions_along "
-        "platform_stiffness point_motion principal_screws reciprocal_has_pseudoinverse screw_system self_reciprocal "
-        "stationary_point system_meet system_sum vanishing_pitches wrench_pseudoinverse",
-        "invariantqp.tasks": "ContactTrace Task Trace shipped_tasks",
-        "invariantqp.velocity": "Adaptive BoxQP Fixed JointTask MethodChoice Osqp PaperLambda Selective TwistTask "
-        "VelocitySolution VelocitySolutions method_for solve_tasks",
-        "invariantqp.view": "Viewer animation",
-    },
-)
+    from invariantqp.version import __version__ as __version__

@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.systems.contact_kinds import ContactKind as ContactKind
     from invariantqp.systems.contacts import Contact as Contact
     from invariantqp.systems.contacts import face_contact as face_contact
@@ -19,20 +15,3 @@ if TYPE_CHECKING:
     from invariantqp.systems.contacts import point_contact as point_contact
     from invariantqp.systems.contacts import surface_contact as surface_contact
     from invariantqp.systems.two_contacts import two_contacts as two_contacts
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.systems.contact_kinds": ("ContactKind",),
-        "invariantqp.systems.contacts": (
-            "Contact",
-            "face_contact",
-            "hinge",
-            "line_contact",
-            "peg_in_hole",
-            "point_contact",
-            "surface_contact",
-        ),
-        "invariantqp.systems.two_contacts": ("two_contacts",),
-    },
-)

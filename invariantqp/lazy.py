@@ -1,17 +1,20 @@
 """Public names that are loaded when first used, so that importing a namespace costs nothing.
 
-    load_lazily(__name__, {"invariantqp.systems.subspaces": ("reciprocal", ...), ...})
+    with lazily(__name__):
+        from invariantqp.systems.subspaces import reciprocal as reciprocal
 
-Beside the call a namespace imports the same names under `TYPE_CHECKING`, for type checkers and editors. A test compares
-the two lists.
+Type checkers and editors read these imports as any other. When they run they only note where each name lives.
 """
 
 from __future__ import annotations
 
+import builtins
 import sys
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
+from threading import Lock
 from types import ModuleType
 from typing import Any
 
@@ -57,30 +60,49 @@ class LazyModule(ModuleType):
         return sorted((*self.__all__, *self._NAMESPACES))
 
 
-def load_lazily(
-    module: str,
-    names: Mapping[str, Collection[str]],
-    *,
-    namespaces: str = "",
-    own: Collection[str] = (),
-    moved: Mapping[str, str] | None = None,
-) -> None:
-    """Give a module public names that are loaded when first used.
+class _Later:
+    """What `from module import name` takes its names from until the module is loaded."""
+
+    def __getattr__(self, name: str) -> None:
+        return None
+
+
+_ONE_AT_A_TIME = Lock()  # threads that load two namespaces at once
+
+
+@contextmanager
+def lazily(module: str, *, moved: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Give a module the names that are imported in the block; each is loaded when first used.
+
+    Imports of other modules, in other threads meanwhile, are made as ever.
 
     Args:
-        module: its `__name__`.
-        names: public names by the modules that they live in.
-        namespaces: modules below it to load in the same way, in one text.
-        own: public names that it has already.
+        module: its `__name__`. Names that the block imports from itself are modules below it.
         moved: names that it had once, in one text for each of the modules that have them now; they still work, with a
             DeprecationWarning.
     """
-    module_of = {name: home for home, inside in names.items() for name in inside}
     lazy = sys.modules[module]
-    lazy.__dict__.update(
-        _MODULE_OF=module_of,
-        _NAMESPACES=tuple(namespaces.split()),
+    home_of: dict[str, str] = {}
+
+    def note(home: str, *arguments: Any, **named: Any) -> Any:
+        if not (arguments and arguments[0] is vars(lazy)):
+            return load(home, *arguments, **named)
+        home_of.update(dict.fromkeys(arguments[2], home))
+        return _Later()
+
+    with _ONE_AT_A_TIME:
+        load, builtins.__import__ = builtins.__import__, note  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            builtins.__import__ = load
+    for name in home_of:
+        del vars(lazy)[name]
+    names = {name: home for name, home in home_of.items() if home != module}
+    vars(lazy).update(
+        _MODULE_OF=names,
+        _NAMESPACES=tuple(name for name in home_of if name not in names),
         _MOVED={name: home for home, inside in (moved or {}).items() for name in inside.split()},
-        __all__=[*module_of, *own],
+        __all__=[*names],
     )
     lazy.__class__ = LazyModule

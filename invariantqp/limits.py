@@ -3,24 +3,10 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.control.joint_rows import PinkLimit as PinkLimit
     from invariantqp.velocity.limits.box import Bounds as Bounds
     from invariantqp.velocity.limits.rows import LimitRows as LimitRows
     from invariantqp.velocity.limits.toolspeed import ToolSpeed as ToolSpeed
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.control.joint_rows": ("PinkLimit",),
-        "invariantqp.velocity.limits.box": ("Bounds",),
-        "invariantqp.velocity.limits.rows": ("LimitRows",),
-        "invariantqp.velocity.limits.toolspeed": ("ToolSpeed",),
-    },
-)

@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.geometry.screws import axis as axis
     from invariantqp.geometry.screws import helical as helical
     from invariantqp.geometry.screws import pitch as pitch
@@ -22,11 +18,3 @@ if TYPE_CHECKING:
     from invariantqp.geometry.se3 import inverse as inverse
     from invariantqp.geometry.se3 import log as log
     from invariantqp.geometry.se3 import transform as transform
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.geometry.screws": ("axis", "helical", "pitch", "prismatic", "revolute"),
-        "invariantqp.geometry.se3": ("adjoint", "bracket", "coadjoint", "exp", "inverse", "log", "transform"),
-    },
-)

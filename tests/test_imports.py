@@ -62,12 +62,27 @@ def test_every_public_name_resolves(name):
 def test_names_for_type_checkers_are_the_names_at_run_time(name):
     namespace = import_module(name)
     tree = ast.parse(Path(namespace.__file__).read_text(encoding="utf-8"))
-    block = next(node for node in tree.body if isinstance(node, ast.If))
-    imports = [(alias, node.module) for node in block.body for alias in node.names]
-    assert all(alias.asname == alias.name for alias, _ in imports)  # what makes them public for a checker
-    typed = {(alias.name, module) for alias, module in imports if module != "invariantqp"}
-    assert typed == set(namespace._MODULE_OF.items())
-    assert {alias.name for alias, module in imports if module == "invariantqp"} == set(namespace._NAMESPACES)
+    block = next(node for node in tree.body if isinstance(node, ast.With))
+    names = [alias for node in block.body for alias in node.names]
+    assert all(alias.asname == alias.name for alias in names)  # what makes them public for a checker
+    assert {alias.name for alias in names} == {*namespace.__all__, *namespace._NAMESPACES}
+
+
+def test_what_is_imported_elsewhere_while_a_namespace_is_made_is_imported():
+    code = (
+        "import sys, types\n"
+        "from invariantqp.lazy import lazily\n"
+        "sys.modules['late'] = late = types.ModuleType('late')\n"
+        "with lazily('late'):\n"
+        "    exec('from fractions import Fraction as Fraction', vars(late))\n"
+        "    assert 'fractions' not in sys.modules\n"
+        "    import fractions\n"
+        "assert late.__all__ == ['Fraction'] and 'Fraction' not in vars(late)\n"
+        "assert late.Fraction is fractions.Fraction and vars(late)['Fraction'] is fractions.Fraction\n"
+        "import builtins\n"
+        "assert builtins.__import__.__module__ != 'invariantqp.lazy'\n"
+    )
+    assert loaded_by(code) == []
 
 
 def test_a_public_name_in_a_namespace_is_the_one_at_the_top():

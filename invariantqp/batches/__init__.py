@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.batches.differential_ik import DifferentialIK as DifferentialIK
     from invariantqp.batches.kinematics import Kinematics as Kinematics
     from invariantqp.batches.kinematics import kinematics as kinematics
@@ -19,13 +15,3 @@ if TYPE_CHECKING:
     from invariantqp.batches.velocities import STATUSES as STATUSES
     from invariantqp.batches.velocities import Velocities as Velocities
     from invariantqp.batches.velocities import velocities as velocities
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.batches.differential_ik": ("DifferentialIK",),
-        "invariantqp.batches.kinematics": ("Kinematics", "kinematics"),
-        "invariantqp.batches.motions": ("adjoints", "exps", "logs"),
-        "invariantqp.batches.velocities": ("STATUSES", "Velocities", "velocities"),
-    },
-)

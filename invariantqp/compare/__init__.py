@@ -11,22 +11,10 @@ results  report/     results.json; verdict, chart, tables and the page made from
 What the package exports here is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.compare.measure.contact_frames import ContactFrameCheck as ContactFrameCheck
     from invariantqp.compare.measure.contact_frames import contact_frame_check as contact_frame_check
     from invariantqp.compare.measure.frames import FrameCheck as FrameCheck
     from invariantqp.compare.measure.frames import frame_check as frame_check
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.compare.measure.contact_frames": ("ContactFrameCheck", "contact_frame_check"),
-        "invariantqp.compare.measure.frames": ("FrameCheck", "frame_check"),
-    },
-)

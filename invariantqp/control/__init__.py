@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.control.controller import Controller as Controller
     from invariantqp.control.controls import Controls as Controls
     from invariantqp.control.demands import Exact as Exact
@@ -25,18 +21,3 @@ if TYPE_CHECKING:
     from invariantqp.control.servo import Servo as Servo
     from invariantqp.control.shared import SharedTask as SharedTask
     from invariantqp.control.streamed_path import StreamedPath as StreamedPath
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.control.controller": ("Controller",),
-        "invariantqp.control.controls": ("Controls",),
-        "invariantqp.control.demands": ("Exact", "ExactAxis", "ExactJoints", "ExactPlane", "ExactPoint", "View"),
-        "invariantqp.control.passivity": ("LinkEnd", "LinkTick"),
-        "invariantqp.control.path_follower": ("PathFollower",),
-        "invariantqp.control.path_solution": ("PathSolution",),
-        "invariantqp.control.servo": ("Servo",),
-        "invariantqp.control.shared": ("SharedTask",),
-        "invariantqp.control.streamed_path": ("StreamedPath",),
-    },
-)

@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.force.hybrid import HybridController as HybridController
     from invariantqp.force.hybrid_task import HybridTask as HybridTask
     from invariantqp.force.path import HybridFollower as HybridFollower
@@ -18,15 +14,3 @@ if TYPE_CHECKING:
     from invariantqp.force.solution import HybridSolution as HybridSolution
     from invariantqp.force.wrench import SensorCheck as SensorCheck
     from invariantqp.force.wrench import WrenchSensor as WrenchSensor
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.force.hybrid": ("HybridController",),
-        "invariantqp.force.hybrid_task": ("HybridTask",),
-        "invariantqp.force.path": ("HybridFollower", "HybridPathSolution"),
-        "invariantqp.force.reading": ("Wrench",),
-        "invariantqp.force.solution": ("HybridSolution",),
-        "invariantqp.force.wrench": ("SensorCheck", "WrenchSensor"),
-    },
-)

@@ -3,17 +3,8 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.pictures.pitches import pitch_picture as pitch_picture
     from invariantqp.pictures.run import picture as picture
-
-load_lazily(
-    __name__,
-    {"invariantqp.pictures.pitches": ("pitch_picture",), "invariantqp.pictures.run": ("picture",)},
-)

@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.robots.chain import Chain as Chain
     from invariantqp.robots.compose import mobile_base as mobile_base
     from invariantqp.robots.compose import rail as rail
@@ -18,13 +14,3 @@ if TYPE_CHECKING:
     from invariantqp.robots.kinematics import Robot as Robot
     from invariantqp.robots.kinematics import Sighting as Sighting
     from invariantqp.robots.load import load_robot as load_robot
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.robots.chain": ("Chain",),
-        "invariantqp.robots.compose": ("mobile_base", "rail", "relative", "stand_on"),
-        "invariantqp.robots.kinematics": ("Robot", "Sighting"),
-        "invariantqp.robots.load": ("load_robot",),
-    },
-)

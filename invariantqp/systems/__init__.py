@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.systems.adjoints import form_adjoint as form_adjoint
     from invariantqp.systems.adjoints import h_adjoint as h_adjoint
     from invariantqp.systems.centre import Centre as Centre
@@ -62,40 +58,3 @@ if TYPE_CHECKING:
     from invariantqp.systems.subspaces import self_reciprocal as self_reciprocal
     from invariantqp.systems.subspaces import system_meet as system_meet
     from invariantqp.systems.subspaces import system_sum as system_sum
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.systems.adjoints": ("form_adjoint", "h_adjoint"),
-        "invariantqp.systems.centre": ("Centre", "centre", "reach"),
-        "invariantqp.systems.classification": ("Border", "GibsonHunt", "gibson_hunt"),
-        "invariantqp.systems.damped": ("psi",),
-        "invariantqp.systems.existence": ("Existence", "existence", "reciprocal_has_pseudoinverse"),
-        "invariantqp.systems.gram": (
-            "blind_directions",
-            "gram_matrix",
-            "gram_polynomial",
-            "principal_pitches",
-            "principal_screws",
-        ),
-        "invariantqp.systems.hyperbolic": ("HyperbolicSpectrum", "hyperbolic_singular_values"),
-        "invariantqp.systems.involution": ("Involution", "involution"),
-        "invariantqp.systems.null_planes": ("NullPlane", "alpha_plane", "beta_plane", "null_plane"),
-        "invariantqp.systems.parallel": ("leg_spectrum", "leg_wrenches", "platform_stiffness", "wrench_pseudoinverse"),
-        "invariantqp.systems.penrose": ("PenroseConditions", "penrose_conditions"),
-        "invariantqp.systems.point_motion": ("PointMotion", "motions_along", "point_motion"),
-        "invariantqp.systems.polar": ("HyperbolicPolar", "hyperbolic_polar"),
-        "invariantqp.systems.projectors": ("DualProjectors", "dual_projectors"),
-        "invariantqp.systems.pseudoinverse": ("has_pseudoinverse", "pseudoinverse"),
-        "invariantqp.systems.report": ("SystemReport", "describe"),
-        "invariantqp.systems.stationarity": ("StationaryPoint", "error_form", "stationary_point", "vanishing_pitches"),
-        "invariantqp.systems.subspaces": (
-            "annihilator",
-            "reciprocal",
-            "screw_system",
-            "self_reciprocal",
-            "system_meet",
-            "system_sum",
-        ),
-    },
-)

@@ -3,13 +3,9 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.velocity.batch import VelocitySolutions as VelocitySolutions
     from invariantqp.velocity.batch import solve_velocities as solve_velocities
     from invariantqp.velocity.damping import Adaptive as Adaptive
@@ -30,18 +26,3 @@ if TYPE_CHECKING:
     from invariantqp.velocity.several import TwistTask as TwistTask
     from invariantqp.velocity.several import solve_tasks as solve_tasks
     from invariantqp.velocity.solution import VelocitySolution as VelocitySolution
-
-load_lazily(
-    __name__,
-    {
-        "invariantqp.velocity.batch": ("VelocitySolutions", "solve_velocities"),
-        "invariantqp.velocity.damping": ("Adaptive", "Damping", "Fixed", "PaperLambda", "Selective"),
-        "invariantqp.velocity.exact": ("ExactRows",),
-        "invariantqp.velocity.guard": ("Guard",),
-        "invariantqp.velocity.qp.backends": ("Backend", "Osqp", "SolverFailure"),
-        "invariantqp.velocity.qp.scaling": ("BoxQP",),
-        "invariantqp.velocity.request": ("MethodChoice", "method_for", "solve_velocity"),
-        "invariantqp.velocity.several": ("JointTask", "TwistTask", "solve_tasks"),
-        "invariantqp.velocity.solution": ("VelocitySolution",),
-    },
-)

@@ -3,17 +3,8 @@
 Each name is loaded when first used.
 """
 
-from __future__ import annotations
+from invariantqp.lazy import lazily
 
-from typing import TYPE_CHECKING
-
-from invariantqp.lazy import load_lazily
-
-if TYPE_CHECKING:
+with lazily(__name__):
     from invariantqp.view.page import animation as animation
     from invariantqp.view.server import Viewer as Viewer
-
-load_lazily(
-    __name__,
-    {"invariantqp.view.page": ("animation",), "invariantqp.view.server": ("Viewer",)},
-)
