@@ -1,7 +1,4 @@
-"""Contacts between a tool and its surroundings: what may move, what can be pressed.
-
-Each name is loaded when first used.
-"""
+"""Contacts between a tool and its surroundings: what may move, what can be pressed."""
 
 from invariantqp.lazy import lazily
 

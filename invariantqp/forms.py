@@ -1,7 +1,4 @@
-"""What is attempted of a twist beyond the joints: the forms of the law and their matrices.
-
-Each name is loaded when first used.
-"""
+"""What is attempted of a twist beyond the joints: the forms of the law and their matrices."""
 
 from invariantqp.lazy import lazily
 

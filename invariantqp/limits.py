@@ -1,7 +1,4 @@
-"""What no velocity may leave: joint limits, rows of your own, the tool's speed, limits made for Pink.
-
-Each name is loaded when first used.
-"""
+"""What no velocity may leave: joint limits, rows of your own, the tool's speed, limits made for Pink."""
 
 from invariantqp.lazy import lazily
 

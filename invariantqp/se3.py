@@ -1,7 +1,4 @@
-"""Rigid motions, twists and screws: poses are (4, 4), twists (omega; v), wrenches (m; f).
-
-Each name is loaded when first used.
-"""
+"""Rigid motions, twists and screws: poses are (4, 4), twists (omega; v), wrenches (m; f)."""
 
 from invariantqp.lazy import lazily
 

@@ -1,7 +1,4 @@
-"""Task files and their runs in closed loop.
-
-Each name is loaded when first used.
-"""
+"""Task files and their runs in closed loop."""
 
 from invariantqp.lazy import lazily
 

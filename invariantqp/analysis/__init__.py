@@ -1,7 +1,4 @@
-"""What can be said of an arm before it moves: singular states, principal pitches, the form to give it.
-
-Each name is loaded when first used.
-"""
+"""What can be said of an arm before it moves: singular states, principal pitches, the form to give it."""
 
 from invariantqp.lazy import lazily
 

@@ -1,7 +1,4 @@
-"""Many rows at once where they are: numpy, torch on any device, JAX under jit and vmap, CuPy, by the Python array API.
-
-Each name is loaded when first used.
-"""
+"""Many rows at once where they are: numpy, torch on any device, JAX under jit and vmap, CuPy, by the Python array API."""
 
 from invariantqp.lazy import lazily
 

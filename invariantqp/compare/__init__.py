@@ -7,8 +7,6 @@ exact/               exact answers that errors are measured against
 measure/             what is measured
 sweep                every measurement of every method on every task
 results  report/     results.json; verdict, chart, tables and the page made from it
-
-What the package exports here is loaded when first used.
 """
 
 from invariantqp.lazy import lazily

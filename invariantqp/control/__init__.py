@@ -1,7 +1,4 @@
-"""What a control script uses: the controller, what it meets exactly, and a twist split with an operator.
-
-Each name is loaded when first used.
-"""
+"""What a control script uses: the controller, what it meets exactly, and a twist split with an operator."""
 
 from invariantqp.lazy import lazily
 

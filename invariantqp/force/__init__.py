@@ -1,7 +1,4 @@
-"""Force and motion at once: tasks in contact, wrench sensors, the hybrid controller.
-
-Each name is loaded when first used.
-"""
+"""Force and motion at once: tasks in contact, wrench sensors, the hybrid controller."""
 
 from invariantqp.lazy import lazily
 

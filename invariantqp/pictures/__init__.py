@@ -1,7 +1,4 @@
-"""Pictures of runs, of contact and of the pitches of an arm, written to files.
-
-Each name is loaded when first used.
-"""
+"""Pictures of runs, of contact and of the pitches of an arm, written to files."""
 
 from invariantqp.lazy import lazily
 

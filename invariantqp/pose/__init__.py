@@ -1,7 +1,4 @@
-"""Joint positions for a pose.
-
-Each name is loaded when first used.
-"""
+"""Joint positions for a pose."""
 
 from invariantqp.lazy import lazily
 

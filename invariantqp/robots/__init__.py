@@ -1,7 +1,4 @@
-"""Arms: from joint positions to tool pose and joint twists, all in the base frame.
-
-Each name is loaded when first used.
-"""
+"""Arms: from joint positions to tool pose and joint twists, all in the base frame."""
 
 from invariantqp.lazy import lazily
 

@@ -1,7 +1,4 @@
-"""Screw systems: reciprocals, Gram matrices, types, involution, and the hyperbolic pseudoinverse. numpy alone.
-
-Each name is loaded when first used.
-"""
+"""Screw systems: reciprocals, Gram matrices, types, involution, and the hyperbolic pseudoinverse. numpy alone."""
 
 from invariantqp.lazy import lazily
 

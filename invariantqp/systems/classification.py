@@ -30,7 +30,7 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.centre import resting_point
 from invariantqp.systems.normal_form import FRAMES, MODULUS_NAMES, Parts, normal_form
-from invariantqp.systems.span import span
+from invariantqp.systems.span import orthogonal, span
 
 # Relative error of the twists that must not change the type: a hundred times that of a model file with nine digits.
 CLASS_TOLERANCE = 1e-7
@@ -215,7 +215,7 @@ def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
         return _Decision("SE3", 6, Parts(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)
     B = basis[:, :k]
     if k > 3:
-        B = np.linalg.qr(B[[3, 4, 5, 0, 1, 2]], mode="complete")[0][:, k:]
+        B = orthogonal(B[[3, 4, 5, 0, 1, 2]])
     W, sigma, Vt = np.linalg.svd(B[:3], full_matrices=False)
     n = B.shape[1]
     e = int(np.count_nonzero(sigma * trust > tolerance))

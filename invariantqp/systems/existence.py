@@ -29,7 +29,7 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.factors import LARGEST_CONDITION, Factors, factors
 from invariantqp.systems.gram import principal_screws
-from invariantqp.systems.span import Span, span
+from invariantqp.systems.span import Span, lengths, orthogonal, span
 from invariantqp.systems.subspaces import reciprocal
 
 
@@ -125,14 +125,12 @@ class _View(NamedTuple):
 
     def unit_twist(self, z: Array) -> Array:
         """The unit twist along z (6,), from the caller's unit of length."""
-        result = z.copy()
-        result[3:] /= self.length
+        result = z / lengths(self.length)[:, 0]
         return np.asarray(result / np.linalg.norm(result))
 
     def resolution(self, z: Array) -> float:
         """The error of a unit twist z of the system when J has the largest error that leaves J^{+h} three digits."""
-        own = z.copy()
-        own[3:] *= self.length / self.system.unit
+        own = z * lengths(self.length / self.system.unit)[:, 0]
         velocity = self.system.right.dot(self.system.basis.T.dot(own) / self.system.singular)
         return float(self.sizes.dot(np.abs(velocity))) / LARGEST_CONDITION
 
@@ -140,10 +138,8 @@ class _View(NamedTuple):
 def _view(twists: Array, h: float, found: Factors) -> _View:
     system = span(twists)
     length = max(system.unit, abs(h))
-    screws = found.screws.copy()
-    screws[3:] /= length
-    sizes = np.linalg.norm(system.scaled_rows(twists.T), axis=1)
-    return _View(system, sizes, np.linalg.qr(screws)[0], pitch_form(h / length), length)
+    sizes = np.linalg.norm(system.scaled(twists), axis=0)
+    return _View(system, sizes, np.linalg.qr(found.screws / lengths(length))[0], pitch_form(h / length), length)
 
 
 def _gram_eigenvalue(system: Span, h: float) -> float:
@@ -155,7 +151,7 @@ def _gram_eigenvalue(system: Span, h: float) -> float:
 def _least_angle(view: _View) -> tuple[float, bool]:
     """The angle between S and S^{perp h}, 2 arcsin(sigma_min / sqrt 2) of both bases; whether it counts as zero."""
     r = view.basis.shape[1]
-    other = np.linalg.qr(view.form.dot(view.basis), mode="complete")[0][:, r:]
+    other = orthogonal(view.form.dot(view.basis))
     _, sigma, Vt = np.linalg.svd(np.hstack((view.basis, other)))
     z = view.basis.dot(Vt[-1, :r])
     angle = float(2.0 * np.arcsin(min(1.0, sigma[-1] / np.sqrt(2.0))))

@@ -84,8 +84,8 @@ def factors(twists: Array, h: float, metric: Array | None = None) -> Factors:
     m, r = twists.shape[1], system.rank
     if r == 0:
         return Factors(np.zeros((m, 6)), 1.0, 1.0, np.empty((6, 0)), np.empty(0))
-    units, magnified = _joint_units(system.scaled_rows(twists.T), r, metric)
-    U, sigma, Vt = np.linalg.svd(system.scaled_rows(units.T.dot(twists.T)).T, full_matrices=False)
+    units, magnified = _joint_units(system.scaled(twists), r, metric)
+    U, sigma, Vt = np.linalg.svd(system.scaled(twists.dot(units)), full_matrices=False)
     U, velocities = U[:, :r], Vt[:r].T / sigma[:r]
     errors = np.full(m, sigma[0] * magnified)  # of the columns
     far = max(1.0, abs(h) / system.unit)
@@ -120,9 +120,9 @@ def _joint_units(columns: Array, rank: int, metric: Array | None) -> tuple[Array
 
     Independent columns get unit size; with dependent columns, the metric becomes the identity.
     """
-    m = len(columns)
+    m = columns.shape[1]
     if rank == m:
-        return np.diag(1.0 / np.linalg.norm(columns, axis=1)), 1.0
+        return np.diag(1.0 / np.linalg.norm(columns, axis=0)), 1.0
     if metric is None:
         return np.eye(m), 1.0
     lower = np.linalg.cholesky(metric)

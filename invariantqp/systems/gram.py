@@ -110,6 +110,14 @@ def principal_pitches(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array
     return principal_screws(J, tolerance)[0]
 
 
+def pitches_or_none(J: Array) -> Array:
+    """`principal_pitches`, and none of a system for which no h works."""
+    try:
+        return principal_pitches(J)
+    except BlindSystem:
+        return np.empty(0)
+
+
 def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[Array, Array]:
     """The principal pitches h_i with their screws z_i: J'Q_{h_i} z_i = 0, the proof that h_i does not work.
 

@@ -39,7 +39,7 @@ from invariantqp.geometry.forms import pitch_form
 from invariantqp.geometry.screws import pitch
 from invariantqp.systems.factors import LARGEST_CONDITION, factors
 from invariantqp.systems.gram import gram_matrix
-from invariantqp.systems.span import RANK_TOLERANCE, span
+from invariantqp.systems.span import RANK_TOLERANCE, orthogonal, span
 
 # A column is a line if its pitch is below this fraction of its distance from the origin (or of 1): model files have
 # nine digits at best.
@@ -98,15 +98,16 @@ def involution(lines: ArrayLike, tolerance: float = ERROR_TOLERANCE) -> Involuti
     dependent = system.rank < J.shape[1]
     kernel = int(np.count_nonzero(found.shares * limit > 1.0))
     holds = dependent or kernel > 0
-    forces = wrench = None
+    forces: Array | None = None
+    wrench: Array | None = None
     if dependent:
-        forces = np.linalg.qr(system.right, mode="complete")[0][:, -1]
+        forces = system.still[:, -1]
         wrench = np.zeros(6)
     elif holds:
-        forces = np.linalg.lstsq(J, found.lost, rcond=None)[0]
-        forces = forces / np.linalg.norm(forces)
+        balanced = np.linalg.lstsq(J, found.lost, rcond=None)[0]
+        forces = np.asarray(balanced / np.linalg.norm(balanced))
         wrench = Q.dot(J.dot(forces))
-    R = np.linalg.qr(Q.dot(system.basis), mode="complete")[0][:, system.rank :]
+    R = orthogonal(Q.dot(system.basis))
     null, plenty, double = _null_lines(R, Q, kernel)
     finite, at_infinity = _split(null, limit * system.spread)
     finite[3:] *= system.unit

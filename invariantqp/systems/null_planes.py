@@ -35,6 +35,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.classification import CLASS_TOLERANCE, gibson_hunt
+from invariantqp.systems.span import orthogonal
 
 # A screw lies in a plane if its h-products with the plane's screws are below this fraction of the sum of their terms:
 # model files have nine digits at best.
@@ -71,7 +72,7 @@ class NullPlane(Value):
         if self.direction is None:
             return np.eye(6)[:, 3:] if self.point is None else _screws(np.eye(3), self.point, self.h)
         u = self.direction
-        across = np.linalg.qr(u[:, None], mode="complete")[0][:, 1:]
+        across = orthogonal(u[:, None])
         if self.point is None:
             slides = np.vstack((np.zeros((3, 2)), across))
             return np.column_stack((_screws(u[:, None], np.zeros(3), self.h), slides))

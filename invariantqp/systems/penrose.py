@@ -19,7 +19,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.systems.span import length_unit
+from invariantqp.systems.span import length_unit, lengths
 
 # Products of matrices leave some 1e-16 of the product of their sizes; a matrix written with twelve digits passes.
 PRODUCT_TOLERANCE = 1e-12
@@ -85,9 +85,7 @@ def penrose_conditions(
     Q = pitch_form(finite_pitch(h) / unit)
     M = np.eye(m) if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     limit = arrays.tolerance(tolerance)
-    A, B = twists.copy(), inverse.copy()
-    A[3:] /= unit
-    B[:, 3:] *= unit
+    A, B = twists / lengths(unit), inverse * lengths(unit).T
     on_twists, on_joints = Q.dot(A).dot(B), M.dot(B).dot(A)
     residuals = [
         _relative(A.dot(B).dot(A) - A, A),

@@ -84,12 +84,11 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     twists = arrays.columns(J)
     wanted = motions_along(point, direction)
     system = span(twists)
-    V = system.right
-    still = np.linalg.qr(V, mode="complete")[0][:, system.rank :]
+    still = system.still
     shared = system_meet(wanted, twists, MEET_TOLERANCE) if system.rank else np.empty((6, 0))
     # The right inverse of C = diag(sigma) V' on the coordinates U'D s; on im J any J^{+h} gives the same.
-    coordinates = system.basis.T.dot(system.scaled_rows(shared.T).T)
-    active = V.dot(coordinates / system.singular[:, None])
+    coordinates = system.basis.T.dot(system.scaled(shared))
+    active = system.right.dot(coordinates / system.singular[:, None])
     p = arrays.vector(point, 3, "point")
     speeds = velocity_at(shared, p)
     terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.unit)

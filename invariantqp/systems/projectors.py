@@ -21,15 +21,15 @@ import numpy as np
 from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, BlindSystem, NoProjectors, written
+from invariantqp.errors import BadInput, NoProjectors, written
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.classification import gibson_hunt
 from invariantqp.systems.factors import LARGEST_CONDITION, factors
-from invariantqp.systems.gram import principal_pitches
-from invariantqp.systems.span import span
+from invariantqp.systems.gram import pitches_or_none
+from invariantqp.systems.span import lengths, orthogonal, span
 from invariantqp.systems.subspaces import annihilator
 
 # What a refusal offers instead of a pitch.
@@ -64,7 +64,7 @@ class DualProjectors(Value):
         """The largest |W'Ps| over |W||P||s|, lengths in `unit`: zero up to rounding, whatever S and Z are."""
         if not self.freedoms.shape[1] or not self.constraints.shape[1]:
             return 0.0
-        scale = _scale(self.unit)
+        scale = lengths(self.unit)
         W, P = self.constraints * scale, self.motion / scale * scale.T
         size = np.linalg.norm(W, axis=0).reshape(-1, 1) * np.linalg.norm(P)
         return float((np.abs(W.T.dot(P)) / size).max())
@@ -123,16 +123,16 @@ def dual_projectors(
     if len(rule) != 1:
         raise BadInput("h", " and ".join(rule) or "no rule for the complement", "one of h, complement, metric")
     U, unit, spread = _freedoms(given, S is not None)
-    k, scale = U.shape[1], _scale(unit)
+    k, scale = U.shape[1], lengths(unit)
     if h is not None:
-        Z = _orthogonal(pitch_form(finite_pitch(h) / unit).dot(U))
+        Z = orthogonal(pitch_form(finite_pitch(h) / unit).dot(U))
     elif metric is not None:
         M = arrays.positive_definite(getattr(metric, "carried", metric), 6, "metric")
-        Z = _orthogonal((M * scale * scale.T).dot(U))
+        Z = orthogonal((M * scale * scale.T).dot(U))
     else:
-        Z, magnified = _complement(complement, k, unit)
+        Z, magnified = _given(complement, k, unit)
         spread = max(spread, magnified)
-    W, K = _orthogonal(U), _orthogonal(Z)
+    W, K = orthogonal(U), orthogonal(Z)
     _, sines, Vt = np.linalg.svd(K.T.dot(U))
     sine = float(sines[-1]) if k else 1.0
     if h is not None:
@@ -153,19 +153,6 @@ def dual_projectors(
         norm=1.0 / sine if k else 0.0,
         unit=unit,
     )
-
-
-def _scale(unit: float) -> Array:
-    """(6, 1): what takes twists measured in `unit` to the caller's."""
-    return np.array([[1.0], [1.0], [1.0], [unit], [unit], [unit]])
-
-
-def _orthogonal(columns: Array) -> Array:
-    """An orthonormal basis of what is orthogonal to independent columns (6, k), 0 <= k <= 6."""
-    if columns.shape[1] == 0:
-        return np.eye(6)
-    Q: Array = np.linalg.qr(columns, mode="complete")[0]
-    return Q[:, columns.shape[1] :]
 
 
 def _columns(S: ArrayLike | None, wrenches: ArrayLike | None) -> Array:
@@ -192,12 +179,12 @@ def _freedoms(given: Array, twists: bool) -> tuple[Array, float, float]:
     return own_system.basis, own_system.unit, system.spread
 
 
-def _complement(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, float]:
+def _given(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, float]:
     """Orthonormal basis of the given Z, lengths in `unit`, and how much it magnifies errors of the columns."""
-    twists = arrays.system(complement, "complement") / _scale(unit)  # type: ignore[arg-type]
+    twists = arrays.system(complement, "complement")  # type: ignore[arg-type]
     if not twists.shape[1] and k == 6:
         return twists, 1.0
-    system = span(twists, unit=1.0) if twists.shape[1] else None
+    system = span(twists, unit=unit) if twists.shape[1] else None
     rank = system.rank if system else 0
     if system is None or rank != 6 - k:
         expected = f"twists that span {6 - k} dimensions"
@@ -220,11 +207,7 @@ def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None
     if not twists:
         z[3:] += 2.0 * h * z[:3]  # Q_h^-1 w for the wrench w = Q_0 z
         z = z / np.linalg.norm(z)
-    try:
-        pitches = principal_pitches(freedoms)
-    except BlindSystem:
-        pitches = np.empty(0)
     k = freedoms.shape[1]
     kind = gibson_hunt(freedoms)
     system = f"a {k}-system {'whose reciprocal is ' if kind.reciprocal else ''}of type {kind}"
-    raise NoProjectors(h, system, (k, k - found.rank + found.gram_rank), z, pitches, CHOICES)
+    raise NoProjectors(h, system, (k, k - found.rank + found.gram_rank), z, pitches_or_none(freedoms), CHOICES)

@@ -15,12 +15,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BlindSystem, NoPseudoinverse
+from invariantqp.errors import NoPseudoinverse
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.factors import Factors, factors
-from invariantqp.systems.gram import principal_pitches
+from invariantqp.systems.gram import pitches_or_none
 from invariantqp.systems.subspaces import screw_system
 
 
@@ -68,10 +68,7 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
 
 
 def _no_pseudoinverse(J: Array, h: float, found: Factors) -> NoPseudoinverse:
-    try:
-        pitches = principal_pitches(J)
-    except BlindSystem:
-        pitches = np.empty(0)
+    pitches = pitches_or_none(J)
     z = screw_system(J)[:, -1] if found.dependent else found.lost
     return NoPseudoinverse(
         h=h,

@@ -56,17 +56,29 @@ class Span(Compared):
         sizes, rows = (np.sqrt((a * a).sum(axis=1)) for a in (self.right * self.singular, self.right / self.singular))
         return max(1.0, float(sizes.dot(rows)))
 
-    def scaled_rows(self, columns: Array) -> Array:
-        """(k, 6) rows with their last three columns divided by `unit`."""
-        result = columns.copy()
-        result[:, 3:] /= self.unit
-        return result
+    @property
+    def still(self) -> Array:
+        """(m, m - r) orthonormal columns: the joint directions that do not move."""
+        return orthogonal(self.right)
+
+    def scaled(self, twists: Array) -> Array:
+        """(6, k) twists in the caller's unit of length, measured in `unit`."""
+        return twists / lengths(self.unit)
 
     def twists(self, coordinates: Array) -> Array:
-        """The (6,) or (6, k) twists with the given basis coordinates, back in the caller's unit of length."""
-        result: Array = self.basis.dot(coordinates)
-        result[3:] *= self.unit
-        return result
+        """The (6, k) twists with the given basis coordinates, back in the caller's unit of length."""
+        return np.asarray(self.basis.dot(coordinates) * lengths(self.unit))
+
+
+def lengths(unit: float) -> Array:
+    """(6, 1) what takes twists measured in a unit of length to the caller's."""
+    return np.array([[1.0], [1.0], [1.0], [unit], [unit], [unit]])
+
+
+def orthogonal(columns: Array) -> Array:
+    """An orthonormal basis (n, n - k) of what is orthogonal to independent columns (n, k), 0 <= k <= n."""
+    Q: Array = np.linalg.qr(columns, mode="complete")[0]
+    return Q[:, columns.shape[1] :]
 
 
 def length_unit(J: Array) -> float:
@@ -95,8 +107,6 @@ def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = N
     """
     twists = arrays.columns(J)
     unit = length_unit(twists) if unit is None else unit
-    scaled = twists.copy()
-    scaled[3:] /= unit
-    U, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)
+    U, sigma, Vt = np.linalg.svd(twists / lengths(unit), full_matrices=False)
     r = rank_of(sigma, tolerance)
     return Span(basis=U[:, :r], singular=sigma[:r], right=Vt[:r].T, unit=unit)

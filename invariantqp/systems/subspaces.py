@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.systems.span import RANK_TOLERANCE, Span, span
+from invariantqp.systems.span import RANK_TOLERANCE, Span, lengths, orthogonal, span
 
 
 def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
@@ -29,18 +29,6 @@ def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
     """
     system = span(J, arrays.tolerance(tolerance))
     return system.twists(np.eye(system.rank))
-
-
-def _complement(columns: Array) -> Array:
-    """An orthonormal basis of what is orthogonal to independent columns (6, k)."""
-    Q: Array = np.linalg.qr(columns, mode="complete")[0]
-    return Q[:, columns.shape[1] :]
-
-
-def _in_unit(columns: Array, unit: float) -> Array:
-    result = columns.copy()
-    result[3:] *= unit
-    return result
 
 
 def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
@@ -60,7 +48,7 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
     """
     pitch = finite_pitch(h)
     system = span(arrays.columns(S, "S"))
-    return _in_unit(_complement(pitch_form(pitch / system.unit).dot(system.basis)), system.unit)
+    return orthogonal(pitch_form(pitch / system.unit).dot(system.basis)) * lengths(system.unit)
 
 
 def annihilator(S: ArrayLike) -> Array:
@@ -78,7 +66,7 @@ def annihilator(S: ArrayLike) -> Array:
     Reference: [DS] Sect. 6.2 (before (6.5)), Sect. 6.3.
     """
     system = span(arrays.columns(S, "S"))
-    return _in_unit(_complement(system.basis), 1.0 / system.unit)
+    return orthogonal(system.basis) / lengths(system.unit)
 
 
 def system_sum(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
@@ -93,7 +81,7 @@ def system_sum(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLE
         BadInput: either is not finite (6, m), or a tolerance that is not between 0 and 1.
     """
     joined, _, unit = _join(first, second, tolerance)
-    return _in_unit(joined.basis, unit)
+    return joined.basis * lengths(unit)
 
 
 def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
@@ -109,10 +97,9 @@ def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOL
     """
     joined, bases, unit = _join(first, second, tolerance)
     # U1 a + U2 b = 0 means that U1 a lies in both systems; those (a; b) are the null space of (U1 U2).
-    still = np.linalg.qr(joined.right, mode="complete")[0][:, joined.rank :]
-    k = bases[0].shape[1]
+    still, k = joined.still, bases[0].shape[1]
     shared = bases[0].dot(still[:k]) - bases[1].dot(still[k:])
-    return _in_unit(np.linalg.qr(shared)[0], unit) if still.shape[1] else np.empty((6, 0))
+    return np.linalg.qr(shared)[0] * lengths(unit) if still.shape[1] else np.empty((6, 0))
 
 
 def _join(first: ArrayLike, second: ArrayLike, tolerance: float) -> tuple[Span, tuple[Array, Array], float]:
@@ -120,8 +107,7 @@ def _join(first: ArrayLike, second: ArrayLike, tolerance: float) -> tuple[Span, 
     limit = arrays.tolerance(tolerance)
     one, other = arrays.columns(first, "first"), arrays.columns(second, "second")
     unit = span(np.hstack((one, other))).unit
-    scale = np.array([[1.0], [1.0], [1.0], [unit], [unit], [unit]])
-    bases = span(one / scale, unit=1.0).basis, span(other / scale, unit=1.0).basis
+    bases = span(one, unit=unit).basis, span(other, unit=unit).basis
     return span(np.hstack(bases), limit, unit=1.0), bases, unit
 
 

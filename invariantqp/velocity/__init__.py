@@ -1,7 +1,4 @@
-"""The velocity law: a twist and its joint limits in, a joint velocity and the reason for it out.
-
-Each name is loaded when first used.
-"""
+"""The velocity law: a twist and its joint limits in, a joint velocity and the reason for it out."""
 
 from invariantqp.lazy import lazily
 

@@ -1,7 +1,4 @@
-"""A run to look at: in a browser while it is running, or as one HTML file that needs nothing else.
-
-Each name is loaded when first used.
-"""
+"""A run to look at: in a browser while it is running, or as one HTML file that needs nothing else."""
 
 from invariantqp.lazy import lazily
 
