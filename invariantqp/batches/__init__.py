@@ -1,4 +1,4 @@
-"""Many rows at once where they are: numpy, torch on any device, JAX under jit and vmap, CuPy, by the Python array API."""
+"""Many rows at once where they are, by the Python array API: numpy, torch on any device, JAX under jit, CuPy."""
 
 from invariantqp.lazy import lazily
 

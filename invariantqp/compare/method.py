@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from invariantqp.extras import is_installed
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.solution import VelocitySolution
 
 Family = Literal["invariant", "QP", "Moore-Penrose", "damped", "library"]
 FAMILIES: tuple[Family, ...] = ("invariant", "QP", "Moore-Penrose", "damped", "library")
@@ -95,6 +96,7 @@ class Question(NamedTuple):
 
 
 Solve = Callable[[Question], Array]
+UNKNOWN = np.full(6, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +130,17 @@ class Method:
     @property
     def installed(self) -> bool:
         """Whether every module that it needs is installed."""
-        return all(find_spec(module) is not None for module in self.needs)
+        return all(map(is_installed, self.needs))
 
     def as_json(self) -> dict[str, Any]:
         """Its description in results.json."""
         row = {key: getattr(self, key) for key in ("name", "family", "why", "problem", "shown")}
         return {**row, "takes": asdict(self.takes)}
+
+
+def answer(x: Array, method: str, solver: str = "") -> VelocitySolution:
+    """A velocity (m,) as the answer of a tick; what else an answer says is not known of the method."""
+    return VelocitySolution(np.asarray(x), method, "ok", "", (), UNKNOWN, 1.0, 0.0, 0.0, solver)
 
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:

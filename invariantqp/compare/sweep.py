@@ -19,7 +19,6 @@ import difflib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from importlib.util import find_spec
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -78,7 +77,7 @@ def cells(
     """
     found = []
     for name, kind in sorted(_wanted(only).items(), key=lambda item: item[1].alone):
-        if (quick and kind.slow and only is None) or not _installed(kind):
+        if (quick and kind.slow and only is None) or not kind.installed:
             continue
         places = tasks if kind.tasks is None else kind.tasks
         groups = _groups(kind, methods)
@@ -92,10 +91,6 @@ def _wanted(only: Sequence[str] | None) -> dict[str, Kind]:
         if name not in table:
             raise UnknownName("measurement", name, difflib.get_close_matches(name, table), list(table))
     return {name: kind for name, kind in table.items() if only is None or name in only}
-
-
-def _installed(kind: Kind) -> bool:
-    return all(find_spec(module) is not None for module in kind.needs)
 
 
 def _groups(kind: Kind, methods: Sequence[str]) -> list[tuple[str, ...]]:
@@ -112,7 +107,7 @@ def not_installed(methods: str | Sequence[str] | None, only: Sequence[str] | Non
     for method in left_out(methods):
         missing.setdefault(method.extra, []).append(method.name)
     for name, kind in _wanted(only).items():
-        if not _installed(kind):
+        if not kind.installed:
             missing.setdefault("compare", []).append(f"the measurement {name!r}")
     return missing
 

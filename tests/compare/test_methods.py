@@ -4,6 +4,7 @@ import pytest
 from scipy.optimize import linprog
 
 import invariantqp as iq
+from invariantqp import extras
 from invariantqp.compare import names
 from invariantqp.compare.laws.hierarchy import levels
 from invariantqp.compare.laws.linear import DLS_DAMPING, NEARLY_SINGULAR, chiaverini
@@ -264,9 +265,7 @@ def test_names_that_reports_look_for_are_names_of_methods():
 
 
 def test_a_method_that_is_not_installed_says_what_it_needs(monkeypatch):
-    from invariantqp.compare import method as module
-
-    monkeypatch.setattr(module, "find_spec", lambda name: None if name == "mink" else object())
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == "mink" else object())
     assert "mink" not in chosen()
     assert [method.name for method in left_out()] == ["mink"]
     assert left_out("damped") == []

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import spearmanr
 from typer.testing import CliRunner
 
+from invariantqp import extras
 from invariantqp.cli import app
-from invariantqp.compare import method
 from invariantqp.compare import sweep as module
 from invariantqp.compare.exact.failure import ReferenceFailure
 from invariantqp.compare.measure.cell import Cell, Kind
@@ -270,8 +270,7 @@ def test_wrong_words_are_told(words, said, tmp_path):
 def test_what_is_not_installed_is_told_before_the_work(toys, tmp_path, monkeypatch):
     toys["exact"] = Kind(counted, needs=("mpmath",))
     without = {"mink", "mpmath"}
-    for place in (module, method):
-        monkeypatch.setattr(place, "find_spec", lambda name: None if name in without else object())
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name in without else object())
 
     assert "exact" not in {cell.kind for cell in cells(["t"], FEW)}
 

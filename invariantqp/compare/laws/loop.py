@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.view import look_at
-from invariantqp.compare.method import Method, Question, Setting, Solve, posture_of
+from invariantqp.compare.method import Method, Question, Setting, Solve, answer, posture_of
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
@@ -25,8 +25,6 @@ from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solution import VelocitySolution
-
-UNKNOWN = np.full(6, np.nan)
 
 
 def setting_of(robot: Robot, law: LawSpec) -> Setting:
@@ -65,7 +63,7 @@ class MethodLaw:
         pull = self._pull * (self._middle - positions)
         tick = Question(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
         x = np.minimum(np.maximum(self._solve(tick), lower), upper)
-        return VelocitySolution(x, self._name, "ok", "", (), UNKNOWN, 1.0, 0.0, 0.0, "")
+        return answer(x, self._name)
 
 
 def controller_of(method: Method) -> MakeController:

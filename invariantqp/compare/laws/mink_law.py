@@ -11,26 +11,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.peers import (
-    AHEAD,
-    POSTURE_COST,
-    at_point,
-    joints_of,
-    lead_target,
-    position_task,
-    qp_damping,
-    share_of,
-)
-from invariantqp.compare.laws.view import pose_of
-from invariantqp.compare.method import Method, Takes, posture_of
+from invariantqp.compare.laws.peers import AHEAD, at_point, joints_of
+from invariantqp.compare.laws.task_law import TaskLaw
+from invariantqp.compare.method import Method, Takes
 from invariantqp.compare.names import MINK
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.solution import VelocitySolution
 
 # MuJoCo requires a mass of every moving link; kinematics does not depend on it [kg], [kg m^2].
 MASS, INERTIA = 1.0, (1.0, 1.0, 1.0)
@@ -38,11 +27,11 @@ MASS, INERTIA = 1.0, (1.0, 1.0, 1.0)
 UNLIMITED = 1e9
 
 
-class MinkLaw:
+class MinkLaw(TaskLaw):
     """mink's solve_ik on a MuJoCo model of the robot's joints."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Build mink's model of the robot; of `law`, dt, gain, posture, exact and point are used.
+        """Build mink's model of the robot, and its tasks.
 
         Raises:
             MissingExtra: mink is not installed.
@@ -52,41 +41,19 @@ class MinkLaw:
             import mink
         except ImportError as error:
             raise MissingExtra("mink", "peers") from error
-        self._mink = mink
-        self._dt, self._share = law.dt, share_of(law)
-        self._offset = at_point(law)
-        model = _model(robot, self._offset)
-        self._configuration = mink.Configuration(model)
-        self._task = mink.FrameTask("tool", "site", 1.0, 1.0, gain=self._share)
-        self._tasks: list[Any] = [self._task]
-        mid, pull = posture_of(robot, law)
-        self._damping = qp_damping(pull)
-        if pull.any():
-            self._tasks.append(mink.PostureTask(model, cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
-            self._tasks[-1].set_target(mid)
-        self._exact: list[Any] = []
-        if law.exact is not None:
-            self._exact.append(position_task(mink.FrameTask, "point", "site", gain=self._share))
+        model = _model(robot, at_point(law))
         speeds = {n: v for n, v in zip(robot.names, robot.velocity_limit.tolist(), strict=True) if np.isfinite(v)}
-        self._limits = [mink.ConfigurationLimit(model), *([mink.VelocityLimit(model, speeds)] if speeds else [])]
-
-    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick; raises whatever mink raises."""
-        ahead = lead_target(pose_of(target), feedforward, self._dt / self._share)
-        self._configuration.update(np.asarray(q, dtype=np.float64))
-        self._task.set_target(self._mink.SE3.from_matrix(ahead))
-        for task in self._exact:
-            task.set_target(self._mink.SE3.from_matrix(ahead.dot(self._offset)))
-        x = self._mink.solve_ik(
-            self._configuration,
-            self._tasks,
-            self._dt,
-            solver="daqp",
-            damping=self._damping,
-            limits=self._limits,
-            constraints=self._exact,
+        super().__init__(
+            robot,
+            law,
+            mink,
+            mink.Configuration(model),
+            pose=mink.SE3.from_matrix,
+            tool=("tool", "site"),
+            point=("point", "site"),
+            posture=(model,),
+            limits=[mink.ConfigurationLimit(model), *([mink.VelocityLimit(model, speeds)] if speeds else [])],
         )
-        return VelocitySolution(np.asarray(x), "mink", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
 
 
 def _model(robot: Robot, point: Array) -> Any:

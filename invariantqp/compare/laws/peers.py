@@ -6,7 +6,7 @@ for their own gain to ask for the velocity of the path.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,25 +73,6 @@ def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Arra
     """The (4, 4) pose that the target will have in `lead` seconds."""
     ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
     return se3.exp(lead * ahead, check=False).dot(pose) if ahead.any() else pose
-
-
-def position_task(frame_task: Any, *frame: str, gain: float) -> Any:
-    """The position of a frame's origin as a task of three rows, which Pink and mink can take as a constraint.
-
-    Args:
-        frame_task: the library's `FrameTask`.
-        frame: the frame as that takes it.
-        gain: of the task.
-    """
-
-    class PositionTask(frame_task):  # type: ignore[misc]
-        def compute_error(self, configuration: Any) -> Any:
-            return super().compute_error(configuration)[:3]
-
-        def compute_jacobian(self, configuration: Any) -> Any:
-            return super().compute_jacobian(configuration)[:3]
-
-    return PositionTask(*frame, 1.0, 1.0, gain=gain)
 
 
 def at_point(law: LawSpec) -> Array:

@@ -26,7 +26,7 @@ from invariantqp.compare.laws.peers import (
     share_of,
 )
 from invariantqp.compare.laws.view import pose_of
-from invariantqp.compare.method import Method, Takes, posture_of
+from invariantqp.compare.method import Method, Takes, answer, posture_of
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import UNLIMITED, Robot
@@ -98,7 +98,7 @@ class PlacoLaw:
             towards = positions + self._pull * (self._middle - positions)
             self._posture.set_joints(dict(zip(self._names, towards.tolist(), strict=True)))
         x = self._solver.solve(False)[BASE:] / self._dt
-        return VelocitySolution(np.asarray(x), "placo", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "eiquadprog")
+        return answer(x, "placo", "eiquadprog")
 
     def _ahead(self, here: Array, pose: Array, feedforward: ArrayLike | None) -> Array:
         """The told share of the way to a pose, and as far on as the pose moves in a tick."""

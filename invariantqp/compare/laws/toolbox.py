@@ -8,7 +8,6 @@ Reference: Corke & Haviland, Robotics Toolbox for Python.
 from __future__ import annotations
 
 import warnings
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,6 @@ from invariantqp.errors import MissingExtra
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-
-
-def has_toolbox() -> bool:
-    """Whether the Robotics Toolbox is installed."""
-    return find_spec("roboticstoolbox") is not None
 
 
 def toolbox() -> Any:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from invariantqp.extras import is_installed
 from invariantqp.runs.taskfile import Task, load_task
 
 # The figures of one method, ready for JSON.
@@ -65,6 +66,11 @@ class Kind:
     fits: Callable[[str], bool] = lambda _: True
     slow: bool = False
     needs: tuple[str, ...] = ()
+
+    @property
+    def installed(self) -> bool:
+        """Whether every module that it needs is installed."""
+        return all(map(is_installed, self.needs))
 
 
 def with_law(task: Task, **changes: Any) -> Task:

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from invariantqp.analysis.survey import joint_ranges, spread
-from invariantqp.compare.laws.pink_law import PinkLaw, has_pink
-from invariantqp.compare.laws.toolbox import ets_of, has_toolbox
+from invariantqp.compare.laws.pink_law import PinkLaw
+from invariantqp.compare.laws.toolbox import ets_of
 from invariantqp.errors import BadInput
+from invariantqp.extras import is_installed
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.arm import pose_arm
 from invariantqp.pose.error import pose_error
@@ -76,9 +77,9 @@ class RaceOutcome:
 def contestants() -> dict[str, Contestant]:
     """The solvers that are installed; ours is the first."""
     found: dict[str, Contestant] = {SOLVE_POSE: _ours}
-    if has_toolbox():
+    if is_installed("roboticstoolbox"):
         found["roboticstoolbox ik_LM (C++)"] = _toolbox
-    if has_pink():
+    if is_installed("pink"):
         found["Pink, DAQP, iterated"] = _pink
     found["pinv Newton, clipped"] = _pinv
     return found

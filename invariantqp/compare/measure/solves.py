@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from invariantqp.analysis.survey import joint_ranges
 from invariantqp.compare.exact.failure import NoReference
 from invariantqp.compare.laws.loop import setting_of
 from invariantqp.compare.measure.cell import Cell, Kind, Result
@@ -40,14 +41,6 @@ WIDE, NARROW = 10.0, 0.7
 UNEVEN = (0.7, 1.3)
 # Distance from a singularity, as powers of ten of a radian.
 NEAREST, FARTHEST = -4.0, -1.5
-# A joint without limits has this range in either direction [rad].
-TURN = np.pi
-
-
-def joint_range(robot: Robot) -> tuple[Array, Array]:
-    """The range (lower, upper) of random joint positions."""
-    lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -TURN)
-    return lower, np.where(np.isfinite(robot.position_upper), robot.position_upper, TURN)
 
 
 def questions(robot: Robot, sort: str, count: int, seed: int) -> list[Question]:
@@ -60,7 +53,7 @@ def questions(robot: Robot, sort: str, count: int, seed: int) -> list[Question]:
         seed: seed of positions and twists.
     """
     rng = np.random.default_rng([seed, SORTS.index(sort)])
-    low, high = joint_range(robot)
+    low, high = joint_ranges(robot)
     found: list[Question] = []
     for _ in range(200 * count):
         if len(found) == count:
@@ -84,7 +77,7 @@ def _near_singular(robot: Robot, q: Array, rng: np.random.Generator) -> Array:
         sigma = np.linalg.svd(robot.jacobian(x), compute_uv=False)
         return float((sigma[-1] / sigma[0]) ** 2)
 
-    low, high = joint_range(robot)
+    low, high = joint_ranges(robot)
     singular = minimize(distance, q, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), tol=1e-14).x
     step = rng.standard_normal(len(q))
     away = singular + 10.0 ** rng.uniform(NEAREST, FARTHEST) * step / np.linalg.norm(step)

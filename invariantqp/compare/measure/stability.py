@@ -25,7 +25,7 @@ from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.run import run_task
-from invariantqp.runs.taskfile import LawSpec, Task, load_task, shipped_tasks
+from invariantqp.runs.taskfile import LawSpec, load_task, shipped_tasks
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
 
@@ -176,23 +176,15 @@ def run_case(
     Raises:
         RobotModelError, MissingExtra: the law cannot control this robot.
     """
-    watched, trace = run_watched(load_task(case.task), make, broken=case.broken, progress=progress)
-    return _outcome(case, law, watched, trace), trace
-
-
-def run_watched(
-    task: Task, make: MakeController, *, broken: str = "", progress: Progress | None = None
-) -> tuple[Watched, Trace]:
-    """Run a task under a `Watched` law; returns the law and the trace."""
-    laws: list[Watched] = []
+    task, watched = load_task(case.task), []
 
     def watch(robot: Robot, spec: LawSpec) -> Watched:
-        laws.append(Watched(make(robot, spec), broken, round(task.path.duration / spec.dt)))
-        return laws[0]
+        watched.append(Watched(make(robot, spec), case.broken, round(task.path.duration / spec.dt)))
+        return watched[0]
 
     with quietly():
         trace = run_task(task, controller=watch, progress=progress)
-    return laws[0], trace
+    return _outcome(case, law, watched[0], trace), trace
 
 
 @contextmanager

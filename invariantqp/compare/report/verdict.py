@@ -5,7 +5,7 @@ Every figure and every name is computed from the results, one arm at a time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from invariantqp.compare.names import HAND_WRITTEN, OURS, OURS_PYTHON, PENROSE, TOLD_LEAST_SQUARES
@@ -33,6 +33,12 @@ def of_task(results: Results, kind: str, task: str) -> Figures:
     return {name: found[name] for name in shown(results) if name in found}
 
 
+def by_task(results: Results) -> Iterator[tuple[str, Figures, Figures]]:
+    """Each task with the runs and the times of those rows."""
+    for task in results["tasks"]:
+        yield task, of_task(results, "loop", task), of_task(results, "tick", task)
+
+
 def as_good(loops: Figures) -> list[str]:
     """The rows whose largest position error is as good as the least of all."""
     have = {name: r["position_mm"] for name, r in loops.items() if r["position_mm"] is not None}
@@ -43,8 +49,7 @@ def as_good(loops: Figures) -> list[str]:
 def accuracy(results: Results) -> list[str]:
     """For each task, who is as near as anyone and who is not, the fastest first."""
     sentences = []
-    for task in results["tasks"]:
-        loops, ticks = of_task(results, "loop", task), of_task(results, "tick", task)
+    for task, loops, ticks in by_task(results):
         if len(loops) < 2:
             continue
         order = sorted(loops, key=lambda name: ticks.get(name, {}).get("median_us") or 0.0)
@@ -82,8 +87,7 @@ def frames(results: Results) -> list[str]:
 def losses(results: Results) -> list[str]:
     """Where ours is slower or further off than another row, or more tilted."""
     sentences = []
-    for task in results["tasks"]:
-        loops, ticks = of_task(results, "loop", task), of_task(results, "tick", task)
+    for task, loops, ticks in by_task(results):
         if OURS not in loops or OURS not in ticks:
             continue
         mine, took = loops[OURS], ticks[OURS]["median_us"]
@@ -118,8 +122,7 @@ def _good_in(results: Results, name: str) -> tuple[list[str], list[str]]:
     """The tasks in which a row is as near as anyone, and those in which it is not."""
     good: list[str] = []
     not_good: list[str] = []
-    for task in results["tasks"]:
-        loops = of_task(results, "loop", task)
+    for task, loops, _ in by_task(results):
         if name in loops:
             (good if name in as_good(loops) else not_good).append(task)
     return good, not_good
@@ -153,12 +156,11 @@ def _plain_qp(results: Results) -> list[str]:
 
 def _ratios(results: Results, name: str) -> list[float]:
     """The hand-written loop's time over a row's, task by task."""
-    found = []
-    for task in results["tasks"]:
-        ticks = of_task(results, "tick", task)
-        if name in ticks and HAND_WRITTEN in ticks:
-            found.append(ticks[HAND_WRITTEN]["median_us"] / ticks[name]["median_us"])
-    return found
+    return [
+        ticks[HAND_WRITTEN]["median_us"] / ticks[name]["median_us"]
+        for _, _, ticks in by_task(results)
+        if name in ticks and HAND_WRITTEN in ticks
+    ]
 
 
 def _span(values: list[float]) -> str:
@@ -177,18 +179,8 @@ def _one_answer(results: Results) -> list[str]:
 
 
 def _solves(results: Results) -> list[str]:
-    largest = {
-        name: max(
-            (r[sort]["error_max"] or 0.0)
-            for (_, n), r in results_of(results, "error").items()
-            if n == name
-            for sort in r
-        )
-        for name in (OURS,)
-        if any(n == name for _, n in results_of(results, "error"))
-    }
-    return [
-        f"One solve of ours is off its exact answer by {figure(error, '{:.0e}')} at most, relative, near singularities "
-        "included."
-        for error in largest.values()
-    ]
+    found = [result for (_, name), result in results_of(results, "error").items() if name == OURS]
+    if not found:
+        return []
+    error = figure(max(sort["error_max"] or 0.0 for result in found for sort in result.values()), "{:.0e}")
+    return [f"One solve of ours is off its exact answer by {error} at most, relative, near singularities included."]
