@@ -11,7 +11,7 @@ import reprlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -45,6 +45,11 @@ WRITTEN_ZERO = 1e-9
 def written(x: float, digits: int = 4) -> str:
     """A number for a sentence, without the noise of rounding."""
     return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
+
+
+def listed(numbers: Iterable[float], digits: int = 4) -> str:
+    """Numbers for a sentence."""
+    return ", ".join(written(x, digits) for x in numbers)
 
 
 def excerpt(value: object) -> str:
@@ -112,15 +117,10 @@ class NoPseudoinverse(InvariantQPError):
         self.gram_rank = gram_rank
         self.self_reciprocal = self_reciprocal
         self.principal_pitches = principal_pitches
-        if len(principal_pitches):
-            listed = ", ".join(written(p, 6) for p in principal_pitches)
-            remedy = f"Choose h away from the principal pitches ({listed})."
-        else:
-            remedy = (
-                "No h works for this system: use Complement(Z) to say what may be given up, "
-                "or CarriedMetric(matrix, pose)."
-            )
-        z = ", ".join(written(x) for x in self_reciprocal)
+        remedy = self._elsewhere or (
+            "No h works for this system: use Complement(Z) to say what may be given up, or CarriedMetric(matrix, pose)"
+        )
+        z = listed(self_reciprocal)
         if gram_rank == rank:
             super().__init__(
                 f"no {h:g}-pseudoinverse: the columns are so nearly dependent that rounding decides what they do along "
@@ -129,8 +129,14 @@ class NoPseudoinverse(InvariantQPError):
             return
         super().__init__(
             f"no {h:g}-pseudoinverse: the Gram matrix has rank {gram_rank}, the system rank {rank}; "
-            f"its screw z = ({z}) is paired to zero with all of it. {remedy}"
+            f"its screw z = ({z}) is paired to zero with all of it. {remedy}."
         )
+
+    @property
+    def _elsewhere(self) -> str:
+        """What to do where some h works; "" where none does."""
+        pitches = listed(self.principal_pitches, 6)
+        return f"Choose h away from the principal pitches ({pitches})" if pitches else ""
 
 
 class NoPolarDecomposition(NoPseudoinverse):
@@ -142,16 +148,13 @@ class NoPolarDecomposition(NoPseudoinverse):
 
     def __init__(self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array) -> None:
         super().__init__(h, rank, gram_rank, self_reciprocal, principal_pitches)
-        z = ", ".join(written(x) for x in self_reciprocal)
+        z = listed(self_reciprocal)
         if gram_rank == rank:
             why = f"the gain of the screw z = ({z}) is so small beside the largest that it is rounding."
             remedy = "The joints are nearly dependent: leave one out."
         else:
             why = f"the joints move the tool by the screw z = ({z}), whose gain is zero."
-            listed = ", ".join(written(p, 6) for p in principal_pitches)
-            remedy = (
-                f"Choose h away from the principal pitches ({listed})." if listed else "No h works for this system."
-            )
+            remedy = f"{self._elsewhere or 'No h works for this system'}."
         self.args = (f"no polar decomposition for h = {h:g}: {why} {remedy}",)
 
 
@@ -168,15 +171,9 @@ class NoProjectors(NoPseudoinverse):
     ) -> None:
         super().__init__(h, *ranks, self_reciprocal, pitches)
         self.system = system
-        if len(pitches):
-            listed = ", ".join(written(p, 6) for p in pitches)
-            remedy = f"Choose h away from the principal pitches ({listed}), or give {choices}."
-        else:
-            remedy = f"No h works for this type: give {choices}."
-        z = ", ".join(written(x) for x in self_reciprocal)
-        self.args = (
-            f"no projectors for h = {h:g}: S, {system}, shares the twist z = ({z}) with its h-reciprocal. {remedy}",
-        )
+        away = f"{self._elsewhere}, or give" if self._elsewhere else "No h works for this type: give"
+        shared = f"S, {system}, shares the twist z = ({listed(self_reciprocal)}) with its h-reciprocal"
+        self.args = (f"no projectors for h = {h:g}: {shared}. {away} {choices}.",)
 
 
 class BlindSystem(InvariantQPError):
@@ -188,9 +185,9 @@ class BlindSystem(InvariantQPError):
 
     def __init__(self, directions: Array) -> None:
         self.directions = directions
-        listed = "; ".join("(" + ", ".join(written(x) for x in v[3:]) + ")" for v in directions.T)
+        along = "; ".join(f"({listed(v[3:])})" for v in directions.T)
         super().__init__(
-            f"every pitch form is blind to the translation(s) along {listed}: this system has no h-pseudoinverse "
+            f"every pitch form is blind to the translation(s) along {along}: this system has no h-pseudoinverse "
             "for any h. Use Complement(Z) to say what may be given up, or CarriedMetric(matrix, pose)."
         )
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from invariantqp.analysis.projection import can_do, projector_norm, unseen
 from invariantqp.analysis.upright import upright
-from invariantqp.errors import written
+from invariantqp.errors import listed, written
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.report import along_axes
@@ -170,15 +170,15 @@ def _unseen_words(q: Array, lost: Array, root: Array) -> str:
     if not lost.shape[1]:
         return f"At q = ({at}) each pitch has a direction of its own that it does not see."
     measured = root.dot(lost)
-    listed = [f"the twist {_tuple(twist)}" for twist in lost.T]
+    motions = [f"the twist {_tuple(twist)}" for twist in lost.T]
     if np.linalg.norm(measured[:3]) <= TURNING * np.linalg.norm(measured[3:]):
         slides = along_axes(np.vstack((np.zeros((3, lost.shape[1])), measured[3:])))
         # In an order that does not depend on rounding.
         ways = sorted(slides[3:].T, key=lambda v: tuple(np.abs(v).round(6)), reverse=True)
-        listed = [f"translation along {_tuple(v)}" for v in ways]
-    named = " and ".join(listed)
+        motions = [f"translation along {_tuple(v)}" for v in ways]
+    named = " and ".join(motions)
     return f"At q = ({at}) no pitch sees {named}: a form would neither ask for that motion nor correct it."
 
 
 def _tuple(values: Array) -> str:
-    return "(" + ", ".join(written(round(x, 4), 3) for x in values) + ")"
+    return f"({listed(values.round(4), 3)})"

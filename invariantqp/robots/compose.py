@@ -23,6 +23,8 @@ from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain
 
 AXES = np.eye(3)
+# What a chain has of each joint besides its screw and name.
+OF_JOINTS = ("position_lower", "position_upper", "velocity_limit", "places")
 
 
 def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float = inf, *, name: str = "rail") -> Chain:
@@ -114,15 +116,8 @@ def relative(arm: Chain, other: Chain) -> Chain:
             name = f"other/{name}"  # noqa: PLW2901
         names.append(name)
     turned = _carried(other, back)
-    reverse = Chain(
-        -turned.screws[:, ::-1],
-        np.eye(4),
-        names[::-1],
-        other.position_lower[::-1],
-        other.position_upper[::-1],
-        other.velocity_limit[::-1],
-        places=turned.places[::-1],
-    )
+    kept = {name: getattr(turned, name)[::-1] for name in OF_JOINTS}
+    reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept)
     return _chain([reverse, _carried(arm, back)], back.dot(arm.home), arm.tool)
 
 
@@ -146,16 +141,8 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise BadInput("base", f"a joint {twice!r} that the arm has too", "joints with names of their own")
-    return Chain(
-        np.hstack([part.screws for part in parts]),
-        home,
-        names,
-        np.concatenate([part.position_lower for part in parts]),
-        np.concatenate([part.position_upper for part in parts]),
-        np.concatenate([part.velocity_limit for part in parts]),
-        tool=tool,
-        places=np.vstack([part.places for part in parts]),
-    )
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in OF_JOINTS}
+    return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, **joined)
 
 
 def _require_chain(argument: str, value: object) -> None:

@@ -17,7 +17,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import ANGULAR_FIRST, pin
-from invariantqp.robots.tree import selected
+from invariantqp.robots.tree import NOT_SINGLE, cannot_move, selected
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
@@ -44,10 +44,7 @@ def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None)
     moving = [can[joint] for joint in selected(name, tool, list(can), list(model.names)[1:], joints)]
     for i in moving:
         if model.nvs[i] != 1:
-            raise RobotModelError(
-                f"{name}: joint {model.names[i]!r} ({model.joints[i].shortname()}) has no single coordinate; only "
-                "revolute and prismatic joints are modelled. Leave it out of `joints` to hold it still."
-            )
+            raise cannot_move(name, model.names[i], NOT_SINGLE.format(model.joints[i].shortname()))
     q = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     for i in moving:
         q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = pin.neutral(model)[model.idx_qs[i] :][: model.nqs[i]]

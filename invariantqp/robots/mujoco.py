@@ -16,13 +16,14 @@ from invariantqp.errors import MissingExtra, RobotModelError, UnknownName
 from invariantqp.geometry import se3
 from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.tree import selected
+from invariantqp.robots.tree import cannot_move, selected
 
 try:
     import mujoco
 except ImportError as error:
     raise MissingExtra("mujoco", "sim") from error
 
+MODEL = "the MuJoCo model"
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -67,7 +68,7 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         raise UnknownName("frame", tool, difflib.get_close_matches(tool, known), known)
     body = int(model.site(tool).bodyid[0]) if tool in sites else bodies.index(tool)
     names = [model.joint(i).name or f"unnamed joint {i}" for i in range(model.njnt)]
-    moving = selected("the MuJoCo model", tool, [names[i] for i in paths[body]], names, chosen)
+    moving = selected(MODEL, tool, [names[i] for i in paths[body]], names, chosen)
     joints = [i for i in paths[body] if names[i] in moving]
     for i in joints:
         _require_one_coordinate(model, i, names[i])
@@ -97,18 +98,12 @@ def _joints_to(model: Any, body: int) -> list[int]:
 
 def _require_one_coordinate(model: Any, joint: int, name: str) -> None:
     if model.jnt_type[joint] not in (HINGE, SLIDE):
-        raise RobotModelError(
-            f"the MuJoCo model: joint {name!r} has no single coordinate; only hinges and slides are modelled. Leave it "
-            "out of `joints` to hold it still."
-        )
+        raise cannot_move(MODEL, name, "has no single coordinate; only hinges and slides are modelled")
     coupled = (
         (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & (model.eq_obj1id == joint) & model.eq_active0.astype(bool)
     )
     if coupled.any():
-        raise RobotModelError(
-            f"the MuJoCo model: joint {name!r} is coupled to another and has no coordinate of its own. Leave it out of "
-            "`joints` to hold it still."
-        )
+        raise cannot_move(MODEL, name, "is coupled to another and has no coordinate of its own")
 
 
 def _posed(model: Any, moving: Sequence[int]) -> Any:

@@ -18,6 +18,9 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.urdf import MOVING, TreeJoint
 
+# Why a joint cannot be one of an arm, by its type.
+NOT_SINGLE = "({}) has no single coordinate; only revolute and prismatic joints are modelled"
+
 
 def chain_to_link(joints: Sequence[TreeJoint], name: str, tool: str | None, chosen: Sequence[str] | None) -> Chain:
     """The arm from the root of a tree to a tool link.
@@ -140,12 +143,11 @@ def _chain(name: str, path: list[TreeJoint], moving: set[str], tool: str) -> Cha
 
 def _require_one_coordinate(name: str, joint: TreeJoint) -> None:
     if joint.kind not in MOVING:
-        raise RobotModelError(
-            f"{name}: joint {joint.name!r} ({joint.kind}) has no single coordinate; only revolute and prismatic joints "
-            "are modelled. Leave it out of `joints` to hold it still."
-        )
+        raise cannot_move(name, joint.name, NOT_SINGLE.format(joint.kind))
     if joint.mimics:
-        raise RobotModelError(
-            f"{name}: joint {joint.name!r} mimics {joint.mimics!r} and has no coordinate of its own. Leave it out of "
-            "`joints` to hold it still."
-        )
+        raise cannot_move(name, joint.name, f"mimics {joint.mimics!r} and has no coordinate of its own")
+
+
+def cannot_move(name: str, joint: str, why: str) -> RobotModelError:
+    """The error for a joint of a robot that an arm cannot be made of."""
+    return RobotModelError(f"{name}: joint {joint!r} {why}. Leave it out of `joints` to hold it still.")

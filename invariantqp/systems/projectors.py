@@ -21,7 +21,7 @@ import numpy as np
 from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, NoProjectors, written
+from invariantqp.errors import BadInput, NoProjectors, listed
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -139,8 +139,7 @@ def dual_projectors(
         _refuse_pitch(given, finite_pitch(h), U * scale, S is not None)
     elif spread > LARGEST_CONDITION * sine:
         z = U.dot(Vt[-1]) * scale.ravel()
-        listed = ", ".join(written(x) for x in z / np.linalg.norm(z))
-        found = f"a Z that shares the twist ({listed}) with S"
+        found = f"a Z that shares the twist ({listed(z / np.linalg.norm(z))}) with S"
         raise BadInput(rule[0], found, f"{6 - k} twists that with S span all six dimensions", "Turn Z away from S.")
     P = U.dot(np.linalg.solve(K.T.dot(U), K.T)) if k else np.zeros((6, 6))
     F = W.dot(np.linalg.solve(Z.T.dot(W), Z.T)) if k < 6 else np.zeros((6, 6))

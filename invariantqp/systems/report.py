@@ -12,7 +12,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BlindSystem, written
+from invariantqp.errors import BlindSystem, listed, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -75,15 +75,15 @@ class SystemReport(Value):
 
     def _pitch_words(self) -> str:
         if self.blind_directions.shape[1]:
-            listed = "; ".join("(" + ", ".join(written(x) for x in v) + ")" for v in self.blind_directions[3:].T)
+            along = "; ".join(f"({listed(v)})" for v in self.blind_directions[3:].T)
             return (
-                f"No pitch h works: every pitch form is blind to translation along {listed}. "
+                f"No pitch h works: every pitch form is blind to translation along {along}. "
                 "Say what may be given up, Complement(Z), or use a metric carried by a body, CarriedMetric."
             )
         if not len(self.principal_pitches):
             return "Every pitch h works."
-        listed = ", ".join(written(h, 6) for h in self.principal_pitches)
-        return f"Stay away from the principal pitches h = {listed} (length/rad): there no pseudoinverse exists."
+        pitches = listed(self.principal_pitches, 6)
+        return f"Stay away from the principal pitches h = {pitches} (length/rad): there no pseudoinverse exists."
 
     def _border_words(self) -> tuple[str, ...]:
         t = self.type
