@@ -13,9 +13,8 @@ import sys
 from pathlib import Path
 
 from invariantqp.compare.report import chart
-from invariantqp.compare.report.page import table_markdown
 from invariantqp.compare.report.report import guide, write_report
-from invariantqp.compare.report.tables import listed_sentences, summary, write_section
+from invariantqp.compare.report.tables import listed_sentences, summary, table_markdown, write_section
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import load_results
 from invariantqp.compare.sweep import DEFAULT_TASKS, sweep

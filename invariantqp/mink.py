@@ -49,18 +49,8 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
     ) -> None:
         """A task like `mink.FrameTask(frame_name, frame_type, position_cost, orientation_cost, gain, lm_damping)`.
 
-        Args:
-            frame_name: name or id of the frame.
-            frame_type: "body", "geom" or "site".
-            position_cost: as in `invariantqp.pink.InvariantFrameTask`, as are all others.
-            orientation_cost: likewise.
-            gain: likewise.
-            lm_damping: likewise.
-            form: likewise.
-            point: likewise.
-            length: likewise.
-            damping: likewise.
-            guard: likewise.
+        The frame is named or numbered, and of type "body", "geom" or "site". Costs, gain, damping and what follows are
+        those of `invariantqp.pink.InvariantFrameTask`.
 
         Raises:
             BadInput: as there.

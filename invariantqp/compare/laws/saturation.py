@@ -39,12 +39,10 @@ class Saturated(NamedTuple):
     Attributes:
         velocity: (m,) inside the limits.
         scale: alpha, the part of the twist that it achieves.
-        saturated: indices of the joints that stay at a limit.
     """
 
     velocity: Array
     scale: float
-    saturated: tuple[int, ...]
 
 
 def saturate(
@@ -61,7 +59,7 @@ def saturate(
         optimal: whether joints are let go again where that brings the velocity nearer to `rest`.
 
     Returns:
-        The velocity, alpha and the saturated joints. If the bounds exclude zero velocity, alpha may be 0; the velocity
+        The velocity and alpha. If the bounds exclude zero velocity, alpha may be 0; the velocity
         is then zero clipped to the bounds.
     """
     m = J.shape[1]
@@ -71,16 +69,15 @@ def saturate(
     rank = _rank(J, J)
     limits = np.abs(np.concatenate((lower, upper)))
     edge = OUTSIDE * float(limits[np.isfinite(limits)].max(initial=0.0))
-    best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0, ())
+    best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0)
     for _ in range(ROUNDS * (m + 1)):
         inverse = np.asarray(np.linalg.pinv(J * free, rcond=RANK), np.float64)
         along = inverse.dot(s)
         offset = fixed - inverse.dot(J.dot(fixed))
         x = along + offset
         outside = (x < lower - edge) | (x > upper + edge)
-        out = tuple(np.flatnonzero(~free).tolist())
         if not outside.any():
-            best = Saturated(np.minimum(np.maximum(x, lower), upper), 1.0, out)
+            best = Saturated(np.minimum(np.maximum(x, lower), upper), 1.0)
             wrong = _held_too_long(J, inverse, x - posture, free, fixed == upper) if optimal else -1
             if wrong < 0:
                 break
@@ -89,7 +86,7 @@ def saturate(
         scale, critical = _largest_share(along, offset, lower, upper)
         if scale > best.scale:
             share = np.minimum(np.maximum(scale * along + offset, lower), upper)
-            best = Saturated(share, scale, out)
+            best = Saturated(share, scale)
         if not free[critical]:
             break
         free[critical] = False

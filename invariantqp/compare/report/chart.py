@@ -20,7 +20,6 @@ from invariantqp.compare.report.tables import depends, shown, title
 from invariantqp.compare.results import Results, results_of
 from invariantqp.pictures.figure import figure_file
 
-TITLE = "Time of a tick against the largest error of the run"
 # Inches at 100 dots: 850 pixels, the width of a README; drawn at twice that.
 WIDTH, ROW, LEGEND, DOTS = 8.5, 3.0, 1.6, 200
 FONT, NUMBER, DIAMETER = 12.0, 10.5, 17.0

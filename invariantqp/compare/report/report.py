@@ -5,26 +5,19 @@ Every sentence with a figure or a winner is computed from the results.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from invariantqp.compare.report import chart, tables
-from invariantqp.compare.report.page import (
-    Block,
-    Bullets,
-    Code,
-    Folded,
-    Heading,
-    Paragraph,
-    Picture,
-    Table,
-    html,
-    table_markdown,
-)
+from invariantqp.compare.report.tables import Table, table_markdown
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import Results, kinds_in
 from invariantqp.progress import Progress
+from invariantqp.template import fill_template
 
 TITLE = "Speed against accuracy of velocity control"
+# A table cell with more characters than this holds words, which are wrapped and aligned to the left.
+WORDS = 28
 LEGEND = (
     "Each cell: time of a tick [us], largest position error [mm] and orientation error [deg] of the run. takes: what a "
     "method has no place for of what every row is told. frame: the largest change of a joint position when the same "
@@ -57,16 +50,15 @@ def write_report(results: Results, out: Path, progress: Progress | None = None) 
     Returns:
         The files: the report, then the pictures.
     """
-    pictures = []
+    drawn = []
     if {"loop", "tick"} <= kinds_in(results):
-        file = out / "speed_and_accuracy.svg"
-        chart.draw(results, file)
-        pictures.append(Picture(file, chart.TITLE, caption()))
+        drawn.append(out / "speed_and_accuracy.svg")
+        chart.draw(results, drawn[0])
         if progress is not None:
             progress(1, 1)
     report = out / "report.html"
-    report.write_text(html(TITLE, page(results, pictures)), encoding="utf-8")
-    return [report, *(picture.file for picture in pictures)]
+    report.write_text(html(results, inline_svg(drawn[0]) if drawn else ""), encoding="utf-8")
+    return [report, *drawn]
 
 
 def guide(results: Results) -> str:
@@ -86,26 +78,39 @@ def caption() -> str:
     return " ".join((chart.__doc__ or "").split("\n\n", 1)[1].split())
 
 
-def page(results: Results, pictures: list[Picture]) -> list[Block]:
-    """The blocks of the page."""
-    blocks: list[Block] = [Heading(TITLE, 1), Paragraph(_opening(results)), Bullets(short(results)), *pictures]
-    blocks += [tables.summary(results), Paragraph(LEGEND)]
-    blocks.append(Folded("Task by task", Table(("what the runs say",), [(sentence,) for sentence in verdict(results)])))
+def html(results: Results, svg: str) -> str:
+    """The page as one HTML file that needs no other file; `svg` is the chart, "" without one."""
+    quick = " --quick" if results["quick"] else ""
+    values = {
+        "title": TITLE,
+        "opening": _opening(results),
+        "verdict": short(results),
+        "chart": svg,
+        "caption": caption(),
+        "summary": tables.summary(results),
+        "legend": LEGEND,
+        "folded": folded(results),
+        "machine": _machine(results),
+        "command": f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison",
+        "again": AGAIN,
+        "words": WORDS,
+    }
+    return fill_template("invariantqp.compare.report", "page.html", values)
+
+
+def folded(results: Results) -> list[tuple[str, Table]]:
+    """Tables that a reader opens, with their titles."""
+    found = [("Task by task", Table(("what the runs say",), [(sentence,) for sentence in verdict(results)]))]
     names = [m["name"] for m in results["methods"]]
     if names != tables.shown(results):
-        blocks.append(Folded("Every method", tables.summary(results, names)))
-    blocks.append(
-        Folded("What each method is, and what it makes of what every row is told", tables.information(results))
-    )
-    for kind, about in ABOUT.items():
-        table = tables.listed(results, kind)
-        if table.rows:
-            blocks.append(Folded(about, table))
-    failed = [c for c in results["cells"] if "failed" in c["result"]]
+        found.append(("Every method", tables.summary(results, names)))
+    found.append(("What each method is, and what it makes of what every row is told", tables.information(results)))
+    found += [(about, table) for kind, about in ABOUT.items() if (table := tables.listed(results, kind)).rows]
+    cells = [cell for cell in results["cells"] if "failed" in cell["result"]]
+    failed = [(cell["method"], cell["kind"], cell["task"], cell["result"]["failed"]) for cell in cells]
     if failed:
-        rows = [(c["method"], c["kind"], c["task"], c["result"]["failed"]) for c in failed]
-        blocks.append(Folded("What could not be measured", Table(("method", "measurement", "task", "why"), rows)))
-    return [*blocks, *_closing(results)]
+        found.append(("What could not be measured", Table(("method", "measurement", "task", "why"), failed)))
+    return found
 
 
 def _opening(results: Results) -> str:
@@ -124,16 +129,19 @@ def _opening(results: Results) -> str:
     return f"{counts} {told}{exact}{quick}"
 
 
-def _closing(results: Results) -> list[Block]:
-    """The machine, the versions, and the command."""
+def _machine(results: Results) -> str:
+    """The machine and the versions."""
     m = results["machine"]
-    quick = " --quick" if results["quick"] else ""
-    command = f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison"
     releases = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
-    return [
-        Heading("Machine and versions"),
-        Paragraph(f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases}."),
-        Heading("How to repeat this"),
-        Code(command),
-        Paragraph(AGAIN),
-    ]
+    return f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases}."
+
+
+def inline_svg(file: Path) -> str:
+    """An SVG file as an element of an HTML page; its ids begin with the name of the file, as no other picture's do."""
+    text = file.read_text(encoding="utf-8")
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    name = file.stem
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'((?:xlink:)?href)="#', rf'\1="#{name}-', text)
+    return re.sub(r"url\(#", f"url(#{name}-", text)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from invariantqp.compare.method import CANNOT
-from invariantqp.compare.report.page import Table
 from invariantqp.compare.results import Results, results_of
 from invariantqp.errors import BadInput
 
@@ -29,6 +28,13 @@ TASKS = {
     "stability/reach_and_back": "UR5, out of reach and back",
     "stability/ur5_elbow": "UR5, led beyond its reach",
 }
+
+
+class Table(NamedTuple):
+    """Rows of strings under the names of their columns; the first column names the row."""
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 def figure(value: float | None, style: str = "{:.2g}") -> str:
@@ -132,6 +138,13 @@ def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float 
         elif value is None or (isinstance(value, (int, float)) and not isinstance(value, bool)):
             found.append((before + key, value))
     return found
+
+
+def table_markdown(table: Table) -> str:
+    """A table as Markdown."""
+    lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in (table.columns, *table.rows)]
+    lines.insert(1, "|" + "---|" * len(table.columns))
+    return "\n".join(lines)
 
 
 def with_section(page: str, section: str) -> str:

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from invariantqp.compare.report import chart, report, tables, verdict
-from invariantqp.compare.report.page import Bullets, Code, Folded, Heading, Paragraph, Picture, Table, html, inline_svg
 from invariantqp.compare.results import load_results
 
 RESULTS = load_results(Path(__file__).parents[3] / "examples" / "comparison" / "results.json")
@@ -94,24 +93,17 @@ class Balanced(HTMLParser):
 def test_a_page_is_well_formed_and_says_what_it_is_given(tmp_path):
     file = tmp_path / "a.svg"
     file.write_text('<svg><g id="x"/><use href="#x"/><path clip-path="url(#x)"/></svg>', encoding="utf-8")
-    table = Table(("a", "b"), [("1 < 2", "{{ b }}")])
-    blocks = [
-        Heading("T", 1),
-        Paragraph("p"),
-        Bullets(["i"]),
-        Code("c"),
-        table,
-        Folded("more", table),
-        Picture(file, "t", "cap"),
-    ]
-    text = html("T", blocks)
+    drawn = report.inline_svg(file)
+    assert drawn == '<svg><g id="a-x"/><use href="#a-x"/><path clip-path="url(#a-x)"/></svg>'
+    text = report.html(results(**{"1 < 2": (1.0, 1.0, 1.0, 0.0, 0.0), "{{ b }}": (2.0, 1.0, 1.0, 0.0, 0.0)}), drawn)
     parser = Balanced()
     parser.feed(text)
     assert parser.open == []
+    assert drawn in text
     assert "1 &lt; 2" in text
     assert "{{ b }}" in text
-    assert "<summary>more</summary>" in text
-    assert inline_svg(file) == '<svg><g id="a-x"/><use href="#a-x"/><path clip-path="url(#a-x)"/></svg>'
+    assert "<summary>Task by task</summary>" in text
+    assert "<figure>" not in report.html(results(), "")
 
 
 def test_the_chart_is_drawn_for_dark_pages_too(tmp_path):
