@@ -92,8 +92,7 @@ def compare(
             only=kinds,
             progress=report,
         )
-    with progress("drawing", quiet) as report:
-        files = write_report(results, out, report)
+    files = write_report(results, out)
     if not quiet:
         print_comparison(results, files, None if other is None else rank_agreement(results, other))
 

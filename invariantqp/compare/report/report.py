@@ -12,21 +12,8 @@ from invariantqp.compare.report import chart, tables
 from invariantqp.compare.report.tables import Table, table_markdown
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import Results, kinds_in
-from invariantqp.progress import Progress
 from invariantqp.template import fill_template
 
-TITLE = "Speed against accuracy of velocity control"
-# A table cell with more characters than this holds words, which are wrapped and aligned to the left.
-WORDS = 28
-LEGEND = (
-    "Each cell: time of a tick [us], largest position error [mm] and orientation error [deg] of the run. takes: what a "
-    "method has no place for of what every row is told. frame: the largest change of a joint position when the same "
-    "motion is asked of a tool frame put elsewhere on the tool."
-)
-AGAIN = (
-    "An interrupted run continues where it stopped. Times are measured with one BLAS thread while nothing else runs; "
-    "--against OTHER/results.json tells whether two runs rank the methods alike."
-)
 ABOUT = {
     "loop": "Runs: errors, frame dependence beside its control, jumps of the joint velocity, failed ticks",
     "beyond": "A target out of reach",
@@ -39,23 +26,20 @@ ABOUT = {
 }
 
 
-def write_report(results: Results, out: Path, progress: Progress | None = None) -> list[Path]:
+def write_report(results: Results, out: Path) -> list[Path]:
     """Write report.html and the chart into a folder.
 
     Args:
         results: from `sweep` or `load_results`.
         out: the folder, which exists.
-        progress: called with (charts drawn, charts in all).
 
     Returns:
-        The files: the report, then the pictures.
+        The files: the report, then the chart if there is one.
     """
     drawn = []
     if {"loop", "tick"} <= kinds_in(results):
         drawn.append(out / "speed_and_accuracy.svg")
         chart.draw(results, drawn[0])
-        if progress is not None:
-            progress(1, 1)
     report = out / "report.html"
     report.write_text(html(results, inline_svg(drawn[0]) if drawn else ""), encoding="utf-8")
     return [report, *drawn]
@@ -82,18 +66,14 @@ def html(results: Results, svg: str) -> str:
     """The page as one HTML file that needs no other file; `svg` is the chart, "" without one."""
     quick = " --quick" if results["quick"] else ""
     values = {
-        "title": TITLE,
         "opening": _opening(results),
         "verdict": short(results),
         "chart": svg,
         "caption": caption(),
         "summary": tables.summary(results),
-        "legend": LEGEND,
         "folded": folded(results),
         "machine": _machine(results),
         "command": f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison",
-        "again": AGAIN,
-        "words": WORDS,
     }
     return fill_template("invariantqp.compare.report", "page.html", values)
 
