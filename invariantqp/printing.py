@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 # Width of paragraphs where no terminal says how wide it is.
 PLAIN_WIDTH = 100
 # Width of tables there.
-WIDE = 140
 WIDEST = 180
 # How many times a progress bar is drawn.
 STEPS = 200

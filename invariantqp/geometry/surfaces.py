@@ -8,9 +8,8 @@ from __future__ import annotations
 from math import hypot, inf
 from typing import NamedTuple
 
-import numpy as np
-
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import across
 
 
 class Plane(NamedTuple):
@@ -42,13 +41,10 @@ class Cylinder(NamedTuple):
     def depth(self, p: Array) -> tuple[float, Array]:
         """How deep p (3,) is [length], negative outside, and the unit normal there."""
         r = p - self.point
-        across = r - self.axis.dot(r) * self.axis
-        distance = hypot(*across.tolist())
-        if distance == 0.0:  # on the axis every direction across it leads out
-            i = int(np.abs(self.axis).argmin())
-            across = np.cross(self.axis, np.eye(3)[i])
-            return self.radius, across / hypot(*across.tolist())
-        return self.radius - distance, across / distance
+        out = r - self.axis.dot(r) * self.axis
+        distance = hypot(*out.tolist())
+        # On the axis every direction across it leads out.
+        return self.radius - distance, out / distance if distance else across(self.axis)[0]
 
 
 Surface = Plane | Cylinder

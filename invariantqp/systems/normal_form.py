@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from invariantqp.geometry.se3 import cross
+from invariantqp.geometry.se3 import across, cross
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -79,25 +79,19 @@ def normal_form(dimension: int, name: str, moduli: tuple[float, ...]) -> Array:
     return np.array(_TWISTS[dimension, name](*moduli), dtype=np.float64).T
 
 
-def _normal_to(x: Array) -> Array:
-    """Some unit vector across x."""
-    e = np.zeros(3)
-    e[int(np.abs(x).argmin())] = 1.0
-    y = e - x * x.dot(e)
-    return np.asarray(y / np.linalg.norm(y))
-
-
-def _axes(x: Array, y: Array) -> Array:
+def _axes(x: Array, y: Array | None = None) -> Array:
+    """Axes as rows from the first and the second; some second one where the system has none."""
+    y = across(x)[0] if y is None else y
     return np.array((x, y, cross(x, y)))
 
 
 def _one_screw(s: Parts) -> Frame:
     w, v = s.W[:, 0], s.V[:, 0]
-    return Frame((float(w.dot(v)),), (), _axes(w, _normal_to(w)), cross(w, v))
+    return Frame((float(w.dot(v)),), (), _axes(w), cross(w, v))
 
 
 def _one_translation(s: Parts) -> Frame:
-    return Frame((), (), _axes(s.N[:, 0], _normal_to(s.N[:, 0])), np.zeros(3))
+    return Frame((), (), _axes(s.N[:, 0]), np.zeros(3))
 
 
 def _two_screws(s: Parts) -> Frame:
@@ -111,10 +105,10 @@ def _screw_and_translation(s: Parts) -> Frame:
     w, v, n = s.W[:, 0], s.V[:, 0], s.N[:, 0]
     along = float(w.dot(n))
     n = n if along >= 0.0 else -n
-    across = n - abs(along) * w
-    size = float(np.linalg.norm(across))
-    y = across / size if size > 0.0 else _normal_to(w)
-    return Frame((), (size / abs(along),), _axes(w, y), cross(w, v - n * (w.dot(v) / abs(along))))
+    left = n - abs(along) * w
+    size = float(np.linalg.norm(left))
+    R = _axes(w, left / size if size > 0.0 else None)
+    return Frame((), (size / abs(along),), R, cross(w, v - n * (w.dot(v) / abs(along))))
 
 
 def _screw_across_translation(s: Parts) -> Frame:
@@ -172,7 +166,7 @@ def _screw_and_plane(s: Parts) -> Frame:
 
 def _screw_across_plane(s: Parts) -> Frame:
     w = s.W[:, 0]
-    return Frame((float(w.dot(s.V[:, 0])),), (), _axes(w, _normal_to(w)), np.zeros(3))
+    return Frame((float(w.dot(s.V[:, 0])),), (), _axes(w), np.zeros(3))
 
 
 def _all_translations(_s: Parts) -> Frame:

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from invariantqp.analysis.survey import joint_ranges
-from invariantqp.compare.laws.peers import Joint, joints_of
+from invariantqp.compare.laws.peers import joints_of
 from invariantqp.errors import MissingExtra
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 
 
@@ -46,15 +45,9 @@ def ets_of(robot: Robot) -> Any:
     pieces: list[Any] = []
     before = np.eye(4)
     for joint, low, high in zip(joints_of(robot), *joint_ranges(robot), strict=True):
-        frame = _frame(joint)
+        frame = se3.facing(joint.axis, joint.point)
         pieces.append(rtb.ET.SE3(se3.inverse(before).dot(frame)))
         pieces.append((rtb.ET.tz if joint.slides else rtb.ET.Rz)(qlim=np.array([low, high])))
         before = frame
     home = robot.pose(np.zeros(len(robot.names)))
     return rtb.ETS([*pieces, rtb.ET.SE3(se3.inverse(before).dot(home))])
-
-
-def _frame(joint: Joint) -> Array:
-    """A (4, 4) frame with its origin on the joint's axis and z along it."""
-    across = np.linalg.svd(joint.axis.reshape(1, 3))[2][1]
-    return se3.transform(np.column_stack((across, np.cross(joint.axis, across), joint.axis)), joint.point)
