@@ -95,12 +95,11 @@ def twist(value: ArrayLike, argument: str = "twist") -> Array:
     return vector(value, 6, argument)
 
 
-def not_too_fast(twists: Array, argument: str = "twist") -> Array:
+def not_too_fast(twists: Array) -> Array:
     """Finite wanted twists (..., 6), no entry above `LARGEST_SPEED`."""
     largest = float(np.abs(twists).max(initial=0.0))
     if largest > LARGEST_SPEED:
-        expected = f"entries up to {LARGEST_SPEED:g}"
-        raise BadInput(argument, f"an entry of size {largest:.3g}", expected, "Scale it down.")
+        raise BadInput("twist", f"an entry of size {largest:.3g}", f"entries up to {LARGEST_SPEED:g}", "Scale it down.")
     return twists
 
 
@@ -227,11 +226,11 @@ def not_negative(value: float, argument: str, expected: str) -> float:
     return x
 
 
-def tolerance(value: float, argument: str = "tolerance") -> float:
+def tolerance(value: float) -> float:
     """A relative error: a float above zero and below one."""
-    x = number(value, argument, "a relative error", positive=True)
+    x = number(value, "tolerance", "a relative error", positive=True)
     if x >= 1.0:
-        raise BadInput(argument, f"{x:g}", "a relative error, below 1")
+        raise BadInput("tolerance", f"{x:g}", "a relative error, below 1")
     return x
 
 

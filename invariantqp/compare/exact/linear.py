@@ -44,24 +44,12 @@ def _rational(A: Array) -> list[list[Fraction]]:
     return [[Fraction(v) for v in row] for row in A.tolist()]
 
 
-def _eye(n: int, scale: Fraction = Fraction(1)) -> list[list[Fraction]]:
-    return [[scale if i == j else Fraction(0) for j in range(n)] for i in range(n)]
-
-
-def _augmented(metric_inverse: list[list[Fraction]], J: list[list[Fraction]], rhs: list[Fraction]) -> list[Fraction]:
-    """[[M^-1, J], [J', 0]] [y; x] = [rhs; 0], for x."""
-    n, m = len(J), len(J[0])
-    rows = [[*metric_inverse[i], *J[i]] for i in range(n)]
-    rows += [[*(J[i][j] for i in range(n)), *[Fraction(0)] * m] for j in range(m)]
-    return rational_solve(rows, [*rhs, *[Fraction(0)] * m])[n:]
-
-
-def _shortest(J: list[list[Fraction]], s: list[Fraction]) -> list[Fraction]:
-    """The shortest x with Jx = s, from [[I, J'], [J, 0]] [x; y] = [0; s]."""
-    m = len(J[0])
-    rows = [[*row, *(J[k][i] for k in range(6))] for i, row in enumerate(_eye(m))]
-    rows += [[*J[k], *[Fraction(0)] * 6] for k in range(6)]
-    return rational_solve(rows, [*[Fraction(0)] * m, *s])[:m]
+def _saddle(B: list[list[Fraction]], top: list[Fraction], bottom: list[Fraction]) -> list[Fraction]:
+    """(y; x) of [[I, B], [B', 0]] (y; x) = (top; bottom)."""
+    zero, one, n = Fraction(0), Fraction(1), len(B)
+    rows = [[*(one if i == j else zero for j in range(n)), *row] for i, row in enumerate(B)]
+    rows += [[*column, *[zero] * len(bottom)] for column in zip(*B, strict=True)]
+    return rational_solve(rows, [*top, *bottom])
 
 
 def shortest() -> tuple[Way, Way]:
@@ -74,8 +62,10 @@ def shortest() -> tuple[Way, Way]:
         return mp.lu_solve(J.T * J, J.T * s)
 
     def second(question: Question, setting: Setting) -> Numbers:
-        J, s = _rational(question.J), [Fraction(v) for v in question.s.tolist()]
-        return _shortest(J, s) if setting.m >= 6 else _augmented(_eye(6), J, s)
+        s, none = [Fraction(v) for v in question.s.tolist()], [Fraction(0)] * setting.m
+        if setting.m >= 6:
+            return _saddle(_rational(question.J.T), none, s)[: setting.m]
+        return _saddle(_rational(question.J), s, none)[6:]
 
     return first, second
 

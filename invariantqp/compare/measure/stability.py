@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
@@ -168,9 +168,7 @@ def _stopped(still: Array, reason: str) -> VelocitySolution:
     return VelocitySolution(still, "hold", "held", reason, (), np.full(6, np.nan), 0.0, 0.0, 0.0, "")
 
 
-def run_case(
-    case: Case, law: str, make: MakeController, progress: Progress | None = None
-) -> tuple[StabilityOutcome, Trace]:
+def run_case(case: Case, law: str, make: MakeController) -> tuple[StabilityOutcome, Trace]:
     """Run one case under one law.
 
     Raises:
@@ -183,7 +181,7 @@ def run_case(
         return watched[0]
 
     with quietly():
-        trace = run_task(task, controller=watch, progress=progress)
+        trace = run_task(task, controller=watch)
     return _outcome(case, law, watched[0], trace), trace
 
 
@@ -223,19 +221,16 @@ def _outcome(case: Case, law: str, watched: Watched, trace: Trace) -> StabilityO
     )
 
 
-def compare_stability(
-    progress: Progress | None = None, chosen: Callable[[Case], bool] = lambda _: True
-) -> list[StabilityOutcome]:
+def compare_stability(progress: Progress | None = None) -> list[StabilityOutcome]:
     """Run every case under every law that can control its robot.
 
     Args:
         progress: called with (runs done, runs in all).
-        chosen: whether to run a case.
 
     Raises:
         MissingExtra: the robot models are not installed; raised before the first run.
     """
-    picked = [case for case in cases() if chosen(case)]
+    picked = cases()
     for name in dict.fromkeys(case.task for case in picked):
         load_task(name).load_robot()
     table = laws()
