@@ -157,33 +157,23 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
         beyond = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
         other = _decide(system.basis, system.singular, beyond)
         following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
-    if k == 6:
-        return GibsonHunt(
-            name=name,
-            dimension=6,
-            reciprocal=False,
-            admits_pseudoinverse=True,
-            moduli=(),
-            modulus_names=(),
-            normal_form=np.empty((6, 0)),
-            motion=np.eye(4),
-            borders=borders,
-            next=following,
-        )
     n = min(k, 6 - k)
-    frame = FRAMES[n, name](chosen.parts)
-    moduli = (*(h * system.unit for h in frame.pitches), *frame.ratios)
-    motion = np.eye(4)
-    motion[:3, :3] = frame.axes
-    motion[:3, 3] = -frame.axes.dot(point + frame.origin * system.unit)
+    moduli: tuple[float, ...] = ()
+    form, motion = np.empty((6, 0)), np.eye(4)
+    if n:
+        frame = FRAMES[n, name](chosen.parts)
+        moduli = (*(h * system.unit for h in frame.pitches), *frame.ratios)
+        motion[:3, :3] = frame.axes
+        motion[:3, 3] = -frame.axes.dot(point + frame.origin * system.unit)
+        form = normal_form(n, name, moduli)
     return GibsonHunt(
         name=name,
         dimension=k,
-        reciprocal=k > 3,
+        reciprocal=k in {4, 5},
         admits_pseudoinverse=(n, name) not in _NO_PSEUDOINVERSE,
         moduli=moduli,
-        modulus_names=MODULUS_NAMES[n, name],
-        normal_form=normal_form(n, name, moduli),
+        modulus_names=MODULUS_NAMES[n, name] if n else (),
+        normal_form=form,
         motion=motion,
         borders=borders,
         next=following,

@@ -10,16 +10,13 @@ Reference: [DS] Tables 1 and 2; the 1-systems of Sect. 2.2; IID (all translation
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import across, cross
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from invariantqp.geometry.arrays import Array
 
 # [DS] Tables 1 and 2: the columns of each class from its moduli. h, a, b, c are pitches [length/rad], p a ratio.
 _TWISTS: dict[tuple[int, str], Callable[..., list[tuple[float, ...]]]] = {
