@@ -18,7 +18,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import redirect_stdout
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -165,16 +165,15 @@ def sweep(
             "quick": quick,
             "tasks": list(tasks),
             "methods": [method.as_json() for method in table.values()],
-            "cells": [entry for cell in work for entry in _entries(cell, found[cell])],
+            "cells": [
+                {"kind": cell.kind, "task": cell.task, "method": method, "result": result}
+                for cell in work
+                for method, result in found[cell].items()
+            ],
         }
     )
     write_results(out / "results.json", results)
     return results
-
-
-def _entries(cell: Cell, found: dict[str, Result]) -> Iterator[dict[str, Any]]:
-    for method, result in found.items():
-        yield {"kind": cell.kind, "task": cell.task, "method": method, "result": result}
 
 
 def _attempts(work: list[Cell], store: Path, jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result] | str]]:
@@ -209,8 +208,11 @@ def in_parallel(measure: Any, work: list[Cell], jobs: int | None) -> Iterator[tu
 
 
 def measure_cell(cell: Cell, _conditions: str) -> dict[str, Result]:
-    """The results of a cell; joblib keeps them under the cell and the conditions, which are not used otherwise."""
-    with _silently():
+    """The results of a cell; joblib keeps them under the cell and the conditions, which are not used otherwise.
+
+    What solvers print on standard output is suppressed.
+    """
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
         return kinds()[cell.kind].measure(cell)
 
 
@@ -234,10 +236,3 @@ def attempt(measure: Any, cell: Cell, known: str) -> tuple[Cell, dict[str, Resul
         return cell, f"{cell.kind}, {cell.task}: {failure}"
     except Exception as error:  # noqa: BLE001 (a measurement that fails is a row of the report)
         return cell, {method: {"failed": f"{type(error).__name__}: {error}"} for method in cell.methods}
-
-
-@contextmanager
-def _silently() -> Iterator[None]:
-    """Suppress what solvers print on standard output."""
-    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
-        yield

@@ -16,6 +16,7 @@ import numpy as np
 from invariantqp.compare.laws.raibert_craig import RaibertCraig
 from invariantqp.compare.measure.displaced import displaced
 from invariantqp.compare.measure.frames import random_displacement
+from invariantqp.compare.names import OURS
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
@@ -106,11 +107,6 @@ class Textbook:
         return self._loop.step(measured.q, goal.target, exerted, goal.feedforward)
 
 
-def ours(setup: Setup, tool: Array | None = None) -> Pilot:  # noqa: ARG001 (it needs to be told of no displacement)
-    """Our hybrid controller as a pilot."""
-    return pilot_of(setup.brief)
-
-
 def contact_frame_check(
     task: Task, seed: int = 0, physics: str = "ideal", progress: Progress | None = None
 ) -> list[ContactFrameCheck]:
@@ -128,7 +124,10 @@ def contact_frame_check(
     Raises:
         BadInput: no such plant, or one without a force sensor.
     """
-    laws: dict[str, Callable[[Setup, Array | None], Pilot]] = {"invariantqp": ours, "Raibert-Craig": Textbook}
+    laws: dict[str, Callable[[Setup, Array | None], Pilot]] = {
+        OURS: lambda setup, _: pilot_of(setup.brief),  # it needs to be told of no displacement
+        "Raibert-Craig": Textbook,
+    }
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
     checks = []
     runs = 0
