@@ -3,6 +3,7 @@ from typing import Any
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Policy
+from invariantqp.velocity.solution import VelocitySolution
 
 CONSTANTS: dict[str, float]
 MOST_JOINTS: int
@@ -10,6 +11,7 @@ MOST_ROWS: int
 TOLD: int
 RECORD: int
 
+def answer_as(kind: type[VelocitySolution], /) -> None: ...
 def tick(
     J: Array,
     s: Array,
@@ -24,7 +26,7 @@ def tick(
     limits: tuple[Array, Array, Array] | None,
     metric: tuple[Array | None, Array | None] | None,
     /,
-) -> tuple[Any, ...] | None: ...
+) -> VelocitySolution | None: ...
 def ticks(
     J: Array,
     s: Array,
@@ -40,7 +42,7 @@ def ticks(
     records: Array,
     /,
 ) -> None: ...
-def solution(record: Array, /) -> tuple[Any, ...]: ...
+def solution(record: Array, /) -> VelocitySolution: ...
 def optimum(
     K: Array,
     T: Array,
@@ -78,8 +80,8 @@ def loop(
     /,
 ) -> Array: ...
 def step(
-    loop: Array, q: Any, target: Any, feedforward: Any, before: Array, convergence: tuple[Any, ...], /
-) -> tuple[Any, ...] | None: ...
+    loop: Array, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /
+) -> tuple[VelocitySolution, bool] | None: ...
 def drive(
     loop: Array,
     course: Array,
@@ -90,7 +92,7 @@ def drive(
     paused: bool,
     back: bool,
     /,
-) -> tuple[tuple[Any, ...], tuple[Any, ...], float, float, float, int, str] | None: ...
+) -> tuple[VelocitySolution, tuple[Any, ...], float, float, float, int, str] | None: ...
 def arm(
     numbers: Array,
     point: Array,

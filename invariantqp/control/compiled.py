@@ -7,12 +7,10 @@ accelerations too, fixed `LimitRows`, a tool speed, a joint metric, forms and ca
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from invariantqp.control.convergence import Convergence
 from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlane, ExactPoint
 from invariantqp.control.joint_rows import JointRows
 from invariantqp.control.loop_limits import LoopLimits
@@ -24,14 +22,10 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
 
-
-class Tick(NamedTuple):
-    """The solution of a tick, and what the loop keeps of it: velocity (a copy), rotation of the error, convergence."""
-
-    solution: VelocitySolution
-    velocity: Array
-    turn: Array
-    convergence: Convergence
+# A tick by the core, for the loop of `compiled_loop`, the numbers of its Memory, which it writes, and what `step` is
+# given; without a target (None), what `follow` is. The solution, and whether there are words to add to it; None where
+# Python has to answer, or to say what is wrong with an argument.
+compiled_tick: Callable[..., tuple[VelocitySolution, bool] | None] = getattr(core, "step", lambda *_: None)
 
 
 def compiled_loop(
@@ -122,16 +116,3 @@ def _rows(limits: JointRows | None, m: int) -> tuple[Array, Array, Array] | None
     if limits is None:
         return np.empty((0, m)), np.empty(0), np.empty(0)
     return None if limits.fixed is None else (limits.fixed.C, limits.fixed.lower, limits.fixed.upper)
-
-
-def compiled_tick(
-    loop: Array, q: ArrayLike, target: Any, feedforward: ArrayLike | None, before: Array, convergence: Convergence
-) -> Tick | None:
-    """The core's answer; None where Python has to answer, or to say what is wrong with an argument."""
-    pose = target if type(target) is np.ndarray else getattr(target, "homogeneous", None)
-    pose = getattr(target, "pose", None) if pose is None else pose
-    found = None if core is None else core.step(loop, q, pose, feedforward, before, convergence)
-    if found is None:
-        return None
-    solution, velocity, turn, watch = found
-    return Tick(VelocitySolution._make(solution), velocity, turn, Convergence._make(watch))

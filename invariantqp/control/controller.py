@@ -153,7 +153,7 @@ class Controller:
         )
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
-        self._memory = Memory(np.zeros(m), None, Convergence())
+        self._kept = Memory(np.zeros(m), None, Convergence()).numbers
         self._compiled: Array | None = compiled_loop(
             robot, self.law, self.measure, self._limits, self.gain, mid, self._pull, slow, self.exact, self.row_rank
         )
@@ -165,6 +165,15 @@ class Controller:
 
     def __copy__(self) -> Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks
+
+    @property
+    def _memory(self) -> Memory:
+        """What the loop keeps from tick to tick, which the core writes too."""
+        return Memory.of(self._kept)
+
+    @_memory.setter
+    def _memory(self, memory: Memory) -> None:
+        self._kept[:] = memory.numbers
 
     def step(
         self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
@@ -184,16 +193,16 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        before = self._memory.now(velocity)
-        if self._compiled is not None:
-            tick = compiled_tick(self._compiled, q, target, feedforward, before, self._memory.convergence)
-            if tick is not None:
-                # As `self._memory =` would, without asking `__setattr__`: a twentieth of this tick.
-                object.__setattr__(self, "_memory", Memory(tick.velocity, tick.turn, tick.convergence))
-                return self._watched(self._limits.told(tick.solution, q, self.robot.names))
+        if self._compiled is not None and target is not None:
+            found = compiled_tick(self._compiled, self._kept, q, target, feedforward, velocity)
+            if found is not None:
+                answer, more = found
+                return self._watched(self._limits.told(answer, q, self.robot.names)) if more else answer
+        memory = self._memory
+        before = memory.now(velocity)
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
-        error = same_turn(sighting.error, self._memory.turn)
+        error = same_turn(sighting.error, memory.turn)
         s = tracking_twist(error, self.gain, feedforward)
         ahead = None if feedforward is None else s - self.gain * error
         root = self.measure.root(self.robot, sighting, target)
@@ -234,6 +243,12 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
+        usual = rows is None and sighting is None and at is None and posture is None
+        if usual and self._compiled is not None:
+            found = compiled_tick(self._compiled, self._kept, q, None, twist, velocity)
+            if found is not None:
+                answer, more = found
+                return self._limits.told(answer, q, self.robot.names) if more else answer
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.not_too_fast(arrays.twist(twist))
         if rows is not None:
@@ -268,10 +283,10 @@ class Controller:
         """The fixed numbers of this loop for the compiled core; None for a loop that the core does not have."""
         return self._compiled
 
-    def followed(self, fields: tuple[Any, ...], velocity: Array, q: ArrayLike) -> VelocitySolution:
-        """The solution of a tick that the core answered instead of `follow`: its fields, its velocity once more."""
-        self._memory = self._memory._replace(velocity=velocity)
-        return self._limits.told(VelocitySolution._make(fields), q, self.robot.names)
+    def followed(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
+        """The solution of a tick that the core answered instead of `follow`."""
+        self._kept[-len(self._middle) :] = solution.velocity
+        return self._limits.told(solution, q, self.robot.names)
 
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""

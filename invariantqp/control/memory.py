@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.convergence import Convergence
@@ -23,6 +24,24 @@ class Memory(NamedTuple):
     velocity: Array
     turn: Array | None
     convergence: Convergence
+
+    @classmethod
+    def of(cls, numbers: Array) -> Memory:
+        """As `numbers` gives it."""
+        promised, achieved, speed, size, ticks = numbers[:5].tolist()
+        expected, turn, velocity = (part.copy() for part in np.split(numbers[5:], (6, 9)))
+        before = not np.isnan(expected[0])
+        watch = Convergence(promised, achieved, speed, expected if before else None, size, int(ticks))
+        return cls(velocity, turn if before else None, watch)
+
+    @property
+    def numbers(self) -> Array:
+        """(14 + m,) all of it as the compiled core takes it, NaN for what there is not before the first tick."""
+        promised, achieved, speed, expected, size, ticks = self.convergence
+        nothing = np.full(6, np.nan)
+        watch = nothing if expected is None else expected
+        turn = nothing[:3] if self.turn is None else self.turn
+        return np.concatenate(((promised, achieved, speed, size, ticks), watch, turn, self.velocity))
 
     def now(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last.

@@ -69,9 +69,9 @@ class Course(NamedTuple):
         found: Any = core.drive(loop, self.numbers, q, state, velocity, override, paused, back)
         if found is None:
             return None
-        fields, kept, at, speed, across, rule, status = found
+        answered, kept, at, speed, across, rule, status = found
         after = PathState._make((*kept, state.ticks + 1))
-        answer = self.controller.followed(fields, after.velocity, q)
+        answer = self.controller.followed(answered, q)
         ruling = self.plan.ruling[rule] if rule >= 0 else RULINGS[rule] or (PAUSE if paused else TURN)
         reason = "" if status == "done" else answer.reason
         rate = self.pace.rate

@@ -1,6 +1,63 @@
-/* The fields of a VelocitySolution: numbers, joints at a limit, and the reason as velocity/report.py words it. */
+/* A VelocitySolution: numbers, joints at a limit, and the reason as velocity/report.py words it. */
 
 #include "boundary.h"
+
+/* The type of answers, and what many of them share; made once. */
+static PyTypeObject *ANSWER;
+static PyObject *METHODS[3], *STATUSES[4], *NATIVE, *NOTHING, *NONE_ACTIVE, *ZERO, *ONE;
+
+bool words_made(void)
+{
+    static const char *const METHOD[] = {"closed-form", "damped", "qp"}; /* in the order of Method and Status */
+    static const char *const STATUS[] = {"ok", "scaled", "guarded", "degraded"};
+    bool good = true;
+    for (int i = 0; i < 3; i++)
+        good = (METHODS[i] = PyUnicode_InternFromString(METHOD[i])) != NULL && good;
+    for (int i = 0; i < 4; i++)
+        good = (STATUSES[i] = PyUnicode_InternFromString(STATUS[i])) != NULL && good;
+    NATIVE = PyUnicode_InternFromString("native");
+    NOTHING = PyUnicode_InternFromString("");
+    NONE_ACTIVE = PyTuple_New(0);
+    ZERO = PyFloat_FromDouble(0.0);
+    ONE = PyFloat_FromDouble(1.0);
+    return good && NATIVE != NULL && NOTHING != NULL && NONE_ACTIVE != NULL && ZERO != NULL && ONE != NULL;
+}
+
+/* answer_as(type): `type` is VelocitySolution, a named tuple. */
+PyObject *answer_as(PyObject *module, PyObject *type)
+{
+    (void)module;
+    if (!PyType_Check(type) || !PyType_IsSubtype((PyTypeObject *)type, &PyTuple_Type)) {
+        PyErr_SetString(PyExc_TypeError, "answer_as(a named tuple)");
+        return NULL;
+    }
+    Py_XDECREF(ANSWER);
+    ANSWER = (PyTypeObject *)Py_NewRef(type);
+    Py_RETURN_NONE;
+}
+
+/* A tuple of some type with these values, which it takes over; NULL where one of them is. */
+PyObject *named(PyTypeObject *type, int n, PyObject *const *values)
+{
+    bool good = true;
+    for (int i = 0; i < n; i++)
+        good = good && values[i] != NULL;
+    PyObject *tuple = NULL;
+    if (good)
+        tuple = type == &PyTuple_Type ? PyTuple_New(n) : ((allocfunc)PyType_GetSlot(type, Py_tp_alloc))(type, n);
+    for (int i = 0; i < n; i++)
+        if (tuple == NULL)
+            Py_XDECREF(values[i]);
+        else
+            PyTuple_SetItem(tuple, i, values[i]);
+    return tuple;
+}
+
+/* Most numbers of an answer are 0 or 1. */
+static PyObject *number(double x)
+{
+    return x == 0.0 ? Py_NewRef(ZERO) : x == 1.0 ? Py_NewRef(ONE) : PyFloat_FromDouble(x);
+}
 
 /* Longer than any reason. */
 #define WORDS 1024
@@ -39,7 +96,8 @@ static int name(char *words, const char *between, const char *what, int n, const
 
 static PyObject *reason(int m, const Solution *solution)
 {
-    char words[WORDS] = "";
+    char words[WORDS];
+    words[0] = 0;
     if (solution->stuck)
         say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
     if (solution->slow) {
@@ -82,20 +140,22 @@ static PyObject *reason(int m, const Solution *solution)
         }
     }
     name(words, words[0] != 0 ? "; at the limits of " : "at the limits of ", "joint", m, solution->active);
-    return PyUnicode_FromString(words);
+    return words[0] != 0 ? PyUnicode_FromString(words) : Py_NewRef(NOTHING);
 }
 
-static PyObject *joints(int m, const bool *active, int count)
+/* Those that are active. */
+static PyObject *joints(int m, const bool *active)
 {
-    PyObject *tuple = PyTuple_New(count);
-    for (int j = 0, k = 0; tuple != NULL && j < m; j++) {
-        if (!active[j])
-            continue;
-        PyObject *index = PyLong_FromLong(j);
-        if (index == NULL || PyTuple_SetItem(tuple, k++, index) < 0)
-            Py_CLEAR(tuple);
-    }
-    return tuple;
+    int count = 0;
+    for (int j = 0; j < m; j++)
+        count += active[j];
+    if (count == 0)
+        return Py_NewRef(NONE_ACTIVE);
+    PyObject *found[MOST];
+    for (int j = 0, k = 0; j < m; j++)
+        if (active[j])
+            found[k++] = PyLong_FromLong(j);
+    return named(&PyTuple_Type, count, found);
 }
 
 Status status(const Solution *solution)
@@ -105,21 +165,29 @@ Status status(const Solution *solution)
     return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : OK;
 }
 
-/* The fields of a VelocitySolution, in its order. */
+/* A VelocitySolution, its fields in their order. */
 PyObject *fields(int m, const Solution *solution)
 {
-    static const char *const METHODS[] = {"closed-form", "damped", "qp"}; /* in the order of Method and Status */
-    static const char *const STATUSES[] = {"ok", "scaled", "guarded", "degraded"};
-    int active = 0;
-    for (int j = 0; j < m; j++)
-        active += solution->active[j];
-    return Py_BuildValue("(NssNNNdddsNN)", new_vector(m, solution->velocity), METHODS[solution->method],
-                         STATUSES[status(solution)], reason(m, solution),
-                         joints(m, solution->active, active), new_vector(6, solution->residual), solution->scale,
-                         solution->damping, solution->blended, solution->met ? "native" : "",
-                         solution->met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
-                         solution->met && solution->limits > 0 ? new_vector(solution->limits, solution->multipliers + m)
-                                                               : Py_NewRef(Py_None));
+    if (ANSWER == NULL) {
+        PyErr_SetString(PyExc_TypeError, "answer_as(VelocitySolution) comes first");
+        return NULL;
+    }
+    bool met = solution->met, rows = met && solution->limits > 0;
+    PyObject *values[] = {
+        new_vector(m, solution->velocity),
+        Py_NewRef(METHODS[solution->method]),
+        Py_NewRef(STATUSES[status(solution)]),
+        reason(m, solution),
+        joints(m, solution->active),
+        new_vector(6, solution->residual),
+        number(solution->scale),
+        number(solution->damping),
+        number(solution->blended),
+        Py_NewRef(met ? NATIVE : NOTHING),
+        met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
+        rows ? new_vector(solution->limits, solution->multipliers + m) : Py_NewRef(Py_None),
+    };
+    return named(ANSWER, sizeof values / sizeof *values, values);
 }
 
 /* Whether a velocity and a residual are all there is to say. */

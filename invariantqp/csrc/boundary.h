@@ -1,4 +1,4 @@
-/* What of Python's the files at the boundary share: arrays in, the fields of a VelocitySolution out. */
+/* What of Python's the files at the boundary share: arrays in, a VelocitySolution out. */
 
 #ifndef BOUNDARY_H
 #define BOUNDARY_H
@@ -44,6 +44,9 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
 
 /* answer.c */
 typedef enum { OK, SCALED, GUARDED, DEGRADED } Status;
+bool words_made(void);
+PyObject *answer_as(PyObject *module, PyObject *type);
+PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution);
 Status status(const Solution *solution);
 bool is_plain(const Solution *solution);

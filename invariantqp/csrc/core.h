@@ -193,12 +193,12 @@ typedef struct {
     bool met, at_rest, going;
 } Try;
 
-/* control/convergence.py */
+/* control/memory.py and convergence.py: what a loop keeps from tick to tick. Numbers alone, as in a Loop; `expected` and
+   `turn` are NaN before the first tick. */
 typedef struct {
-    double promised, achieved, speed, expected[6], size;
-    long ticks;
-    bool has_expected;
-} Convergence;
+    double promised, achieved, speed, size, ticks, expected[6], turn[3];
+    Row velocity;
+} Memory;
 
 /* Two sums, which do not wait for each other. */
 static inline double dot(int n, const double *a, const double *b)
@@ -285,7 +285,9 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Row
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
-             Convergence *watch, double turn[3], Solution *solution);
+             Memory *memory, Solution *solution);
+bool has_trouble(const Memory *memory);
+bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 
 /* The constants of the twins, by the names of their Python files; a test compares the two. */
 typedef struct {
@@ -328,6 +330,9 @@ extern const Constant CONSTANTS[];
 #define FIXED_TOLERANCE 1e-13
 #define MOST_SHARE 1e8
 #define MEMORY 50
+#define KEPT_SHARE 0.2
+#define FAST_SHARE 0.02
+#define LARGEST_SPEED 1e12
 #define STRAIN_TOLERANCE 1e-9
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30

@@ -1,4 +1,4 @@
-/* Twin of control/controller.py, measure.py, convergence.py and velocity/limits/box.py: one tick of a controller.
+/* Twin of control/controller.py, measure.py, memory.py, convergence.py and velocity/limits/box.py: one tick of a loop.
 
        s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
 
@@ -53,19 +53,34 @@ static void box(const Loop *loop, const double *q, Row lower, Row upper)
 }
 
 /* convergence.py: seen, then commanded */
-static void watched(const Loop *loop, const double error[6], const double change[6], Convergence *watch)
+static void watched(const Loop *loop, const double error[6], const double change[6], Memory *memory)
 {
     double share = 1.0 / MEMORY, size = norm(6, error);
-    if (watch->has_expected) {
-        watch->promised = (1.0 - share) * watch->promised + share * (watch->size - norm(6, watch->expected));
-        watch->achieved = (1.0 - share) * watch->achieved + share * (watch->size - size);
-        watch->ticks++;
+    if (!isnan(memory->expected[0])) {
+        memory->promised = (1.0 - share) * memory->promised + share * (memory->size - norm(6, memory->expected));
+        memory->achieved = (1.0 - share) * memory->achieved + share * (memory->size - size);
+        memory->ticks++;
     }
     for (int i = 0; i < 6; i++)
-        watch->expected[i] = error[i] + change[i];
-    watch->speed = (1.0 - share) * watch->speed + share * loop->slowness / loop->dt * norm(6, change);
-    watch->size = size;
-    watch->has_expected = true;
+        memory->expected[i] = error[i] + change[i];
+    memory->speed = (1.0 - share) * memory->speed + share * loop->slowness / loop->dt * norm(6, change);
+    memory->size = size;
+}
+
+/* convergence.py: whether the loop does not converge; Python has the words for it. */
+bool has_trouble(const Memory *memory)
+{
+    return memory->ticks >= MEMORY && memory->speed >= FAST_SHARE && memory->promised > 0.0 &&
+           memory->achieved < KEPT_SHARE * memory->promised;
+}
+
+/* limits/box.py: whether a joint at a limit is outside its range, where Python has words for it. */
+bool is_outside(const Loop *loop, const double *q, const Solution *solution)
+{
+    for (int j = 0; j < solution->m && loop->has_braking == 0.0; j++)
+        if (solution->active[j] && fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > OUTSIDE)
+            return true;
+    return false;
 }
 
 /* limits/toolspeed.py: the velocity v + omega x p of the limited point */
@@ -114,41 +129,47 @@ Outcome demand_in(const Loop *loop, const double *q, const double *before, const
     return DONE;
 }
 
-/* `before` is the joint velocity now, which acceleration limits count from. */
+/* The tick towards a target and, without one (NULL), `Controller.follow` for the twist `feedforward`. `before` is the
+   joint velocity now, which acceleration limits count from. */
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
-             Convergence *watch, double turn[3], Solution *solution)
+             Memory *memory, Solution *solution)
 {
     Demand demand;
     Pose tool, home;
-    double error[6], measured[6], change[6], square = 0.0, share = 1.0;
+    double error[6] = {0.0}, measured[6], change[6], most = 0.0, square = 0.0, share = target == NULL ? 0.0 : 1.0;
     int m = demand.m = (int)loop->joints;
     pose_from(loop->home, &home);
     kinematics(m, loop->screws, &home, q, demand.J, &tool);
-    if (error_twist(target, &tool, error) == HAND_BACK || demand_in(loop, q, before, &tool, &demand) == HAND_BACK)
+    if ((target != NULL && error_twist(target, &tool, error) == HAND_BACK) ||
+        demand_in(loop, q, before, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);
-    if (loop->has_braking != 0.0 && approach(loop, &demand, measured, &share) == HAND_BACK)
+    if (target != NULL && loop->has_braking != 0.0 && approach(loop, &demand, measured, &share) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < 6; i++) {
         demand.s[i] = share * loop->gain * error[i] + (feedforward == NULL ? 0.0 : feedforward[i]);
+        most = fmax(most, fabs(demand.s[i]));
         square += demand.s[i] * demand.s[i];
     }
-    if (!(square < INFINITY))
+    if (!(square < INFINITY) || (target == NULL && most > LARGEST_SPEED))
         return HAND_BACK;
     demand.has_posture = loop->has_posture != 0.0;
     for (int j = 0; j < m; j++)
         demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
-    if (rows_of(loop->exact, (int)loop->wanted, share * loop->gain, &tool, target, feedforward, &demand) == HAND_BACK ||
+    const Pose *wanted = target == NULL ? &tool : target;
+    if (rows_of(loop->exact, (int)loop->wanted, share * loop->gain, &tool, wanted, feedforward, &demand) == HAND_BACK ||
         solve(&demand, solution) == HAND_BACK)
         return HAND_BACK;
+    memcpy(memory->velocity, solution->velocity, (size_t)m * sizeof(double));
+    if (target == NULL)
+        return DONE;
     double moved[6];
     for (int i = 0; i < 6; i++)
         moved[i] = dot(m, demand.J[i], solution->velocity) - (feedforward == NULL ? 0.0 : feedforward[i]);
     for (int i = 0; i < 6; i++)
         change[i] = -loop->dt * dot(6, demand.root[i], moved);
-    watched(loop, measured, change, watch);
-    for (int i = 0; i < 3; i++)
-        turn[i] = error[i];
+    watched(loop, measured, change, memory);
+    memcpy(memory->turn, error, sizeof memory->turn);
     return DONE;
 }

@@ -3,6 +3,10 @@
 #define IMPORTS_NUMPY
 #include "boundary.h"
 
+/* Numbers of a Memory before its velocity. */
+#define KEPT ((npy_intp)(offsetof(Memory, velocity) / sizeof(double)))
+static PyObject *HOMOGENEOUS; /* made with the module */
+
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -126,47 +130,60 @@ const Loop *loop_of(PyObject *object)
     return fits ? loop : NULL;
 }
 
-/* Read a Convergence of Python: (promised, achieved, speed, expected, size, ticks). */
-static bool convergence(PyObject *tuple, Convergence *watch)
+/* The numbers of a Memory, for reading and writing: MEMORY_NUMBERS and then the velocity (m,); NULL for anything else. */
+static double *memory_of(PyObject *object, int m)
 {
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 6)
-        return false;
-    watch->promised = PyFloat_AsDouble(PyTuple_GetItem(tuple, 0));
-    watch->achieved = PyFloat_AsDouble(PyTuple_GetItem(tuple, 1));
-    watch->speed = PyFloat_AsDouble(PyTuple_GetItem(tuple, 2));
-    watch->size = PyFloat_AsDouble(PyTuple_GetItem(tuple, 4));
-    watch->ticks = PyLong_AsLong(PyTuple_GetItem(tuple, 5));
-    PyObject *expected = PyTuple_GetItem(tuple, 3);
-    watch->has_expected = expected != Py_None;
-    return !PyErr_Occurred() && (!watch->has_expected || vector(expected, 6, watch->expected));
+    PyArrayObject *array = (PyArrayObject *)object;
+    bool good = PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY(array) &&
+                PyArray_SIZE(array) == KEPT + m;
+    return good ? PyArray_DATA(array) : NULL;
 }
 
+/* The pose of a target: a (4, 4) array, or what has one as `homogeneous`. */
+static bool target_pose(PyObject *object, Pose *T)
+{
+    if (PyArray_Check(object))
+        return pose(object, T);
+    PyObject *array = PyObject_GetAttr(object, HOMOGENEOUS);
+    bool good = array != NULL && pose(array, T);
+    Py_XDECREF(array);
+    PyErr_Clear(); /* Python says what is wrong */
+    return good;
+}
+
+/* step(loop, memory, q, target, feedforward, velocity): a VelocitySolution, and whether Python has words to add; the
+   memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. None, and the memory as it
+   was, where Python has to answer, or to say what is wrong. */
 static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     const Loop *fixed = count == 6 ? loop_of(arguments[0]) : NULL;
-    if (fixed == NULL) {
-        PyErr_SetString(PyExc_TypeError, "step(loop, q, target, feedforward, before, convergence)");
+    double *kept = fixed == NULL ? NULL : memory_of(arguments[1], (int)fixed->joints);
+    if (kept == NULL) {
+        PyErr_SetString(PyExc_TypeError, "step(loop, memory, q, target, feedforward, velocity)");
         return NULL;
     }
     int m = (int)fixed->joints;
     Row q, before;
     Pose target;
-    double feedforward[6], turn[3];
-    bool ahead = arguments[3] != Py_None;
-    Convergence watch;
+    double feedforward[6];
+    bool ahead = arguments[4] != Py_None, towards = arguments[3] != Py_None;
+    Memory memory;
     Solution solution;
-    if (!vector(arguments[1], m, q) || !all_finite(m, q) || !pose(arguments[2], &target) ||
-        (ahead && (!vector(arguments[3], 6, feedforward) || !all_finite(6, feedforward))) ||
-        !vector(arguments[4], m, before) || !all_finite(m, before) || !convergence(arguments[5], &watch) ||
-        step(fixed, q, &target, ahead ? feedforward : NULL, before, &watch, turn, &solution) == HAND_BACK) {
-        if (PyErr_Occurred())
-            return NULL;
+    memcpy(&memory, kept, (size_t)(KEPT + m) * sizeof(double));
+    if (arguments[5] == Py_None)
+        memcpy(before, memory.velocity, sizeof before);
+    if ((arguments[5] != Py_None && (!vector(arguments[5], m, before) || !all_finite(m, before))) ||
+        !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
+        (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead) ||
+        step(fixed, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, &memory, &solution) == HAND_BACK)
         Py_RETURN_NONE;
-    }
-    return Py_BuildValue("(NNN(dddNdl))", fields(m, &solution), new_vector(m, solution.velocity), new_vector(3, turn),
-                         watch.promised, watch.achieved, watch.speed, new_vector(6, watch.expected), watch.size,
-                         watch.ticks);
+    PyObject *found[] = {fields(m, &solution), NULL};
+    if (found[0] == NULL)
+        return NULL;
+    memcpy(kept, &memory, (size_t)(KEPT + m) * sizeof(double));
+    found[1] = PyBool_FromLong((towards && has_trouble(&memory)) || is_outside(fixed, q, &solution));
+    return named(&PyTuple_Type, 2, found);
 }
 
 /* optimum(K, T, centre, A or None, lower, upper, (J, limit, start) or None, inside): (z, multipliers, nu) of the quadratic
@@ -201,18 +218,19 @@ static PyObject *optimum(PyObject *module, PyObject *const *arguments, Py_ssize_
 }
 
 static PyMethodDef methods[] = {
+    {"answer_as", (PyCFunction)(void (*)(void))answer_as, METH_O, "Make every answer a VelocitySolution, this type."},
     {"ticks", (PyCFunction)(void (*)(void))batch_ticks, METH_FASTCALL, "Many ticks at once, without the GIL."},
-    {"solution", (PyCFunction)(void (*)(void))batch_solution, METH_FASTCALL, "The fields of a VelocitySolution from its record."},
+    {"solution", (PyCFunction)(void (*)(void))batch_solution, METH_FASTCALL, "A VelocitySolution from its record."},
     {"loop", (PyCFunction)(void (*)(void))loop, METH_FASTCALL, "The fixed numbers of a controller, for `step`."},
     {"step", (PyCFunction)(void (*)(void))controller_step, METH_FASTCALL,
-     "A controller's tick: the fields of a VelocitySolution and of its memory, or None where Python has to answer."},
+     "A controller's tick: a VelocitySolution, and whether Python has words to add; None where Python has to answer."},
     {"drive", (PyCFunction)(void (*)(void))path_drive, METH_FASTCALL,
      "A tick along a path, the state after it and what is told of it, or None where Python has to drive."},
     {"sight", (PyCFunction)(void (*)(void))sight, METH_FASTCALL,
      "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."},
     {"cost", (PyCFunction)(void (*)(void))cost, METH_FASTCALL, "H and c of a frame task, or None where Python has to find them."},
     {"tick", (PyCFunction)(void (*)(void))tick, METH_FASTCALL,
-     "The fields of a VelocitySolution, or None where Python has to answer."},
+     "A VelocitySolution, or None where Python has to answer."},
     {"optimum", (PyCFunction)(void (*)(void))optimum, METH_FASTCALL,
      "The optimum of a quadratic inside limits, its multipliers and the speed limit's; or None."},
     {"arm", (PyCFunction)(void (*)(void))search_arm, METH_FASTCALL, "The numbers of an arm, for a pose search."},
@@ -229,7 +247,8 @@ PyMODINIT_FUNC PyInit__native(void)
 {
     import_array();
     PyObject *module = PyModule_Create(&definition), *constants = PyDict_New();
-    if (module == NULL || constants == NULL)
+    HOMOGENEOUS = PyUnicode_InternFromString("homogeneous");
+    if (module == NULL || constants == NULL || HOMOGENEOUS == NULL || !words_made())
         return NULL;
     for (const Constant *constant = CONSTANTS; constant->name != NULL; constant++) {
         PyObject *value = PyFloat_FromDouble(constant->value);

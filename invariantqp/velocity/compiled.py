@@ -26,6 +26,8 @@ ROWS_A_THREAD = 1024
 METHODS = np.array(["closed-form", "damped", "qp"], dtype="U11")
 STATUSES = np.array(["ok", "scaled", "guarded", "degraded"], dtype="U8")
 LEFT, PLAIN, RECORDED = 0.0, 1.0, 2.0
+if core is not None:
+    core.answer_as(VelocitySolution)
 
 
 def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
@@ -40,8 +42,10 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     slow = None if cone is None else (cone.J, cone.limit, cone.start)
     limits = None if rows is None else (rows.C, rows.lower, rows.upper)
     metric = _metric(law)
-    found = core.tick(J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric)
-    return None if found is None else VelocitySolution._make(found)
+    found: VelocitySolution | None = core.tick(
+        J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric
+    )
+    return found
 
 
 class Rows(Mapping[int, VelocitySolution]):
@@ -92,7 +96,7 @@ class Rows(Mapping[int, VelocitySolution]):
         if row not in self._made:
             if core is None or row not in self._place:
                 raise KeyError(row)
-            self._made[row] = VelocitySolution._make(core.solution(self._records[self._place[row]]))
+            self._made[row] = core.solution(self._records[self._place[row]])
         return self._made[row]
 
 
