@@ -2,9 +2,25 @@
 
 #include "boundary.h"
 
+/* velocity/problem.py: whether a joint only slides. */
+static bool is_prismatic(int m, const Row J[6])
+{
+    Row turning = {0.0}, moving = {0.0};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < m; j++) {
+            turning[j] += J[i][j] * J[i][j];
+            moving[j] += J[3 + i][j] * J[3 + i][j];
+        }
+    for (int j = 0; j < m; j++)
+        if (sqrt(turning[j]) <= SLIDING * sqrt(moving[j]) && moving[j] > 0.0)
+            return true;
+    return false;
+}
+
 /* ticks(J, s, roots, lower, upper, posture, POLICY, (T, its inverse) or None, velocity, residual, told, records): N rows,
    each a tick without dt. Written of each: velocity and residual; whether it is a closed form and no more (PLAIN), more
-   than that (RECORDED, and then its record) or Python's (0); method, status, scale, damping, guard. */
+   than that (RECORDED, and then its record) or Python's (0), as a row with a prismatic joint and no metric is, which has
+   a metric of its own there; method, status, scale, damping, guard. */
 enum { PLAIN = 1, RECORDED = 2 };
 
 PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -57,7 +73,8 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         if (shared.has_posture)
             copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
         told[0] = 0.0;
-        if (solve(&demand, &solution) == HAND_BACK)
+        if ((shared.metric == NULL && is_prismatic(shared.m, (const Row *)demand.J)) ||
+            solve(&demand, &solution) == HAND_BACK)
             continue;
         memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));
         memcpy((double *)PyArray_DATA(arrays[RESIDUAL]) + row * 6, solution.residual, 6 * sizeof(double));

@@ -333,6 +333,7 @@ extern const Constant CONSTANTS[];
 #define KEPT_SHARE 0.2
 #define FAST_SHARE 0.02
 #define LARGEST_SPEED 1e12
+#define SLIDING 1e-9
 #define STRAIN_TOLERANCE 1e-9
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30

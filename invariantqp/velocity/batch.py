@@ -115,12 +115,10 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         A, b = np.matmul(batch.roots, twists), np.matmul(batch.roots, s[:, :, None])[:, :, 0]
         done, x = free_rows(batch.law, A, b, box, batch.posture)
         told = np.tile([PLAIN, 0.0, 0.0, 1.0, 0.0, 0.0], (n, 1))
-        told[~done, 0] = LEFT
+        own = batch.law.metric is None and prismatic(twists, 1.0).any(axis=1)  # a metric of its own in each such row
+        told[~done | own, 0] = LEFT
         rows = Rows(x, s - np.einsum("nij,nj->ni", twists, x), told, np.empty((n, 0)))
-    left = rows.left
-    if batch.law.metric is None:  # prismatic joints have a metric of their own in each row
-        left = sorted({*left, *np.flatnonzero(prismatic(twists, 1.0).any(axis=1)).tolist()})
-    for i in left:
+    for i in rows.left:
         rows.put(i, batch.solution(i))
     scale, damping, guard = rows.numbers
     return VelocitySolutions(rows.velocity, rows.method, rows.status, rows.residual, scale, damping, guard, rows)
@@ -157,14 +155,15 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     twists = _stack(J)
     n, _, m = twists.shape
     s = arrays.not_too_fast(_rows(twist, (n, 6), "twist", "one twist a Jacobian"))
-    lower, upper = _box(options.get("bounds"), n, m)
+    box = _box(options.get("bounds"), n, m)
     posture, point, length = options.get("posture"), options.get("point"), options.get("length")
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
     form = form_of(options.get("form"))
     points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
     first = measure_of(np.eye(6), np.zeros(6), form, None if points is not None else point, length)
-    limited = bool(np.isfinite(lower).all() and np.isfinite(upper).all())
+    limited = bool(np.isfinite(box[0]).all() and np.isfinite(box[1]).all())
+    lower, upper = (np.broadcast_to(side, (n, m)) for side in box)
     metric = options.get("joint_metric")
     law = VelocityLaw(
         form=first.form,
@@ -191,11 +190,9 @@ def _stack(J: ArrayLike) -> Array:
 
 def _rows(value: ArrayLike, shape: tuple[int, int], argument: str, expected: str) -> Array:
     a = arrays.array(value, argument, f"shape {shape}, {expected}")
-    if a.shape == shape[1:]:
-        a = np.broadcast_to(a, shape)
-    if a.shape != shape:
+    if a.shape not in (shape, shape[1:]):
         raise BadInput(argument, f"shape {a.shape}", f"shape {shape}, {expected}, or {shape[1:]} for all")
-    return _finite(a, argument)
+    return np.broadcast_to(_finite(a.reshape(-1, shape[1]), argument), shape)
 
 
 def _finite(a: Array, argument: str) -> Array:
@@ -206,13 +203,14 @@ def _finite(a: Array, argument: str) -> Array:
 
 
 def _box(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, n: int, m: int) -> tuple[Array, Array]:
+    """Lower and upper bounds, (N, m), or (1, m) for the same in all rows."""
     if bounds is None:
-        return np.full((n, m), -np.inf), np.full((n, m), np.inf)
+        return np.full((1, m), -np.inf), np.full((1, m), np.inf)
     if isinstance(bounds, Bounds):
         lower, upper = np.asarray(bounds.lower), np.asarray(bounds.upper)
         if len(lower) != m:
             raise BadInput("bounds", f"{len(lower)} limits", f"{m}, one for each column of J")
-        return np.broadcast_to(lower, (n, m)), np.broadcast_to(upper, (n, m))
+        return lower[None], upper[None]
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
         raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper), or (lower, upper) of shape (N, m)")
     sides = []

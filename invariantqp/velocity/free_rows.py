@@ -74,14 +74,15 @@ def _at(x: Array, box: tuple[Array, Array]) -> Mask:
 def measures(J: Array, s: Array, point: Array | None, length: float | None) -> Array:
     """(N, 6, 6) roots of diag(L^2 I, I) at a point (3,) or (N, 3), or at each row's own point; L is its reach."""
     n = len(J)
-    p = _own_points(J, s) if point is None else np.broadcast_to(point, (n, 3))
-    L = _reaches(J, s, p) if length is None else np.full(n, length)
-    roots = np.zeros((n, 6, 6))
+    same = point is not None and length is not None and point.strides[0] == 0  # one point, as broadcast to all rows
+    p = _own_points(J, s) if point is None else np.broadcast_to(point, (n, 3))[: 1 if same else n]
+    L = _reaches(J, s, p) if length is None else np.full(len(p), length)
+    roots = np.zeros((len(p), 6, 6))
     for i in range(3):
         roots[:, i, i], roots[:, i + 3, i + 3] = L, 1.0
         j, k = (i + 1) % 3, (i + 2) % 3
         roots[:, j + 3, k], roots[:, k + 3, j] = p[:, i], -p[:, i]
-    return roots
+    return np.broadcast_to(roots, (n, 6, 6))
 
 
 def _own_points(J: Array, s: Array) -> Array:
