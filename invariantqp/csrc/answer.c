@@ -1,6 +1,7 @@
 /* A VelocitySolution: numbers, joints at a limit, and the reason as velocity/report.py words it. */
 
 #include "boundary.h"
+#include <stdarg.h>
 
 /* The type of answers, and what many of them share; made once. */
 static PyTypeObject *ANSWER;
@@ -27,10 +28,7 @@ bool words_made(void)
 PyObject *answer_as(PyObject *module, PyObject *type)
 {
     (void)module;
-    if (!PyType_Check(type) || !PyType_IsSubtype((PyTypeObject *)type, &PyTuple_Type)) {
-        PyErr_SetString(PyExc_TypeError, "answer_as(a named tuple)");
-        return NULL;
-    }
+    if (!PyType_Check(type) || !PyType_IsSubtype((PyTypeObject *)type, &PyTuple_Type)) return refused("answer_as(a named tuple)");
     Py_XDECREF(ANSWER);
     ANSWER = (PyTypeObject *)Py_NewRef(type);
     Py_RETURN_NONE;
@@ -62,23 +60,29 @@ static PyObject *number(double x)
 /* Longer than any reason. */
 #define WORDS 1024
 
-/* Write text and a number at the end of words: `code` and `digits` as in a format of Python, whatever the locale. */
+/* Write at the end of words. */
+static void put(char *words, const char *format, ...)
+{
+    size_t used = strlen(words);
+    va_list rest;
+    va_start(rest, format);
+    PyOS_vsnprintf(words + used, WORDS - used, format, rest);
+    va_end(rest);
+}
+
+/* Write text and a number: `code` and `digits` as in a format of Python, whatever the locale. */
 static bool add(char *words, const char *text, double number, char code, int digits)
 {
     char *written = PyOS_double_to_string(number, code, digits, 0, NULL);
     if (written == NULL)
         return false;
-    size_t used = strlen(words);
-    PyOS_snprintf(words + used, WORDS - used, "%s%s", text, written);
+    put(words, "%s%s", text, written);
     PyMem_Free(written);
     return true;
 }
 
-static void say(char *words, const char *text)
-{
-    size_t used = strlen(words);
-    PyOS_snprintf(words + used, WORDS - used, "%s%s", used > 0 ? "; " : "", text);
-}
+/* Begin another part of the reason. */
+static void say(char *words, const char *text) { put(words, "%s%s", words[0] != 0 ? "; " : "", text); }
 
 /* Write "joint 3" or "joints 0, 2", after `between`; how many they are. */
 static int name(char *words, const char *between, const char *what, int n, const bool *which)
@@ -87,60 +91,55 @@ static int name(char *words, const char *between, const char *what, int n, const
     for (int j = 0; j < n; j++)
         count += which[j];
     if (count > 0)
-        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s%s%s ", between, what, count > 1 ? "s" : "");
+        put(words, "%s%s%s ", between, what, count > 1 ? "s" : "");
     for (int j = 0; j < n; j++)
         if (which[j])
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s%d", told++ > 0 ? ", " : "", j);
+            put(words, "%s%d", told++ > 0 ? ", " : "", j);
     return count;
 }
 
 static PyObject *reason(int m, const Solution *solution)
 {
+    static const char *const HELD = " (held by ";
     char words[WORDS];
+    bool good = true;
     words[0] = 0;
     if (solution->stuck)
         say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
     if (solution->slow) {
         say(words, "limits allow ");
-        if (!add(words, "", solution->scale, 'g', 3))
-            return NULL;
-        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the exact rows' speed");
-        int held = name(words, " (held by ", "joint", m, solution->held_by);
-        held += name(words, held > 0 ? " and " : " (held by ", "row", solution->limits, solution->held_by + m);
+        good = add(words, "", solution->scale, 'g', 3);
+        put(words, " of the exact rows' speed");
+        int held = name(words, HELD, "joint", m, solution->held_by);
+        held += name(words, held > 0 ? " and " : HELD, "row", solution->limits, solution->held_by + m);
         if (solution->fast)
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sthe tool's speed", held ? " and " : " (held by ");
-        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%s", held || solution->fast ? ")" : "");
+            put(words, "%sthe tool's speed", held > 0 ? " and " : HELD);
+        put(words, held > 0 || solution->fast ? ")" : "");
         for (int i = 0, told = 0; i < solution->rows; i++) {
             if (solution->beside[i] == 0.0)
                 continue;
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), "%sexact row %d",
-                          told++ > 0 ? ", " : "; limits require motion beside it: ", i);
-            if (!add(words, " is off by ", solution->beside[i], 'g', 3))
-                return NULL;
+            put(words, "%sexact row %d", told++ > 0 ? ", " : "; limits require motion beside it: ", i);
+            good = add(words, " is off by ", solution->beside[i], 'g', 3) && good;
         }
     }
     if (solution->blended > 0.0) {
         say(words, "descent guard: ");
-        if (!add(words, "", solution->blended, 'g', 3))
-            return NULL;
-        PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of least squares blended in");
+        good = add(words, "", solution->blended, 'g', 3) && good;
+        put(words, " of least squares blended in");
     }
     if (solution->damping > 0.0) {
         say(words, "near a singularity: the smallest singular value is ");
-        if (!add(words, "", solution->ratio, 'e', 1))
-            return NULL;
-        size_t used = strlen(words);
-        PyOS_snprintf(words + used, WORDS - used, " of the largest; damped");
+        good = add(words, "", solution->ratio, 'e', 1) && good;
+        put(words, " of the largest; damped");
         if (solution->lost && solution->lost_share == 0.0)
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), ": part of the motion is given up");
+            put(words, ": part of the motion is given up");
         else if (solution->lost) {
-            if (!add(words, ": ", solution->lost_share, 'g', 2))
-                return NULL;
-            PyOS_snprintf(words + strlen(words), WORDS - strlen(words), " of the twist is given up");
+            good = add(words, ": ", solution->lost_share, 'g', 2) && good;
+            put(words, " of the twist is given up");
         }
     }
     name(words, words[0] != 0 ? "; at the limits of " : "at the limits of ", "joint", m, solution->active);
-    return words[0] != 0 ? PyUnicode_FromString(words) : Py_NewRef(NOTHING);
+    return !good ? NULL : words[0] != 0 ? PyUnicode_FromString(words) : Py_NewRef(NOTHING);
 }
 
 /* Those that are active. */
@@ -168,10 +167,7 @@ Status status(const Solution *solution)
 /* A VelocitySolution, its fields in their order. */
 PyObject *fields(int m, const Solution *solution)
 {
-    if (ANSWER == NULL) {
-        PyErr_SetString(PyExc_TypeError, "answer_as(VelocitySolution) comes first");
-        return NULL;
-    }
+    if (ANSWER == NULL) return refused("answer_as(VelocitySolution) comes first");
     bool met = solution->met, rows = met && solution->limits > 0;
     PyObject *values[] = {
         new_vector(m, solution->velocity),

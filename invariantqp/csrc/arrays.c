@@ -2,36 +2,49 @@
 
 #include "boundary.h"
 
-/* Copy a float64 vector of n numbers, whatever its strides; false for anything else. */
-bool vector(PyObject *object, int n, double *into)
+/* A TypeError that says how a function is called, unless there is an error already. */
+PyObject *refused(const char *use)
 {
-    if (!PyArray_Check(object))
-        return false;
-    PyArrayObject *array = (PyArrayObject *)object;
-    if (PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISBEHAVED_RO(array) || PyArray_NDIM(array) != 1 ||
-        PyArray_DIM(array, 0) != n)
-        return false;
-    const char *from = PyArray_BYTES(array);
-    npy_intp step = PyArray_STRIDE(array, 0);
-    for (int i = 0; i < n; i++)
-        into[i] = *(const double *)(from + i * step);
-    return true;
+    if (!PyErr_Occurred())
+        PyErr_SetString(PyExc_TypeError, use);
+    return NULL;
 }
 
-/* Copy a (rows, n) float64 matrix into rows of `width`. */
-bool matrix(PyObject *object, int rows, int n, int width, double *into)
+/* None, unless there is an error. */
+PyObject *left_to_python(void) { return PyErr_Occurred() ? NULL : Py_NewRef(Py_None); }
+
+/* Whether an object is a float64 array of so many dimensions, whatever its strides. */
+static bool is_array(PyObject *object, int dimensions)
 {
-    if (!PyArray_Check(object))
-        return false;
     PyArrayObject *array = (PyArrayObject *)object;
-    if (PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISBEHAVED_RO(array) || PyArray_NDIM(array) != 2 ||
-        PyArray_DIM(array, 0) != rows || PyArray_DIM(array, 1) != n)
-        return false;
-    const char *from = PyArray_BYTES(array);
-    npy_intp down = PyArray_STRIDE(array, 0), step = PyArray_STRIDE(array, 1);
+    return PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISBEHAVED_RO(array) &&
+           PyArray_NDIM(array) == dimensions;
+}
+
+static void strided(const char *from, npy_intp down, npy_intp step, int rows, int n, int width, double *into)
+{
     for (int i = 0; i < rows; i++)
         for (int j = 0; j < n; j++)
             into[i * width + j] = *(const double *)(from + i * down + j * step);
+}
+
+/* Copy a float64 vector of n numbers; false for anything else. */
+bool vector(PyObject *object, int n, double *into)
+{
+    PyArrayObject *array = (PyArrayObject *)object;
+    if (!is_array(object, 1) || PyArray_DIM(array, 0) != n)
+        return false;
+    strided(PyArray_BYTES(array), 0, PyArray_STRIDE(array, 0), 1, n, n, into);
+    return true;
+}
+
+/* Copy a (rows, n) float64 matrix into rows of `width`; false for anything else. */
+bool matrix(PyObject *object, int rows, int n, int width, double *into)
+{
+    PyArrayObject *array = (PyArrayObject *)object;
+    if (!is_array(object, 2) || PyArray_DIM(array, 0) != rows || PyArray_DIM(array, 1) != n)
+        return false;
+    strided(PyArray_BYTES(array), PyArray_STRIDE(array, 0), PyArray_STRIDE(array, 1), rows, n, width, into);
     return true;
 }
 
@@ -50,10 +63,7 @@ void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, doub
 {
     const char *from = PyArray_BYTES(array) + row * PyArray_STRIDE(array, 0);
     int last = PyArray_NDIM(array) - 1;
-    npy_intp down = last == 2 ? PyArray_STRIDE(array, 1) : 0, step = PyArray_STRIDE(array, last);
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j < n; j++)
-            into[i * width + j] = *(const double *)(from + i * down + j * step);
+    strided(from, last == 2 ? PyArray_STRIDE(array, 1) : 0, PyArray_STRIDE(array, last), rows, n, width, into);
 }
 
 PyObject *new_vector(int n, const double *values)

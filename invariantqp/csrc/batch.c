@@ -51,12 +51,9 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
                (DIMENSIONS[i] == 2 || PyArray_DIM(arrays[i], 1) == 6);
     }
     good = good && m >= 1 && m <= MOST && (arguments[METRIC] == Py_None || metric(arguments[METRIC], (int)m, &measure));
-    if (!good) {
-        if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "ticks(J, s, roots, lower, upper, posture, " POLICY ", (T, inverse) or None, "
-                                             "velocity, residual, told, records)");
-        return NULL;
-    }
+    if (!good)
+        return refused("ticks(J, s, roots, lower, upper, posture, " POLICY ", (T, inverse) or None, velocity, residual, "
+                       "told, records)");
     shared.m = (int)m;
     shared.has_posture = arrays[POSTURE] != NULL;
     shared.metric = arguments[METRIC] != Py_None ? &measure : NULL;
@@ -97,9 +94,7 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
     (void)module;
     Solution solution;
     if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || !within(solution.m, 1, MOST) ||
-        !within(solution.limits, 0, MOST) || !within((int)solution.method, CLOSED_FORM, QP)) {
-        PyErr_SetString(PyExc_TypeError, "solution(record)");
-        return NULL;
-    }
+        !within(solution.limits, 0, MOST) || !within((int)solution.method, CLOSED_FORM, QP))
+        return refused("solution(record)");
     return fields(solution.m, &solution);
 }

@@ -14,6 +14,8 @@
 #include "core.h"
 
 /* arrays.c */
+PyObject *refused(const char *use);
+PyObject *left_to_python(void);
 bool vector(PyObject *object, int n, double *into);
 bool matrix(PyObject *object, int rows, int n, int width, double *into);
 bool pose(PyObject *object, Pose *T);

@@ -65,10 +65,8 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     Progress progress;
     Row q;
     const Loop *loop = count == 8 ? loop_of(arguments[0]) : NULL;
-    if (loop == NULL || !course_of(arguments[1], &course) || course.m != (int)loop->joints) {
-        PyErr_SetString(PyExc_TypeError, "drive(loop, course, q, state, velocity, override, paused, back)");
-        return NULL;
-    }
+    if (loop == NULL || !course_of(arguments[1], &course) || course.m != (int)loop->joints)
+        return refused("drive(loop, course, q, state, velocity, override, paused, back)");
     int m = course.m;
     bool number = PyFloat_Check(arguments[5]) || PyLong_CheckExact(arguments[5]);
     Order order = {.override = number ? PyFloat_AsDouble(arguments[5]) : -1.0,

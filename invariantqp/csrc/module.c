@@ -17,12 +17,9 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     demand.metric = NULL;
     memset(demand.posture, 0, sizeof demand.posture);
     demand.cone.limit = 0.0;
-    if (count != 12 || !policy(arguments[7], &demand, &form)) {
-        if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "tick(J, s, root, lower, upper, posture, dt, " POLICY ", "
-                                             "(A, b, of_twist, rank), (J, limit, start), (C, lower, upper), (T, inverse))");
-        return NULL;
-    }
+    if (count != 12 || !policy(arguments[7], &demand, &form))
+        return refused("tick(J, s, root, lower, upper, posture, dt, " POLICY ", (A, b, of_twist, rank), (J, limit, start), "
+                       "(C, lower, upper), (T, inverse))");
     demand.m = joints_of(arguments[0]);
     if (demand.m == 0)
         Py_RETURN_NONE;
@@ -37,14 +34,12 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         (arguments[9] != Py_None && !cone(arguments[9], &demand)) ||
         (arguments[10] != Py_None && !limits(arguments[10], &demand)) ||
         (arguments[11] != Py_None && !metric(arguments[11], demand.m, &measure)))
-        Py_RETURN_NONE;
+        return left_to_python();
     if (arguments[11] != Py_None)
         demand.metric = &measure;
-    if (PyErr_Occurred())
-        return NULL;
     Solution solution;
-    if (solve(&demand, &solution) == HAND_BACK)
-        Py_RETURN_NONE;
+    if (PyErr_Occurred() || solve(&demand, &solution) == HAND_BACK)
+        return left_to_python();
     return fields(demand.m, &solution);
 }
 
@@ -54,21 +49,15 @@ static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     (void)module;
     Demand demand;
     Form form;
-    if (count != 5 || !policy(arguments[3], &demand, &form)) {
-        if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, "cost(J, s, root, " POLICY ", more)");
-        return NULL;
-    }
+    if (count != 5 || !policy(arguments[3], &demand, &form))
+        return refused("cost(J, s, root, " POLICY ", more)");
     demand.m = joints_of(arguments[0]);
     double more = PyFloat_AsDouble(arguments[4]);
-    if (PyErr_Occurred())
-        return NULL;
-    if (demand.m == 0)
-        Py_RETURN_NONE;
     Row H[MOST], c;
-    if (!matrix(arguments[0], 6, demand.m, MOST, demand.J[0]) || !vector(arguments[1], 6, demand.s) ||
-        !matrix(arguments[2], 6, 6, 6, demand.root[0]) || frame_cost(&demand, more, H, c) == HAND_BACK)
-        Py_RETURN_NONE;
+    if (PyErr_Occurred() || demand.m == 0 || !matrix(arguments[0], 6, demand.m, MOST, demand.J[0]) ||
+        !vector(arguments[1], 6, demand.s) || !matrix(arguments[2], 6, 6, 6, demand.root[0]) ||
+        frame_cost(&demand, more, H, c) == HAND_BACK)
+        return left_to_python();
     return Py_BuildValue("(NN)", new_matrix(demand.m, demand.m, MOST, H[0]), new_vector(demand.m, c));
 }
 
@@ -86,11 +75,8 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     bool good = count == 21 && vector(arguments[0], 14, first) && first[0] >= 1.0 && first[0] <= MOST &&
                 first[9] >= 0.0 && first[9] <= MOST_ROWS && first[10] >= 0.0 && first[10] <= MOST &&
                 policy(arguments[19], &read, &made.form) && matrix(arguments[20], 6, 6, 6, made.root[0]);
-    if (!good) {
-        if (!PyErr_Occurred())
-            PyErr_SetString(PyExc_TypeError, USE);
-        return NULL;
-    }
+    if (!good)
+        return refused(USE);
     int m = (int)first[0], k = (int)first[9];
     memcpy(&made, first, sizeof first);
     made.has_form = read.form != NULL;
@@ -107,10 +93,8 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         !matrix(arguments[13], k, 8 + m, 8 + MOST, (double *)made.exact) ||
         !matrix(arguments[14], (int)made.limits, m, MOST, made.G[0]) ||
         !vector(arguments[15], (int)made.limits, made.least) || !vector(arguments[16], (int)made.limits, made.most) ||
-        !matrix(arguments[17], m, m, MOST, made.metric.T[0]) || !matrix(arguments[18], m, m, MOST, made.metric.inverse[0])) {
-        PyErr_SetString(PyExc_TypeError, USE);
-        return NULL;
-    }
+        !matrix(arguments[17], m, m, MOST, made.metric.T[0]) || !matrix(arguments[18], m, m, MOST, made.metric.inverse[0]))
+        return refused(USE);
     return new_vector(sizeof made / sizeof(double), (const double *)&made);
 }
 
@@ -159,10 +143,8 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     (void)module;
     const Loop *fixed = count == 6 ? loop_of(arguments[0]) : NULL;
     double *kept = fixed == NULL ? NULL : memory_of(arguments[1], (int)fixed->joints);
-    if (kept == NULL) {
-        PyErr_SetString(PyExc_TypeError, "step(loop, memory, q, target, feedforward, velocity)");
-        return NULL;
-    }
+    if (kept == NULL)
+        return refused("step(loop, memory, q, target, feedforward, velocity)");
     int m = (int)fixed->joints;
     Row q, before;
     Pose target;
@@ -197,10 +179,8 @@ static PyObject *optimum(PyObject *module, PyObject *const *arguments, Py_ssize_
     Optimum found;
     Row inside;
     npy_intp rows = count == 8 && PyArray_Check(arguments[4]) ? PyArray_SIZE((PyArrayObject *)arguments[4]) : -1;
-    if (rows < 0) {
-        PyErr_SetString(PyExc_TypeError, "optimum(K, T, centre, A or None, lower, upper, (J, limit, start) or None, inside)");
-        return NULL;
-    }
+    if (rows < 0)
+        return refused("optimum(K, T, centre, A or None, lower, upper, (J, limit, start) or None, inside)");
     int n = slow.m = problem.n = joints_of(arguments[0]);
     room.count = (int)rows;
     room.box = arguments[3] == Py_None;
@@ -209,34 +189,30 @@ static PyObject *optimum(PyObject *module, PyObject *const *arguments, Py_ssize_
         (room.box ? rows != n : !matrix(arguments[3], (int)rows, n, MOST, room.A[0])) ||
         !vector(arguments[4], (int)rows, room.lower) || !vector(arguments[5], (int)rows, room.upper) ||
         (arguments[6] != Py_None && !cone(arguments[6], &slow)) || !vector(arguments[7], n, inside) ||
-        minimise(&problem, &room, &slow.cone, inside, NULL, &found) == HAND_BACK) {
-        if (PyErr_Occurred())
-            return NULL;
-        Py_RETURN_NONE;
-    }
+        minimise(&problem, &room, &slow.cone, inside, NULL, &found) == HAND_BACK)
+        return left_to_python();
     return Py_BuildValue("(NNd)", new_vector(n, found.z), new_vector((int)rows, found.multipliers), found.nu);
 }
 
+#define CALLED(name, function, does) {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, does}
 static PyMethodDef methods[] = {
-    {"answer_as", (PyCFunction)(void (*)(void))answer_as, METH_O, "Make every answer a VelocitySolution, this type."},
-    {"ticks", (PyCFunction)(void (*)(void))batch_ticks, METH_FASTCALL, "Many ticks at once, without the GIL."},
-    {"solution", (PyCFunction)(void (*)(void))batch_solution, METH_FASTCALL, "A VelocitySolution from its record."},
-    {"loop", (PyCFunction)(void (*)(void))loop, METH_FASTCALL, "The fixed numbers of a controller, for `step`."},
-    {"step", (PyCFunction)(void (*)(void))controller_step, METH_FASTCALL,
-     "A controller's tick: a VelocitySolution, and whether Python has words to add; None where Python has to answer."},
-    {"drive", (PyCFunction)(void (*)(void))path_drive, METH_FASTCALL,
-     "A tick along a path, the state after it and what is told of it, or None where Python has to drive."},
-    {"sight", (PyCFunction)(void (*)(void))sight, METH_FASTCALL,
-     "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."},
-    {"cost", (PyCFunction)(void (*)(void))cost, METH_FASTCALL, "H and c of a frame task, or None where Python has to find them."},
-    {"tick", (PyCFunction)(void (*)(void))tick, METH_FASTCALL,
-     "A VelocitySolution, or None where Python has to answer."},
-    {"optimum", (PyCFunction)(void (*)(void))optimum, METH_FASTCALL,
-     "The optimum of a quadratic inside limits, its multipliers and the speed limit's; or None."},
-    {"arm", (PyCFunction)(void (*)(void))search_arm, METH_FASTCALL, "The numbers of an arm, for a pose search."},
-    {"descend", (PyCFunction)(void (*)(void))search_descend, METH_FASTCALL,
-     "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."},
-    {"misses", (PyCFunction)(void (*)(void))search_misses, METH_FASTCALL, "Distance and angle of a tool from its target."},
+    {"answer_as", answer_as, METH_O, "Make every answer a VelocitySolution, this type."},
+    CALLED("ticks", batch_ticks, "Many ticks at once, without the GIL."),
+    CALLED("solution", batch_solution, "A VelocitySolution from its record."),
+    CALLED("loop", loop, "The fixed numbers of a controller, for `step`."),
+    CALLED("step", controller_step,
+           "A controller's tick: a VelocitySolution, and whether Python has words to add; None where Python has to answer."),
+    CALLED("drive", path_drive,
+           "A tick along a path, the state after it and what is told of it, or None where Python has to drive."),
+    CALLED("sight", sight,
+           "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
+    CALLED("cost", cost, "H and c of a frame task, or None where Python has to find them."),
+    CALLED("tick", tick, "A VelocitySolution, or None where Python has to answer."),
+    CALLED("optimum", optimum, "The optimum of a quadratic inside limits, its multipliers and the speed limit's; or None."),
+    CALLED("arm", search_arm, "The numbers of an arm, for a pose search."),
+    CALLED("descend", search_descend,
+           "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."),
+    CALLED("misses", search_misses, "Distance and angle of a tool from its target."),
     {NULL, NULL, 0, NULL},
 };
 

@@ -22,10 +22,8 @@ PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t co
         !matrix(arguments[3], 6, m, MOST, made.screws[0]) || !vector(arguments[4], m, made.lower) ||
         !vector(arguments[5], m, made.upper) || !vector(arguments[6], m, made.turn) ||
         !vector(arguments[7], m, made.whole) ||
-        !matrix(arguments[8], (int)made.wanted, 8 + m, 8 + MOST, (double *)made.exact)) {
-        PyErr_SetString(PyExc_TypeError, "arm((m, length, k), point, home, screws, lower, upper, turn, whole, exact)");
-        return NULL;
-    }
+        !matrix(arguments[8], (int)made.wanted, 8 + m, 8 + MOST, (double *)made.exact))
+        return refused("arm((m, length, k), point, home, screws, lower, upper, turn, whole, exact)");
     return new_vector(sizeof made / sizeof(double), (const double *)&made);
 }
 
@@ -40,10 +38,8 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
     const int knows = sizeof found.known / sizeof(double);
     if (count != 7 || !arm_of(arguments[0], &arm) ||
         (arguments[6] != Py_None && !vector(arguments[6], knows, (double *)&found.known)) ||
-        !within(found.known.steps, 0, PATIENCE)) {
-        PyErr_SetString(PyExc_TypeError, "descend(arm, target, start, goal, turning, patient, known)");
-        return NULL;
-    }
+        !within(found.known.steps, 0, PATIENCE))
+        return refused("descend(arm, target, start, goal, turning, patient, known)");
     int m = (int)arm.joints;
     double goal = PyFloat_AsDouble(arguments[3]);
     int turning = PyObject_IsTrue(arguments[4]), patient = PyObject_IsTrue(arguments[5]);
@@ -70,10 +66,8 @@ PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t
     Pose target;
     Row q;
     double position, orientation;
-    if (count != 3 || !arm_of(arguments[0], &arm)) {
-        PyErr_SetString(PyExc_TypeError, "misses(arm, target, q)");
-        return NULL;
-    }
+    if (count != 3 || !arm_of(arguments[0], &arm))
+        return refused("misses(arm, target, q)");
     if (!pose(arguments[1], &target) || !vector(arguments[2], (int)arm.joints, q))
         Py_RETURN_NONE;
     misses(&arm, &target, q, &position, &orientation);

@@ -5,10 +5,8 @@
 PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    if (count != 4) {
-        PyErr_SetString(PyExc_TypeError, "sight(screws, home, q, target or None)");
-        return NULL;
-    }
+    if (count != 4)
+        return refused("sight(screws, home, q, target or None)");
     npy_intp m = PyArray_Check(arguments[2]) ? PyArray_SIZE((PyArrayObject *)arguments[2]) : 0;
     Row screws[6], J[6], q;
     Pose home, tool, target;

@@ -62,6 +62,15 @@ def test_constants_are_those_of_python():
         assert getattr(import_module(f"invariantqp.{file}"), constant) == value
 
 
+CALLED = "tick ticks solution loop step drive sight cost optimum arm descend misses answer_as"
+
+
+@pytest.mark.parametrize("name", CALLED.split())
+def test_the_core_says_how_it_is_called(name):
+    with pytest.raises(TypeError, match=rf"^{name}\("):
+        getattr(core, name)(*[3] * (name == "answer_as"))
+
+
 def test_solve_velocity_asks_the_core_first(monkeypatch):
     J, s = np.random.default_rng(0).normal(size=(6, 6)), np.ones(6)
     first = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s))
