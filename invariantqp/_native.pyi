@@ -1,6 +1,7 @@
 # The compiled core; its sources are in csrc/.
 from typing import Any
 
+from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Policy
 from invariantqp.velocity.solution import VelocitySolution
@@ -84,6 +85,7 @@ def step(
 ) -> tuple[VelocitySolution, bool] | None: ...
 def drive(
     loop: Array,
+    memory: Array,
     course: Array,
     q: Any,
     state: tuple[Any, ...],
@@ -92,7 +94,7 @@ def drive(
     paused: bool,
     back: bool,
     /,
-) -> tuple[VelocitySolution, tuple[Any, ...], float, float, float, int, str] | None: ...
+) -> tuple[VelocitySolution, PathState, float, float, float, int, str, bool] | None: ...
 def arm(
     numbers: Array,
     point: Array,

@@ -197,7 +197,7 @@ class Controller:
             found = compiled_tick(self._compiled, self._kept, q, target, feedforward, velocity)
             if found is not None:
                 answer, more = found
-                return self._watched(self._limits.told(answer, q, self.robot.names)) if more else answer
+                return self._watched(self.told(answer, q)) if more else answer
         memory = self._memory
         before = memory.now(velocity)
         positions = arrays.vector(q, len(self._middle), "q")
@@ -248,7 +248,7 @@ class Controller:
             found = compiled_tick(self._compiled, self._kept, q, None, twist, velocity)
             if found is not None:
                 answer, more = found
-                return self._limits.told(answer, q, self.robot.names) if more else answer
+                return self.told(answer, q) if more else answer
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.not_too_fast(arrays.twist(twist))
         if rows is not None:
@@ -283,9 +283,13 @@ class Controller:
         """The fixed numbers of this loop for the compiled core; None for a loop that the core does not have."""
         return self._compiled
 
-    def followed(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
-        """The solution of a tick that the core answered instead of `follow`."""
-        self._kept[-len(self._middle) :] = solution.velocity
+    @property
+    def kept(self) -> Array:
+        """(14 + m,) the numbers of what the loop keeps from tick to tick, which the core reads and writes."""
+        return self._kept
+
+    def told(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
+        """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
         return self._limits.told(solution, q, self.robot.names)
 
     def posture_pull(self, q: Array) -> Array | None:

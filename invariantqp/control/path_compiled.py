@@ -65,13 +65,13 @@ class Course(NamedTuple):
         """
         if core is None or not self.numbers.size:
             return None
-        loop = self.controller.compiled
-        found: Any = core.drive(loop, self.numbers, q, state, velocity, override, paused, back)
+        loop = self.controller
+        found: Any = core.drive(loop.compiled, loop.kept, self.numbers, q, state, velocity, override, paused, back)
         if found is None:
             return None
-        answered, kept, at, speed, across, rule, status = found
-        after = PathState._make((*kept, state.ticks + 1))
-        answer = self.controller.followed(answered, q)
+        answer, after, at, speed, across, rule, status, more = found
+        if more:
+            answer = loop.told(answer, q)
         ruling = self.plan.ruling[rule] if rule >= 0 else RULINGS[rule] or (PAUSE if paused else TURN)
         reason = "" if status == "done" else answer.reason
         rate = self.pace.rate

@@ -55,8 +55,9 @@ static bool state_of(PyObject *tuple, int m, Travel *state)
            (!state->has_tangent || vector(tangent, 6, state->tangent));
 }
 
-/* drive(loop, course, q, state, velocity or None, override, paused, back): (fields of a VelocitySolution, of the
-   PathState after it but for its ticks, place, speed, across, ruling, status), or None where Python has to drive. */
+/* drive(loop, memory, course, q, state, velocity or None, override, paused, back): (VelocitySolution, PathState after it,
+   place, speed, across, ruling, status, whether Python has words to add), the velocity kept in the memory, or None where
+   Python has to drive. */
 PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -64,17 +65,20 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     Travel before;
     Progress progress;
     Row q;
-    const Loop *loop = count == 8 ? loop_of(arguments[0]) : NULL;
-    if (loop == NULL || !course_of(arguments[1], &course) || course.m != (int)loop->joints)
-        return refused("drive(loop, course, q, state, velocity, override, paused, back)");
+    const Loop *loop = count == 9 ? loop_of(arguments[0]) : NULL;
+    double *kept = loop == NULL ? NULL : memory_of(arguments[1], (int)loop->joints);
+    if (kept == NULL || !course_of(arguments[2], &course) || course.m != (int)loop->joints)
+        return refused("drive(loop, memory, course, q, state, velocity, override, paused, back)");
     int m = course.m;
-    bool number = PyFloat_Check(arguments[5]) || PyLong_CheckExact(arguments[5]);
-    Order order = {.override = number ? PyFloat_AsDouble(arguments[5]) : -1.0,
-                   .paused = arguments[6] == Py_True,
-                   .back = arguments[7] == Py_True};
-    bool good = order.override >= 0.0 && order.override <= FASTEST && vector(arguments[2], m, q) && all_finite(m, q) &&
-                state_of(arguments[3], m, &before) &&
-                (arguments[4] == Py_None || vector(arguments[4], m, before.velocity)) && all_finite(m, before.velocity);
+    PyObject *state = arguments[4];
+    bool number = PyFloat_Check(arguments[6]) || PyLong_CheckExact(arguments[6]);
+    Order order = {.override = number ? PyFloat_AsDouble(arguments[6]) : -1.0,
+                   .paused = arguments[7] == Py_True,
+                   .back = arguments[8] == Py_True};
+    bool good = order.override >= 0.0 && order.override <= FASTEST && vector(arguments[3], m, q) && all_finite(m, q) &&
+                state_of(state, m, &before) && (arguments[5] == Py_None || vector(arguments[5], m, before.velocity)) &&
+                all_finite(m, before.velocity);
+    long ticks = good ? PyLong_AsLong(PyTuple_GetItem(state, 7)) : 0;
     if (PyErr_Occurred()) {
         PyErr_Clear(); /* Python says what is wrong */
         good = false;
@@ -82,8 +86,23 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     if (!good || drive(loop, &course, &before, q, &order, &progress) == HAND_BACK)
         Py_RETURN_NONE;
     const Travel *after = &progress.after;
-    return Py_BuildValue("(N(dddNNNN)dddis)", fields(m, &progress.answer), after->place, after->speed,
-                         after->acceleration, PyBool_FromLong(after->back), new_vector(m, after->along),
-                         new_vector(m, after->velocity), new_vector(6, after->tangent), progress.place, progress.speed,
-                         progress.across, progress.ruling, progress.status);
+    PyObject *fields_after[] = {
+        PyFloat_FromDouble(after->place), PyFloat_FromDouble(after->speed), PyFloat_FromDouble(after->acceleration),
+        PyBool_FromLong(after->back),     new_vector(m, after->along),      new_vector(m, after->velocity),
+        new_vector(6, after->tangent),    PyLong_FromLong(ticks + 1),
+    };
+    PyObject *found[] = {
+        fields(m, &progress.answer),
+        named(Py_TYPE(state), sizeof fields_after / sizeof *fields_after, fields_after),
+        PyFloat_FromDouble(progress.place),
+        PyFloat_FromDouble(progress.speed),
+        PyFloat_FromDouble(progress.across),
+        PyLong_FromLong(progress.ruling),
+        PyUnicode_InternFromString(progress.status),
+        PyBool_FromLong(is_outside(loop, q, &progress.answer)),
+    };
+    PyObject *answer = named(&PyTuple_Type, sizeof found / sizeof *found, found);
+    if (answer != NULL)
+        memcpy(kept + KEPT, after->velocity, (size_t)m * sizeof(double));
+    return answer;
 }

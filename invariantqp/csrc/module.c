@@ -3,8 +3,6 @@
 #define IMPORTS_NUMPY
 #include "boundary.h"
 
-/* Numbers of a Memory before its velocity. */
-#define KEPT ((npy_intp)(offsetof(Memory, velocity) / sizeof(double)))
 static PyObject *HOMOGENEOUS; /* made with the module */
 
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -114,8 +112,8 @@ const Loop *loop_of(PyObject *object)
     return fits ? loop : NULL;
 }
 
-/* The numbers of a Memory, for reading and writing: MEMORY_NUMBERS and then the velocity (m,); NULL for anything else. */
-static double *memory_of(PyObject *object, int m)
+/* The numbers of a Memory, for reading and writing: KEPT of them, then the velocity (m,); NULL for anything else. */
+double *memory_of(PyObject *object, int m)
 {
     PyArrayObject *array = (PyArrayObject *)object;
     bool good = PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY(array) &&

@@ -132,14 +132,17 @@ def test_what_python_has_to_do():
 def test_the_core_refuses_what_is_no_course():
     follower, q = started("so101", {}, {"rate": 0.5}, 6)
     follower.step(q)
-    course, loop = follower._course.numbers, follower.controller.compiled
+    course, loop, kept = follower._course.numbers, follower.controller.compiled, follower.controller.kept
     for bad in (course[:-1], course[:4], np.append(course, 0.0), course.tolist(), np.where(course == 5.0, 6.0, course)):
         with pytest.raises(TypeError, match="drive"):
-            core.drive(loop, bad, q, follower._state, None, 1.0, *ORDER)
-    assert core.drive(loop, course, q, follower._state[:-1], None, 1.0, *ORDER) is None
+            core.drive(loop, kept, bad, q, follower._state, None, 1.0, *ORDER)
+    for bad in (kept[:-1], kept.tolist(), kept.astype(np.float32)):
+        with pytest.raises(TypeError, match="drive"):
+            core.drive(loop, bad, course, q, follower._state, None, 1.0, *ORDER)
+    assert core.drive(loop, kept, course, q, follower._state[:-1], None, 1.0, *ORDER) is None
     for demands in (-1.0, np.nan, 1e9):  # how many there are
         with pytest.raises(TypeError, match="drive"):
-            core.drive(np.r_[loop[:9], demands, loop[10:]], course, q, follower._state, None, 1.0, *ORDER)
+            core.drive(np.r_[loop[:9], demands, loop[10:]], kept, course, q, follower._state, None, 1.0, *ORDER)
 
 
 def test_another_controller_drives_from_its_first_tick():
@@ -147,7 +150,10 @@ def test_another_controller_drives_from_its_first_tick():
     follower.step(q)
     follower.controller = iq.Controller(follower.controller.robot, dt=0.005, tool_speed=0.01)
     python, after = in_python(follower, q)
-    assert_same(follower.step(q), follower._state, python, after, follower.controller.gain)
+    native = follower.step(q)
+    assert_same(native, follower._state, python, after, follower.controller.gain)
+    np.testing.assert_array_equal(follower.controller.kept[-7:], native.velocity)
+    assert type(follower._state) is type(after)
 
 
 def test_a_velocity_that_is_changed_afterwards_is_not_what_was_commanded():
