@@ -30,6 +30,8 @@ KINK, BRANCH = 0.2, 1e-4
 STILL = 0.05
 # A step after which it differs by less than this share of TURN is followed by a longer one.
 EASY = 0.2
+# Where the path is left, the joint motion itself is followed, and this share and a longer shortest step are enough.
+TURN_LEFT, SHORTEST_LEFT = 0.03, 1e-4
 # A joint motion that needs more knots has no end.
 MOST_KNOTS = 5000
 
@@ -109,14 +111,17 @@ class JointPath:
             return
         turned = float((np.abs(knot.slope - last.slope - expected) / self._speed).max())
         share = turned / max(float((np.abs(knot.slope) / self._speed).max()), STILL / self._scale)
-        if share > TURN and h > SHORTEST * self._scale:
+        turn, shortest = TURN, SHORTEST
+        if min(last.off, knot.off) > self._reachable:
+            turn, shortest = TURN_LEFT, SHORTEST_LEFT
+        if share > turn and h > shortest * self._scale:
             self._step = 0.5 * h
             return
         if self._stops and share > KINK and knot.ratio < BRANCH:
             self.blocked = f"{self._cause(knot.q)}, and beyond it only after a turn in a singularity"
             return
         self.knots.append(knot)
-        if share < EASY * TURN:
+        if share < EASY * turn:
             self._step = min(2.0 * self._step, self._longest)
 
     def _cause(self, q: Array) -> str:

@@ -24,7 +24,7 @@ from invariantqp.control.path_compiled import Course, course_of
 from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import PAUSE, TURN, reported
+from invariantqp.control.path_report import PAUSE, TURN, reported, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
@@ -165,7 +165,8 @@ class PathDriver:
         off = float(np.linalg.norm(R.dot(sighting.error)))
         if self._search is None and off > AT_PLACE * controller.measure.length:
             answer = controller.step(q, goal, velocity=before)
-            return self._waiting(answer, self._trouble or "on the way to the path's start", off)
+            if self._stops or not stands(controller, answer.velocity):  # a path that may be left may start out of reach
+                return self._waiting(answer, self._trouble or "on the way to the path's start", off)
         still = controller.rest(q, "", before, sighting)
         if self._path is None:
             return self._waiting(still, "no second pose yet", off)

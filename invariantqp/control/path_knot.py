@@ -19,8 +19,8 @@ q'_rows meets the rows as far as damped least squares do, q'_least is damped lea
 from __future__ import annotations
 
 from dataclasses import replace
-from math import sqrt
-from typing import NamedTuple, Protocol
+from math import inf, sqrt
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,12 +45,14 @@ PASSING, CALMING, CALMING_ROWS = Adaptive(1e-2, 3e-3), 0.1, 0.5
 # shrinks with the root of the distance, to LAST of itself.
 REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
 # What the rest of a twist counts beside exact rows that cannot be met.
-REST = 0.1
+REST = 0.05
 # The share of the path over which a tool with exact demands turns, or moves, to the least of the error beside them.
 TURNING = 0.1
 # Where an error of this size stays, relative, the slope is probed this share of a step ahead, until it changes by less
 # than this share of it.
 UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
+# At the start of a path that may be left, the most steps to the least distance, and the last of them [s] at full speed.
+SETTLING, SETTLED = 200, 1e-4
 # Corrections at a knot.
 CORRECTIONS = 8
 
@@ -71,6 +73,24 @@ class Knot(NamedTuple):
     slope: Array
     off: float
     ratio: float
+
+
+class Seen(NamedTuple):
+    """The arm beside a target.
+
+    Attributes:
+        sighting: of the arm.
+        root: (6, 6) of the measure.
+        demands: the exact rows, which ask for their own error; None where there are none.
+        rows: (k, 6) what is asked, in the measure.
+        error: (6,) the twist that leads to the target.
+    """
+
+    sighting: Sighting
+    root: Array
+    demands: ExactRows | None
+    rows: Array
+    error: Array
 
 
 class Poses(Protocol):
@@ -135,34 +155,69 @@ class KnotFinder:
         q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
         at_limit = (q <= box.position_lower) | (q >= box.position_upper)
         tolerance = ON_PATH * self._length
+        if before is None and not self._stops:
+            q = self._nearest(target, q)
         for k in range(CORRECTIONS if self._stops else 1):
-            sighting = robot.sight(q, target)
-            root = self._controller.measure.root(robot, sighting, target)
-            rows = asked(self._controller, sighting, root)
-            off = rows.dot(sighting.error)
+            seen = self._look(q, target)
+            _, root, demands, rows, error = seen
+            off = rows.dot(error)
             size = sqrt(float(off.dot(off)))
             if size <= tolerance or not self._stops:
                 break
-            back: Array = sighting.error
-            still = None
-            if self._controller.exact and len(rows) < 6:
+            back, still = error, None
+            if demands is not None and len(rows) < 6:
                 # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
                 # turning towards the path is up to the slope.
                 back = asked_part(rows, root).dot(back)
                 still = at_limit if k < CORRECTIONS // 2 else None
-            q = q + self._answer(q, sighting, root, back, 1.0, None, still)
+            q = q + self._answer(q, seen, back, 1.0, None, still)
         tangent = curve.tangent(at)
-        if not self._stops or self._controller.exact:  # back to the path a little at a time
+        if demands is not None or not self._stops:  # back to the path a little at a time
+            met = error if demands is None else asked_part(rows, root).dot(error)
             share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
-            tangent = tangent + sighting.error / (share * self._scale)
+            tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
         if before is None:
-            before = self._answer(q, sighting, root, tangent, step, None)
-        slope = self._answer(q, sighting, root, tangent, step, self._posture(q, before))
-        unmet = root.dot(sighting.error)
-        if self._stops and not self._controller.exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
-            slope = self._bent(curve, at, q, slope, self._answer(q, sighting, root, sighting.error, 1.0, None))
-        sigma = np.linalg.svd(root.dot(sighting.J), compute_uv=False)
+            before = self._answer(q, seen, tangent, step, None)
+        slope = self._answer(q, seen, tangent, step, self._posture(q, before))
+        unmet = root.dot(error)
+        if self._stops and demands is None and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
+            slope = self._bent(curve, at, q, slope, self._answer(q, seen, error, 1.0, None))
+        sigma = np.linalg.svd(root.dot(seen.sighting.J), compute_uv=False)
         return Knot(at, q, slope, size, float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0)
+
+    def _look(self, q: Array, target: Any) -> Seen:
+        """The arm beside a target; what exact demands ask of the error is their own, a point's the way straight on."""
+        controller = self._controller
+        robot = controller.robot
+        sighting = robot.sight(q, target)
+        root, error = controller.measure.root(robot, sighting, target), sighting.error
+        if not controller.exact:
+            return Seen(sighting, root, None, asked(controller, sighting, root), error)
+        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, np.zeros(6)))
+        rows = measured_rows(demands, root)
+        if demands.of_twist is not None:
+            # A screw that also turns the tool takes a point elsewhere first.
+            D = np.asarray(demands.of_twist)
+            missing = np.linalg.pinv(np.linalg.solve(root.T, D.T).T).dot(demands.b - D.dot(error))
+            error = error + np.linalg.solve(root, missing)
+        return Seen(sighting, root, demands, rows, error)
+
+    def _nearest(self, target: Any, q: Array) -> Array:
+        """Joint positions (m,) from which the law goes no nearer to a target, downhill from q."""
+        part, least, step, there = REJOIN * self._scale, inf, 1.0, q
+        for _ in range(SETTLING):
+            seen = self._look(there, target)
+            root = seen.root if seen.demands is None else _weighted(seen.rows, seen.root)
+            size = float(np.linalg.norm(root.dot(seen.error)))
+            if size < least:
+                q, least, step = there, size, min(2.0 * step, 1.0)
+                way = part * self._answer(q, seen, seen.error / part, part, None)
+            else:
+                step *= 0.5
+            if step * float(np.abs(way / self._speed).max()) < SETTLED:
+                break
+            there = q + step * way
+        return q
 
     def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
         """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
@@ -179,13 +234,11 @@ class KnotFinder:
         ahead = PROBE * self._longest
         if at + ahead > curve.end:
             ahead = -ahead
-        robot = self._controller.robot
-        target = robot.target(curve.pose(at + ahead))
+        target = self._controller.robot.target(curve.pose(at + ahead))
         for _ in range(CORRECTIONS):
             there = q + ahead * slope
-            sighting = robot.sight(there, target)
-            root = self._controller.measure.root(robot, sighting, target)
-            change = (self._answer(there, sighting, root, sighting.error, 1.0, None) - here) / ahead
+            seen = self._look(there, target)
+            change = (self._answer(there, seen, seen.error, 1.0, None) - here) / ahead
             slope = slope + change
             if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
                 break
@@ -203,8 +256,7 @@ class KnotFinder:
     def _answer(
         self,
         q: Array,
-        sighting: Sighting,
-        root: Array,
+        seen: Seen,
         twist: Array,
         h: float,
         posture: Array | None,
@@ -216,18 +268,17 @@ class KnotFinder:
         lower, upper = box.at(q)
         if still is not None:
             lower, upper = np.where(still, 0.0, lower), np.where(still, 0.0, upper)
-        exact = None
-        if controller.exact:
-            view = View(controller.robot, sighting, sighting.pose, 0.0, twist)
-            exact = rows_of(controller.exact, view)
-        demand = Demand(sighting.J, twist, root, lower, upper, exact, posture, row_rank=controller.row_rank)
+        exact = seen.demands
+        if exact is not None and exact.of_twist is not None:
+            D = np.asarray(exact.of_twist)
+            exact = ExactRows(exact.A, np.where(D.any(axis=1), D.dot(twist), exact.b), D)
+        demand = Demand(seen.sighting.J, twist, seen.root, lower, upper, exact, posture, row_rank=controller.row_rank)
         if exact is None or self._stops:
             return solve(self._law, demand).velocity
-        return self._passing(demand, exact)
+        return self._passing(demand, exact, seen.rows)
 
-    def _passing(self, demand: Demand, exact: ExactRows) -> Array:
-        """The law's answer (m,) where exact rows need not be met."""
-        rows = measured_rows(exact, demand.root)
+    def _passing(self, demand: Demand, exact: ExactRows, rows: Array) -> Array:
+        """The law's answer (m,) where exact rows need not be met; in the measure they are `rows`."""
         alone = demand._replace(exact=_joint_rows(exact), row_rank=None)
         only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
         nearest = solve(replace(self._law, form=None), alone._replace(root=only, posture=None)).velocity
@@ -236,10 +287,16 @@ class KnotFinder:
         size = float(np.linalg.norm(wanted))
         t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
         met = ExactRows(exact.A, np.asarray(exact.A).dot(nearest), exact.of_twist)
-        part = asked_part(rows, demand.root)
-        weighted = demand.root.dot(part + REST * (np.eye(6) - part))
+        weighted = _weighted(rows, demand.root)
         x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
         return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x
+
+
+def _weighted(rows: Array, root: Array) -> Array:
+    """(6, 6) the root of a measure in which all but orthonormal rows (k, 6) counts little."""
+    part = asked_part(rows, root)
+    weighted: Array = root.dot(part + REST * (np.eye(6) - part))
+    return weighted
 
 
 def _joint_rows(exact: ExactRows) -> ExactRows | None:

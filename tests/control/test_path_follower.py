@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
 
 import invariantqp as iq
 from invariantqp.geometry import se3
@@ -239,6 +240,80 @@ def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
     else:
         assert last.status == "done"
         assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
+    assert (np.abs(x) <= robot.velocity_limit + 1e-9).all()
+    assert acceleration_share(robot, x, 0.01) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "exact", "where"),
+    [
+        ("ur5", None, "start"),
+        ("ur5", "position", "middle"),
+        ("panda", "position", "end"),
+        ("so101", "position", "start"),
+    ],
+)
+def test_it_leaves_the_path_by_the_least(name, exact, where):
+    robot = iq.load_robot(name)
+    start = np.array(
+        {
+            "so101": [0, -0.4, 0.5, 0.6, 0],
+            "ur5": [0, -1.4, 1.6, -1.8, -1.57, 0],
+            "panda": [0, -0.4, 0, -2.2, 0, 1.8, 0.8],
+        }[name],
+        float,
+    )
+    home = robot.pose(start)
+    far = {"start": lambda u: 1.0 - u, "middle": lambda u: np.sin(np.pi * u), "end": lambda u: u}[where]
+    length = iq.Controller(robot, dt=DT).measure.length
+    out = home[:3, 3] / np.linalg.norm(home[:3, 3])
+    side = np.cross([0.0, 0.0, 1.0], out)
+
+    def pose(u):
+        return iq.transform(home[:3, :3], home[:3, 3] + length * (0.6 * far(u) * out + 0.2 * u * side))
+
+    def missing(q, W):
+        T = robot.pose(q)
+        if exact is not None:
+            return W[:3, 3] - T[:3, 3]
+        twist = iq.log(W @ iq.inverse(T))
+        return np.append(length * twist[:3], twist[3:] + np.cross(twist[:3], T[:3, 3]))
+
+    follower = follower_on(robot, pose, dt=0.01, options={"exact": exact}, blocked="leave")
+    follower.prepare(start)
+    low, high = robot.position_lower, robot.position_upper
+    bounds = np.maximum(low, -7.0), np.minimum(high, 7.0)
+    found, before = [], start
+    for u in np.linspace(0.0, 1.0, 11):
+        q = follower.plan.joints(u * follower.plan.end)
+        W = pose(follower._given.place(u * follower.plan.end))
+        tries = [least_squares(missing, np.clip(x, *bounds), bounds=bounds, args=(W,)) for x in (q, before)]
+        best = min(tries, key=lambda one: one.cost)
+        before = best.x
+        found.append((np.linalg.norm(missing(q, W)), np.sqrt(2.0 * best.cost)))
+        assert (low <= q).all()
+        assert (q <= high).all()
+    ours, least = np.array(found).T
+    assert least.max() > 0.05 * length
+    assert ours.max() < 1.02 * least.max()
+    assert (ours - least).max() < 5e-3 * length
+
+
+def test_a_start_out_of_reach_is_left_by_the_least():
+    robot = iq.load_robot("ur5")
+    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    home = robot.pose(q)
+
+    def pose(u):
+        return iq.transform(home[:3, :3], home[:3, 3] + (1.0 - u) * np.array([0.0, 0.9, 0.0]))
+
+    follower = follower_on(robot, pose, dt=0.01, blocked="leave")
+    solutions, positions, x = drive(follower, q, 4000)
+    seen = [s.status for s in solutions]
+    assert seen[0] == "waiting"
+    assert "left" in seen
+    assert seen[-1] == "done"
+    assert distance(robot.pose(positions[-1]), home)[0] < MM
     assert (np.abs(x) <= robot.velocity_limit + 1e-9).all()
     assert acceleration_share(robot, x, 0.01) <= 1.0 + 1e-9
 
