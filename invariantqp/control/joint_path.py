@@ -132,4 +132,6 @@ class JointPath:
             for side, room in (("lower", q - box.position_lower), ("upper", box.position_upper - q))
             for i in np.flatnonzero(room <= AT_LIMIT).tolist()
         ]
-        return " and ".join(at) or "it is out of reach"
+        why = " and ".join(at) or "it is out of reach"
+        few = len(names) < 6 and not self.controller.exact
+        return f'{why} (exact="position" would turn the tool instead)' if few else why

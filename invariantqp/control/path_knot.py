@@ -38,8 +38,9 @@ from invariantqp.velocity.solve import solve
 
 # A tool this close to the path, relative to the measure's length, is on it.
 ON_PATH = 1e-12
-# Where a path is left: the damping, and the share of the longest step by which damping grows with the distance
-# (`calm`), beside exact rows the second. So an arm stretched out bends again in time.
+# Where a path is left, and of what strays beside exact rows: the damping, and the share of the longest step by which
+# damping grows with the distance (`calm`), beside exact rows the second. So an arm that stretches out goes on smoothly
+# and bends again in time.
 PASSING, CALMING, CALMING_ROWS = Adaptive(1e-2, 3e-3), 0.1, 0.5
 # The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, this share
 # shrinks with the root of the distance, to LAST of itself.
@@ -132,7 +133,7 @@ class KnotFinder:
         self._length = controller.measure.length
         self._no_limit = np.full(len(controller.robot.names), np.inf)
         self._law = replace(controller.law, dt=0.0)
-        if not stops:
+        if controller.exact or not stops:
             calming = CALMING_ROWS if controller.exact else CALMING
             self._law = replace(controller.law, dt=calming * longest, damping=PASSING)
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter

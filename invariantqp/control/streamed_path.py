@@ -3,7 +3,7 @@
     poses -> pieces of a curve, each with a tangent at both of its ends that never changes once the tool may drive there
 
 The tangent at a pose is known when the next one has come: the path ends one pose before the newest, until the stream
-pauses. In every tick the tool could stop before the end of what has come, so a late pose makes it slow, never jump.
+pauses. Where poses double back the path has a corner, in which the tool comes to rest. In every tick the tool could stop before the end of what has come, so a late pose makes it slow, never jump.
 """
 
 from __future__ import annotations
@@ -154,18 +154,21 @@ class StreamedPath(PathDriver):
             return
         at, before, tangent = self._ends[-1]
         d, h = self._way(before, here)
-        if after is not None:  # the tangent of the parabola through three poses
+        last = d / h
+        if self._doubles_back(here, tangent, d):  # after a pause
+            tangent = last
+        onward = ahead = 2.0 * last - tangent if len(self._ends) > 1 else last
+        if after is not None:
             e, k = self._way(here, after)
-            ahead = (k * d / h + h * e / k) / (h + k)
-        elif len(self._ends) > 1:
-            ahead = 2.0 * d / h - tangent
-        else:
-            ahead = d / h
+            if self._doubles_back(here, d, e):
+                ahead, onward = last, e / k
+            else:  # the tangent of the parabola through three poses
+                onward = ahead = (k * last + h * e / k) / (h + k)
         if len(self._ends) == 1:
-            tangent = 2.0 * d / h - ahead
-        self._ends = [(at, before, tangent), (at + h, here, ahead)]
-        places, poses, tangents = zip(*self._ends, strict=True)
-        self._grow(curve_through(np.array(places), np.array(poses), np.array(tangents)))
+            tangent = 2.0 * last - ahead
+        piece = curve_through(np.array((at, at + h)), np.array((before, here)), np.array((tangent, ahead)))
+        self._ends = [(at, before, tangent), (at + h, here, onward)]
+        self._grow(piece)
 
     def _grow(self, piece: Curve) -> None:
         """Join a piece to the path, and forget what lies behind the tool."""
@@ -195,6 +198,11 @@ class StreamedPath(PathDriver):
     def _makes_piece(self, a: Array, b: Array) -> bool:
         """Whether two poses are far enough apart for a piece of path between them."""
         return self._way(a, b)[1] > SPACING * self.controller.measure.length
+
+    def _doubles_back(self, pose: Array, before: Array, after: Array) -> bool:
+        """Whether two twists at a pose go apart by more than a right angle, in the measure: a corner, not a bend."""
+        root = self.controller.measure.root_for(self._J, pose)
+        return float(root.dot(before).dot(root.dot(after))) < 0.0
 
     def _way(self, a: Array, b: Array) -> tuple[Array, float]:
         """The twist (6,) from one pose to another, and its size in the measure."""

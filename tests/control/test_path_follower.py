@@ -491,6 +491,32 @@ def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
     assert 0.005 * len(x) < 1.3 * optimal
 
 
+@pytest.mark.parametrize(
+    ("way", "turned"), [((0.07, 0.0, 0.07), 2.6), ((0.0, 0.0, 0.2), 30.0), ((0.106, 0.106, 0.0), 14.0)]
+)
+def test_an_exact_point_is_reached_where_the_rest_has_to_stray(way, turned):
+    arm = iq.load_robot("so101")
+    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    home = arm.pose(q)
+
+    def pose(u):  # on the way the elbow is stretched, and the wrist has to turn the tool
+        return iq.transform(home[:3, :3], home[:3, 3] + u * np.array(way))
+
+    follower = follower_on(arm, pose, dt=0.005, options={"exact": "position"})
+    follower.prepare(q)
+    solutions, positions, x = drive(follower, q)
+    assert solutions[-1].status == "done"
+    assert largest_error(arm, pose, solutions, positions, radian=0.0)[0] < MM
+    assert np.degrees(distance(arm.pose(positions[-1]), pose(1.0))[1]) < turned
+    assert acceleration_share(arm, x, 0.005) <= 1.0 + 1e-9
+    # Without exact rows turning counts as well as moving, and the arm stops where it is stretched out.
+    plain = follower_on(arm, pose, dt=0.005)
+    plain.prepare(q)
+    last = drive(plain, q)[0][-1]
+    assert last.status == "blocked"
+    assert 'exact="position" would turn the tool instead' in last.reason
+
+
 def test_done_means_at_the_end():
     arm = iq.load_robot("so101")  # 10 rad/s, from which it stops within a tick where nothing limits acceleration
     q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
