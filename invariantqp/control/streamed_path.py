@@ -3,7 +3,8 @@
     poses -> pieces of a curve, each with a tangent at both of its ends that never changes once the tool may drive there
 
 The tangent at a pose is known when the next one has come: the path ends one pose before the newest, until the stream
-pauses. Where poses double back the path has a corner, in which the tool comes to rest. In every tick the tool could stop before the end of what has come, so a late pose makes it slow, never jump.
+pauses. Where poses double back the path has a corner, in which the tool comes to rest. In every tick the tool could
+stop before the end of what has come, so a late pose makes it slow, never jump.
 """
 
 from __future__ import annotations

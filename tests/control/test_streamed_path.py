@@ -64,6 +64,32 @@ def test_the_tool_stays_on_the_path_and_inside_limits(name, each):
     assert np.abs(pause.velocity).max() < 1e-3
 
 
+@pytest.mark.parametrize("dt", [0.001, 0.004, 0.01])
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_stream_that_doubles_back_is_driven_into_its_corners(dt, paused):
+    robot = iq.load_robot("ur5")
+    q = joint_path(robot)(0.0)
+    T = robot.pose(q)
+    way, back = np.array([0.0, 0.008, 0.0]), np.array([0.002, -0.008, 0.001])
+    line = T[:3, 3] + np.cumsum([way] * 8 + [back] * 8 + [-back] * 8, axis=0)
+    path = iq.control.StreamedPath(iq.Controller(robot, dt=dt, acceleration_limit=robot.velocity_limit / RISE))
+    poses = [iq.transform(T[:3, :3], p) for p in (T[:3, 3], *line)]
+    tool, status, ticks = [T[:3, 3]], "", 0
+    while status != "done":
+        assert ticks * dt < 10.0
+        if poses and ticks * dt >= 0.005 * (len(line) + 1 - len(poses)) + (0.5 if paused and len(poses) <= 16 else 0.0):
+            path.add(poses.pop(0))
+            if not poses:
+                path.close()
+        told = path.step(q)
+        q, status, ticks = q + dt * told.velocity, told.status, ticks + 1
+        tool.append(robot.pose(q)[:3, 3])
+    corners = np.vstack((T[:3, 3], line))
+    assert from_the_line(np.array(tool), corners).max() < 5e-6
+    for corner in (line[7], line[15]):
+        assert np.linalg.norm(np.array(tool) - corner, axis=1).min() < 1e-4
+
+
 def test_a_dense_stream_with_tight_bends_is_driven_without_stops():
     robot = iq.load_robot("ur5")
     q, dt, gap, radius = joint_path(robot)(0.0), 0.005, 5e-4, 0.012
