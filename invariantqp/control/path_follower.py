@@ -82,7 +82,8 @@ class PathFollower(PathDriver):
         It takes about a tenth of a second. Without it the first ticks find it, a little in each, while the arm waits.
 
         Args:
-            q: (m,) joint positions [rad, length].
+            q: (m,) joint positions [rad, length]; where the path starts out of reach, those from which to approach it,
+                at best the nearest, `solve_pose(robot, pose, form=tool_metric(robot)).q`.
 
         Raises:
             BadInput: NaN or a wrong shape.

@@ -19,7 +19,7 @@ q'_rows meets the rows as far as damped least squares do, q'_least is damped lea
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf, sqrt
+from math import sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -52,8 +52,6 @@ TURNING = 0.1
 # Where an error of this size stays, relative, the slope is probed this share of a step ahead, until it changes by less
 # than this share of it.
 UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
-# At the start of a path that may be left, the most steps to the least distance, and the last of them [s] at full speed.
-SETTLING, SETTLED = 200, 1e-4
 # Corrections at a knot.
 CORRECTIONS = 8
 
@@ -156,8 +154,6 @@ class KnotFinder:
         q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
         at_limit = (q <= box.position_lower) | (q >= box.position_upper)
         tolerance = ON_PATH * self._length
-        if before is None and not self._stops:
-            q = self._nearest(target, q)
         for k in range(CORRECTIONS if self._stops else 1):
             seen = self._look(q, target)
             _, root, demands, rows, error = seen
@@ -202,23 +198,6 @@ class KnotFinder:
             missing = np.linalg.pinv(np.linalg.solve(root.T, D.T).T).dot(demands.b - D.dot(error))
             error = error + np.linalg.solve(root, missing)
         return Seen(sighting, root, demands, rows, error)
-
-    def _nearest(self, target: Any, q: Array) -> Array:
-        """Joint positions (m,) from which the law goes no nearer to a target, downhill from q."""
-        part, least, step, there = REJOIN * self._scale, inf, 1.0, q
-        for _ in range(SETTLING):
-            seen = self._look(there, target)
-            root = seen.root if seen.demands is None else _weighted(seen.rows, seen.root)
-            size = float(np.linalg.norm(root.dot(seen.error)))
-            if size < least:
-                q, least, step = there, size, min(2.0 * step, 1.0)
-                way = part * self._answer(q, seen, seen.error / part, part, None)
-            else:
-                step *= 0.5
-            if step * float(np.abs(way / self._speed).max()) < SETTLED:
-                break
-            there = q + step * way
-        return q
 
     def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
         """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
@@ -288,16 +267,10 @@ class KnotFinder:
         size = float(np.linalg.norm(wanted))
         t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
         met = ExactRows(exact.A, np.asarray(exact.A).dot(nearest), exact.of_twist)
-        weighted = _weighted(rows, demand.root)
+        part = asked_part(rows, demand.root)
+        weighted = demand.root.dot(part + REST * (np.eye(6) - part))
         x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
         return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x
-
-
-def _weighted(rows: Array, root: Array) -> Array:
-    """(6, 6) the root of a measure in which all but orthonormal rows (k, 6) counts little."""
-    part = asked_part(rows, root)
-    weighted: Array = root.dot(part + REST * (np.eye(6) - part))
-    return weighted
 
 
 def _joint_rows(exact: ExactRows) -> ExactRows | None:

@@ -279,10 +279,11 @@ def test_it_leaves_the_path_by_the_least(name, exact, where):
         twist = iq.log(W @ iq.inverse(T))
         return np.append(length * twist[:3], twist[3:] + np.cross(twist[:3], T[:3, 3]))
 
-    follower = follower_on(robot, pose, dt=0.01, options={"exact": exact}, blocked="leave")
-    follower.prepare(start)
     low, high = robot.position_lower, robot.position_upper
     bounds = np.maximum(low, -7.0), np.minimum(high, 7.0)
+    follower = follower_on(robot, pose, dt=0.01, options={"exact": exact}, blocked="leave")
+    start = least_squares(missing, start, bounds=bounds, args=(pose(0.0),)).x
+    follower.prepare(start)
     found, before = [], start
     for u in np.linspace(0.0, 1.0, 11):
         q = follower.plan.joints(u * follower.plan.end)
