@@ -23,6 +23,17 @@ void shortest(const Face *face, int n, const double *b, Row e)
     }
 }
 
+/* A row without its parts along k orthonormal ones, which would move an active limit. */
+void along(int n, int k, const Row *Q, Row row)
+{
+    for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of the row */
+        for (int l = 0; l < k; l++) {
+            double share = dot(n, Q[l], row);
+            for (int j = 0; j < n; j++)
+                row[j] -= share * Q[l][j];
+        }
+}
+
 /* y with pull + N_a'y = 0 on the active limits, zero for the others. */
 void multipliers(const Face *face, const Room *room, const Row pull, double *y)
 {

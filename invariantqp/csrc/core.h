@@ -253,6 +253,7 @@ double excess_deviation(int n, const Row A[6], const double wanted[6], double sp
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
 bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
+void along(int n, int k, const Row *Q, Row row);
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
 double tool_speed(const Cone *cone, int n, const Row x);
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result);

@@ -18,6 +18,7 @@ Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *
         Row step;
         for (int j = 0; j < n; j++)
             step[j] = face->e[j] - e[j];
+        along(n, face->k, (const Row *)face->Q, step); /* the rest is rounding, and would meet rows that depend on these */
         double first = 1.0, length = norm(n, step);
         int meets = 0;
         for (int i = 0; i < room->count; i++) {

@@ -54,12 +54,7 @@ Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull,
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < n; j++)
             M[i][j] = slow->M[i][j];
-        for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of M */
-            for (int l = 0; l < k; l++) {
-                double share = dot(n, Q[l], M[i]);
-                for (int j = 0; j < n; j++)
-                    M[i][j] -= share * Q[l][j];
-            }
+        along(n, k, Q, M[i]);
     }
     velocity(slow, n, e, v);
     if (spectrum(3, n, (const Row *)M, v, &found) == HAND_BACK)

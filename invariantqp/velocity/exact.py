@@ -173,7 +173,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
         rank: how many independent rows this arm can keep in its best state; None is all.
     """
     C, e = exact.A, exact.b
-    whitened, wanted = C, e
+    whitened, wanted, contrary = C, e, 0.0
     if exact.of_twist is not None:
         D = lapack.dgesv(root.T, exact.of_twist.T)[2].T
         joints = ~D.any(axis=1)
@@ -184,6 +184,8 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
         kept = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), TINY)
         whiten = (mix[:, kept] / np.sqrt(sizes[kept])).T
         whitened, wanted = whiten.dot(C), whiten.dot(e)
+        if len(wanted) < len(e):
+            contrary = _share(e.dot(mix[:, ~kept]), e)
     svd = lapack.dgesdd if len(whitened) else np.linalg.svd  # LAPACK's own takes no empty matrix
     U, sigma, Vt = svd(whitened)[:3]
     r = rank_of(sigma, ROW_TOLERANCE)
@@ -191,22 +193,24 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     met = wanted.dot(U[:, :r])
     y = met / sigma[:r]
     full = Vt[:r].T.dot(y)
-    size, left, beyond = _norm(e), e - C.dot(full), 0.0
-    if rank is not None and rank < len(wanted):
-        unmet = wanted.dot(U)[r:]
-        size, left = _norm(wanted), unmet[: rank - r]
-        beyond = _norm(unmet[rank - r :])
+    lost = wanted.dot(U[:, r:])  # not e - C y, which is rounding of a y that may be large
+    here = len(lost) if rank is None else rank - r
     whole, part = _norm(sigma), _norm(met)
     return Reduction(
         full=full,
         basis=Vt[r:].T,
         effort=whole * _norm(y) / part if part > 0.0 else 1.0,
         bend=whole / float(sigma[r - 1]) if r else 1.0,
-        unmet=_norm(left) / size if size > 0.0 else 0.0,
-        beyond=beyond / size if size > 0.0 else 0.0,
+        unmet=max(_share(lost[:here], wanted), contrary),
+        beyond=_share(lost[here:], wanted),
         start=np.zeros(len(full)),
     )
 
 
 def _norm(x: Array) -> float:
     return sqrt(float(x.dot(x)))
+
+
+def _share(part: Array, whole: Array) -> float:
+    size = _norm(whole)
+    return _norm(part) / size if size > 0.0 else 0.0

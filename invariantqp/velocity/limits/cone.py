@@ -150,7 +150,7 @@ def _slowed(cone: Cone, found: Optimum, inside: Array) -> Optimum:
 
 def _programmed(program: Cvxpy, problem: Quadratic, limits: Polytope, cone: Cone) -> Optimum:
     """The problem with the second-order cone, by CVXPY."""
-    room, rows, A = centred(problem, limits), limits.moving(), limits.A
+    room, rows, A = centred(problem, limits), limits.moving.nonzero()[0], limits.A
     some = None if A is None else A[rows]
     qp, size = scaled(problem.K, some, limits.lengths[rows], room.lower[rows], room.upper[rows])
     start = cone.velocity(problem.centre)

@@ -39,9 +39,10 @@ class Polytope:
         """(k,) A z."""
         return z if self.A is None else self.A.dot(z)
 
-    def moving(self) -> NDArray[np.intp]:
-        """The limits that some z moves."""
-        return np.flatnonzero(self.lengths > ROW_TOLERANCE * self.lengths.max())
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """(k,) which limits some z moves."""
+        return np.asarray(self.lengths > ROW_TOLERANCE * self.lengths.max())
 
     def at(self, z: Array) -> NDArray[np.bool_]:
         """(k,) which limits z is at."""

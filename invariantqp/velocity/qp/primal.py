@@ -47,7 +47,7 @@ def from_inside(
         best, pull, nu = (face.e, face.e, 0.0) if slow is None else slow.on(face)
         pulls = face.multipliers(pull)
         y = face.spread(pulls, len(lower))
-        step = best - e
+        step = face.along(best - e)  # what is off the face is rounding, and would meet rows that depend on its own
         change, value = N.dot(step), N.dot(e)
         moving = (side == 0) & (np.abs(change) > PARALLEL * length * float(np.linalg.norm(step)))
         room = np.where(change > 0.0, upper - value, lower - value)

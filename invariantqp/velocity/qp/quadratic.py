@@ -112,10 +112,9 @@ def minimise(
         answer = corrected(problem, limits, room, sides_of(near), CORRECTIONS, None, near.backend)
         if answer is not None:
             return answer
-    rows = limits.moving()
+    rows = limits.moving.nonzero()[0]
     if len(rows) < count:
-        still = np.ones(count, dtype=bool)
-        still[rows] = False
+        still = ~limits.moving
         _check_constant(room.lower[still], room.upper[still])
         if not len(rows):
             return Optimum(problem.centre, np.zeros(count))
@@ -159,9 +158,12 @@ def centred(problem: Quadratic, limits: Polytope) -> Centred:
     value = limits.value(problem.centre)
     T = problem.T
     N = T if limits.A is None else limits.A.dot(T)
-    rounding = limits.lengths[:, None] * (COSINE_ROUNDING * np.sqrt((T * T).sum(axis=0))) + TINY
-    kept = np.minimum(np.maximum(np.abs(N) / rounding - 1.0, 0.0), 1.0)
-    return Centred(kept * N, limits.lower - value, limits.upper - value)
+    over = np.abs(N) / (np.outer(limits.lengths, COSINE_ROUNDING * np.sqrt((T * T).sum(axis=0))) + TINY)
+    if (over < 2.0).any():
+        N = np.minimum(np.maximum(over - 1.0, 0.0), 1.0) * N
+    if not limits.moving.all():
+        N = N * limits.moving[:, None]
+    return Centred(N, limits.lower - value, limits.upper - value)
 
 
 def sides_of(optimum: Optimum) -> Sides:
@@ -192,6 +194,7 @@ def corrected(
         trouble: on the way there.
     """
     N, lower, upper = room
+    side[~limits.moving] = 0
     for _ in range(tries):
         try:
             face = face_of(N, lower, upper, side)
