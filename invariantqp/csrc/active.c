@@ -32,6 +32,8 @@ void along(int n, int k, const Row *Q, Row row)
             for (int j = 0; j < n; j++)
                 row[j] -= share * Q[l][j];
         }
+    for (int j = 0; j < n && k == n; j++)
+        row[j] = 0.0;
 }
 
 /* y with pull + N_a'y = 0 on the active limits, zero for the others. */

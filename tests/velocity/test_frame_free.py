@@ -100,6 +100,31 @@ def test_frames_and_units_change_nothing(kind, seed, m, exact, limited, achievab
         assert difference <= agree * max(np.abs(x.velocity).max(), 1e-3), (form, x.reason)
 
 
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("kind", KINDS)
+def test_nor_where_limits_leave_almost_no_room(kind, native, monkeypatch):
+    """No joint may stand still, as with acceleration limits in mid-motion: exact rows may be left no speed at all."""
+    if not native:
+        monkeypatch.setattr("invariantqp.velocity.solve.core", None)
+    stopped = 0
+    for seed in (*range(1000, 1030), 1094, 1111):  # the last two and 1018 are hard ones
+        rng = np.random.default_rng(seed)
+        m = int(rng.integers(2, 13))
+        here = arm(rng, kind, m)
+        told = question(rng, here, None, ("point", "axis", "both")[seed % 3], True, False, False, True)
+        before, wide = rng.uniform(-1.0, 1.0, m), 10.0 ** rng.uniform(-3.0, -0.5, m)
+        told["bounds"] = before - wide, before + wide
+        answers = []
+        for T in (np.eye(4), motion(rng, 1.0)):
+            J, s, options = options_in(here, T, 1.0, told)
+            answers.append(iq.solve_velocity(J, s, **options))
+        x, y = answers
+        assert y.status == x.status
+        assert np.abs(y.velocity - x.velocity).max() <= AGREE * np.abs(x.velocity).max(), (seed, x.reason)
+        stopped += x.scale < 1e-9
+    assert stopped > 2
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_displacing_the_tool_frame_changes_nothing_where_the_twist_can_be_met(kind):
     """Nor does the point: it only says where a twist that cannot be met is missed by least."""

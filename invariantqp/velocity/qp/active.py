@@ -44,7 +44,9 @@ class Face(NamedTuple):
         return _shortest(self.Q, self.R, b)
 
     def along(self, M: Array) -> Array:
-        """(k, n) rows of M (k, n) without their parts that would move an active limit."""
+        """(..., n) rows of M (..., n) without their parts that would move an active limit."""
+        if len(self.at) == len(self.e):
+            return np.zeros_like(M)
         free = M
         for _ in range(2 if len(self.at) else 0):  # twice, since the first time leaves rounding of M
             free = free - free.dot(self.Q).dot(self.Q.T)
