@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
+import numpy as np
 from attrs import frozen
 
 from invariantqp.errors import BadInput
@@ -25,7 +26,7 @@ from invariantqp.geometry.fields import Value
 
 # Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
-# A missing decrease of less than this share of |b|^2 or |A x|^2 is rounding.
+# A missing decrease below this share of |r| max(|r|, |A| |x|), |r| the larger of |b| and |A x|, is rounding of x.
 ROUNDING = 1e-13
 
 
@@ -69,7 +70,8 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     # With exact rows even x_W may increase the error; it may then be exceeded by (1 - eta) of that increase.
     missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - have
     achieved = A.dot(x_f)
-    if missing <= ROUNDING * max(float(b.dot(b)), float(achieved.dot(achieved))):
+    size, terms = max(_norm(b), _norm(achieved)), sqrt(float(np.vdot(A, A))) * _norm(x_f)
+    if missing <= ROUNDING * size * max(size, terms):
         return 0.0
     d = x_W - x_f
     step = A.dot(d)
@@ -78,6 +80,10 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     discriminant = slope * slope - 2.0 * curvature * missing
     root = slope + sqrt(discriminant) if discriminant > 0.0 else slope
     return min(2.0 * missing / root if root > 0.0 else inf, 1.0)
+
+
+def _norm(x: Array) -> float:
+    return sqrt(float(x.dot(x)))
 
 
 def _decrease(A: Array, b: Array, mu: float, x: Array) -> float:

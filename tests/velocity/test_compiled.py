@@ -4,7 +4,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.repeats import repeats
 from support.two_laws import disagreements, native_answer, python_answer, random_tick
@@ -37,6 +37,7 @@ def tick():
 
 @settings(max_examples=repeats(5000, 700), deadline=None, derandomize=True)  # for other ticks there is two_laws.main
 @given(st.integers(0, 2**63))
+@example(77015359)  # a form's velocity and least squares, apart by rounding of terms that are far larger than |A x|
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))
     native = native_answer(law, demand)
