@@ -42,8 +42,7 @@ from invariantqp.velocity.solution import VelocitySolution, with_trouble
 from invariantqp.velocity.solve import solve, standing
 
 # What a loop is made from; the compiled core has its own copy.
-FIXED = {"robot", "law", "measure", "dt", "gain", "posture_gain", "exact", "row_rank"}
-FIXED |= {"box", "braking", "tool_speed", "joint_rows"}
+FIXED = {"robot", "law", "measure", "dt", "gain", "posture_gain", "exact", "row_rank", *LoopLimits._fields}
 
 
 class Controller:
@@ -127,11 +126,10 @@ class Controller:
         self.robot = require_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
-        late = arrays.not_negative(delay, "delay", "a dead time in seconds")
-        self.gain: float = tracking_gain(gain, self.dt, late)
+        self.gain: float = tracking_gain(gain, self.dt, arrays.not_negative(delay, "delay", "a dead time in seconds"))
         self.exact: tuple[Exact, ...] = demands_of(exact)
         self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
-        mid = middle(robot)
+        self._middle = mid = middle(robot)
         seen = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
@@ -146,11 +144,8 @@ class Controller:
             dt=self.dt,
         )
         self.posture_gain: float = posture_gain(posture, m)
-        self._middle = mid
         self._pull = joint_gains(robot, self.posture_gain)
-        self._limits: LoopLimits = loop_limits(
-            robot, self.dt, acceleration_limit, position_margin, tool_speed, rows, limits
-        )
+        self._limits = loop_limits(robot, self.dt, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self._kept = Memory(np.zeros(m), None, Convergence()).numbers
@@ -204,7 +199,7 @@ class Controller:
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, memory.turn)
         s = tracking_twist(error, self.gain, feedforward)
-        ahead = None if feedforward is None else s - self.gain * error
+        ahead = np.zeros(6) if feedforward is None else s - self.gain * error
         root = self.measure.root(self.robot, sighting, target)
         share = 1.0
         if self.braking is not None:
@@ -212,7 +207,7 @@ class Controller:
             s -= (1.0 - share) * self.gain * error
         state = Observed(positions, sighting, target, root, before)
         solution = self._tick(state, s, share * self.gain, ahead)
-        change = -self.dt * (solution.velocity.dot(sighting.J.T) - (0.0 if ahead is None else ahead))
+        change = -self.dt * (solution.velocity.dot(sighting.J.T) - ahead)
         self._memory = self._memory.followed(error, change, root, self._slowness / self.dt)
         return self._watched(solution)
 
@@ -276,7 +271,7 @@ class Controller:
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
         state = at_rest(self.robot, self.measure, positions, sighting, self._memory.now(velocity))
-        return self._tick(state, np.zeros(6), 0.0, None, stand=reason)
+        return self._tick(state, np.zeros(6), 0.0, np.zeros(6), stand=reason)
 
     @property
     def compiled(self) -> Array | None:
@@ -306,7 +301,7 @@ class Controller:
         state: Observed,
         s: Array,
         gain: float,
-        ahead: Array | None,
+        ahead: Array,
         more: ExactRows | None = None,
         stand: str | None = None,
         posture: Array | None = None,
@@ -314,14 +309,10 @@ class Controller:
         """The velocity for the twist s, or at rest if told to `stand`; exact demands follow `gain` and `ahead`."""
         positions, sighting, target, root, before = state
         posture = self.posture_pull(positions) if posture is None else posture
-        exact = more
-        if self.exact:
-            twist = np.zeros(6) if ahead is None else ahead
-            exact = rows_of(self.exact, View(self.robot, sighting, target, gain, twist))
-            exact = exact if more is None else exact.with_rows(more)
+        exact = rows_of(self.exact, View(self.robot, sighting, target, gain, ahead), more) if self.exact else more
         lower, upper, rows, cone, strained, trouble = self._limits.at(self.robot, sighting, target, positions, before)
         stand = trouble or stand
-        rank = None if more is not None else self.row_rank
+        rank = self.row_rank if more is None else None
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank)
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
         self._memory = self._memory.commanded(solution.velocity)

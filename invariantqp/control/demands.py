@@ -280,9 +280,9 @@ def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
     return None if best == len(rows.A) else best
 
 
-def rows_of(demands: tuple[Exact, ...], view: View) -> ExactRows:
-    """All rows of one tick together; there is at least one demand."""
+def rows_of(demands: tuple[Exact, ...], view: View, more: ExactRows | None = None) -> ExactRows:
+    """All rows of one tick together, and `more`; there is at least one demand."""
     together = demands[0].rows(view)
     for demand in demands[1:]:
         together = together.with_rows(demand.rows(view))
-    return together
+    return together if more is None else together.with_rows(more)

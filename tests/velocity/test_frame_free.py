@@ -111,7 +111,8 @@ def test_nor_where_limits_leave_almost_no_room(kind, native, monkeypatch):
         rng = np.random.default_rng(seed)
         m = int(rng.integers(2, 13))
         here = arm(rng, kind, m)
-        told = question(rng, here, None, ("point", "axis", "both")[seed % 3], True, False, False, True)
+        exact = ("point", "axis", "both")[seed % 3]
+        told = question(rng, here, None, exact, limited=True, achievable=False, rows=False, named=True)
         before, wide = rng.uniform(-1.0, 1.0, m), 10.0 ** rng.uniform(-3.0, -0.5, m)
         told["bounds"] = before - wide, before + wide
         answers = []

@@ -16,7 +16,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.qp.active import Face, Sides, face_of, weakest
-from invariantqp.velocity.qp.backends import Backend, SolverFailure, solved
+from invariantqp.velocity.qp.backends import Backend, Daqp, SolverFailure, solved
 from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.primal import from_inside
 from invariantqp.velocity.qp.scaling import BoxQP, scaled
@@ -26,8 +26,13 @@ from invariantqp.velocity.qp.slow import Slow
 CLOSE = 1e-7
 # How far an answer may be outside a limit, relative to the limit; it is clipped.
 FEASIBLE = 1e-9
-# Corrections of the active set of a similar problem that are tried before a solver is called.
+# Corrections of an active set, of a similar problem or empty, that are tried before a solver is called.
 CORRECTIONS = 6
+# An answer from no guess is within this of its limits, relative to them and to how far outside z* is: what is closer is
+# left to a solver, which tells limits apart that are.
+ROUNDING = 1e-12
+# What answers are called that no solver gave.
+OWN = "active set"
 # A row and a column of T whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that
 # the law has no jump.
 COSINE_ROUNDING = 1e-13
@@ -94,7 +99,7 @@ def minimise(
     """The optimum inside the limits.
 
     Args:
-        backend: the solver asked first; DAQP stands in for it.
+        backend: the solver asked first; DAQP stands in for it, and is called where a few corrections do not succeed.
         problem: what is minimised.
         limits: on z; infinite where there is none.
         inside: (n,) a z inside the limits, where one is known: then there always is an answer.
@@ -106,12 +111,15 @@ def minimise(
     """
     room = centred(problem, limits)
     count = len(room.lower)
-    if room.lower.max() <= 0.0 <= room.upper.min():
+    outside = max(float(room.lower.max()), -float(room.upper.min()))
+    if outside <= 0.0:
         return Optimum(problem.centre, np.zeros(count))
     if near is not None:
         answer = corrected(problem, limits, room, sides_of(near), CORRECTIONS, None, near.backend)
-        if answer is not None:
-            return answer
+    else:
+        answer = _unaided(problem, limits, room, outside) if type(backend) is Daqp else None
+    if answer is not None:
+        return answer
     rows = limits.moving.nonzero()[0]
     if len(rows) < count:
         still = ~limits.moving
@@ -126,7 +134,7 @@ def minimise(
         if inside is None:
             raise
         answer = primal(problem, limits, room, inside)
-        return answer._replace(backend="active set", trouble="" if failure.infeasible else str(failure))
+        return answer._replace(backend=OWN, trouble="" if failure.infeasible else str(failure))
     side = np.zeros(count, dtype=np.intp)
     side[rows] = _sides(qp, found.z)
     answer = corrected(problem, limits, room, side, len(rows), None, found.backend, found.trouble)
@@ -135,6 +143,12 @@ def minimise(
     if answer is None:
         answer = Optimum(problem.centre + size * found.z, np.zeros(count), found.backend, found.trouble)
     return answer
+
+
+def _unaided(problem: Quadratic, limits: Polytope, room: Centred, outside: float) -> Optimum | None:
+    """The optimum by a few corrections of no active limit, where few are: sooner than DAQP is called."""
+    side = np.zeros(len(room.lower), dtype=np.intp)
+    return corrected(problem, limits, room, side, CORRECTIONS, None, OWN, "", ROUNDING * min(1.0, outside))
 
 
 def primal(problem: Quadratic, limits: Polytope, room: Centred, inside: Array, slow: Slow | None = None) -> Optimum:
@@ -180,6 +194,7 @@ def corrected(
     slow: Slow | None = None,
     backend: str = "",
     trouble: str = "",
+    feasible: float = FEASIBLE,
 ) -> Optimum | None:
     """The optimum, from a guess at its active set that is corrected where necessary; None where that fails.
 
@@ -192,6 +207,7 @@ def corrected(
         slow: a speed limit beside them.
         backend: who guessed.
         trouble: on the way there.
+        feasible: how far outside a limit the answer may be, relative to the limit.
     """
     N, lower, upper = room
     side[~limits.moving] = 0
@@ -202,7 +218,7 @@ def corrected(
             return None
         e, pull, nu = (face.e, face.e, 0.0) if slow is None else slow.on(face)
         value = N.dot(e)
-        worst = _furthest_outside(value, lower, upper, face)
+        worst = _furthest_outside(value, lower, upper, face, feasible)
         if worst >= 0:
             side[worst] = 1 if value[worst] > upper[worst] else -1
             continue
@@ -217,13 +233,13 @@ def corrected(
     return None
 
 
-def _furthest_outside(value: Array, lower: Array, upper: Array, face: Face) -> int:
+def _furthest_outside(value: Array, lower: Array, upper: Array, face: Face, feasible: float) -> int:
     """The limit that is exceeded by most, beyond rounding; -1 for none."""
     outside = np.maximum(value - upper, lower - value)
     outside[face.at] = -1.0
     if outside[outside.argmax()] <= 0.0:
         return -1
-    outside -= FEASIBLE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
+    outside -= feasible * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
     worst = int(outside.argmax())
     return worst if outside[worst] > 0.0 else -1
 
