@@ -177,10 +177,9 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
         BadInput: not six finite numbers.
     """
     s: Any = twist if check is False else arrays.twist(twist)
-    w, v = s[:3], s[3:]
-    theta = sqrt(w.dot(w))
-    W = _cross(w)
-    WW = W.dot(W)
+    x, y, z, u, v, w = s.tolist()
+    xx, yy, zz = x * x, y * y, z * z
+    theta = sqrt(xx + yy + zz)
     if theta < SMALL_ANGLE:
         t2 = theta * theta
         a = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0))  # sin t / t
@@ -191,10 +190,18 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
         half = sin(0.5 * theta) / theta
         b = 2.0 * half * half
         c = (1.0 - a) / (theta * theta)
-    T = np.eye(4)
-    T[:3, :3] += a * W + b * WW
-    T[:3, 3] = v + b * W.dot(v) + c * WW.dot(v)
-    return T
+    # R = 1 + a W + b W^2 and p = (1 + b W + c W^2) linear part, with W^2 = axis axis' - theta^2 1.
+    along = c * (x * u + y * v + z * w)
+    rest = 1.0 - c * (xx + yy + zz)
+    xy, xz, yz = b * x * y, b * x * z, b * y * z
+    return np.array(
+        (
+            (1.0 - b * (yy + zz), xy - a * z, xz + a * y, rest * u + b * (y * w - z * v) + along * x),
+            (xy + a * z, 1.0 - b * (xx + zz), yz - a * x, rest * v + b * (z * u - x * w) + along * y),
+            (xz - a * y, yz + a * x, 1.0 - b * (xx + yy), rest * w + b * (x * v - y * u) + along * z),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+    )
 
 
 def log(pose: ArrayLike, *, check: bool = True) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.scene import ContactScene
+from invariantqp.systems.contacts import Contact
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +47,18 @@ class ContactTrace:
         return float(np.sqrt(np.mean(error**2))) / self.wanted if self.wanted > 0.0 else None
 
 
-def contact_trace(scene: ContactScene, after: Sequence[PlantState], read: Array, wanted: Array) -> ContactTrace:
+def contact_trace(
+    scene: ContactScene, contacts: Sequence[Contact], after: Sequence[PlantState], read: Array, wanted: Array
+) -> ContactTrace:
     """What happened at a contact.
 
     Args:
         scene: what was touched.
+        contacts: n, believed in at the poses of `after`.
         after: n, the plant after each tick.
         read: (n, 6) wrenches as the controller read them.
         wanted: (n, 4, 4) poses that were asked for after each tick.
     """
-    contacts = [scene.task.contact_at(state.pose) for state in after]
     exerted = np.array([-state.wrench for state in after])
     press, error = np.array([scene.force(c, W) for c, W in zip(contacts, exerted, strict=True)]).T
     measured_press, measured_error = np.array([scene.force(c, W) for c, W in zip(contacts, read, strict=True)]).T
@@ -73,12 +76,13 @@ def contact_trace(scene: ContactScene, after: Sequence[PlantState], read: Array,
     )
 
 
-def errors(scene: ContactScene | None, after: Sequence[PlantState], wanted: Array) -> Array:
+def errors(
+    scene: ContactScene | None, contacts: Sequence[Contact], after: Sequence[PlantState], wanted: Array
+) -> Array:
     """(n, 2) distance [m] and angle [rad] from the poses (n, 4, 4) wanted; in contact along what it leaves free."""
     if scene is None:
         return np.array([distance(state.pose, T) for state, T in zip(after, wanted, strict=True)])
-    at = scene.task.contact_at
-    return np.array([scene.motion_error(at(s.pose), s.pose, T) for s, T in zip(after, wanted, strict=True)])
+    return np.array([scene.motion_error(c, s.pose, T) for c, s, T in zip(contacts, after, wanted, strict=True)])
 
 
 def distance(T: Array, wanted: Array) -> tuple[float, float]:

@@ -189,7 +189,7 @@ def _hinge(contact: ContactSpec, T: Array) -> _Touched:
 
     def contact_at(tool: Array) -> Contact:
         r = tool[:3, 3] - foot
-        return closed.moved(se3.exp(atan2(axis.dot(np.cross(arm, r)), arm.dot(r)) * screw))
+        return closed.moved(se3.exp(atan2(axis.dot(se3.cross(arm, r)), arm.dot(r)) * screw))
 
     a, b = (0.5 * s for s in contact.size or (POINT_SIZE, POINT_SIZE))
     R = T[:3, :3].T.dot(handle[:3, :3])

@@ -74,7 +74,9 @@ def trace_of(setup: Setup, pilot: Pilot, record: Record) -> Trace:
     if along is not None:
         wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(record.states)), np.float64)
     q = np.array([state.q for state in record.states])
-    position_error, orientation_error = errors(setup.scene, after, wanted[1:]).T
+    scene = setup.scene
+    contacts = [] if scene is None else [scene.task.contact_at(state.pose) for state in after]
+    position_error, orientation_error = errors(scene, contacts, after, wanted[1:]).T
     return Trace(
         task=setup.task,
         names=robot.names,
@@ -94,6 +96,6 @@ def trace_of(setup: Setup, pilot: Pilot, record: Record) -> Trace:
         warnings=notes(robot, pilot.form, q, solutions),
         physics=setup.physics,
         counted_from=setup.counted_from,
-        contact=contact_trace(setup.scene, after, record.read, setup.wanted[1:]) if setup.scene is not None else None,
+        contact=None if scene is None else contact_trace(scene, contacts, after, record.read, setup.wanted[1:]),
         along=along,
     )

@@ -84,7 +84,7 @@ class Contact(Value):
         wrenches: Array = se3.coadjoint(self.pose, check=False).dot(self.kind.constraints)
         return wrenches
 
-    @property
+    @cached_property
     def point(self) -> Array:
         """(3,) the place of contact."""
         place: Array = self.pose[:3, :3].dot(self.kind.origin) + self.pose[:3, 3]

@@ -24,7 +24,8 @@ def log(T):
     angle = np.arctan2(np.linalg.norm(a), 0.5 * (np.trace(R) - 1.0))
     w = a if angle < 1e-9 else a * angle / np.sin(angle)
     k = 1.0 / 12.0 if angle < 1e-4 else (1.0 - 0.5 * angle * np.sin(angle) / (1.0 - np.cos(angle))) / angle**2
-    return np.r_[p - 0.5 * np.cross(w, p) + k * np.cross(w, np.cross(w, p)), w]
+    W = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    return np.r_[p - 0.5 * W @ p + k * W @ W @ p, w]
 
 
 def least_squares_qp(J, s, lower, upper, pull, rows):
@@ -59,12 +60,12 @@ def largest_error(name, solve):
         T = pin.updateFramePlacement(model, data, frame).homogeneous
         J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL)
         gap = np.linalg.inv(T) @ poses[k]
-        ahead = np.linalg.inv(T) @ poses[k + 1] @ np.linalg.inv(poses[k]) @ T
-        s = 0.1 / dt * log(gap) + log(ahead) / dt
+        ahead = log(np.linalg.inv(T) @ poses[k + 1] @ np.linalg.inv(poses[k]) @ T)
+        s = 0.1 / dt * log(gap) + ahead / dt
         rows = (np.zeros((0, m)), np.zeros(0))
         if task.law.exact == "position":
             there = gap[:3, 3]
-            rows = J[:3], 0.1 / dt * there + (log(ahead)[:3] + np.cross(log(ahead)[3:], there)) / dt
+            rows = J[:3], 0.1 / dt * there + (ahead[:3] + np.cross(ahead[3:], there)) / dt
         lower, upper = np.maximum((low - q) / dt, -speed), np.minimum((high - q) / dt, speed)
         pull = 0.5 * (low + high) - q if m > 6 else np.zeros(m)
         q = q + dt * np.clip(solve(J, s, lower, upper, pull, rows), lower, upper)

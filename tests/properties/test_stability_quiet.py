@@ -3,6 +3,7 @@
 import daqp
 import numpy as np
 import pytest
+from support.velocity_reference import root_of
 
 import invariantqp as iq
 
@@ -20,12 +21,8 @@ def definite(robot, q, target, gain, L):
     """One tick of least squares in W = diag(L^2 I, I) at the tool, inside the limits, by DAQP alone."""
     sighting = robot.sight(q, target)
     J, s = sighting.J, gain * sighting.error
-    p = robot.pose(q)[:3, 3]
-
-    def rooted(t):
-        return np.concatenate((L * t[:3], t[3:] + np.cross(t[:3].T, p).T))
-
-    A, b = rooted(J), rooted(s)
+    root = root_of(robot.pose(q)[:3, 3], L)
+    A, b = root @ J, root @ s
     mu = 0.5 * DT * np.linalg.norm(b) * np.linalg.norm(A)
     low = np.clip((robot.position_lower - q) / DT, -robot.velocity_limit, robot.velocity_limit)
     high = np.clip((robot.position_upper - q) / DT, -robot.velocity_limit, robot.velocity_limit)

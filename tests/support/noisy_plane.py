@@ -84,7 +84,8 @@ def press_on_plane(
         reading = -iq.coadjoint(iq.inverse(pose)) @ exerts + noise * rng.normal(size=6) * np.repeat((0.03, 1.0), 3)
         if fault is not None and t >= since:
             reading = fault(reading, pose[:3, :3].T @ [0.0, 0.0, 1.0])
-        solutions.append(loop.step(q, path(t)[0], reading, path(t)[1]))
+        target, ahead = path(t)
+        solutions.append(loop.step(q, target, reading, ahead))
         presses.append(-exerts[5])
         heights.append(pose[2, 3])
         late.append(solutions[-1].velocity)

@@ -15,9 +15,8 @@ DT = 1e-3
 def exerted(points, height, stiffness):
     """The wrench (m; f), base frame, that a tool exerts with its corners (n, 3) on the plane z = height."""
     wrench = np.zeros(6)
-    for p in points:
-        f = np.array([0.0, 0.0, -stiffness * max(0.0, height - p[2])])
-        wrench += np.concatenate((np.cross(p, f), f))
+    for x, y, z in points:
+        wrench += -stiffness * max(0.0, height - z) * np.array([y, -x, 0.0, 0.0, 0.0, 1.0])
     return wrench
 
 

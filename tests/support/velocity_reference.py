@@ -30,7 +30,7 @@ def reach_of(J, point):
     for column in J.T[::-1]:
         w, v = column[:3], column[3:]
         if np.linalg.norm(w) > 0.0:
-            foot = np.cross(w, v) / (w @ w)
+            foot = skew(w) @ v / (w @ w)
             foot = foot + w * (w @ (here - foot)) / (w @ w)
             length += np.linalg.norm(foot - here)
             here = foot

@@ -103,7 +103,7 @@ class MujocoPlant:
         moment, force = data.cfrc_ext[self._sensor].reshape(2, 3)
         centre = data.subtree_com[self.model.body_rootid[self._sensor]]  # the point of MuJoCo's moments
         pose = se3.transform(data.xmat[self._tool].reshape(3, 3), data.xpos[self._tool])
-        return PlantState(self._q(), pose, np.concatenate((moment + np.cross(centre, force), force)))
+        return PlantState(self._q(), pose, np.concatenate((moment + se3.cross(centre, force), force)))
 
     def jacobian(self) -> Array:
         """(6, m) joint twists in the base frame, by MuJoCo's kinematics."""
