@@ -83,7 +83,8 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT) -> None:
         for axes in panels[max(0, len(tasks) - 2) : len(tasks)]:
             axes.set_xlabel("time of a tick, us")
         _legend(figure, names, colours)
-        figure.canvas.draw()
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)
         figure.set_layout_engine("none")
         for axes, found in zip(panels, drawn, strict=False):
             _numbers(axes, found, colours)
