@@ -1,7 +1,7 @@
 """A gallery: every task as a moving picture and as a page that plays, every example with what it draws.
 
     python examples/24_gallery.py gallery                 half a minute; open gallery/index.html
-    python examples/24_gallery.py gallery so101_line      these tasks alone are run, the others only listed
+    python examples/24_gallery.py gallery so101_line      these alone are run, the others only listed
 
 A picture is one SVG of 10 to 20 kB that needs no script: the arm as the run moved it, the path that was asked for
 (orange), and what the tool drew (blue).
@@ -102,11 +102,11 @@ def task_card(name, folder, *, run):
     return card(name, f"{file}.svg", told + words, f"{file}.html")
 
 
-def example_card(file, folder):
-    """An example: its first sentence, and what it draws."""
+def example_card(file, folder, *, run):
+    """An example: its first sentence, and what it draws if it is run."""
     first = file.read_text(encoding="utf-8").removeprefix('"""').split("\n", 1)[0].removesuffix('"""')
     words = f"<p>{html.escape(first)}</p><p><code>python examples/{file.name}</code></p>"
-    picture = DRAWING.get(file.stem, "")
+    picture = DRAWING.get(file.stem, "") if run else ""
     if picture:
         with redirect_stdout(StringIO()):
             runpy.run_path(str(file))["main"](str(folder / picture))
@@ -119,7 +119,8 @@ def main(folder, chosen):
         [task_card(name, folder, run=not chosen or name in chosen) for name in tasks.shipped_tasks(part)]
         for part in ("", "stability")
     )
-    shown = [example_card(file, folder) for file in sorted(HERE.glob("[0-9]*.py"))]
+    files = sorted(HERE.glob("[0-9]*.py"))
+    shown = [example_card(file, folder, run=not chosen or file.stem in chosen) for file in files]
     text = PAGE.format(tasks="".join(jobs), hard="".join(hard), examples="".join(shown))
     (folder / "index.html").write_text(text, encoding="utf-8")
     print(f"{len(jobs) + len(hard)} tasks and {len(shown)} examples: {folder / 'index.html'}")

@@ -45,7 +45,7 @@ SHORTER = {
     "15_elastic_paths": ONE,
     "25_pink_scripts": ("--short",),
     "22_contact_scenes": ("so101", "--physics", "mujoco", "--seconds", "0.3", "--scene", "bar"),
-    "24_gallery": ("gallery", "ur5_wrist"),
+    "24_gallery": ("gallery", "23_conventions"),
     "28_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
     "16_frame_race": ("film.gif", "3"),
 }

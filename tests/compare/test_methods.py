@@ -40,6 +40,11 @@ def panda():
     return iq.load_robot("panda")
 
 
+@pytest.fixture(scope="module")
+def so101():
+    return iq.load_robot("so101")
+
+
 def first_tick(name, robot, q, dx=0.0, **law):
     """The joint velocity of the first tick towards a target dx [m] away along x."""
     target = robot.pose(q)
@@ -76,9 +81,9 @@ def test_what_a_row_says_of_the_posture_is_so(name, panda):
 
 
 @pytest.mark.parametrize("name", list(ROWS))
-def test_what_a_row_says_of_exact_rows_is_so(name):
+def test_what_a_row_says_of_exact_rows_is_so(name, so101):
     """Five joints cannot do the twist, but can meet the point: who says so meets it, who cannot does not."""
-    robot, q = iq.load_robot("so101"), np.array([0.1, -0.4, 0.5, 0.6, 0.2])
+    robot, q = so101, np.array([0.1, -0.4, 0.5, 0.6, 0.2])
     target = iq.exp([0.02, 0.01, 0.0, 0.0, 0.0, 0.0]) @ robot.pose(q)
     point = np.array([0.02, -0.01, 0.03])
     law = LawSpec(dt=0.001, gain=10.0, exact="position", point=tuple(point.tolist()))

@@ -4,7 +4,6 @@ import time
 import joblib
 import numpy as np
 import pytest
-from scipy.stats import spearmanr
 from typer.testing import CliRunner
 
 from invariantqp import extras
@@ -194,6 +193,8 @@ def timed(medians):
 
 
 def test_two_runs_ranks_are_compared():
+    from scipy.stats import spearmanr  # half a second, for this test alone
+
     a = {"m": 1.0, "n": 2.0, "o": 3.0, "p": 4.0}
     b = {"m": 1.1, "n": 3.1, "o": 3.0, "p": 9.0, "only here": 2.0}
     expected = spearmanr([1, 2, 3, 4], [1, 3, 2, 4]).statistic
