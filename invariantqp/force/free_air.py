@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from invariantqp.errors import written
 from invariantqp.force.reading import Order
@@ -84,13 +85,6 @@ def explained(readings: Array, gravity: Array) -> FreeAir | None:
     return best if best.left[0] < EXPLAINED else None
 
 
-def _aligned(a: Array, b: Array) -> Array:
-    """The rotation R (3, 3) with the least sum |a_k - R b_k|^2 over rows (n, 3): Kabsch's, by singular values."""
-    U, _, V = np.linalg.svd(a.T.dot(b))
-    U[:, 2] *= np.sign(np.linalg.det(U.dot(V)))
-    return U.dot(V)
-
-
 def _fit(order: Order, moments: Array, forces: Array, gravity: Array) -> FreeAir:
     n = len(gravity)
     f, g = forces - forces.mean(axis=0), gravity - gravity.mean(axis=0)
@@ -100,13 +94,12 @@ def _fit(order: Order, moments: Array, forces: Array, gravity: Array) -> FreeAir
     turn, mean = 0.0, gravity.mean(axis=0)
     if left >= EXPLAINED and np.isfinite(left):  # perhaps the sensor is not mounted as it was said
         for sign in (1.0, -1.0):
-            R = _aligned(f, sign * (gravity - gravity.mean(axis=0)))
-            turned = (gravity - gravity.mean(axis=0)).dot(R.T)
+            R, _ = Rotation.align_vectors(f, sign * (gravity - gravity.mean(axis=0)))
+            turned = (gravity - gravity.mean(axis=0)).dot(R.as_matrix().T)
             b = float(np.vdot(f, turned) / np.vdot(g, g))
             rest = float(np.vdot(f - b * turned, f - b * turned)) / scale
             if rest < min(left, EXPLAINED):
-                angle = float(np.linalg.norm(se3.rotation_vector(R)))
-                left, turn, a, g, mean = rest, angle, b, turned, R.dot(gravity.mean(axis=0))
+                left, turn, a, g, mean = rest, float(R.magnitude()), b, turned, R.apply(gravity.mean(axis=0))
     # m_k - mean = d x g_k: linear in d.
     m = moments - moments.mean(axis=0)
     A = -np.concatenate([se3.cross_matrix(row) for row in g])

@@ -60,8 +60,9 @@ def started(*words, **options):
     return subprocess.run([sys.executable, "-m", "invariantqp", *map(str, words)], check=False, **options)
 
 
-def test_done_not_accepted_and_bad_input(task, refused):
-    assert [started("run", file).returncode for file in (task, refused, "")] == [DONE, NOT_ACCEPTED, BAD_INPUT]
+def test_not_accepted(refused):
+    """The statuses of a run that is, and of bad input, are below and in test_run.test_as_a_process."""
+    assert started("run", refused).returncode == NOT_ACCEPTED
 
 
 def gone(command):

@@ -6,9 +6,9 @@ rho = 1 - 6 sum d^2 / (n (n^2 - 1)),   d the difference of a method's ranks; wit
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from invariantqp.compare.results import Results, results_of
-from invariantqp.geometry.arrays import Array
 
 
 def rank_agreement(one: Results, other: Results) -> dict[str, float]:
@@ -18,16 +18,10 @@ def rank_agreement(one: Results, other: Results) -> dict[str, float]:
     for task in sorted(set(a) & set(b)):
         names = sorted(set(a[task]) & set(b[task]))
         if len(names) > 2:
-            ranks = np.array([_ranks([medians[task][n] for n in names]) for medians in (a, b)])
-            if np.ptp(ranks, axis=1).all():
-                found[task] = float(np.corrcoef(ranks)[0, 1])
+            rho = spearmanr([a[task][n] for n in names], [b[task][n] for n in names]).statistic
+            if np.isfinite(rho):
+                found[task] = float(rho)
     return found
-
-
-def _ranks(values: list[float]) -> Array:
-    """(n,) from 0; what is equal shares the mean of its ranks."""
-    below, upto = (np.searchsorted(np.sort(values), values, side) for side in ("left", "right"))
-    return 0.5 * (below + upto - 1.0)
 
 
 def _medians(results: Results) -> dict[str, dict[str, float]]:
