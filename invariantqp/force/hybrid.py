@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from copy import deepcopy
-from math import hypot, inf, pi, sqrt
+from math import hypot, inf, pi, sqrt, tan
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.agreement import Agreement, slope
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.normal import NormalEstimate
 from invariantqp.force.place import load_at, way_out, weakest
@@ -187,15 +188,16 @@ class HybridController:
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
-        felt = self._felt(reading, raw, contact, tool, split.intensities.dot(A.T), B.dot(exert), B.dot(error))
-        watch = self._watch.after(self.task, felt, loop.dt)
         out = way_out(contact, A)
+        felt = self._felt(reading, raw, contact, tool, split.intensities.dot(A.T), B.dot(exert), B.dot(error), out)
+        watch = self._watch.after(self.task, felt, loop.dt)
         regulation = self._regulated(felt, out, watch)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
         answer = verdict(watch, self.task, contact)
         press = None if felt.press is None else felt.press[1]
-        gains = gains_of(self.task, split, regulation, press, self._late, touching=watch.touching or press is None)
+        touches = watch.touching or press is None
+        gains = gains_of(self.task, split, regulation, press, self._late, self._delay, touching=touches)
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
         pushed = push(self.task, contact, A, split, gains, exert, error, regulation.integral, motion, slow=slow)
         force, where = pushed.twist, contact.point if self._at_contact else None
@@ -211,6 +213,8 @@ class HybridController:
             rows = self._rows(contact, sighting.J, force)
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
         moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
+        if answer.beyond:  # where the surface is, is to be found again
+            watch = watch._replace(agreement=Agreement())
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
         normal = self._found(told, watch, felt, regulation)
         self._ways.append(moved)
@@ -219,7 +223,8 @@ class HybridController:
             error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
         )
         unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
-        status, reason = answer.with_others(normal.trouble(), unsettled, inner.status, inner.reason)
+        others = normal.trouble(), regulation.mistold(self.task.stiffness), unsettled
+        status, reason = answer.with_others(*others, status=inner.status, reason=inner.reason)
         return HybridSolution(
             velocity=inner.velocity,
             status=status,
@@ -236,7 +241,7 @@ class HybridController:
         )
 
     def _felt(
-        self, reading: Array, raw: Array, contact: Contact, tool: Array, parts: Array, exert: Array, missing: Array
+        self, reading: Array, raw: Array, contact: Contact, tool: Array, parts: Array, exert: Array, missing: Array, out: Array
     ) -> Felt:
         """What a reading tells; raw, exert and missing (6,) wrenches in the base frame, parts (6-k, 6) likewise."""
         noise = 0.0 if self.sensor is None else self.sensor.noise
@@ -246,12 +251,16 @@ class HybridController:
         now = load_at(exert, contact.point)
         most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
-        return Felt(reading, press, *load_at(raw, contact.point, grip), sqrt(missing[3:].dot(missing[3:])), most, noise)
+        way, k = self._ways[0], self.task.stiffness or self._regulation.shown
+        along = -float(out.dot(way))
+        across = slope((way + along * out).tolist(), tan(self.task.normal_within or 0.0))
+        load = load_at(raw, contact.point, grip)
+        return Felt(reading, press, *load, sqrt(missing[3:].dot(missing[3:])), most, noise, (along, across), k)
 
     def _regulated(self, felt: Felt, out: Array, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""
         regulation = self._regulation
-        if self.task.stiffness is None and felt.press is not None and self._split.kind.presses == 1:
+        if felt.press is not None and self._split.kind.presses == 1:
             way = self._ways[0]  # the last one whose effect has been measured
             along = -out.dot(way)
             moved = np.array([along, *(way + along * out)])

@@ -67,6 +67,7 @@ class HybridTask(Value):
         size: over what length the contact spreads [length].
         normal_within: how far off the told normal the found one may be [rad]; None trusts the told one.
         lost_below, lost_after, on_loss: when a contact is lost, and what is done then.
+        yields: how far the surface may give way.
         edge_margin: how near to the surface's edge that is told.
         approach_speed, approach_distance, approach_time: how it is looked for.
         max_force, max_moment, on_overload: what is too much, and what is done then.
@@ -88,6 +89,7 @@ class HybridTask(Value):
     lost_below: float | None = field(repr=False)
     lost_after: float = field(repr=False)
     on_loss: str = field(repr=False)
+    yields: float = field(repr=False)
     edge_margin: float = field(repr=False)
     approach_speed: float = field(repr=False)
     approach_distance: float = field(repr=False)
@@ -116,6 +118,7 @@ class HybridTask(Value):
         lost_below: float | None = None,
         lost_after: float = 0.1,
         on_loss: OnLoss = "approach",
+        yields: float = 0.0,
         edge_margin: float = 0.01,
         approach_speed: float = 0.02,
         approach_distance: float = 0.1,
@@ -153,6 +156,9 @@ class HybridTask(Value):
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
                 it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
+            yields: how far the surface may give way, or step down, under the tool [length]; inf is any way. Where more
+                is pushed in than this and what the stiffness explains without a rise of the press, the status is
+                "fault".
             edge_margin: a contact nearer to the edge of its surface than this is told [length]; beyond the edge nothing
                 is pushed. Only for contacts that say where their edge is.
             approach_speed: the most that the force law moves the place of contact in the air [length/s], and into the
@@ -199,6 +205,7 @@ class HybridTask(Value):
             lost_below=None if lost_below is None else arrays.not_negative(lost_below, "lost_below", "a force"),
             lost_after=arrays.not_negative(lost_after, "lost_after", "a time in seconds"),
             on_loss=arrays.choice(on_loss, "on_loss", get_args(OnLoss)),
+            yields=_limit(yields, "yields") if yields else 0.0,
             edge_margin=arrays.not_negative(edge_margin, "edge_margin", "a length"),
             approach_speed=arrays.number(approach_speed, "approach_speed", "a speed", positive=True),
             approach_distance=_limit(approach_distance, "approach_distance"),

@@ -44,7 +44,7 @@ class Push(NamedTuple):
 
 
 def gains_of(
-    task: HybridTask, split: Split, regulation: Regulation, press: float | None, late: float, *, touching: bool
+    task: HybridTask, split: Split, regulation: Regulation, press: float | None, late: float, delay: float, *, touching: bool
 ) -> Gains:
     """The gains for what is known of the stiffness.
 
@@ -54,13 +54,14 @@ def gains_of(
         regulation: what is known.
         press: wanted [force]; None where the contact cannot be lost.
         late: sum of tick, delay and low-pass [s].
+        delay: of the arm [s].
         touching: whether there is contact.
     """
     factor, gentle, most = 1.0, None, inf
     if task.adapts and split.compliance > 0.0:
         factor = regulation.factor(split.compliance, task.stiffness, late)
         if press is not None:
-            gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, late))
+            gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, late, delay))
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))

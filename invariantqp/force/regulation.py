@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.errors import written
 from invariantqp.force.place import TINY
 from invariantqp.force.stiffness import StiffnessEstimate
 from invariantqp.force.two_presses import TwoPresses
@@ -50,6 +51,10 @@ INTEGRATED = 0.2
 # After the contact was lost again and again the rate is reduced by this factor, each time.
 SLOWER = 0.5
 LEAST_CAUTION = 1.0 / 64.0
+# A stiffness told is wrong where the last touch showed another by more than this factor.
+MISTOLD = 3.0
+# A contact may look softer than it is by this factor, where a sensor saturates in the touch.
+SOFTENED = 4.0
 
 
 class Regulation(NamedTuple):
@@ -62,6 +67,7 @@ class Regulation(NamedTuple):
         caution: share of the rate, less than 1 after chatter.
         supposed: stiffness that the gain is for until it is known [force/length].
         least: what the stiffest contact so far was at least [force/length].
+        seen: the same with less left out, until it is known.
         air: press in the last tick without contact [force]; inf before any.
         way: into the surface since then, at most [length].
         reached: whether a good share of the press has been felt since then.
@@ -73,6 +79,7 @@ class Regulation(NamedTuple):
     caution: float = 1.0
     supposed: float = USUAL
     least: float = 0.0
+    seen: float = 0.0
     air: float = inf
     way: float = 0.0
     reached: bool = False
@@ -90,13 +97,33 @@ class Regulation(NamedTuple):
         """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told."""
         return self.rate(late) / (compliance * (self.known(stiffness) or self.supposed))
 
-    def approach_speed(self, press: float, stiffness: float | None, late: float) -> float:
-        """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness."""
-        return press / ((self.known(stiffness) or max(STIFF, self.least)) * late)
+    def approach_speed(self, press: float, stiffness: float | None, late: float, delay: float) -> float:
+        """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness.
+
+        A delay counts twice where the stiffness is not known: it passes before that is, and once more before it helps.
+        """
+        k = self.known(stiffness)
+        return press / (max(STIFF, self.least) * (late + delay) if k is None else k * late)
 
     def known(self, stiffness: float | None) -> float | None:
         """The stiffness that was told, or that is known from the last touch."""
         return self.estimate.value if stiffness is None else stiffness
+
+    @property
+    def shown(self) -> float:
+        """What touches showed of the stiffness [force/length]: a sensor that saturates makes one look softer."""
+        k = self.estimate.value
+        return self.seen if k is None else max(k, min(self.seen, SOFTENED * k))
+
+    def mistold(self, stiffness: float | None) -> str:
+        """How the stiffness told disagrees with the last touch, in words, "" for not at all."""
+        k = self.estimate.value if self.estimate.fresh else None
+        if stiffness is None or k is None or 1.0 / MISTOLD <= stiffness / k <= MISTOLD:
+            return ""
+        return (
+            f"the press rises by {written(k, 2)} N/m where {written(stiffness, 2)} are told: the stiffness, the "
+            "sensor's scale or the delay is wrong"
+        )
 
     def felt(
         self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: float, *, touching: bool
@@ -126,12 +153,14 @@ class Regulation(NamedTuple):
         if estimate.fresh:
             return now
         way += self.way
-        rise = felt - self.air - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)
+        risen = felt - self.air - ABOVE_NOISE * noise
+        seen = max(self.seen, risen / max(way, TINY)) if estimate.value is None else self.seen
+        rise = min(risen, felt - self.air - LEFT_OUT * wanted)
         least = min(STIFFEST, max(0.0, rise) / max(way, TINY))
         reached = self.reached or felt >= REACHED * wanted
         softer = 1.0 if reached else exp(-dt * self.rate(late) / SOFTENING)
         supposed, most = max(softer * self.supposed, least, SOFTEST), max(self.least, least)
-        return now._replace(supposed=supposed, least=most, way=way, reached=reached)
+        return now._replace(supposed=supposed, least=most, seen=seen, way=way, reached=reached)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
         """The integral after a tick.

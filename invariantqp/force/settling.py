@@ -54,10 +54,6 @@ class Settling(NamedTuple):
         error = missing if self.press is None else self.press + min(1.0, dt / AVERAGED) * (missing - self.press)
         return Settling(press=error, missed=self.missed + dt if error > MISSED * most else 0.0)
 
-    def short(self, wanted: float) -> bool:
-        """Whether the averaged press is below the wanted one [force] by more than what is reached."""
-        return self.press is not None and wanted - self.press > MISSED * wanted
-
     @property
     def chatters(self) -> bool:
         """Whether a loss too many has just happened."""

@@ -3,7 +3,7 @@
 lost        unilateral contact that is not felt (`touch`) for longer than lost_after; over when it is felt again
             an approach that meets nothing within approach_distance or approach_time stands still until `reset`
 overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`
-fault       what the readings say of the sensor (`health`), or approach_distance into a contact without its press; until
+fault       what the readings say of the sensor (`health`), or that they disagree with the motion (`agreement`); until
             `reset`
 """
 
@@ -13,6 +13,7 @@ from math import inf
 from typing import NamedTuple
 
 from invariantqp.errors import written
+from invariantqp.force.agreement import Agreement
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.settling import Settling
@@ -36,6 +37,8 @@ class Felt(NamedTuple):
         missing: size of the force that is missing from the wanted one, smoothed [force].
         most: force and moment that are an overload.
         noise: standard deviation of a force component [force].
+        way: of the last motion whose effect is felt, in, and how much of it may be a slope [length].
+        stiffness: of the contact, as far as known [force/length].
     """
 
     reading: Array
@@ -45,6 +48,8 @@ class Felt(NamedTuple):
     missing: float
     most: tuple[float, float]
     noise: float
+    way: tuple[float, float] = (0.0, 0.0)
+    stiffness: float = 0.0
 
 
 class Watch(NamedTuple):
@@ -54,23 +59,23 @@ class Watch(NamedTuple):
         touch: whether there is contact.
         health: of the sensor.
         settling: of the press.
+        agreement: of press and motion.
         approached: way towards the contact since it was last felt [length].
         waited: for how long it has not been felt [s].
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
         left: how far it has retreated [length].
-        sunk: way into the contact since its press was last reached [length].
     """
 
     touch: Touch = Touch()
     health: Health = Health()
     settling: Settling = Settling()
+    agreement: Agreement = Agreement()
     approached: float = 0.0
     waited: float = 0.0
     leaving: str = ""
     status: str = ""
     left: float = 0.0
-    sunk: float = 0.0
 
     @property
     def touching(self) -> bool:
@@ -93,13 +98,15 @@ class Watch(NamedTuple):
         settling = self.settling.after(press, wanted, touch.touching, dt) if limit > 0.0 else self.settling
         if felt.press is None:
             settling = self.settling.after_missing(felt.missing, felt.most[0], dt)
-        short = settling.short(wanted) or not touch.touching
-        watch = self._replace(touch=touch, health=health, settling=settling, sunk=self.sunk if short else 0.0)
-        if not health.fault and watch.sunk > task.approach_distance:
-            told = f"{written(watch.sunk)} into the contact, {written(press, 3)} of {written(wanted, 3)} N are read"
-            health = health._replace(fault=told)
-        if health.fault:
-            return watch._replace(health=health, status="fault", leaving=health.fault, left=0.0)
+        watch = self._replace(touch=touch, health=health, settling=settling)
+        fault = health.fault
+        if wanted > 0.0 and limit > 0.0 and task.yields < inf:
+            k = felt.stiffness
+            agreement = self.agreement.after(felt.press, felt.way, k, felt.noise, dt, touching=touch.touching)
+            watch = watch._replace(agreement=agreement)
+            fault = fault or agreement.trouble(felt.press, felt.noise, k, task.yields)
+        if fault:
+            return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:
             return watch._replace(approached=0.0, waited=0.0)
         why = _given_up(task, touch.airborne, self.approached, self.waited + dt)
@@ -109,10 +116,7 @@ class Watch(NamedTuple):
         """The watch after a tick that moved the place of contact outwards by a distance [length]."""
         if self.status:
             return self._replace(left=self.left + max(0.0, out))
-        into = max(0.0, -out)
-        if self.touching:
-            return self._replace(sunk=self.sunk + into)
-        return self._replace(approached=self.approached + into)
+        return self._replace(approached=self.approached + (0.0 if self.touching else max(0.0, -out)))
 
 
 def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:

@@ -8,18 +8,18 @@ import invariantqp as iq
 DT, RADIUS, PERIOD = 2e-3, 0.03, 0.4
 
 
-def slow_bench():
+def slow_bench(**task):
     """A Panda at a fifteenth of its speed, with a pen on paper."""
     robot = iq.load_robot("panda")
     limits = (robot.position_lower, robot.position_upper, robot.velocity_limit / 15.0)
     return Bench(
-        iq.robots.Chain(robot.screws, robot.home, robot.names, *limits), PANDA, pen(), dt=DT, acceleration_limit=5.0
+        iq.robots.Chain(robot.screws, robot.home, robot.names, *limits), PANDA, pen(**task), dt=DT, acceleration_limit=5.0
     )
 
 
-def prepared(**given):
+def prepared(yields=0.0, **given):
     """That bench, half a circle on the paper, and a follower that has looked along it."""
-    bench = slow_bench()
+    bench = slow_bench(yields=yields)
     path = circle(bench.start, RADIUS, PERIOD)
     follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2, **given)
     follower.prepare(bench.q)
@@ -62,7 +62,7 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
 
 
 def test_the_path_waits_while_contact_is_lost():
-    bench, _, follower = prepared()
+    bench, _, follower = prepared(yields=0.02)
     places, statuses = [], []
     for k in range(600):
         if k == 200:

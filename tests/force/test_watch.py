@@ -21,7 +21,8 @@ def surface(tool):
 
 
 def fed(robot, presses, task=None, **options):
-    """The solutions of a loop that is fed with presses, whatever it does; the arm moves."""
+    """The solutions of a loop that is fed with presses, whatever it does; the arm moves, and so does the surface."""
+    options = {"yields": np.inf, **options}
     task = iq.HybridTask(surface, [5.0], **options) if task is None else task
     loop, q, solutions = iq.HybridController(robot, task, dt=DT, order="moment first"), READY.copy(), []
     start = robot.pose(q)

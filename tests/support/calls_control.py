@@ -228,6 +228,7 @@ CONTROL = {
             "lost_below": None,
             "lost_after": 0.1,
             "on_loss": "approach",
+            "yields": 0.0,
             "edge_margin": 0.01,
             "approach_speed": 0.02,
             "approach_distance": 0.1,

@@ -1,0 +1,92 @@
+"""Whether the readings agree with the motion: the way into a contact raises its press, or is not gone on with.
+
+    owed <- owed + k/6 (way in - slope way across - given) - creep,     disagrees where owed - risen > 0.8 wanted/6
+
+k is the stiffness told, identified, or else what the touch showed at least; risen is by how much more is read than the
+least reading since something was owed, less noise. A reading that is stuck or saturated is thus pushed against by the
+wanted press once more, not by the whole of `approach_distance`, and a stiffness told too large by a factor of five is
+no fault. A contact that is suddenly felt no longer is looked for over the same way.
+
+Reference: Page 1954 (cumulative sums).
+"""
+
+from __future__ import annotations
+
+from math import exp, hypot, inf
+from typing import NamedTuple
+
+from invariantqp.errors import written
+
+# The least share of the stiffness with which a press has to rise.
+SHARE = 1.0 / 6.0
+# How much a slope that is not known may add to the way into the surface, as a share of the way across it.
+SLOPE = 0.1
+# What is pushed in more than explained is told when it would press by this share of the wanted press.
+MORE = 0.8
+# What a surface may give way by, in wanted presses a second.
+CREEP = 0.1
+# A rise by less than so many standard deviations is noise, and what is owed less than these may be.
+NOISE = 6.0
+LEAST_OWED = 3.0
+# For how long a way out counts for a way back in, while it touches [s].
+MEMORY = 0.1
+# A contact of which nothing is known is supposed to be no softer [N/m]. That owes little: it is told as soon as noise
+# allows, or from this share of the wanted press.
+SOFTEST = 100.0
+OWED_BY_SOFT = 0.05
+
+
+class Agreement(NamedTuple):
+    """What is remembered since the press last rose with the way in.
+
+    Attributes:
+        owed: by how much the press should have risen at least [force]; -inf before a touch.
+        low: the least press since then [force].
+    """
+
+    owed: float = -inf
+    low: float = inf
+
+    def after(
+        self, press: tuple[float, float], way: tuple[float, float], k: float, noise: float, dt: float, *, touching: bool
+    ) -> Agreement:
+        """What is remembered after one more reading.
+
+        Args:
+            press: felt and wanted [force].
+            way: in, and how much of it may be a slope, of the last motion that has been measured [length].
+            k: stiffness as far as known, 0 where it is not [force/length].
+            noise: standard deviation of the press [force].
+            dt: tick [s].
+            touching: whether there is contact; without it the way out counts, too.
+        """
+        felt, wanted = press
+        low = min(self.low, felt)
+        owed = self.owed + max(SHARE * k, SOFTEST) * (way[0] - way[1]) - SHARE * CREEP * wanted * dt
+        if touching and owed <= max(0.0, felt - low - NOISE * noise):
+            return Agreement(0.0 if owed == -inf else min(0.0, owed) * exp(-dt / MEMORY), felt)
+        return Agreement(owed, low)
+
+    def trouble(self, press: tuple[float, float], noise: float, k: float, yields: float) -> str:
+        """What is wrong, in words, "" for nothing.
+
+        Args:
+            press: felt and wanted [force].
+            noise: standard deviation of the press [force].
+            k: as in `after`.
+            yields: how far the surface may give way [length].
+        """
+        felt, wanted = press
+        known, least = SHARE * k > SOFTEST, max(SHARE * k, SOFTEST)
+        most = max((MORE * SHARE if known else OWED_BY_SOFT) * wanted, LEAST_OWED * noise)
+        if self.owed - (felt - self.low) <= most + least * yields:
+            return ""
+        return (
+            f"pushed in by {written(self.owed / least, 2)}, {written(felt, 3)} of {written(wanted, 3)} N "
+            "are read: a sensor at fault, a step or a slope that is not told, or a surface that yields (yields=)"
+        )
+
+
+def slope(way: tuple[float, float, float], allowed: float) -> float:
+    """By how much a way across (3) may lead in where the surface slopes [length]."""
+    return max(SLOPE, allowed) * hypot(*way)
