@@ -12,10 +12,11 @@ Reference: Page 1954 (cumulative sums).
 
 from __future__ import annotations
 
-from math import exp, hypot, inf
+from math import exp, hypot, inf, tan
 from typing import NamedTuple
 
 from invariantqp.errors import written
+from invariantqp.geometry.arrays import Array
 
 # The least share of the stiffness with which a press has to rise.
 SHARE = 1.0 / 6.0
@@ -87,6 +88,11 @@ class Agreement(NamedTuple):
         )
 
 
-def slope(way: tuple[float, float, float], allowed: float) -> float:
-    """By how much a way across (3) may lead in where the surface slopes [length]."""
-    return max(SLOPE, allowed) * hypot(*way)
+def ways_in(way: Array, within: float | None) -> tuple[float, float]:
+    """How far in a way leads, and how much of that may be a slope [length].
+
+    Args:
+        way: (4,) of the place of contact, along the press and across it (3) [length].
+        within: angle by which the normal may be wrong [rad]; None is as much as is usual.
+    """
+    return float(way[0]), max(SLOPE, tan(within or 0.0)) * hypot(*way[1:].tolist())

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from copy import deepcopy
-from math import hypot, inf, pi, sqrt, tan
+from math import hypot, inf, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,10 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.agreement import Agreement, slope
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.normal import NormalEstimate
 from invariantqp.force.place import load_at, way_out, weakest
-from invariantqp.force.push import gains_of, push
+from invariantqp.force.push import force_rows, gains_of, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
@@ -35,13 +34,12 @@ from invariantqp.force.split import Split
 from invariantqp.force.two_presses import TwoPresses
 from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
 from invariantqp.force.watch import Felt, Watch, overload_of
-from invariantqp.force.wrench import WrenchSensor, load_of
+from invariantqp.force.wrench import WrenchSensor, cleaned
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.contacts import Contact
-from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.measure import length_at
 
 # The longest dead time for which ways are remembered.
@@ -110,12 +108,9 @@ class HybridController:
         self._delay: float = options.get("delay", 0.0)
         if self._delay > MOST_TICKS * self.loop.dt:
             raise BadInput("delay", f"{self._delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
-        self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
+        self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff), self._delay  # all of it, and that alone
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
-        self._watch = Watch()
-        self._regulation = self._nothing_known()
-        self._normal = NormalEstimate()
-        self._ways = self._no_ways()
+        self.reset()
         self._split = task.split(contact.kind)
         self._grip: Array | None = None  # for which that is
 
@@ -135,9 +130,10 @@ class HybridController:
     def reset(self) -> None:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
-        self._regulation = self._nothing_known()
+        self._regulation = Regulation(presses=TwoPresses() if self.task.two_presses else None)
         self._normal = NormalEstimate()
-        self._ways = self._no_ways()
+        ticks = 1 + round(self._delay / self.loop.dt)  # until a command shows in the measurements
+        self._ways: deque[Array] = deque([np.zeros(3)] * ticks, maxlen=ticks)
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
@@ -182,22 +178,21 @@ class HybridController:
         contact, told = self._turned(contact)
         asked = (self.task.wrench,) if wanted is None else (wanted_of(wanted, "wanted"), "wanted")
         exert = self._regulation.share * split.wanted(*asked)
-        raw, measured, smoothing = self._measure(reading, tool)
+        raw, measured, smoothing = cleaned(self.sensor, reading, tool, self._smoothing)
 
         # From the contact frame to the base frame.
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
         out = way_out(contact, A)
-        felt = self._felt(reading, raw, contact, tool, split.intensities.dot(A.T), B.dot(exert), B.dot(error), out)
+        felt = self._felt(reading, raw, contact, tool, (A, out), (B.dot(exert), B.dot(error)))
         watch = self._watch.after(self.task, felt, loop.dt)
-        regulation = self._regulated(felt, out, watch)
+        regulation = self._regulated(felt, watch)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
         answer = verdict(watch, self.task, contact)
         press = None if felt.press is None else felt.press[1]
-        touches = watch.touching or press is None
-        gains = gains_of(self.task, split, regulation, press, self._late, self._delay, touching=touches)
+        gains = gains_of(self.task, split, regulation, press, self._late, touching=watch.touching or press is None)
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
         pushed = push(self.task, contact, A, split, gains, exert, error, regulation.integral, motion, slow=slow)
         force, where = pushed.twist, contact.point if self._at_contact else None
@@ -210,21 +205,18 @@ class HybridController:
                 motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
             elif waits:
                 force = np.zeros(6)
-            rows = self._rows(contact, sighting.J, force)
+            rows = force_rows(contact, sighting.J, force) if self.force_first else None
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
-        moved = loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point)
-        if answer.beyond:  # where the surface is, is to be found again
-            watch = watch._replace(agreement=Agreement())
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
-        normal = self._found(told, watch, felt, regulation)
-        self._ways.append(moved)
-        self._watch, self._smoothing, self._normal = watch.after_motion(out.dot(moved)), smoothing, normal
+        self._normal = self._found(told, watch, felt, regulation)
+        self._ways.append(loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point))
+        self._watch, self._smoothing = watch.after_motion(out.dot(self._ways[-1]), answer.beyond), smoothing
         self._regulation = regulation.after(
             error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
         )
-        unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
-        others = normal.trouble(), regulation.mistold(self.task.stiffness), unsettled
-        status, reason = answer.with_others(*others, status=inner.status, reason=inner.reason)
+        unsettled = "" if answer.status else watch.settling.trouble(press, self._late[0])
+        doubts = self._normal.trouble(), regulation.mistold(self.task.stiffness), unsettled
+        status, reason = answer.with_others(doubts, inner.status, inner.reason)
         return HybridSolution(
             velocity=inner.velocity,
             status=status,
@@ -241,31 +233,34 @@ class HybridController:
         )
 
     def _felt(
-        self, reading: Array, raw: Array, contact: Contact, tool: Array, parts: Array, exert: Array, missing: Array, out: Array
+        self,
+        reading: Array,
+        raw: Array,
+        contact: Contact,
+        tool: Array,
+        at: tuple[Array, Array],
+        wanted: tuple[Array, Array],
     ) -> Felt:
-        """What a reading tells; raw, exert and missing (6,) wrenches in the base frame, parts (6-k, 6) likewise."""
+        """What a reading tells; `at` is the contact's adjoint and way out, wanted is W_d and what is missing of it."""
+        (A, out), (exert, missing) = at, wanted
         noise = 0.0 if self.sensor is None else self.sensor.noise
-        press = weakest(parts[: contact.kind.presses], raw, exert)
+        press = weakest(self._split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
         # What was wanted until now is no overload when less is wanted.
         force, moment = self._split.load
         now = load_at(exert, contact.point)
         most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
         way, k = self._ways[0], self.task.stiffness or self._regulation.shown
-        along = -float(out.dot(way))
-        across = slope((way + along * out).tolist(), tan(self.task.normal_within or 0.0))
-        load = load_at(raw, contact.point, grip)
-        return Felt(reading, press, *load, sqrt(missing[3:].dot(missing[3:])), most, noise, (along, across), k)
+        along = -out.dot(way)
+        moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
+        return Felt(reading, press, *load, sqrt(missing[3:].dot(missing[3:])), most, noise, moved, k)
 
-    def _regulated(self, felt: Felt, out: Array, watch: Watch) -> Regulation:
+    def _regulated(self, felt: Felt, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""
         regulation = self._regulation
         if felt.press is not None and self._split.kind.presses == 1:
-            way = self._ways[0]  # the last one whose effect has been measured
-            along = -out.dot(way)
-            moved = np.array([along, *(way + along * out)])
-            touching = watch.touching
-            regulation = regulation.felt(felt.press, moved, felt.noise, self.loop.dt, self._late, touching=touching)
+            late, touching = self._late[0], watch.touching
+            regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, touching=touching)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 
     def _turned(self, contact: Contact) -> tuple[Contact, Array]:
@@ -282,15 +277,6 @@ class HybridController:
             return NormalEstimate()
         return self._normal.after(told, self._ways[0], felt.press, k, self.task.size, bound)
 
-    def _nothing_known(self) -> Regulation:
-        """What the force law knows before the first touch."""
-        return Regulation(presses=TwoPresses() if self.task.two_presses else None)
-
-    def _no_ways(self) -> deque[Array]:
-        """No way in the last ticks, as many as pass until a command shows in the measurements."""
-        ticks = 1 + round(self._delay / self.loop.dt)
-        return deque([np.zeros(3)] * ticks, maxlen=ticks)
-
     def _split_for(self, contact: Contact, tool: Array) -> Split:
         """The task's split for the kind of this contact, kept while the kind is the same and the grip near."""
         task, kind = self.task, contact.kind
@@ -301,22 +287,3 @@ class HybridController:
         elif kind is not self._split.kind:
             self._split = task.split(kind)
         return self._split
-
-    def _measure(self, reading: Array, tool: Array) -> tuple[Array, Array, Smoothing]:
-        """The wrench that the tool exerts, base frame, raw and cleaned; and the low-pass after it."""
-        sensor = self.sensor
-        if sensor is None:
-            return reading, reading, self._smoothing
-        load = load_of(sensor, reading, tool)
-        smooth, after = self._smoothing.after(load)
-        to_base = se3.coadjoint(tool.dot(sensor.mount), check=False)
-        return to_base.dot(load), to_base.dot(sensor.deadband(smooth)), after
-
-    def _rows(self, contact: Contact, J: Array, force: Array) -> ExactRows | None:
-        """W'J x = W's where that leaves the arm at least two degrees of freedom, else None."""
-        n = contact.constraints.shape[1]
-        m = J.shape[1]
-        if not self.force_first or n == 0 or (m < 6 and n > m - 2):
-            return None
-        W = contact.constraints
-        return ExactRows(W.T.dot(J), W.T.dot(force))

@@ -27,16 +27,14 @@ from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.place import load_at
 from invariantqp.force.reading import Wrench, by_name, wanted_of
-from invariantqp.force.split import Split
+from invariantqp.force.split import Split, compliance_of, split_of
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.contact_kinds import ContactKind
 from invariantqp.systems.contacts import Contact
-from invariantqp.systems.projectors import dual_projectors
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
@@ -45,8 +43,6 @@ OnOverload = Literal["hold", "retreat"]
 LOST_SHARE = 0.1
 # How far a normal may be corrected [rad]: beyond it the told one says nothing.
 MOST_TILT = pi / 4.0
-# The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
-UNKNOWN = 1e-3
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -196,7 +192,7 @@ class HybridTask(Value):
             h=None if h is None else finite_pitch(h),
             complement=None if complement is None else arrays.system(complement, "complement"),
             metric=None if metric is None else arrays.positive_definite(metric, 6, "metric"),
-            compliance=None if compliance is None else _compliance(compliance, length),
+            compliance=None if compliance is None else compliance_of(compliance, length),
             adapts=compliance is None if adapts is None else arrays.flag(adapts, "adapts"),
             stiffness=None if stiffness is None else arrays.number(stiffness, "stiffness", "N/m", positive=True),
             two_presses=arrays.flag(two_presses, "two_presses"),
@@ -205,7 +201,7 @@ class HybridTask(Value):
             lost_below=None if lost_below is None else arrays.not_negative(lost_below, "lost_below", "a force"),
             lost_after=arrays.not_negative(lost_after, "lost_after", "a time in seconds"),
             on_loss=arrays.choice(on_loss, "on_loss", get_args(OnLoss)),
-            yields=_limit(yields, "yields") if yields else 0.0,
+            yields=arrays.not_negative(yields, "yields", "a length", infinite=True),
             edge_margin=arrays.not_negative(edge_margin, "edge_margin", "a length"),
             approach_speed=arrays.number(approach_speed, "approach_speed", "a speed", positive=True),
             approach_distance=_limit(approach_distance, "approach_distance"),
@@ -256,22 +252,8 @@ class HybridTask(Value):
             if given and kind.presses != 1:
                 found = f"{getattr(self, argument)!r}, and a {kind.name} with {kind.presses} presses"
                 raise BadInput(argument, found, f"{none} for a contact without a press or with more than one")
-        S, W, C = np.asarray(kind.freedoms), np.asarray(kind.constraints), self.compliance
-        if C is None:
-            at = kind.origin if grip is None else arrays.vector(grip, 3, "grip")
-            place = se3.adjoint(se3.transform(None, at), check=False)
-            C = place.dot(_compliance(UNKNOWN, self.size)).dot(place.T)
-        complement = self.complement
-        if self.h is None and self.metric is None and complement is None:
-            complement = C.dot(W)
-        projectors = dual_projectors(S, h=self.h, complement=complement, metric=self.metric)
-        Z, F = projectors.complement, projectors.force
-        parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
-        press = float(W[:, 0].dot(C).dot(W[:, 0])) if W.shape[1] else 0.0
-        if self.compliance is None and kind.presses == 0 and W.shape[1]:
-            press = UNKNOWN  # of a force through the grip
-        split = Split(kind, projectors, F.T.dot(C).dot(F), parts, press)
-        return split._replace(load=load_at(split.wanted(self.wrench), np.asarray(kind.origin)))
+        at = kind.origin if grip is None else arrays.vector(grip, 3, "grip")
+        return split_of(kind, self.wrench, self.compliance, at, self.size, (self.h, self.complement, self.metric))
 
     def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
         """The same task in other frames: the contact's displaced by `offset` in itself, the tool's by `tool_offset`.
@@ -306,15 +288,6 @@ class _Relabelled(Compared):
     def __call__(self, tool: Array) -> Contact:
         """The contact for a tool's pose in the new tool frame."""
         return self.function(tool.dot(se3.inverse(self.tool_offset, check=False))).relabelled(self.offset)
-
-
-def _compliance(value: ArrayLike, size: float) -> Array:
-    """(6, 6) C from one number, six or a matrix."""
-    c = arrays.array(value, "compliance", "a number, 6 numbers or a (6, 6) matrix")
-    if c.ndim == 0:
-        one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
-        c = np.repeat((one / size**2, one), 3)
-    return arrays.positive_definite(c, 6, "compliance")
 
 
 def _angle(value: float) -> float:

@@ -18,6 +18,7 @@ from invariantqp.force.split import Split
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.exact import ExactRows
 
 
 class Gains(NamedTuple):
@@ -44,7 +45,13 @@ class Push(NamedTuple):
 
 
 def gains_of(
-    task: HybridTask, split: Split, regulation: Regulation, press: float | None, late: float, delay: float, *, touching: bool
+    task: HybridTask,
+    split: Split,
+    regulation: Regulation,
+    press: float | None,
+    late: tuple[float, float],
+    *,
+    touching: bool,
 ) -> Gains:
     """The gains for what is known of the stiffness.
 
@@ -53,15 +60,14 @@ def gains_of(
         split: of the contact.
         regulation: what is known.
         press: wanted [force]; None where the contact cannot be lost.
-        late: sum of tick, delay and low-pass [s].
-        delay: of the arm [s].
+        late: sum of tick, delay and low-pass, and the delay alone [s].
         touching: whether there is contact.
     """
     factor, gentle, most = 1.0, None, inf
     if task.adapts and split.compliance > 0.0:
-        factor = regulation.factor(split.compliance, task.stiffness, late)
+        factor = regulation.factor(split.compliance, task.stiffness, late[0])
         if press is not None:
-            gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, late, delay))
+            gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))
@@ -107,3 +113,12 @@ def push(
     most = speed if slow else gains.most + speed_at(contact, motion, task.size) if inwards else inf
     share = min(1.0, most / speed_at(contact, twist, task.size))
     return Push(np.asarray(share * twist), not slow and share == 1.0)
+
+
+def force_rows(contact: Contact, J: Array, force: Array) -> ExactRows | None:
+    """W'J x = W's where that leaves the arm at least two degrees of freedom, else None."""
+    W, m = contact.constraints, J.shape[1]
+    n = W.shape[1]
+    if n == 0 or (m < 6 and n > m - 2):
+        return None
+    return ExactRows(W.T.dot(J), W.T.dot(force))

@@ -33,6 +33,8 @@ OVERDAMPED = 5.0
 # arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
 STIFF = 1e5
 USUAL = 2e4
+# How much more a delay counts at the touch than a low-pass, which raw readings of an overload do not wait for.
+DELAYED = 0.5
 # No contact of an arm is stiffer, and none is supposed to be softer [N/m].
 STIFFEST = 1e7
 SOFTEST = 100.0
@@ -100,10 +102,10 @@ class Regulation(NamedTuple):
     def approach_speed(self, press: float, stiffness: float | None, late: float, delay: float) -> float:
         """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness.
 
-        A delay counts twice where the stiffness is not known: it passes before that is, and once more before it helps.
+        A delay counts for more where the stiffness is not known: it passes before that is, and before that helps.
         """
         k = self.known(stiffness)
-        return press / (max(STIFF, self.least) * (late + delay) if k is None else k * late)
+        return press / (max(STIFF, self.least) * (late + DELAYED * delay) if k is None else k * late)
 
     def known(self, stiffness: float | None) -> float | None:
         """The stiffness that was told, or that is known from the last touch."""

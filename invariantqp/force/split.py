@@ -5,11 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
+from invariantqp.force.place import load_at
+from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contact_kinds import ContactKind
-from invariantqp.systems.projectors import DualProjectors
+from invariantqp.systems.projectors import DualProjectors, dual_projectors
+
+# The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
+UNKNOWN = 1e-3
 
 
 class Split(NamedTuple):
@@ -51,3 +57,54 @@ class Split(NamedTuple):
             raise BadInput(argument, f"a press of {press:g}", expected, "A contact that pulls is not unilateral.")
         parts: Array = W.dot(wrench)
         return parts
+
+
+def split_of(
+    kind: ContactKind,
+    wrench: Array,
+    compliance: Array | None,
+    grip: Array,
+    size: float,
+    rule: tuple[float | None, Array | None, Array | None],
+) -> Split:
+    """The split of a kind of contact, all in its own frame.
+
+    Args:
+        kind: of contact.
+        wrench: what to exert, as `HybridTask` has it.
+        compliance: (6, 6) C; None is the same in all directions about the grip.
+        grip: (3,) [length].
+        size: over what length the contact spreads [length].
+        rule: h, complement (6, 6-k) and metric (6, 6), one of them or none: Z = C W then.
+
+    Raises:
+        BadInput, NoProjectors: they do not fit this contact.
+    """
+    W, C = np.asarray(kind.constraints), compliance
+    if C is None:
+        place = se3.adjoint(se3.transform(None, grip), check=False)
+        C = place.dot(compliance_of(UNKNOWN, size)).dot(place.T)
+    h, complement, metric = rule
+    if h is None and metric is None and complement is None:
+        complement = C.dot(W)
+    projectors = dual_projectors(np.asarray(kind.freedoms), h=h, complement=complement, metric=metric)
+    Z, F = projectors.complement, projectors.force
+    parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
+    press = float(W[:, 0].dot(C).dot(W[:, 0])) if W.shape[1] else 0.0
+    if compliance is None and kind.presses == 0 and W.shape[1]:
+        press = UNKNOWN  # of a force through the grip
+    split = Split(kind, projectors, F.T.dot(C).dot(F), parts, press)
+    return split._replace(load=load_at(split.wanted(wrench), np.asarray(kind.origin)))
+
+
+def compliance_of(value: ArrayLike, size: float) -> Array:
+    """(6, 6) C from one number, six or a matrix.
+
+    Raises:
+        BadInput: something else.
+    """
+    c = arrays.array(value, "compliance", "a number, 6 numbers or a (6, 6) matrix")
+    if c.ndim == 0:
+        one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
+        c = np.repeat((one / size**2, one), 3)
+    return arrays.positive_definite(c, 6, "compliance")

@@ -30,9 +30,9 @@ class Verdict(NamedTuple):
     edge: str = ""
     beyond: bool = False
 
-    def with_others(self, *others: str, status: str, reason: str) -> tuple[str, str]:
+    def with_others(self, doubts: tuple[str, ...], status: str, reason: str) -> tuple[str, str]:
         """The status and the reason of the tick, with what troubles the force law and what the velocity law says."""
-        trouble = [words for words in (self.edge, *others) if words]
+        trouble = [words for words in (self.edge, *doubts) if words]
         law = "degraded" if trouble and status != "held" else status
         return self.status or law, "; ".join(words for words in (self.reason, *trouble, reason) if words)
 

@@ -13,7 +13,7 @@ from math import inf
 from typing import NamedTuple
 
 from invariantqp.errors import written
-from invariantqp.force.agreement import Agreement
+from invariantqp.force.agreement import Agreement, ways_in
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.settling import Settling
@@ -37,7 +37,7 @@ class Felt(NamedTuple):
         missing: size of the force that is missing from the wanted one, smoothed [force].
         most: force and moment that are an overload.
         noise: standard deviation of a force component [force].
-        way: of the last motion whose effect is felt, in, and how much of it may be a slope [length].
+        way: (4,) of the last motion whose effect is felt, along the press and across it (3) [length].
         stiffness: of the contact, as far as known [force/length].
     """
 
@@ -48,8 +48,8 @@ class Felt(NamedTuple):
     missing: float
     most: tuple[float, float]
     noise: float
-    way: tuple[float, float] = (0.0, 0.0)
-    stiffness: float = 0.0
+    way: Array
+    stiffness: float
 
 
 class Watch(NamedTuple):
@@ -100,11 +100,11 @@ class Watch(NamedTuple):
             settling = self.settling.after_missing(felt.missing, felt.most[0], dt)
         watch = self._replace(touch=touch, health=health, settling=settling)
         fault = health.fault
-        if wanted > 0.0 and limit > 0.0 and task.yields < inf:
-            k = felt.stiffness
-            agreement = self.agreement.after(felt.press, felt.way, k, felt.noise, dt, touching=touch.touching)
+        if wanted > 0.0 and limit > 0.0:
+            now, k, ways = (press, wanted), felt.stiffness, ways_in(felt.way, task.normal_within)
+            agreement = self.agreement.after(now, ways, k, felt.noise, dt, touching=touch.touching)
             watch = watch._replace(agreement=agreement)
-            fault = fault or agreement.trouble(felt.press, felt.noise, k, task.yields)
+            fault = fault or agreement.trouble(now, felt.noise, k, task.yields)
         if fault:
             return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:
@@ -112,10 +112,12 @@ class Watch(NamedTuple):
         why = _given_up(task, touch.airborne, self.approached, self.waited + dt)
         return watch._replace(waited=self.waited + dt, status="lost" if why else "", leaving=why, left=0.0)
 
-    def after_motion(self, out: float) -> Watch:
-        """The watch after a tick that moved the place of contact outwards by a distance [length]."""
+    def after_motion(self, out: float, beyond: bool) -> Watch:
+        """The watch after a tick that moved the place of contact outwards by a distance [length], or off an edge."""
         if self.status:
             return self._replace(left=self.left + max(0.0, out))
+        if beyond:  # where the surface is, is to be found again
+            return self._replace(agreement=Agreement())
         return self._replace(approached=self.approached + (0.0 if self.touching else max(0.0, -out)))
 
 

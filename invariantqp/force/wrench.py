@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput, written
 from invariantqp.force.free_air import SPREAD, TURNED, explained, spread
 from invariantqp.force.reading import Order, by_name, order_of, ordered, wrench_of
-from invariantqp.force.smoothing import soft
+from invariantqp.force.smoothing import Smoothing, soft
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
@@ -247,6 +247,18 @@ def load_of(sensor: WrenchSensor, reading: Array, tool: Array) -> Array:
     """`WrenchSensor.load` for a reading that is checked and moment first."""
     load: Array = reading - _unloaded(sensor, tool)
     return -load if sensor.reads == "reaction" else load
+
+
+def cleaned(
+    sensor: WrenchSensor | None, reading: Array, tool: Array, smoothing: Smoothing
+) -> tuple[Array, Array, Smoothing]:
+    """The (6,) wrench that the tool exerts, base frame, raw and cleaned; and the low-pass after a reading."""
+    if sensor is None:
+        return reading, reading, smoothing
+    load = load_of(sensor, reading, tool)
+    smooth, after = smoothing.after(load)
+    to_base = se3.coadjoint(tool.dot(sensor.mount), check=False)
+    return to_base.dot(load), to_base.dot(sensor.deadband(smooth)), after
 
 
 def _unloaded(sensor: WrenchSensor, tool: Array) -> Array:

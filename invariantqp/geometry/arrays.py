@@ -218,9 +218,9 @@ def number(
     return x
 
 
-def not_negative(value: float, argument: str, expected: str) -> float:
-    """A finite float, zero or more."""
-    x = number(value, argument, expected)
+def not_negative(value: float, argument: str, expected: str, *, infinite: bool = False) -> float:
+    """A float, zero or more, possibly infinite if `infinite`."""
+    x = number(value, argument, expected, infinite=infinite)
     if x < 0.0:
         raise BadInput(argument, f"{x:g}", f"{expected}, not below zero")
     return x

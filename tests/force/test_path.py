@@ -13,7 +13,11 @@ def slow_bench(**task):
     robot = iq.load_robot("panda")
     limits = (robot.position_lower, robot.position_upper, robot.velocity_limit / 15.0)
     return Bench(
-        iq.robots.Chain(robot.screws, robot.home, robot.names, *limits), PANDA, pen(**task), dt=DT, acceleration_limit=5.0
+        iq.robots.Chain(robot.screws, robot.home, robot.names, *limits),
+        PANDA,
+        pen(**task),
+        dt=DT,
+        acceleration_limit=5.0,
     )
 
 
