@@ -1,0 +1,101 @@
+"""Readings that do not answer the way in stop the push, whatever they say; those that do are believed."""
+
+import numpy as np
+import pytest
+from support.noisy_plane import press_on_plane
+from support.spring_plane import gantry, pen
+
+import invariantqp as iq
+from invariantqp.force.agreement import Agreement
+
+PRESS, NOISE, REST = 10.0, 0.2, 1e9  # [N], [N], a turn so long that the tool stands still [s]
+PHASES = {"in the air": 0.2, "just after touch": 0.54, "settled": 1.5}
+
+
+class Stuck:
+    """A sensor that reads a share of the wanted press and its noise, or, where it saturates, no more than that."""
+
+    def __init__(self, share, *, saturates=False):
+        self.random, self.most, self.saturates = np.random.default_rng(5), share * PRESS, saturates
+
+    def __call__(self, reading, normal):
+        press = reading[3:] @ normal
+        if self.saturates and press < self.most:
+            return reading
+        return np.concatenate((self.random.normal(0, 0.006, 3), self.most * normal + self.random.normal(0, NOISE, 3)))
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 2e4, 1e5])
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_a_reading_stuck_in_its_noise_presses_once_more_at_most(share, phase, stiffness):
+    since = PHASES[phase]
+    run = press_on_plane(PRESS, stiffness=stiffness, fault=Stuck(share), since=since, seconds=since + 0.7, period=REST)
+    stop = run.stopped()
+    assert run.solutions[stop].status == "fault"
+    assert "a sensor at fault, a step or a slope" in run.solutions[stop].reason
+    assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.012 * max(stiffness, 1e4)
+    assert run.height[-1] > run.height[stop] + 1e-3  # and left
+
+
+@pytest.mark.parametrize(("stiffness", "most"), [(1e3, 22.0), (2e4, 32.0), (1e5, 60.0)])
+def test_a_sensor_that_saturates_shows_before_that_how_stiff_the_contact_is(stiffness, most):
+    run = press_on_plane(
+        PRESS, stiffness=stiffness, fault=Stuck(0.5, saturates=True), since=0.0, seconds=2.0, period=REST
+    )
+    assert run.solutions[run.stopped()].status == "fault"
+    assert 5.0 < run.press.max() < most
+
+
+def test_while_the_tool_slides_a_slope_is_allowed_for_and_no_more():
+    """At 63 mm/s six degrees lead in by 6.3 mm/s."""
+    for share, most in ((0.3, 30.0), (0.9, 40.0)):
+        run = press_on_plane(PRESS, fault=Stuck(share), since=1.5, seconds=2.2)
+        assert run.solutions[run.stopped()].status == "fault"
+        assert 2.0 * PRESS * 0.9 < run.press.max() < most
+    slope = press_on_plane(PRESS, tilt=np.radians(5.0), seconds=3.0)
+    assert set(slope.statuses()[400:]) == {"ok"}
+
+
+def test_a_surface_that_gives_way_is_followed_as_far_as_was_told():
+    followed = press_on_plane(PRESS, removed=0.9, seconds=4.4, yields=0.06)
+    assert followed.statuses()[-1] == "ok"
+    assert followed.press[-1] == pytest.approx(PRESS, rel=0.1)
+    left = press_on_plane(PRESS, removed=0.9, seconds=1.4)
+    stop = left.stopped()
+    assert left.solutions[stop].status == "fault"
+    assert left.height[450] - left.height[stop] < 3e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_contact_that_answers_is_never_doubted(seed):
+    """Steps of the wanted press, a told stiffness off by up to five, noise of half the press, for 40 000 ticks."""
+    random, dt = np.random.default_rng(seed), 0.002
+    for told, noise in ((1.0, 0.0), (1.0, 2.5), (5.0, 0.5), (0.2, 2.5)):
+        k, x, agreement, wanted = 1e4, 0.0, Agreement(), 5.0
+        for tick in range(10_000):
+            wanted = random.uniform(3.0, 6.0) if tick % 100 == 0 else wanted
+            way = 80.0 * dt / (max(told, 1.0) * k) * (wanted - k * x - noise * random.normal())
+            x += way
+            felt = k * x + noise * random.normal()
+            agreement = agreement.after((felt, wanted), (way, 0.0), told * k, noise, dt, touching=True)
+            assert not agreement.trouble((felt, wanted), noise, told * k, 0.0)
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e5])
+@pytest.mark.parametrize(("scale", "doubted"), [(0.3, True), (1.0, False)])
+def test_a_stiffness_told_tells_a_sensor_whose_scale_is_wrong(scale, doubted, stiffness):
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.1)
+    robot, q, random = gantry(), np.zeros(6), np.random.default_rng(0)
+    loop = iq.HybridController(robot, pen(stiffness=stiffness), dt=0.002, sensor=sensor)
+    solutions = []
+    for _ in range(300):
+        press = stiffness * max(0.0, -1e-4 - robot.pose(q)[2, 3])
+        reading = np.r_[0, 0, 0, random.normal(0.0, 0.1, 3)] + scale * press * np.eye(6)[5]
+        solutions.append(loop.step(q, np.eye(4), reading))
+        q = q + 0.002 * solutions[-1].velocity
+    assert (
+        any("are told: the stiffness, the sensor's scale or the delay is wrong" in s.reason for s in solutions)
+        == doubted
+    )
+    assert (solutions[-1].status == "degraded") == doubted
