@@ -152,15 +152,13 @@ class HybridTask(Value):
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
                 it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
-            yields: how far the surface may give way, or step down, under the tool [length]; inf is any way. Where more
-                is pushed in than this and what the stiffness explains without a rise of the press, the status is
-                "fault".
+            yields: how far the surface may give way, or step down, under the tool [length]; inf is any way. Where the
+                way in exceeds this and what stiffness and slope explain, the status is "fault".
             edge_margin: a contact nearer to the edge of its surface than this is told [length]; beyond the edge nothing
                 is pushed. Only for contacts that say where their edge is.
             approach_speed: the most that the force law moves the place of contact in the air [length/s], and into the
                 contact beside as much as the tool slides, unless a compliance is given.
-            approach_distance: after this way towards the contact without feeling it, stand still [length]; inf is
-                never. After as much into it without its press, the status is "fault".
+            approach_distance: after this way towards the contact without feeling it, stand still [length]; inf: never.
             approach_time: likewise [s].
             max_force: force [N] above which the status is "overload"; None is twice the wanted one, the task's or the
                 tick's, whichever is larger, 20 N where none is wanted; inf is never.
