@@ -42,7 +42,8 @@ from invariantqp.velocity.solution import VelocitySolution, with_trouble
 from invariantqp.velocity.solve import solve, standing
 
 # What a loop is made from; the compiled core has its own copy.
-FIXED = {"robot", "law", "measure", "dt", "gain", "posture_gain", "exact", "row_rank", *LoopLimits._fields}
+FIXED = {"robot", "law", "measure", "dt", "gain", "posture_gain", "exact", "row_rank", "kept", "compiled"}
+FIXED |= {*LoopLimits._fields}
 
 
 class Controller:
@@ -148,27 +149,18 @@ class Controller:
         self._limits = loop_limits(robot, self.dt, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
-        self._kept = Memory(np.zeros(m), None, Convergence()).numbers
-        self._compiled: Array | None = compiled_loop(
+        self.kept: Array = Memory(np.zeros(m), None, Convergence()).numbers  # from tick to tick
+        self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
             robot, self.law, self.measure, self._limits, self.gain, mid, self._pull, slow, self.exact, self.row_rank
         )
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name in FIXED and "_compiled" in self.__dict__:
+        if name in FIXED and "compiled" in self.__dict__:
             raise AttributeError(f"{name} of a controller does not change; make another Controller")
         object.__setattr__(self, name, value)
 
     def __copy__(self) -> Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks
-
-    @property
-    def _memory(self) -> Memory:
-        """What the loop keeps from tick to tick, which the core writes too."""
-        return Memory.of(self._kept)
-
-    @_memory.setter
-    def _memory(self, memory: Memory) -> None:
-        self._kept[:] = memory.numbers
 
     def step(
         self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
@@ -188,12 +180,12 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        if self._compiled is not None and target is not None:
-            found = compiled_tick(self._compiled, self._kept, q, target, feedforward, velocity)
-            if found is not None:
-                answer, more = found
-                return self._watched(self.told(answer, q)) if more else answer
-        memory = self._memory
+        core = None if target is None else self.compiled
+        found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
+        if found is not None:
+            answer, more = found
+            return self._watched(self.told(answer, q)) if more else answer
+        memory = Memory.of(self.kept)
         before = memory.now(velocity)
         positions = arrays.vector(q, len(self._middle), "q")
         sighting = self.robot.sight(positions, target)
@@ -208,7 +200,7 @@ class Controller:
         state = Observed(positions, sighting, target, root, before)
         solution = self._tick(state, s, share * self.gain, ahead)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - ahead)
-        self._memory = self._memory.followed(error, change, root, self._slowness / self.dt)
+        Memory.of(self.kept).followed(error, change, root, self._slowness / self.dt).write(self.kept)
         return self._watched(solution)
 
     def follow(
@@ -238,19 +230,18 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
-        usual = rows is None and sighting is None and at is None and posture is None
-        if usual and self._compiled is not None:
-            found = compiled_tick(self._compiled, self._kept, q, None, twist, velocity)
-            if found is not None:
-                answer, more = found
-                return self.told(answer, q) if more else answer
+        core = self.compiled if rows is None and sighting is None and at is None and posture is None else None
+        found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
+        if found is not None:
+            answer, more = found
+            return self.told(answer, q) if more else answer
         positions = arrays.vector(q, len(self._middle), "q")
         s = arrays.not_too_fast(arrays.twist(twist))
         if rows is not None:
             require_rows(rows, len(self._middle))
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, len(self._middle), "posture")
-        state = at_rest(self.robot, self.measure, positions, sighting, self._memory.now(velocity), where)
+        state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity), where)
         return self._tick(state, s, 0.0, s, rows, posture=free)
 
     def rest(
@@ -270,18 +261,8 @@ class Controller:
         positions = arrays.vector(q, len(self._middle), "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        state = at_rest(self.robot, self.measure, positions, sighting, self._memory.now(velocity))
+        state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity))
         return self._tick(state, np.zeros(6), 0.0, np.zeros(6), stand=reason)
-
-    @property
-    def compiled(self) -> Array | None:
-        """The fixed numbers of this loop for the compiled core; None for a loop that the core does not have."""
-        return self._compiled
-
-    @property
-    def kept(self) -> Array:
-        """(14 + m,) the numbers of what the loop keeps from tick to tick, which the core reads and writes."""
-        return self._kept
 
     def told(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
         """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
@@ -293,7 +274,7 @@ class Controller:
 
     def _watched(self, solution: VelocitySolution) -> VelocitySolution:
         """The solution; a loop that does not converge is trouble."""
-        trouble = self._memory.convergence.trouble
+        trouble = Memory.of(self.kept).convergence.trouble
         return with_trouble(solution, trouble) if trouble else solution
 
     def _tick(
@@ -315,5 +296,5 @@ class Controller:
         rank = self.row_rank if more is None else None
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank)
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
-        self._memory = self._memory.commanded(solution.velocity)
+        Memory.of(self.kept).commanded(solution.velocity).write(self.kept)
         return self._limits.told(solution, positions, self.robot.names, strained)

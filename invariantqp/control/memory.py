@@ -43,6 +43,10 @@ class Memory(NamedTuple):
         turn = nothing[:3] if self.turn is None else self.turn
         return np.concatenate(((promised, achieved, speed, size, ticks), watch, turn, self.velocity))
 
+    def write(self, numbers: Array) -> None:
+        """Into `numbers`, those of the state before."""
+        numbers[:] = self.numbers
+
     def now(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last.
 

@@ -74,7 +74,7 @@ class Knot(NamedTuple):
     ratio: float
 
 
-class Seen(NamedTuple):
+class Beside(NamedTuple):
     """The arm beside a target.
 
     Attributes:
@@ -182,14 +182,14 @@ class KnotFinder:
         sigma = np.linalg.svd(root.dot(seen.sighting.J), compute_uv=False)
         return Knot(at, q, slope, size, float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0)
 
-    def _look(self, q: Array, target: Any) -> Seen:
+    def _look(self, q: Array, target: Any) -> Beside:
         """The arm beside a target; what exact demands ask of the error is their own, a point's the way straight on."""
         controller = self._controller
         robot = controller.robot
         sighting = robot.sight(q, target)
         root, error = controller.measure.root(robot, sighting, target), sighting.error
         if not controller.exact:
-            return Seen(sighting, root, None, asked(controller, sighting, root), error)
+            return Beside(sighting, root, None, asked(controller, sighting, root), error)
         demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, np.zeros(6)))
         rows = measured_rows(demands, root)
         if demands.of_twist is not None:
@@ -197,7 +197,7 @@ class KnotFinder:
             D = np.asarray(demands.of_twist)
             missing = np.linalg.pinv(np.linalg.solve(root.T, D.T).T).dot(demands.b - D.dot(error))
             error = error + np.linalg.solve(root, missing)
-        return Seen(sighting, root, demands, rows, error)
+        return Beside(sighting, root, demands, rows, error)
 
     def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
         """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
@@ -236,7 +236,7 @@ class KnotFinder:
     def _answer(
         self,
         q: Array,
-        seen: Seen,
+        seen: Beside,
         twist: Array,
         h: float,
         posture: Array | None,

@@ -15,6 +15,7 @@ from support.two_laws import NUMBER, ROUNDING
 import invariantqp as iq
 from invariantqp.control.compiled import compiled_tick
 from invariantqp.control.frame_cost import FrameCost
+from invariantqp.control.memory import Memory
 from invariantqp.engine import core
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
@@ -78,9 +79,9 @@ def assert_same(controller, q, target, feedforward=None):
     np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
     assert (native.status, native.method, native.active) == (python.status, python.method, python.active)
     assert NUMBER.sub("#", native.reason) == NUMBER.sub("#", python.reason)
-    ours, theirs = controller._memory, after._memory
+    ours, theirs = Memory.of(controller.kept), Memory.of(after.kept)
     assert type(native) is type(python)
-    assert not np.shares_memory(controller._kept, native.velocity)
+    assert not np.shares_memory(controller.kept, native.velocity)
     np.testing.assert_array_equal(ours.velocity, native.velocity)
     np.testing.assert_allclose(ours.turn, theirs.turn, rtol=1e-12, atol=1e-14)
     assert ours.convergence.ticks == theirs.convergence.ticks
@@ -99,7 +100,7 @@ def test_loops_of_any_chain(seed):
     acceleration = 10.0 ** rng.uniform(-1.0, 3.0, m) if rng.random() < 0.5 else None
     gain = float(rng.uniform(1.0, 100.0))
     controller = iq.Controller(robot, dt=0.01, gain=gain, acceleration_limit=acceleration)
-    if controller._compiled is None:  # a prismatic joint beside a revolute one
+    if controller.compiled is None:  # a prismatic joint beside a revolute one
         return
     q = np.clip(rng.normal(size=m), robot.position_lower, robot.position_upper)
     size = np.abs(robot.home[:3, 3]).max()
@@ -141,7 +142,7 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
     if exact is JOINT:
         exact = [PLANE, iq.control.ExactJoints(np.eye(m)[1], 0.01)]
     controller = iq.Controller(robot, dt=0.01, exact=exact, **limits)
-    assert controller._compiled is not None
+    assert controller.compiled is not None
     middle = 0.5 * (robot.position_lower + robot.position_upper)
     q = middle + np.linspace(0.07, 0.14, len(middle))  # no two joints alike: no ties for rounding to break
     goal = robot.pose(q)
@@ -149,7 +150,7 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
     for k in range(80):
         goal = iq.exp([0.0, 0.0, 0.003, 0.006 * np.sin(0.05 * k), 0.006, 0.0]) @ goal
         ahead = np.array([0.0, 0.0, 0.3, 0.0, 0.6, 0.0])
-        answered += compiled_tick(controller._compiled, controller._kept.copy(), q, goal, ahead, None) is not None
+        answered += compiled_tick(controller.compiled, controller.kept.copy(), q, goal, ahead, None) is not None
         tick = (controller, q, goal, ahead)
         solution = assert_same(*tick) if k % 3 == 0 else controller.step(*tick[1:])  # Python takes its time
         methods.add(solution.method)
@@ -170,13 +171,13 @@ def test_a_twist_is_followed_as_in_python(exact, limits):
         other, velocity = copy(controller), (None, np.full(7, 0.01))[k % 2]
         with python_alone():
             python = other.follow(q, twist, velocity)
-        answered += compiled_tick(controller._compiled, controller._kept.copy(), q, None, twist, velocity) is not None
+        answered += compiled_tick(controller.compiled, controller.kept.copy(), q, None, twist, velocity) is not None
         native = controller.follow(q, twist, velocity)
         far = rounding(controller, q, robot.pose(q)) + 1e-10 * np.abs(python.velocity).max()
         np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=far)
         assert (native.status, native.method, native.active) == (python.status, python.method, python.active)
-        np.testing.assert_array_equal(controller._kept[-7:], native.velocity)
-        np.testing.assert_array_equal(controller._kept[:-7], other._kept[:-7])
+        np.testing.assert_array_equal(controller.kept[-7:], native.velocity)
+        np.testing.assert_array_equal(controller.kept[:-7], other.kept[:-7])
         met.add(native.method)
         q = q + 0.01 * native.velocity
     assert answered > 40
@@ -219,7 +220,7 @@ def test_python_says_what_is_wrong(panda):
     controller, q = panda
     pose = controller.robot.pose(q)
     controller.step(q, pose)
-    before = controller._kept.copy()
+    before = controller.kept.copy()
     bad = pose.copy()
     bad[3, 0] = 1.0
     for arguments in (
@@ -233,11 +234,11 @@ def test_python_says_what_is_wrong(panda):
     ):
         with pytest.raises(iq.BadInput):
             controller.step(*arguments)
-        np.testing.assert_array_equal(controller._kept, before)
+        np.testing.assert_array_equal(controller.kept, before)
     for twist in (np.full(6, np.nan), np.zeros(5), np.full(6, 2e12), None):
         with pytest.raises(iq.BadInput):
             controller.follow(q, twist)
-        np.testing.assert_array_equal(controller._kept, before)
+        np.testing.assert_array_equal(controller.kept, before)
     for target in (None, "home", np.eye(3)):
         with pytest.raises(iq.BadInput):
             controller.step(q, target)
@@ -272,7 +273,7 @@ def test_not_converging_is_told(panda):
     ids=lambda options: next(iter(options)),
 )
 def test_other_loops_are_python_s(panda, options):
-    assert iq.Controller(panda[0].robot, dt=0.01, **options)._compiled is None
+    assert iq.Controller(panda[0].robot, dt=0.01, **options).compiled is None
 
 
 def test_a_robot_that_may_change_is_python_s(panda):
@@ -282,4 +283,4 @@ def test_a_robot_that_may_change_is_python_s(panda):
         def __getattr__(self, name):
             return getattr(robot, name)
 
-    assert iq.Controller(Wrapped(), dt=0.01)._compiled is None
+    assert iq.Controller(Wrapped(), dt=0.01).compiled is None

