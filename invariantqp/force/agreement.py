@@ -37,6 +37,13 @@ SOFTEST = 100.0
 OWED_BY_SOFT = 0.05
 
 
+class Answer(NamedTuple):
+    """A rise with the `least` stiffness [force/length]; `owed`, of the wanted press, may be open."""
+
+    least: float
+    owed: float
+
+
 class Agreement(NamedTuple):
     """What is remembered since the press last rose with the way in.
 
@@ -49,43 +56,56 @@ class Agreement(NamedTuple):
     low: float = inf
 
     def after(
-        self, press: tuple[float, float], way: tuple[float, float], k: float, noise: float, dt: float, *, touching: bool
+        self,
+        press: tuple[float, float],
+        way: tuple[float, float],
+        answer: Answer,
+        noise: float,
+        dt: float,
+        *,
+        touching: bool,
     ) -> Agreement:
         """What is remembered after one more reading.
 
         Args:
             press: felt and wanted [force].
             way: in, and how much of it may be a slope, of the last motion that has been measured [length].
-            k: stiffness as far as known, 0 where it is not [force/length].
+            answer: what the press owes.
             noise: standard deviation of the press [force].
             dt: tick [s].
             touching: whether there is contact; without it the way out counts, too.
         """
         felt, wanted = press
         low = min(self.low, felt)
-        owed = self.owed + max(SHARE * k, SOFTEST) * (way[0] - way[1]) - SHARE * CREEP * wanted * dt
+        owed = self.owed + answer.least * (way[0] - way[1]) - SHARE * CREEP * wanted * dt
         if touching and owed <= max(0.0, felt - low - NOISE * noise):
             return Agreement(0.0 if owed == -inf else min(0.0, owed) * exp(-dt / MEMORY), felt)
         return Agreement(owed, low)
 
-    def trouble(self, press: tuple[float, float], noise: float, k: float, yields: float) -> str:
+    def trouble(self, press: tuple[float, float], noise: float, answer: Answer, yields: float) -> str:
         """What is wrong, in words, "" for nothing.
 
         Args:
             press: felt and wanted [force].
             noise: standard deviation of the press [force].
-            k: as in `after`.
+            answer: as in `after`.
             yields: how far the surface may give way [length].
         """
         felt, wanted = press
-        known, least = SHARE * k > SOFTEST, max(SHARE * k, SOFTEST)
-        most = max((MORE * SHARE if known else OWED_BY_SOFT) * wanted, LEAST_OWED * noise)
-        if self.owed - (felt - self.low) <= most + least * yields:
+        most = max(answer.owed * wanted, LEAST_OWED * noise)
+        if self.owed - (felt - self.low) <= most + answer.least * yields:
             return ""
         return (
-            f"pushed in by {written(self.owed / least, 2)}, {written(felt, 3)} of {written(wanted, 3)} N "
+            f"pushed in by {written(self.owed / answer.least, 2)}, {written(felt, 3)} of {written(wanted, 3)} N "
             "are read: a sensor at fault, a step or a slope that is not told, or a surface that yields (yields=)"
         )
+
+
+def answer_of(told: float | None, shown: float) -> Answer:
+    """What a press owes where a stiffness is told, in any unit of length, or where touches showed one [N/m] or none."""
+    if told is None and SHARE * shown <= SOFTEST:
+        return Answer(SOFTEST, OWED_BY_SOFT)
+    return Answer(SHARE * (shown if told is None else told), MORE * SHARE)
 
 
 def ways_in(way: Array, within: float | None) -> tuple[float, float]:

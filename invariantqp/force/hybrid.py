@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.agreement import answer_of
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.normal import NormalEstimate
 from invariantqp.force.place import load_at, way_out, weakest
@@ -250,10 +251,10 @@ class HybridController:
         now = load_at(exert, contact.point)
         most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
-        way, k = self._ways[0], self.task.stiffness or self._regulation.shown
+        way, answer = self._ways[0], answer_of(self.task.stiffness, self._regulation.shown)
         along = -out.dot(way)
         moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
-        return Felt(reading, press, *load, sqrt(missing[3:].dot(missing[3:])), most, noise, moved, k)
+        return Felt(reading, press, *load, sqrt(missing[3:].dot(missing[3:])), most, noise, moved, answer)
 
     def _regulated(self, felt: Felt, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""

@@ -13,7 +13,7 @@ from math import inf
 from typing import NamedTuple
 
 from invariantqp.errors import written
-from invariantqp.force.agreement import Agreement, ways_in
+from invariantqp.force.agreement import Agreement, Answer, ways_in
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.settling import Settling
@@ -38,7 +38,7 @@ class Felt(NamedTuple):
         most: force and moment that are an overload.
         noise: standard deviation of a force component [force].
         way: (4,) of the last motion whose effect is felt, along the press and across it (3) [length].
-        stiffness: of the contact, as far as known [force/length].
+        answer: what the press owes for a way in.
     """
 
     reading: Array
@@ -49,7 +49,7 @@ class Felt(NamedTuple):
     most: tuple[float, float]
     noise: float
     way: Array
-    stiffness: float
+    answer: Answer
 
 
 class Watch(NamedTuple):
@@ -101,10 +101,10 @@ class Watch(NamedTuple):
         watch = self._replace(touch=touch, health=health, settling=settling)
         fault = health.fault
         if wanted > 0.0 and limit > 0.0:
-            now, k, ways = (press, wanted), felt.stiffness, ways_in(felt.way, task.normal_within)
-            agreement = self.agreement.after(now, ways, k, felt.noise, dt, touching=touch.touching)
+            now, ways = (press, wanted), ways_in(felt.way, task.normal_within)
+            agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touching=touch.touching)
             watch = watch._replace(agreement=agreement)
-            fault = fault or agreement.trouble(now, felt.noise, k, task.yields)
+            fault = fault or agreement.trouble(now, felt.noise, felt.answer, task.yields)
         if fault:
             return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:

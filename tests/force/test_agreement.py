@@ -6,7 +6,7 @@ from support.noisy_plane import press_on_plane
 from support.spring_plane import gantry, pen
 
 import invariantqp as iq
-from invariantqp.force.agreement import Agreement
+from invariantqp.force.agreement import Agreement, answer_of
 
 PRESS, NOISE, REST = 10.0, 0.2, 1e9  # [N], [N], a turn so long that the tool stands still [s]
 PHASES = {"in the air": 0.2, "just after touch": 0.54, "settled": 1.5}
@@ -78,8 +78,8 @@ def test_a_contact_that_answers_is_never_doubted(seed):
             way = 80.0 * dt / (max(told, 1.0) * k) * (wanted - k * x - noise * random.normal())
             x += way
             felt = k * x + noise * random.normal()
-            agreement = agreement.after((felt, wanted), (way, 0.0), told * k, noise, dt, touching=True)
-            assert not agreement.trouble((felt, wanted), noise, told * k, 0.0)
+            agreement = agreement.after((felt, wanted), (way, 0.0), answer_of(told * k, 0.0), noise, dt, touching=True)
+            assert not agreement.trouble((felt, wanted), noise, answer_of(told * k, 0.0), 0.0)
 
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e5])
@@ -99,3 +99,28 @@ def test_a_stiffness_told_tells_a_sensor_whose_scale_is_wrong(scale, doubted, st
         == doubted
     )
     assert (solutions[-1].status == "degraded") == doubted
+
+
+@pytest.mark.parametrize("stiffness", [500.0, 1e4])
+@pytest.mark.parametrize("unit", [1e3, 1e-3])
+def test_a_stiffness_told_in_millimetres_is_answered_as_in_metres(unit, stiffness):
+    def moved(u):
+        """Velocities of the tip in metres, from a cell whose lengths are in units of 1/u metres."""
+        ways = {"approach_speed": 0.02 * u, "approach_distance": 0.1 * u, "retreat_speed": 0.02 * u}
+        task = pen(PRESS, stiffness=stiffness / u, size=0.05 * u, edge_margin=0.01 * u, **ways)
+        sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.1)
+        robot, q, random = gantry(), np.zeros(6), np.random.default_rng(0)
+        loop, speeds, statuses = iq.HybridController(robot, task, dt=0.002, sensor=sensor), [], []
+        for _ in range(400):
+            force = random.normal(0.0, 0.1, 3)
+            force[2] += stiffness * max(0.0, -1e-4 - robot.pose(q)[2, 3] / u)
+            solution = loop.step(q, np.eye(4), np.r_[np.zeros(3), force])
+            speeds.append(solution.velocity[:3] / u)
+            statuses.append(solution.status)
+            q = q + 0.002 * solution.velocity
+        return np.array(speeds), statuses
+
+    (speeds, statuses), (there, also) = moved(1.0), moved(unit)
+    assert statuses[-1] == "ok"
+    assert also == statuses
+    assert there == pytest.approx(speeds, abs=1e-12)
