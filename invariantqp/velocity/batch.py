@@ -118,14 +118,17 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         own = batch.law.metric is None and prismatic(twists, 1.0).any(axis=1)  # a metric of its own in each such row
         told[~done | own, 0] = LEFT
         rows = Rows(x, s - np.einsum("nij,nj->ni", twists, x), told, np.empty((n, 0)))
-    for i in rows.left:
+    for i in {*rows.left, *batch.limited}:
         rows.put(i, batch.solution(i))
     scale, damping, guard = rows.numbers
     return VelocitySolutions(rows.velocity, rows.method, rows.status, rows.residual, scale, damping, guard, rows)
 
 
 class _Batch(NamedTuple):
-    """The checked arguments of N rows; `points` and `posture` are None where none are given."""
+    """The checked arguments of N rows; `points` and `posture` are None where none are given.
+
+    `limited` are the rows whose joints are all limited, where others' are not: such a row has a damping of its own.
+    """
 
     law: VelocityLaw
     twists: Array  # (N, 6, m)
@@ -136,11 +139,12 @@ class _Batch(NamedTuple):
     posture: Array | None  # (N, m)
     points: Array | None  # (N, 3)
     length: float | None
+    limited: frozenset[int]
 
     def solution(self, i: int) -> VelocitySolution:
         """Row i by itself."""
         J, s = self.twists[i], self.s[i]
-        law = self.law
+        law = replace(self.law, damping=damping_of(None, limited=True)) if i in self.limited else self.law
         if law.metric is None and prismatic(J, 1.0).any():
             point = "own" if self.points is None else self.points[i]
             law = replace(law, metric=metric_of(None, J, measure_of(J, s, None, point, self.length).length))
@@ -162,12 +166,13 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
     first = measure_of(np.eye(6), np.zeros(6), form, None if points is not None else point, length)
-    limited = bool(np.isfinite(box[0]).all() and np.isfinite(box[1]).all())
+    damping = options.get("damping")
+    limited = np.isfinite(box).all(axis=(0, 2))
     lower, upper = (np.broadcast_to(side, (n, m)) for side in box)
     metric = options.get("joint_metric")
     law = VelocityLaw(
         form=first.form,
-        damping=damping_of(options.get("damping"), limited=limited),
+        damping=damping_of(damping, limited=bool(limited.all())),
         guard=guard_of(options.get("guard", True)),
         metric=None if metric is None else arrays.positive_definite(metric, m, "joint_metric"),
         backend=backend_of(options.get("backend", "daqp")),
@@ -176,7 +181,8 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
         roots = np.broadcast_to(first.root, (n, 6, 6))
     else:
         roots = measures(twists, s, points, None if length is None else float(length))
-    return _Batch(law, twists, s, roots, lower, upper, wanted, points, length)
+    own = () if damping is not None or limited.all() else np.flatnonzero(limited).tolist()
+    return _Batch(law, twists, s, roots, lower, upper, wanted, points, length, frozenset(own))
 
 
 def _stack(J: ArrayLike) -> Array:

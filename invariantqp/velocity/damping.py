@@ -121,7 +121,8 @@ class Adaptive(Value):
 class Selective(Value):
     """Each direction damped so that it contributes at most a given speed, and at least as much as `Adaptive` damps it.
 
-    lambda_i^2 = max(adaptive_i^2, sigma_i (|u_i'b| / speed - sigma_i)), hence |v_i'x| <= speed along every v_i.
+    lambda_i^2 = max(adaptive_i^2, sigma_i (|u_i'b| / speed - sigma_i)), hence |v_i'x| <= speed along every v_i. Where
+    singular values are equal, rounding chooses the directions, and the answer may jump.
 
     Attributes:
         speed: what one direction may contribute [rad/s].

@@ -128,6 +128,20 @@ def test_only_rows_that_meet_a_limit_are():
     assert (np.abs(found.velocity[6]) <= reach[6]).all()
 
 
+def test_a_row_is_damped_as_by_itself_whichever_joints_others_limit():
+    rng = np.random.default_rng(4)
+    U, _, Vt = np.linalg.svd(rng.normal(size=(COUNT, 6, 6)))
+    J = np.matmul(U * (1.0, 1.0, 1.0, 1.0, 1.0, 5e-3), Vt)  # only arms without limits are damped here
+    s, reach = rng.normal(size=(COUNT, 6)), np.full((COUNT, 6), 1e3)
+    reach[2, 4] = np.inf
+    options = {"point": np.zeros(3), "length": 1.0}
+    found = iq.solve_velocities(J, s, bounds=(-reach, reach), **options)
+    for i in range(COUNT):
+        one = iq.solve_velocity(J[i], s[i], bounds=(-reach[i], reach[i]), **options)
+        np.testing.assert_allclose(found.velocity[i], one.velocity, rtol=0.0, atol=1e-9 * np.abs(one.velocity).max())
+        assert (found.status[i], found.damping[i] > 0.0) == (one.status, i == 2)
+
+
 def test_a_bound_that_is_all_but_met_is_told_as_one_row_tells_it():
     _, J, s = rows(5, 4, achievable=False)
     options = {"point": np.zeros(3), "length": 1.0, "damping": 0.0}
