@@ -38,7 +38,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
-from invariantqp.velocity.solution import VelocitySolution, with_trouble
+from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
 # What a loop is made from; the compiled core has its own copy.
@@ -184,7 +184,7 @@ class Controller:
         found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
             answer, more = found
-            return self._watched(self.told(answer, q)) if more else answer
+            return Memory.of(self.kept).judged(self.told(answer, q)) if more else answer
         memory = Memory.of(self.kept)
         before = memory.now(velocity)
         positions = arrays.vector(q, len(self._middle), "q")
@@ -200,8 +200,9 @@ class Controller:
         state = Observed(positions, sighting, target, root, before)
         solution = self._tick(state, s, share * self.gain, ahead)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - ahead)
-        Memory.of(self.kept).followed(error, change, root, self._slowness / self.dt).write(self.kept)
-        return self._watched(solution)
+        memory = memory.followed(error, change, root, self._slowness / self.dt)
+        memory.write(self.kept)
+        return memory.judged(solution)
 
     def follow(
         self,
@@ -272,11 +273,6 @@ class Controller:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
         return (self._middle - q) * self._pull if self.posture_gain else None
 
-    def _watched(self, solution: VelocitySolution) -> VelocitySolution:
-        """The solution; a loop that does not converge is trouble."""
-        trouble = Memory.of(self.kept).convergence.trouble
-        return with_trouble(solution, trouble) if trouble else solution
-
     def _tick(
         self,
         state: Observed,
@@ -296,5 +292,5 @@ class Controller:
         rank = self.row_rank if more is None else None
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank)
         solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
-        Memory.of(self.kept).commanded(solution.velocity).write(self.kept)
+        self.kept[-len(positions) :] = solution.velocity
         return self._limits.told(solution, positions, self.robot.names, strained)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 from invariantqp.control.convergence import Convergence
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 
 class Memory(NamedTuple):
@@ -29,23 +31,24 @@ class Memory(NamedTuple):
     def of(cls, numbers: Array) -> Memory:
         """As `numbers` gives it."""
         promised, achieved, speed, size, ticks = numbers[:5].tolist()
-        expected, turn, velocity = (part.copy() for part in np.split(numbers[5:], (6, 9)))
-        before = not np.isnan(expected[0])
-        watch = Convergence(promised, achieved, speed, expected if before else None, size, int(ticks))
-        return cls(velocity, turn if before else None, watch)
+        before = not isnan(numbers[5])
+        watch = Convergence(promised, achieved, speed, numbers[5:11].copy() if before else None, size, int(ticks))
+        return cls(numbers[14:].copy(), numbers[11:14].copy() if before else None, watch)
 
     @property
     def numbers(self) -> Array:
         """(14 + m,) all of it as the compiled core takes it, NaN for what there is not before the first tick."""
-        promised, achieved, speed, expected, size, ticks = self.convergence
-        nothing = np.full(6, np.nan)
-        watch = nothing if expected is None else expected
-        turn = nothing[:3] if self.turn is None else self.turn
-        return np.concatenate(((promised, achieved, speed, size, ticks), watch, turn, self.velocity))
+        found = np.empty(14 + len(self.velocity))
+        found[14:] = self.velocity
+        self.write(found)
+        return found
 
     def write(self, numbers: Array) -> None:
-        """Into `numbers`, those of the state before."""
-        numbers[:] = self.numbers
+        """Into `numbers`, all but the velocity, which every tick writes there."""
+        promised, achieved, speed, expected, size, ticks = self.convergence
+        numbers[:5] = promised, achieved, speed, size, ticks
+        numbers[5:11] = nan if expected is None else expected
+        numbers[11:14] = nan if self.turn is None else self.turn
 
     def now(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last.
@@ -54,10 +57,6 @@ class Memory(NamedTuple):
             BadInput: NaN or another shape.
         """
         return self.velocity if velocity is None else arrays.vector(velocity, len(self.velocity), "velocity")
-
-    def commanded(self, velocity: Array) -> Memory:
-        """With the velocity (m,) of a tick."""
-        return self._replace(velocity=velocity.copy())
 
     def followed(self, error: Array, change: Array, root: Array, slowness: float) -> Memory:
         """After a tick towards a target.
@@ -71,3 +70,8 @@ class Memory(NamedTuple):
         measured = root.dot(error)
         watch = self.convergence.seen(measured).commanded(measured, root.dot(change), slowness)
         return self._replace(turn=error[:3].copy(), convergence=watch)
+
+    def judged(self, solution: VelocitySolution) -> VelocitySolution:
+        """The solution of a tick; a loop that does not converge is trouble."""
+        trouble = self.convergence.trouble
+        return with_trouble(solution, trouble) if trouble else solution

@@ -74,16 +74,16 @@ class HandWritten:
 def python_alone(*controllers):
     """The same controllers, or a pose search, without the core."""
     modules = (solve, compiled, chain, newton, error, path_compiled)
-    loops = [controller._compiled for controller in controllers]
+    loops = [controller.compiled for controller in controllers]
     for controller in controllers:
-        controller._compiled = None
+        vars(controller)["compiled"] = None
     for module in modules:
         module.core = None
     yield
     for module in modules:
         module.core = engine.core
     for controller, loop in zip(controllers, loops, strict=True):
-        controller._compiled = loop
+        vars(controller)["compiled"] = loop
 
 
 def ticks_of(task, wanted, **options):
