@@ -9,12 +9,12 @@ oscillates, or the robot does not follow its commands: a delay, a gain too high 
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
 
 # Ticks over which averages are taken.
 MEMORY = 50
@@ -48,8 +48,8 @@ class Convergence(NamedTuple):
         if self.expected is None:
             return self
         share = 1.0 / MEMORY
-        promised = self.size - _norm(self.expected)
-        achieved = self.size - _norm(error)
+        promised = self.size - norm(self.expected)
+        achieved = self.size - norm(error)
         return self._replace(
             promised=(1.0 - share) * self.promised + share * promised,
             achieved=(1.0 - share) * self.achieved + share * achieved,
@@ -65,8 +65,8 @@ class Convergence(NamedTuple):
             slowness: 1 / |change| of a tick at full speed.
         """
         share = 1.0 / MEMORY
-        speed = (1.0 - share) * self.speed + share * slowness * _norm(change)
-        return self._replace(expected=error + change, size=_norm(error), speed=speed)
+        speed = (1.0 - share) * self.speed + share * slowness * norm(change)
+        return self._replace(expected=error + change, size=norm(error), speed=speed)
 
     @property
     def trouble(self) -> str:
@@ -92,7 +92,3 @@ def slowness(A: Array, limits: Array) -> float:
     moving = each > 0.0
     speed = float(np.linalg.norm(each[moving] * limits[moving]))
     return 1.0 / speed if speed > 0.0 else 0.0
-
-
-def _norm(v: Array) -> float:
-    return sqrt(float(v.dot(v)))

@@ -79,7 +79,8 @@ class PathFollower(PathDriver):
     def prepare(self, q: ArrayLike) -> None:
         """Find the joint motion along the path now, from joint positions near its start.
 
-        It takes about a tenth of a second. Without it the first ticks find it, a little in each, while the arm waits.
+        It takes about a tenth of a second, where exact demands are left several times that. Without it the first ticks
+        find it, a little in each, while the arm waits.
 
         Args:
             q: (m,) joint positions [rad, length]; where the path starts out of reach, those from which to approach it,

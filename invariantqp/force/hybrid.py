@@ -109,7 +109,7 @@ class HybridController:
         self._delay: float = options.get("delay", 0.0)
         if self._delay > MOST_TICKS * self.loop.dt:
             raise BadInput("delay", f"{self._delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
-        self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff), self._delay  # all of it, and that alone
+        self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self.reset()
         self._split = task.split(contact.kind)
@@ -193,7 +193,9 @@ class HybridController:
 
         answer = verdict(watch, self.task, contact)
         press = None if felt.press is None else felt.press[1]
-        gains = gains_of(self.task, split, regulation, press, self._late, touching=watch.touching or press is None)
+        gains = gains_of(
+            self.task, split, regulation, press, (self._late, self._delay), touching=watch.touching or press is None
+        )
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
         pushed = push(self.task, contact, A, split, gains, exert, error, regulation.integral, motion, slow=slow)
         force, where = pushed.twist, contact.point if self._at_contact else None
@@ -215,7 +217,7 @@ class HybridController:
         self._regulation = regulation.after(
             error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
         )
-        unsettled = "" if answer.status else watch.settling.trouble(press, self._late[0])
+        unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
         doubts = self._normal.trouble(), regulation.mistold(self.task.stiffness), unsettled
         status, reason = answer.with_others(doubts, inner.status, inner.reason)
         return HybridSolution(
@@ -246,7 +248,7 @@ class HybridController:
         (A, out), (exert, missing) = at, wanted
         noise = 0.0 if self.sensor is None else self.sensor.noise
         press = weakest(self._split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
-        # What was wanted until now is no overload when less is wanted.
+        # Too much is counted from the task's press or the tick's, whichever is larger.
         force, moment = self._split.load
         now = load_at(exert, contact.point)
         most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
@@ -260,7 +262,7 @@ class HybridController:
         """What the force law knows of the stiffness, and its caution."""
         regulation = self._regulation
         if felt.press is not None and self._split.kind.presses == 1:
-            late, touching = self._late[0], watch.touching
+            late, touching = self._late, watch.touching
             regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, touching=touching)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 

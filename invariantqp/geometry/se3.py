@@ -39,6 +39,11 @@ def _cross(a: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def norm(v: Array) -> float:
+    """The Euclidean length of a vector (n,): sooner than NumPy's where n is small."""
+    return sqrt(v.dot(v))
+
+
 def cross(a: Array, b: Array) -> Array:
     """The vector product of two (3,) vectors, without the 20 microseconds that numpy's takes."""
     a0, a1, a2 = a.tolist()

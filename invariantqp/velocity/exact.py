@@ -8,7 +8,6 @@ allow (`share`). `posed` changes to coordinates in which the joint metric M is t
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
+from invariantqp.geometry.se3 import norm
 from invariantqp.systems.span import TINY, rank_of
 from invariantqp.velocity.measure import root_at
 
@@ -195,11 +195,11 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     full = Vt[:r].T.dot(y)
     lost = wanted.dot(U[:, r:])  # not e - C y, which is rounding of a y that may be large
     here = len(lost) if rank is None else rank - r
-    whole, part = _norm(sigma), _norm(met)
+    whole, part = norm(sigma), norm(met)
     return Reduction(
         full=full,
         basis=Vt[r:].T,
-        effort=whole * _norm(y) / part if part > 0.0 else 1.0,
+        effort=whole * norm(y) / part if part > 0.0 else 1.0,
         bend=whole / float(sigma[r - 1]) if r else 1.0,
         unmet=max(_share(lost[:here], wanted), contrary),
         beyond=_share(lost[here:], wanted),
@@ -207,10 +207,6 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     )
 
 
-def _norm(x: Array) -> float:
-    return sqrt(float(x.dot(x)))
-
-
 def _share(part: Array, whole: Array) -> float:
-    size = _norm(whole)
-    return _norm(part) / size if size > 0.0 else 0.0
+    size = norm(whole)
+    return norm(part) / size if size > 0.0 else 0.0

@@ -23,6 +23,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value
+from invariantqp.geometry.se3 import norm
 
 # Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
 DEFAULT_FRACTION = 0.5
@@ -70,7 +71,7 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     # With exact rows even x_W may increase the error; it may then be exceeded by (1 - eta) of that increase.
     missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - have
     achieved = A.dot(x_f)
-    size, terms = max(_norm(b), _norm(achieved)), sqrt(float(np.vdot(A, A))) * _norm(x_f)
+    size, terms = max(norm(b), norm(achieved)), sqrt(float(np.vdot(A, A))) * norm(x_f)
     if missing <= ROUNDING * size * max(size, terms):
         return 0.0
     d = x_W - x_f
@@ -80,10 +81,6 @@ def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float
     discriminant = slope * slope - 2.0 * curvature * missing
     root = slope + sqrt(discriminant) if discriminant > 0.0 else slope
     return min(2.0 * missing / root if root > 0.0 else inf, 1.0)
-
-
-def _norm(x: Array) -> float:
-    return sqrt(float(x.dot(x)))
 
 
 def _decrease(A: Array, b: Array, mu: float, x: Array) -> float:
