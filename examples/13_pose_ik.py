@@ -8,9 +8,9 @@ Run: python examples/13_pose_ik.py [targets a robot, 5]      1000 takes minutes;
 import sys
 
 import numpy as np
+from shared.pose_race import TIME_LIMIT, race
 
 import invariantqp as iq
-from invariantqp.compare.measure.pose_ik_race import TIME_LIMIT, race
 from invariantqp.printing import progress
 
 # One pose of a Panda, then one that it cannot reach.

@@ -7,10 +7,13 @@ Newton's method with the pseudoinverse and Pink have no restarts of their own: a
 `solve_pose` does. The Robotics Toolbox's ik_LM has its default settings except for the tolerance. It has its own
 restarts (100 of 30 steps, random in the joint range), ignores limits on the way, and rejects a solution outside them;
 a joint without limits has a range of one turn there.
+
+Reference: Corke & Haviland, Robotics Toolbox for Python.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
@@ -19,10 +22,11 @@ from typing import Any
 import numpy as np
 
 from invariantqp.analysis.survey import joint_ranges, spread
+from invariantqp.compare.laws.peers import joints_of
 from invariantqp.compare.laws.pink_law import PinkLaw
-from invariantqp.compare.laws.toolbox import ets_of
 from invariantqp.errors import BadInput
 from invariantqp.extras import is_installed
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.arm import pose_arm
 from invariantqp.pose.error import pose_error
@@ -161,6 +165,28 @@ def _judged(
 
 def _ours(robot: Robot, time_limit: float) -> Solver:
     return lambda target, start: solve_pose(robot, target, q0=start, tolerance=TOLERANCE, time_limit=time_limit).q
+
+
+def ets_of(robot: Robot) -> Any:
+    """The robot as the Robotics Toolbox's elementary transforms; a joint without limits gets one turn, or one unit.
+
+        T(q) = A_1 Z(q_1) A_1^-1 A_2 Z(q_2) A_2^-1 ... T(0),    with z of A_i along joint i at q = 0
+
+    Raises:
+        RobotModelError: the robot has a helical joint.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # importing it gives SyntaxWarnings about its own source
+        import roboticstoolbox as rtb
+    pieces: list[Any] = []
+    before = np.eye(4)
+    for joint, low, high in zip(joints_of(robot), *joint_ranges(robot), strict=True):
+        frame = se3.facing(joint.axis, joint.point)
+        pieces.append(rtb.ET.SE3(se3.inverse(before).dot(frame)))
+        pieces.append((rtb.ET.tz if joint.slides else rtb.ET.Rz)(qlim=np.array([low, high])))
+        before = frame
+    home = robot.pose(np.zeros(len(robot.names)))
+    return rtb.ETS([*pieces, rtb.ET.SE3(se3.inverse(before).dot(home))])
 
 
 def _toolbox(robot: Robot, _time_limit: float) -> Solver:

@@ -1,20 +1,22 @@
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import invariantqp as iq
 from invariantqp.analysis.survey import spread
-from invariantqp.compare.laws.toolbox import ets_of
-from invariantqp.compare.measure import pose_ik_race
-from invariantqp.compare.measure.pose_ik_race import ROBOTS, SOLVE_POSE, contestants, race
 
+RACE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "pose_race.py")))
 SO101 = iq.load_robot("so101")
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", RACE.ROBOTS)
 def test_the_toolbox_has_the_same_arm(name):
     pytest.importorskip("roboticstoolbox")
     robot = iq.load_robot(name)
-    ets = ets_of(robot)
+    ets = RACE.ets_of(robot)
     for q in spread(robot, 5):
         np.testing.assert_allclose(ets.eval(q), robot.pose(q), atol=1e-12)
 
@@ -24,21 +26,21 @@ def test_the_toolbox_has_slides_but_no_screws():
     slide = iq.robots.Chain(
         np.column_stack([iq.se3.prismatic([1, 2, 0]), iq.revolute([0, 1, 0], [1, 0, 0])]), np.eye(4)
     )
-    np.testing.assert_allclose(ets_of(slide).eval([0.3, 0.7]), slide.pose([0.3, 0.7]), atol=1e-12)
+    np.testing.assert_allclose(RACE.ets_of(slide).eval([0.3, 0.7]), slide.pose([0.3, 0.7]), atol=1e-12)
     with pytest.raises(iq.errors.RobotModelError, match="helical"):
-        ets_of(iq.robots.Chain(iq.se3.helical([0, 0, 1], pitch=0.1), np.eye(4)))
+        RACE.ets_of(iq.robots.Chain(iq.se3.helical([0, 0, 1], pitch=0.1), np.eye(4)))
 
 
 def test_everyone_runs_on_the_same_targets():
     calls = []
-    outcomes = race(2, ("so101",), progress=lambda *a: calls.append(a))
-    assert [o.solver for o in outcomes] == list(contestants())
-    assert outcomes[0].solver == SOLVE_POSE
+    outcomes = RACE.race(2, ("so101",), progress=lambda *a: calls.append(a))
+    assert [o.solver for o in outcomes] == list(RACE.contestants())
+    assert outcomes[0].solver == RACE.SOLVE_POSE
     assert outcomes[0].outside == 0
     assert all(0.0 <= o.success <= 1.0 and 0.0 < o.median_ms <= o.p99_ms for o in outcomes)
     assert calls[-1] == (len(calls), len(calls))
     with pytest.raises(iq.BadInput, match="count: found 0"):
-        race(0)
+        RACE.race(0)
 
 
 def test_targets_at_limits_are_at_limits(monkeypatch):
@@ -46,7 +48,7 @@ def test_targets_at_limits_are_at_limits(monkeypatch):
         robot = iq.load_robot(name)
         seen = []
         monkeypatch.setattr(type(robot), "pose", lambda _, q, seen=seen: seen.append(np.array(q)) or np.eye(4))
-        pose_ik_race._problems(robot, 5, 2, np.random.default_rng(0))
+        RACE._problems(robot, 5, 2, np.random.default_rng(0))
         assert [int(((q == robot.position_lower) | (q == robot.position_upper)).sum()) for q in seen] == [2] * 5
 
 
@@ -56,6 +58,6 @@ def test_nobodys_word_is_taken_for_it():
     nearly = q + 1e-5
     problems = [(SO101.pose(q), q), (SO101.pose(outside), q), (SO101.pose(q), q), (SO101.pose(q), q)]
     answers = [q, outside, nearly, q]
-    judged = pose_ik_race._judged(SO101, "so101", "x", problems, answers, np.array([0.001, 0.002, 0.003, 0.06]))
+    judged = RACE._judged(SO101, "so101", "x", problems, answers, np.array([0.001, 0.002, 0.003, 0.06]))
     assert judged.success == 0.25  # the second is outside, the third is off, the last is late
     assert judged.outside == 1
