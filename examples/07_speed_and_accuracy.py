@@ -12,9 +12,11 @@ Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart
 import sys
 from pathlib import Path
 
+from shared.pages import guide, listed, markdown, write_section
+
 from invariantqp.compare.report import chart
-from invariantqp.compare.report.report import guide, write_report
-from invariantqp.compare.report.tables import listed_sentences, summary, table_markdown, write_section
+from invariantqp.compare.report.report import write_report
+from invariantqp.compare.report.tables import summary
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import load_results
 from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
@@ -29,13 +31,13 @@ def main(word):
         with progress("measuring", quiet=False) as report:
             write_report(sweep(DEFAULT_TASKS, None, FOLDER, jobs=-1, progress=report), FOLDER)
     results = load_results(FOLDER / "results.json")
-    print(table_markdown(summary(results)), "\n")
+    print(markdown(summary(results)), "\n")
     for sentence in verdict(results):
         print("-", sentence)
     if word in {"--measure", "--readme"}:
         chart.draw(results, PICTURES / "speed_and_accuracy.png")
         chart.draw(results, PICTURES / "speed_and_accuracy_dark.png", chart.DARK)
-        write_section(HERE.parent / "README.md", listed_sentences(short(results)))
+        write_section(HERE.parent / "README.md", listed(short(results)))
         write_section(HERE / "guide" / "comparison.md", guide(results))
         print(
             "\nREADME.md has the verdict, examples/guide/comparison.md the table; the charts are in examples/pictures"

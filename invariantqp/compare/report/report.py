@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 from invariantqp.compare.report import chart, tables
-from invariantqp.compare.report.tables import Table, table_markdown
+from invariantqp.compare.report.tables import Table
 from invariantqp.compare.report.verdict import short, verdict
 from invariantqp.compare.results import Results, kinds_in
 from invariantqp.template import fill_template
@@ -43,18 +43,6 @@ def write_report(results: Results, out: Path) -> list[Path]:
     report = out / "report.html"
     report.write_text(html(results, inline_svg(drawn[0]) if drawn else ""), encoding="utf-8")
     return [report, *drawn]
-
-
-def guide(results: Results) -> str:
-    """The tables of the guide's page, as Markdown."""
-    parts = (
-        table_markdown(tables.summary(results)),
-        "Other libraries, each where it was installed beside this one:",
-        table_markdown(tables.libraries(results)),
-        f"{ABOUT['calibration']}: largest position error [mm] · variation of the joint velocities [rad/s] of the run.",
-        table_markdown(tables.calibrated(results)),
-    )
-    return "\n\n".join(parts)
 
 
 def caption() -> str:

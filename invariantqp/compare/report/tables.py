@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from invariantqp.compare.method import CANNOT
 from invariantqp.compare.results import Results, results_of
-from invariantqp.errors import BadInput
 
 NOTHING = "-"
-BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
 # A change of a joint position above this many times the control, and above rounding [rad], is a dependence.
 ABOVE_CONTROL, ROUNDING = 100.0, 1e-9
 # How reports call the tasks of a full run.
@@ -94,23 +91,6 @@ def worst_frame(results: Results, name: str, kind: str = "loop") -> float | None
     return max(found, default=None)
 
 
-def calibrated(results: Results) -> Table:
-    """Largest position error [mm] and variation of the joint velocities of arms that are not where their model says."""
-    found = results_of(results, "calibration")
-    tasks = list(dict.fromkeys(task for task, _ in found))
-    rows = []
-    for name in shown(results):
-        runs = [found.get((task, name), {}) for task in tasks]
-        cells = [f"{figure(run.get('position_mm'))} · {figure(run.get('variation'))}" for run in runs]
-        rows.append([name, *cells])
-    return Table(["method", *map(title, tasks)], rows)
-
-
-def libraries(results: Results) -> Table:
-    """The summary of other libraries, installed where this was measured."""
-    return summary(results, [m["name"] for m in results["methods"] if m["family"] == "library"])
-
-
 def information(results: Results) -> Table:
     """What each method makes of what every row is told."""
     keys = ("posture", "exact", "limits", "damping", "feedforward")
@@ -138,33 +118,3 @@ def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float 
         elif value is None or (isinstance(value, (int, float)) and not isinstance(value, bool)):
             found.append((before + key, value))
     return found
-
-
-def table_markdown(table: Table) -> str:
-    """A table as Markdown."""
-    lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in (table.columns, *table.rows)]
-    lines.insert(1, "|" + "---|" * len(table.columns))
-    return "\n".join(lines)
-
-
-def with_section(page: str, section: str) -> str:
-    """A Markdown page with a new comparison between its markers.
-
-    Raises:
-        BadInput: the page has no markers.
-    """
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise BadInput("page", "no place for the comparison", f"the lines {BEGIN} and {END}")
-    return f"{before}{begin}\n{section}\n{end}{after}"
-
-
-def listed_sentences(sentences: Sequence[str]) -> str:
-    """Sentences as a Markdown list."""
-    return "\n".join(f"- {sentence}" for sentence in sentences)
-
-
-def write_section(page: Path, section: str) -> None:
-    """Write a part of the comparison into a Markdown page, between its markers."""
-    page.write_text(with_section(page.read_text("utf-8"), section), encoding="utf-8")

@@ -2,23 +2,24 @@
 
 import json
 import re
+import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from invariantqp.compare.report import tables
-from invariantqp.compare.report.report import guide
-from invariantqp.compare.report.tables import BEGIN, END, figure, listed_sentences, with_section
+from invariantqp.compare.report.tables import figure
 from invariantqp.compare.report.verdict import short
-from invariantqp.errors import BadInput
 
 ROOT = Path(__file__).parents[3]
 FILE = ROOT / "examples" / "comparison" / "results.json"
+PAGES = SimpleNamespace(**runpy.run_path(str(ROOT / "examples" / "shared" / "pages.py")))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "examples" / "guide" / "comparison.md").read_text(encoding="utf-8")
 RESULTS = json.loads(FILE.read_text(encoding="utf-8"))
-SECTION = README.split(BEGIN)[1].split(END)[0].strip()
-PARTS = PAGE.split(BEGIN)[1].split(END)[0].strip().split("\n\n")
+SECTION = README.split(PAGES.BEGIN)[1].split(PAGES.END)[0].strip()
+PARTS = PAGE.split(PAGES.BEGIN)[1].split(PAGES.END)[0].strip().split("\n\n")
 (HEADINGS, *ROWS), (_, *LIBRARIES), (CALIBRATED, *OFF) = (
     [[cell.strip() for cell in line.strip("|").split(" | ")] for line in part.splitlines() if "---" not in line]
     for part in PARTS
@@ -102,10 +103,10 @@ def test_no_other_part_of_the_readme_compares_times_by_figures_of_its_own():
 
 
 def test_the_command_would_write_what_is_there():
-    assert with_section(README, listed_sentences(short(RESULTS))) == README
-    assert with_section(PAGE, guide(RESULTS)) == PAGE
-    with pytest.raises(BadInput, match="no place for the comparison"):
-        with_section("nothing", "")
+    assert PAGES.with_section(README, PAGES.listed(short(RESULTS))) == README
+    assert PAGES.with_section(PAGE, PAGES.guide(RESULTS)) == PAGE
+    with pytest.raises(ValueError, match="no place for the comparison"):
+        PAGES.with_section("nothing", "")
 
 
 def test_the_results_are_small_enough_to_keep_and_name_no_place():
