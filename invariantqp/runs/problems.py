@@ -7,6 +7,7 @@ $.law.margin: is now position_margin
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -82,20 +83,16 @@ def _advice(place: _Place, unknown: bool) -> str:
         near = difflib.get_close_matches(place.key, list(fields), 1)
         return f" (did you mean {near[0]!r}?)" if near else f" (known keys: {', '.join(sorted(fields))})"
     examples = fields[place.key].examples if place.key in fields else None
-    return f" (for example: {place.key} = {_toml(examples[0])})" if examples else ""
+    return f" (for example: {place.key} = {toml(examples[0])})" if examples else ""
 
 
-def _toml(value: Any) -> str:
-    """A value as a task file writes it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
+def toml(value: Any) -> str:
+    """A value as TOML writes it."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(inner)}" for key, inner in value.items()) + " }"
+        return f"{{ {', '.join(f'{key} = {toml(inner)}' for key, inner in value.items())} }}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_toml(inner) for inner in value) + "]"
-    return str(value)
+        return f"[{', '.join(map(toml, value))}]"
+    return str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)  # inf as well
 
 
 def _is_kind(table: type[BaseModel], name: str) -> bool:

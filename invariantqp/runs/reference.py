@@ -1,14 +1,8 @@
-"""What may stand in a task file, as a page of the guide and as a first file to change: both from the tables themselves.
-
-reference()                    a Markdown table a section: key, default, example, meaning
-draft({"name": ...})           TOML: given keys with their meaning, the others as comments
-"""
+"""A task file to change, from the tables themselves: given keys with their meaning, the others as comments."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
-from math import isinf
 from textwrap import wrap
 from typing import Any, NamedTuple, get_args
 
@@ -17,6 +11,7 @@ from pydantic.fields import FieldInfo
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, SensorSpec
 from invariantqp.runs.path import Path
 from invariantqp.runs.physics import Physics
+from invariantqp.runs.problems import toml
 from invariantqp.runs.robotspec import RobotSpec, Screw
 from invariantqp.runs.section import Section
 from invariantqp.runs.taskfile import Acceptance, LawSpec, Task
@@ -48,18 +43,6 @@ TABLES = (
 )
 
 
-def reference() -> str:
-    """Every key of a task file, as Markdown."""
-    plain = {name: field for name, field in Task.model_fields.items() if name not in {t.header for t in TABLES}}
-    parts = ["### Keys before the first table\n\n" + _rows(plain)]
-    for header, kind, section in TABLES:
-        heads = f"[[{header}]]" if section is Screw else f"[{header}]"
-        title = f"### {heads}{f', kind = {json.dumps(kind)}' if kind else ''}"
-        fields = {name: field for name, field in section.model_fields.items() if not (kind and name == "kind")}
-        parts.append(f"{title}\n\n{_meaning(section)}\n\n{_rows(fields)}")
-    return "\n\n".join(parts) + "\n"
-
-
 def draft(content: Mapping[str, Any]) -> str:
     """A task file with comments.
 
@@ -75,26 +58,15 @@ def draft(content: Mapping[str, Any]) -> str:
         if given is None or (kind and given["kind"] != kind):
             continue
         fields = {name: field for name, field in section.model_fields.items() if name != "screws"}
-        lines += ["", f"# {_meaning(section)}", f"[{header}]", *_keys(fields, given)]
+        lines += ["", f"# {meaning(section)}", f"[{header}]", *_keys(fields, given)]
     others = dict.fromkeys(f"[{table.header}]" for table in TABLES if table.header not in {*content, "robot.screws"})
     return "\n".join([*lines, "", f"# Further tables: {', '.join(others)}; [accept_mujoco] is as [accept].", ""])
-
-
-def toml(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(toml, value))}]"
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {toml(each)}' for key, each in value.items())} }}"
-    if isinstance(value, float):
-        return str(value) if isinf(value) else repr(value)
-    return json.dumps(value, ensure_ascii=False)
 
 
 def _keys(fields: Mapping[str, FieldInfo], given: Mapping[str, Any]) -> Iterator[str]:
     """A line for each key, given ones first; what a key means is beside it, or above where that is too long."""
     for name, field in sorted(fields.items(), key=lambda item: item[0] not in given):
-        value = given[name] if name in given else _default(field)
+        value = given[name] if name in given else default_of(field)
         if value is None:
             value = (field.examples or [""])[0]
         line = f"{'' if name in given else '# '}{name} = {toml(value)}"
@@ -106,25 +78,11 @@ def _keys(fields: Mapping[str, FieldInfo], given: Mapping[str, Any]) -> Iterator
             yield line
 
 
-def _default(field: FieldInfo) -> Any:
+def default_of(field: FieldInfo) -> Any:
     """The default of a key, None where it has none."""
     return None if field.is_required() else field.get_default(call_default_factory=True)
 
 
-def _rows(fields: Mapping[str, FieldInfo]) -> str:
-    """A Markdown table of keys."""
-    lines = ["| key | default | example | meaning |", "|---|---|---|---|"]
-    for name, field in fields.items():
-        default = _default(field)
-        shown = "required" if field.is_required() else "" if default is None else f"`{toml(default)}`"
-        example = f"`{toml(field.examples[0])}`" if field.examples else ""
-        choices = [json.dumps(word) for word in get_args(field.annotation) if isinstance(word, str)]
-        listed = f"one of {', '.join(choices)}" if len(choices) > 1 else ""
-        meaning = "; ".join(part for part in (field.description, listed) if part)
-        lines.append(f"| `{name}` | {shown} | {example} | {meaning} |".replace("  ", " "))
-    return "\n".join(lines)
-
-
-def _meaning(section: type[Section]) -> str:
+def meaning(section: type[Section]) -> str:
     """The first paragraph of a section's docstring, in one line."""
     return " ".join((section.__doc__ or "").split("\n\n")[0].split())

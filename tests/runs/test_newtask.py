@@ -7,7 +7,8 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.runs.newtask import new_task, well_placed
-from invariantqp.runs.reference import PATHS, TABLES, toml
+from invariantqp.runs.problems import toml
+from invariantqp.runs.reference import PATHS, TABLES
 from invariantqp.runs.taskfile import Task, task_from, tomllib
 
 

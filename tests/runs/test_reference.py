@@ -1,11 +1,42 @@
 """The guide's page of task file keys is what the tables say; run this file to write it anew."""
 
+import json
 from pathlib import Path
+from typing import get_args
 
-from invariantqp.runs.reference import reference
+from invariantqp.runs.problems import toml
+from invariantqp.runs.reference import TABLES, default_of, meaning
+from invariantqp.runs.robotspec import Screw
+from invariantqp.runs.taskfile import Task
 
 PAGE = Path(__file__).parents[2] / "examples" / "guide" / "task_files.md"
 BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
+
+
+def reference():
+    """Every key of a task file, as Markdown."""
+    plain = {name: field for name, field in Task.model_fields.items() if name not in {t.header for t in TABLES}}
+    parts = ["### Keys before the first table\n\n" + rows(plain)]
+    for header, kind, section in TABLES:
+        heads = f"[[{header}]]" if section is Screw else f"[{header}]"
+        title = f"### {heads}{f', kind = {json.dumps(kind)}' if kind else ''}"
+        fields = {name: field for name, field in section.model_fields.items() if not (kind and name == "kind")}
+        parts.append(f"{title}\n\n{meaning(section)}\n\n{rows(fields)}")
+    return "\n\n".join(parts) + "\n"
+
+
+def rows(fields):
+    """A Markdown table of keys."""
+    lines = ["| key | default | example | meaning |", "|---|---|---|---|"]
+    for name, field in fields.items():
+        default = default_of(field)
+        shown = "required" if field.is_required() else "" if default is None else f"`{toml(default)}`"
+        example = f"`{toml(field.examples[0])}`" if field.examples else ""
+        choices = [json.dumps(word) for word in get_args(field.annotation) if isinstance(word, str)]
+        listed = f"one of {', '.join(choices)}" if len(choices) > 1 else ""
+        said = "; ".join(part for part in (field.description, listed) if part)
+        lines.append(f"| `{name}` | {shown} | {example} | {said} |".replace("  ", " "))
+    return "\n".join(lines)
 
 
 def split():
