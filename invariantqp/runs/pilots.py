@@ -6,8 +6,8 @@ keeps the tool on a plane while the operator moves it there, s = P1 gain log(T_d
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from math import pi
-from typing import Protocol
 
 import numpy as np
 
@@ -33,45 +33,37 @@ from invariantqp.velocity.solution import VelocitySolution, with_trouble
 PATH_SAMPLES = 1500
 
 
-class Pilot(Protocol):
-    """Steers a plant."""
+class Pilot(ABC):
+    """Steers a plant.
 
-    @property
-    def form(self) -> Form | None:
-        """How its law measures twists; None where it does not say."""
-        ...
+    Attributes:
+        form: how its law measures twists; None where it does not say.
+        wrench: (6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read.
+        done: whether the run may end before its time.
+    """
 
-    @property
-    def wrench(self) -> Array:
-        """(6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read."""
-        ...
+    form: Form | None = None
+    wrench: Array = np.zeros(6)
+    done: bool = False
 
-    @property
-    def done(self) -> bool:
-        """Whether the run may end before its time."""
-        ...
-
+    @abstractmethod
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        ...
 
 
-class PathPilot:
+class PathPilot(Pilot):
     """A velocity controller that follows the path."""
-
-    done = False
 
     def __init__(self, loop: Controls) -> None:
         self._loop = loop
-        self.form: Form | None = loop.law.form if isinstance(loop, Controller) else None
-        self.wrench: Array = np.zeros(6)
+        self.form = loop.law.form if isinstance(loop, Controller) else None
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
         return self._loop.step(measured.q, goal.target, goal.feedforward)
 
 
-class ElasticPilot:
+class ElasticPilot(Pilot):
     """A path follower: it stays on the path, and is late where limits bind."""
 
     def __init__(self, loop: Controller, brief: Brief, q: Array) -> None:
@@ -86,9 +78,7 @@ class ElasticPilot:
         kept = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
         self.follower: PathFollower = PathFollower(loop, brief.poses[kept], times=brief.time[kept], rate=1.0)
         self.follower.prepare(q)
-        self.form: Form | None = loop.law.form
-        self.wrench: Array = np.zeros(6)
-        self.done = False
+        self.form = loop.law.form
         self.followed: list[PathSolution] = []
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:  # noqa: ARG002 (the path has its own time)
@@ -100,15 +90,12 @@ class ElasticPilot:
         return answer if solution.status != "blocked" else with_trouble(answer, solution.reason)
 
 
-class ContactPilot:
+class ContactPilot(Pilot):
     """The hybrid controller."""
-
-    done = False
 
     def __init__(self, loop: HybridController) -> None:
         self._loop = loop
-        self.form: Form | None = loop.loop.law.form
-        self.wrench: Array = np.zeros(6)
+        self.form = loop.loop.law.form
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
@@ -119,10 +106,8 @@ class ContactPilot:
         return solution.velocity_solution._replace(status=solution.status, reason=solution.reason)
 
 
-class OperatorPilot:
+class OperatorPilot(Pilot):
     """An operator who moves the tool on a plane, leaving it now and then, and the robot that keeps it there."""
-
-    done = False
 
     def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
         """The loop's fixed part.
@@ -136,8 +121,7 @@ class OperatorPilot:
         lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
         ours = se3.adjoint(plane.pose).dot(np.hstack((lift, tilts)))
         self._loop = loop
-        self.form: Form | None = loop.law.form
-        self.wrench: Array = np.zeros(6)
+        self.form = loop.law.form
         self._shared = SharedTask(ours, plane.freedoms)
         self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
         self._beats = operator.beats

@@ -1,26 +1,50 @@
 """A task run in closed loop, on the ideal plant, q <- q + dt x, or on MuJoCo's.
 
-    prepare   task -> everything the run needs      loop   the ticks      trace_of   what happened, and how good it was
+    measure, step, command in every tick, by what `prepare` makes of the task; then how good it was, as a Trace
 
 In contact the path waits, and errors count, from [contact] settle on: the same time on either plant.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from time import perf_counter_ns
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.log import contact_trace, errors
-from invariantqp.runs.loop import Observer, Record, loop
 from invariantqp.runs.notes import notes
 from invariantqp.runs.pathlog import path_trace
 from invariantqp.runs.pilots import ElasticPilot, Pilot, pilot_of
+from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
+from invariantqp.velocity.solution import VelocitySolution
+
+# An elastic path may take this many times as long as its timing says.
+LONGEST = 10
+Observer = Callable[[int, PlantState, VelocitySolution], None]
+
+
+class _Record(NamedTuple):
+    """What happened in n ticks.
+
+    Attributes:
+        states: n + 1, the plant before the first tick and after each.
+        solutions: n, what the controller answered.
+        tick_ns: (n,) how long that took [ns].
+        read: (n, 6) the wrench that the tool exerts as the controller read it in each tick, base frame.
+    """
+
+    states: list[PlantState]
+    solutions: list[VelocitySolution]
+    tick_ns: Array
+    read: Array
 
 
 def run_task(
@@ -58,15 +82,40 @@ def run(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer: 
     """Run a setup under a pilot; `run_task` with what it prepares in the caller's hands.
 
     Args:
-        setup: from `prepare`.
-        pilot: from `pilot_of`, or anything that meets `Pilot`.
+        setup: from `prepare`; its plant moves.
+        pilot: from `pilot_of`, or another `Pilot`.
         progress: as in `run_task`.
         observer: as in `run_task`.
     """
-    return trace_of(setup, pilot, loop(setup, pilot, progress, observer))
+    return _trace(setup, pilot, _loop(setup, pilot, progress, observer))
 
 
-def trace_of(setup: Setup, pilot: Pilot, record: Record) -> Trace:
+def _loop(setup: Setup, pilot: Pilot, progress: Progress | None, observer: Observer | None) -> _Record:
+    """All ticks of a setup, as `run` is asked for them; an elastic path ends when the pilot is done."""
+    plant, goals = setup.plant, setup.brief.goals()
+    states, solutions = [plant.state()], []
+    n = len(goals)
+    tick_ns, read = [], []
+    for k in range(n if setup.brief.elastic is None else LONGEST * n):
+        measured = plant.measure()
+        measured = measured._replace(q=measured.q + setup.noise[k % n])
+        before = perf_counter_ns()
+        solution = pilot.step(measured, goals[min(k, n - 1)])
+        tick_ns.append(perf_counter_ns() - before)
+        read.append(pilot.wrench)
+        plant.command(solution.velocity)
+        solutions.append(solution)
+        states.append(plant.state())
+        if observer is not None:
+            observer(k, states[-1], solution)
+        if progress is not None:
+            progress(min(k + 1, n), n)
+        if pilot.done:
+            break
+    return _Record(states, solutions, np.array(tick_ns), np.array(read))
+
+
+def _trace(setup: Setup, pilot: Pilot, record: _Record) -> Trace:
     """What happened in a run, with its errors."""
     robot, solutions, after = setup.robot, record.solutions, record.states[1:]
     along = path_trace(pilot.follower, pilot.followed) if isinstance(pilot, ElasticPilot) else None

@@ -63,11 +63,16 @@ class Trace:
     along: PathTrace | None = None
 
     @property
+    def outside(self) -> Array:
+        """(n + 1, m) how far each joint is outside its position limits [rad, m]; 0 inside."""
+        low, high = self.position_limits
+        outside: Array = np.maximum(np.maximum(low - self.q, self.q - high), 0.0)
+        return outside
+
+    @property
     def limit_violation(self) -> float:
         """Largest excess over a position [rad, m] or velocity [rad/s, m/s] limit; 0 when inside."""
-        low, high = self.position_limits
-        excess = [low - self.q[1:], self.q[1:] - high, np.abs(self.velocity) - self.velocity_limit]
-        return max(0.0, *(float(e.max()) for e in excess))
+        return max(float(self.outside[1:].max()), float((np.abs(self.velocity) - self.velocity_limit).max()))
 
     @property
     def acceleration_violation(self) -> float | None:

@@ -11,7 +11,7 @@ from invariantqp.cli import app
 from invariantqp.compare import sweep as module
 from invariantqp.compare.exact.failure import ReferenceFailure
 from invariantqp.compare.measure.cell import Cell, Kind
-from invariantqp.compare.measure.timing import interleaved, spread
+from invariantqp.compare.measure.ticks import interleaved, spread
 from invariantqp.compare.report.ranking import rank_agreement
 from invariantqp.compare.results import load_results, plain, results_of
 from invariantqp.compare.sweep import cells, in_parallel, measure_cell, sweep

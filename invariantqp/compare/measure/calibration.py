@@ -16,17 +16,14 @@ from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.measure.cell import Cell, Kind, Result
-from invariantqp.compare.measure.loops import figures
-from invariantqp.compare.measure.stability import Watched, quietly
+from invariantqp.compare.measure.watched import figures, watched_run
 from invariantqp.compare.registry import controller_named
 from invariantqp.control.controls import Controls
 from invariantqp.geometry import se3
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.pilots import pilot_of
 from invariantqp.runs.plants.ideal import IdealPlant
 from invariantqp.runs.prepare import prepare
-from invariantqp.runs.run import run
 from invariantqp.velocity.solution import VelocitySolution
 
 # Standard deviations of how far each joint is turned and shifted, about and along each axis of the base [rad], [m]:
@@ -67,10 +64,8 @@ def calibration(cell: Cell) -> dict[str, Result]:
     moved = true.pose(start).dot(se3.inverse(model.pose(start)))  # the path begins where the tool is
     poses, ahead = moved @ setup.wanted, setup.brief.feedforward.dot(se3.adjoint(moved).T)
     brief = replace(setup.brief, robot=true, poses=poses, feedforward=ahead)
-    watched = Watched(Seen(controller_named(cell.method)(model, law), model, true))
-    with quietly():
-        other = replace(setup, robot=true, plant=IdealPlant(true, start, law.dt), wanted=poses, brief=brief)
-        found = figures(watched, run(other, pilot_of(brief, lambda *_: watched)))
+    other = replace(setup, robot=true, plant=IdealPlant(true, start, law.dt), wanted=poses, brief=brief)
+    found = figures(*watched_run(other, lambda *_: Seen(controller_named(cell.method)(model, law), model, true)))
     return {cell.method: {key: found[key] for key in ("position_mm", "orientation_deg", "variation", "failed_ticks")}}
 
 

@@ -60,15 +60,8 @@ class ContactFrameCheck:
     displaced_force_error: float | None
 
 
-class Textbook:
-    """Raibert and Craig's controller as a pilot, for the contact of a task file.
-
-    Attributes:
-        wrench: (6,) the wrench that the tool exerts according to the sensor, base frame.
-    """
-
-    form = None
-    done = False
+class Textbook(Pilot):
+    """Raibert and Craig's controller as a pilot, for the contact of a task file."""
 
     def __init__(self, setup: Setup, tool: Array | None = None) -> None:
         """For a run described in displaced frames.
@@ -94,7 +87,6 @@ class Textbook:
             compliance=np.diag(np.asarray(scene.task.compliance)),
             sensor_axes=np.asarray(self._sensor.mount)[:3, :3],
         )
-        self.wrench = np.zeros(6)
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""

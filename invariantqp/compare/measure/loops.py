@@ -11,24 +11,17 @@ A tick fails if the method raises, if its answer is not finite, or if the arm is
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from invariantqp.compare.measure.cell import Cell, Kind, Result, with_law
 from invariantqp.compare.measure.displaced import displaced
 from invariantqp.compare.measure.frames import largest_change, moved_start, random_displacement
-from invariantqp.compare.measure.stability import INSIDE, Watched, quietly
+from invariantqp.compare.measure.watched import Watched, figures, quietly, watched_run
 from invariantqp.compare.registry import controller_named
-from invariantqp.runs.pilots import pilot_of
-from invariantqp.runs.prepare import Setup, prepare
-from invariantqp.runs.run import run
-from invariantqp.runs.trace import Trace
+from invariantqp.runs.prepare import prepare
 
 # Displaced tool frames of a full run and of a quick one.
 FRAMES, QUICK_FRAMES = 3, 1
-# A joint closer than this to a position limit, or this share of its speed below the largest, is at its limit.
-AT_LIMIT = 1e-9
 # Targets out of reach, where frames matter most.
 FRAME_TASKS = tuple(
     f"stability/{name}" for name in ("out_of_reach", "five_joints_out_of_reach", "reach_and_back", "ur5_elbow")
@@ -37,52 +30,18 @@ TURNS, TURN_TASK, TURN_DT = 10, "compare/panda", 0.005
 NOISE = 1e-4
 
 
-def run_of(setup: Setup, method: str) -> tuple[Watched, Trace]:
-    """A run under a method whose arm stops for a tick that fails."""
-    law = Watched(controller_named(method)(setup.brief.robot, setup.brief.law))
-    with quietly():
-        return law, run(setup, pilot_of(setup.brief, lambda *_: law))
-
-
 def loops(cell: Cell) -> dict[str, Result]:
     """Errors, motion, failures and frame dependence of one method on one task."""
-    task = cell.load()
+    task, make = cell.load(), controller_named(cell.method)
     setup = prepare(task)
-    law, trace = run_of(setup, cell.method)
+    law, trace = watched_run(setup, make)
     frames = range(QUICK_FRAMES if cell.quick else FRAMES)
     changes = []
     for k in frames:
         other = displaced(prepare(task), random_displacement(cell.seed + k))
-        changes.append(largest_change(trace.q, run_of(other, cell.method)[1].q))
-    control = largest_change(trace.q, run_of(moved_start(task, setup), cell.method)[1].q)
+        changes.append(largest_change(trace.q, watched_run(other, make)[1].q))
+    control = largest_change(trace.q, watched_run(moved_start(task, setup), make)[1].q)
     return {cell.method: {**figures(law, trace), "frame": max(changes), "control": control}}
-
-
-def figures(law: Watched, trace: Trace) -> Result:
-    """What a run is judged by."""
-    low, high = trace.position_limits
-    speed, ticks = np.abs(trace.velocity), len(trace.velocity)
-    at_speed = speed >= trace.velocity_limit * (1.0 - AT_LIMIT)
-    at_end = (trace.q[1:] <= low + AT_LIMIT) | (trace.q[1:] >= high - AT_LIMIT)
-    outside = np.maximum(np.maximum(low - trace.q, trace.q - high), 0.0)
-    left = (np.diff(outside, axis=0) > INSIDE) | (speed - trace.velocity_limit > INSIDE)
-    jumps = np.abs(np.diff(trace.velocity, axis=0))
-    ways: dict[str, Any] = {
-        "raised": law.exceptions / ticks,
-        "not_finite": law.not_finite / ticks,
-        "outside": float(left.any(axis=1).mean()),
-    }
-    return {
-        "position_mm": 1e3 * float(trace.position_error.max()),
-        "orientation_deg": float(np.degrees(trace.orientation_error.max())),
-        "final_mm": 1e3 * float(trace.position_error[-1]),
-        "limits_met": float((at_speed | at_end).any(axis=1).mean()),
-        "jump": float(jumps.max()),
-        "variation": float(jumps.sum()),
-        "ticks": ticks,
-        **ways,
-        "failed_ticks": sum(ways.values()),
-    }
 
 
 def turns(cell: Cell) -> dict[str, Result]:
@@ -110,7 +69,7 @@ def turns(cell: Cell) -> dict[str, Result]:
 def noise(cell: Cell) -> dict[str, Result]:
     """The task with noisy encoders; the figures of `loop`."""
     task = cell.load().model_copy(update={"encoder_noise": NOISE})
-    found = figures(*run_of(prepare(task), cell.method))
+    found = figures(*watched_run(prepare(task), controller_named(cell.method)))
     return {cell.method: {key: found[key] for key in ("position_mm", "orientation_deg", "variation", "jump")}}
 
 

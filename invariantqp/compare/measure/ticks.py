@@ -1,17 +1,22 @@
-"""How long a tick takes: pose, Jacobian, law and limits, in states of a run of the task, all methods in turn."""
+"""How long a tick takes: pose, Jacobian, law and limits, in states of a run of the task, all methods in turn.
+
+Each round calls all functions in turn, so that a change of the clock rate affects all alike. Every call is timed by
+itself with the nanosecond counter; medians and percentiles are those of single calls.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import pairwise
+from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
 
 from invariantqp.compare.measure.cell import Cell, Kind, Result
-from invariantqp.compare.measure.stability import quietly
-from invariantqp.compare.measure.timing import interleaved, spread
+from invariantqp.compare.measure.watched import quietly
 from invariantqp.compare.registry import controller_named
 from invariantqp.control.controls import Controls
 from invariantqp.errors import InvariantQPError
@@ -24,6 +29,8 @@ from invariantqp.runs.taskfile import Task
 # How many stretches of how many consecutive ticks are timed, and how often; then the same for a quick run.
 STRETCHES, LENGTH, ROUNDS = 20, 10, 10
 QUICK_STRETCHES, QUICK_ROUNDS = 5, 3
+# First rounds that do not count: they allocate workspaces and fill caches.
+WARM_UP = 3
 
 
 def tick_times(cell: Cell) -> dict[str, Result]:
@@ -68,6 +75,38 @@ def _tick(loop: Controls, inputs: list[tuple[Array, Any, Array]], i: int) -> obj
         return loop.step(*inputs[i])
     except Exception:  # noqa: BLE001 (`loops` counts what fails)
         return None
+
+
+def interleaved(calls: Mapping[str, Callable[[int], object]], count: int, rounds: int) -> dict[str, Array]:
+    """Times [us] of call(i) for i in 0..count-1, with each call made `rounds` times: {name: (rounds * count,)}.
+
+    Args:
+        calls: functions of the index of a state, by name.
+        count: number of states.
+        rounds: how often each function is timed in each state.
+    """
+    taken: dict[str, list[int]] = {name: [] for name in calls}
+    before = gc.isenabled()
+    gc.disable()
+    try:
+        for turn in range(-min(WARM_UP, rounds), rounds):
+            for name, call in calls.items():
+                times = []
+                for i in range(count):
+                    start = perf_counter_ns()
+                    call(i)
+                    times.append(perf_counter_ns() - start)
+                if turn >= 0:
+                    taken[name] += times
+    finally:
+        if before:
+            gc.enable()
+    return {name: np.array(times) / 1e3 for name, times in taken.items()}
+
+
+def spread(times: Array) -> dict[str, float]:
+    """Median and 99th percentile [us], with the keys of results.json."""
+    return {"median_us": float(np.median(times)), "p99_us": float(np.percentile(times, 99.0))}
 
 
 KINDS = {"tick": Kind(tick_times, alone=True)}

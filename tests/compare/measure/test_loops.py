@@ -3,9 +3,10 @@ import pytest
 
 from invariantqp.compare.measure.cell import Cell
 from invariantqp.compare.measure.frames import moved_start, random_displacement
-from invariantqp.compare.measure.loops import figures, loops, noise, run_of, turns
-from invariantqp.compare.measure.stability import Watched
+from invariantqp.compare.measure.loops import loops, noise, turns
 from invariantqp.compare.measure.ticks import inputs_of
+from invariantqp.compare.measure.watched import Watched, figures, watched_run
+from invariantqp.compare.registry import controller_named
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.taskfile import load_task
 
@@ -32,8 +33,8 @@ def test_chaos_is_seen_by_the_control():
     task = load_task("panda_path")
     task = task.model_copy(update={"law": task.law.model_copy(update={"posture": False})})
     setup = prepare(task)
-    _, plain = run_of(setup, "Moore-Penrose")
-    _, nudged = run_of(moved_start(task, setup), "Moore-Penrose")
+    _, plain = watched_run(setup, controller_named("Moore-Penrose"))
+    _, nudged = watched_run(moved_start(task, setup), controller_named("Moore-Penrose"))
     assert np.abs(plain.q - nudged.q).max() > 1e6 * 1e-12
 
 
@@ -48,7 +49,7 @@ def test_a_moved_start_is_the_same_motion_of_the_tool():
 def test_the_largest_error_jump_and_failures_are_those_of_the_whole_run():
     task = load_task("compare/panda")
     task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.02})})
-    law, trace = run_of(prepare(task), "DLS")
+    law, trace = watched_run(prepare(task), controller_named("DLS"))
     trace.position_error[5], trace.velocity[7, 2] = 0.25, np.nan_to_num(trace.velocity_limit[2]) + 5.0
     found = figures(law, trace)
     assert found["position_mm"] == 250.0
