@@ -6,11 +6,17 @@ from scipy.optimize import linprog
 import invariantqp as iq
 from invariantqp import extras
 from invariantqp.compare import names
-from invariantqp.compare.laws.hierarchy import levels
-from invariantqp.compare.laws.linear import DLS_DAMPING, NEARLY_SINGULAR, chiaverini
+from invariantqp.compare.laws.linear import (
+    DLS_DAMPING,
+    LARGEST_STEP,
+    NEARLY_SINGULAR,
+    chiaverini,
+    scaling,
+    sdls_step,
+    unit_consistent_inverse,
+)
+from invariantqp.compare.laws.quadratic import levels
 from invariantqp.compare.laws.saturation import saturate
-from invariantqp.compare.laws.sdls import LARGEST_STEP, sdls_step
-from invariantqp.compare.laws.unit_consistent import scaling, unit_consistent_inverse
 from invariantqp.compare.method import CANNOT, FAMILIES, Question, Setting
 from invariantqp.compare.registry import chosen, controller_named, left_out, methods
 from invariantqp.errors import BadInput, UnknownName

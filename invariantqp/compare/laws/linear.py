@@ -10,12 +10,11 @@ x_p is the posture, a joint velocity; it fills the null space of all that comes 
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import pi
 
 import numpy as np
 
 from invariantqp.compare.laws.saturation import saturate
-from invariantqp.compare.laws.sdls import sdls_step
-from invariantqp.compare.laws.unit_consistent import unit_consistent_inverse
 from invariantqp.compare.method import CANNOT, Method, Question, Setting, Solve, Takes
 from invariantqp.geometry.arrays import Array
 
@@ -25,6 +24,12 @@ DLS_DAMPING = 0.05
 NEARLY_SINGULAR = 0.04
 # Singular values below this share of the largest are zero in pseudoinverses of projected Jacobians.
 RANK = 1e-9
+# gamma_max of SDLS: the largest change of a joint angle in one tick [rad].
+LARGEST_STEP = pi / 4.0
+# A singular value below this fraction of the largest counts as zero in SDLS, as in numpy.linalg.pinv.
+SINGULAR = 1e-15
+# An entry below this fraction of the largest of its row or column counts as zero in the unit-consistent inverse.
+ZERO = 1e-12
 IN_NULL_SPACE, CLIPPED = "in the null space", "clipped"
 
 
@@ -40,6 +45,64 @@ def chiaverini(J: Array) -> Array:
     near = sigma < NEARLY_SINGULAR
     divisor[near] += DLS_DAMPING**2 * (1.0 - (sigma[near] / NEARLY_SINGULAR) ** 2)
     return np.asarray((Vt.T * (sigma / divisor)).dot(U.T))
+
+
+def sdls_step(J: Array, e: Array) -> Array:
+    """The change theta (m,) of the joint angles in one tick for a wanted displacement e (6,) of the tool in that tick.
+
+        theta_i = clamp((u_i.e) / sigma_i v_i, gamma_i),   theta = clamp(sum theta_i, gamma_max)
+        N_i = sum_l |u_i|_l,   M_i = 1 / sigma_i sum_j |v_ij| |J_v,j|,   gamma_i = min(1, N_i / M_i) gamma_max
+
+    The sums over end effectors l have two terms here, the position of the tool and its orientation, with one metre for
+    one radian.
+
+    Reference: Buss & Kim 2005, Sect. 3.
+    """
+    U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
+    linear, angular = np.linalg.norm(J[3:], axis=0), np.linalg.norm(J[:3], axis=0)
+    step = np.zeros(J.shape[1])
+    for u, size, v in zip(U.T, sigma, Vt, strict=True):
+        if size <= SINGULAR * sigma[0]:
+            continue
+        N = np.linalg.norm(u[:3]) + np.linalg.norm(u[3:])
+        M = np.abs(v).dot(linear + angular) / size
+        step += _clamped(u.dot(e) / size * v, min(1.0, N / M) * LARGEST_STEP)
+    return _clamped(step, LARGEST_STEP)
+
+
+def _clamped(step: Array, largest: float) -> Array:
+    """The step scaled down so that no component exceeds `largest`."""
+    size = float(np.abs(step).max())
+    return step if size <= largest else step * (largest / size)
+
+
+def scaling(J: Array) -> tuple[Array, Array]:
+    """The diagonals (n,) of D and (m,) of E, with which every row and column of |DJE| has the geometric mean 1.
+
+    sum_j log|(DJE)_ij| = 0 = sum_i log|(DJE)_ij|  over the entries that are not zero
+    """
+    n, m = J.shape
+    size = np.abs(J)
+    there = (size > ZERO * size.max(axis=1, keepdims=True)) & (size > ZERO * size.max(axis=0, keepdims=True))
+    logs = np.log(size, where=there, out=np.zeros_like(size))
+    # The normal equations of  min sum (log|J_ij| + u_i + w_j)^2: the graph Laplacian of the nonzero entries.
+    laplacian = np.block([[np.diag(there.sum(axis=1)), there], [there.T, np.diag(there.sum(axis=0))]]).astype(float)
+    sums = np.concatenate((logs.sum(axis=1), logs.sum(axis=0)))
+    u = -np.linalg.lstsq(laplacian, sums, rcond=None)[0]
+    return np.exp(u[:n]), np.exp(u[n : n + m])
+
+
+def unit_consistent_inverse(J: Array) -> Array:
+    """(m, n) E (D J E)^+ D, the Moore-Penrose inverse of a matrix whose rows and columns are scaled first.
+
+    It is B^-1 J^-U A^-1 for A J B with all positive diagonal A and B: the answer does not depend on units. It does
+    depend on the frame.
+
+    Reference: Uhlmann 2018, A generalized matrix inverse that is consistent with respect to diagonal transformations;
+    Zhang & Uhlmann 2018, for robots.
+    """
+    d, e = scaling(J)
+    return np.asarray(e[:, None] * np.linalg.pinv(d[:, None] * J * e) * d)
 
 
 def _projected(inverse: Callable[[Array], Array]) -> Callable[[Setting], Solve]:

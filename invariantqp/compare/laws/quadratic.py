@@ -8,7 +8,8 @@ The posture x_p is zero for arms with up to six joints: eps is then the usual da
 
 Limits that forbid exact rows slow them down by halves. All are solved by DAQP.
 
-Reference: Escande, Mansard & Wieber 2014; Sugihara 2011; Faverjon & Tournassoud 1987 (velocity dampers).
+Reference: Escande, Mansard & Wieber 2014; Arnstrom, Bemporad & Axehill 2022 (DAQP); Sugihara 2011; Faverjon &
+Tournassoud 1987 (velocity dampers).
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from daqp import solve as solve_levels
 
-from invariantqp.compare.laws.hierarchy import levels
 from invariantqp.compare.method import Method, Question, Setting, Solve, Takes
 from invariantqp.compare.names import TOLD_LEAST_SQUARES
 from invariantqp.geometry.arrays import Array
@@ -111,6 +112,36 @@ def _scaling(setting: Setting) -> Solve:
         rows = np.vstack((np.eye(m + 1), np.column_stack((tick.J, -tick.s))))
         low, high = np.r_[tick.lower, 0.0, np.zeros(6)], np.r_[tick.upper, 1.0, np.zeros(6)]
         return daqp.solve(BoxQP(H, c, low, high, rows))[:m]
+
+    return velocity
+
+
+def levels(setting: Setting) -> Solve:
+    """Limits > exact rows > J x = s > x = x_p, each level as far as those above allow, by DAQP's own hierarchies.
+
+    Within a level DAQP weighs every row by one over its norm: what it misses of a twist is least in these units.
+    """
+    m, eye = setting.m, np.eye(setting.m)
+
+    def velocity(tick: Question) -> Array:
+        k = len(tick.C)
+        # With exact rows the turn alone is left of the twist; rows told twice would take the posture's level away.
+        rest = slice(0, 3 if k else 6)
+        ends = np.cumsum([m, k, 3 if k else 6, m])[[0, 1, 2, 3] if k else [0, 2, 3]]
+        rows = np.vstack((tick.C, tick.J[rest], eye))
+        wanted = np.concatenate((tick.e, tick.s[rest], tick.posture))
+        x, _, flag, _ = solve_levels(
+            None,
+            None,
+            rows,
+            np.concatenate((tick.upper, wanted)),
+            np.concatenate((tick.lower, wanted)),
+            np.zeros(ends[-1], dtype=np.intc),
+            ends.astype(np.intc),
+        )
+        if flag <= 0:
+            raise SolverFailure("daqp", f"exit flag {flag}")
+        return np.asarray(x)
 
     return velocity
 
