@@ -16,7 +16,7 @@ import numpy as np
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.tree import displacement, rest
+from invariantqp.robots.tree import displacement, path_to, rest
 from invariantqp.robots.urdf import MOVING, TreeJoint, joints_of, read_xml, rotation
 from invariantqp.runs.taskfile import Task
 
@@ -97,11 +97,11 @@ def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[st
     from invariantqp.view.meshes import read_meshes, reduced
 
     read = cache(read_meshes)
-    places = _places(joints, names)
+    above = {joint.child: joint for joint in joints}
     colours = {m.get("name"): _rgb(m) for m in root.findall("material")}
     found: list[tuple[int, Mesh]] = []
     for link in root.findall("link"):
-        joint, T = places.get(link.get("name", ""), (0, np.eye(4)))
+        joint, T = _place(path_to(above, link.get("name", ""), file.name), names)
         for visual in link.findall("visual"):
             place = T.dot(_origin(visual.find("origin")))
             for mesh in _shapes(file, visual.find("geometry"), read):
@@ -128,26 +128,16 @@ def _merged(found: list[tuple[int, Mesh]]) -> dict[tuple[int, tuple[int, int, in
     return merged
 
 
-def _places(joints: list[TreeJoint], names: list[str]) -> dict[str, tuple[int, Array]]:
-    """How many of the arm's joints move each link, and its (4, 4) pose at q = 0."""
-    below: dict[str, list[TreeJoint]] = {}
-    for joint in joints:
-        below.setdefault(joint.parent, []).append(joint)
-    children = {joint.child for joint in joints}
-    places = {link: (0, np.eye(4)) for link in below if link not in children}
-    todo = list(places)
-    while todo:
-        link = todo.pop()
-        count, T = places[link]
-        for joint in below.get(link, ()):
-            at = T.dot(joint.origin)
-            if joint.name in names:
-                places[joint.child] = names.index(joint.name) + 1, at
-            else:
-                held = at.dot(displacement(joint, rest(joint))) if joint.kind in MOVING else at
-                places[joint.child] = count, held
-            todo.append(joint.child)
-    return places
+def _place(path: list[TreeJoint], names: list[str]) -> tuple[int, Array]:
+    """How many of the arm's joints move the link at the end of a path, and its (4, 4) pose at q = 0."""
+    count, T = 0, np.eye(4)
+    for joint in path:
+        T = T.dot(joint.origin)
+        if joint.name in names:
+            count = names.index(joint.name) + 1
+        elif joint.kind in MOVING:
+            T = T.dot(displacement(joint, rest(joint)))
+    return count, T
 
 
 def _shapes(file: Path, geometry: ET.Element | None, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
