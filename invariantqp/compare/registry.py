@@ -51,10 +51,9 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
         UnknownName: one name stands for no method.
         BadInput: several names stand for no method, a method given by its full name is not installed, or no name.
     """
-    meant = _meant(names)
-    for word in _words(names):
-        method = _exactly(word)
-        if method is not None and not method.installed:
+    meant, given = _meant(names), {word.lower() for word in _words(names)}
+    for method in meant.values():
+        if method.name.lower() in given and not method.installed:
             raise BadInput(
                 "--methods",
                 f"{method.name}, which needs {' and '.join(method.needs)}",
@@ -90,11 +89,6 @@ def _meant(names: str | Iterable[str] | None) -> dict[str, Method]:
         raise _unknown(unknown)
     meant = {name for matches in found.values() for name in matches}
     return {name: method for name, method in _METHODS.items() if name in meant}
-
-
-def _exactly(word: str) -> Method | None:
-    """The method with this full name."""
-    return next((method for name, method in _METHODS.items() if name.lower() == word.lower()), None)
 
 
 def _matches(word: str) -> list[str]:

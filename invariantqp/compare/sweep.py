@@ -27,7 +27,7 @@ import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from invariantqp.compare.exact.failure import ReferenceFailure
+from invariantqp.compare.exact import ReferenceFailure
 from invariantqp.compare.measure import calibration, loops, solves, ticks
 from invariantqp.compare.measure.cell import Cell, Kind, Result
 from invariantqp.compare.measure.machine import machine, source_digest, versions

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from invariantqp import extras
 from invariantqp.cli import app
 from invariantqp.compare import sweep as module
-from invariantqp.compare.exact.failure import ReferenceFailure
+from invariantqp.compare.exact import ReferenceFailure
 from invariantqp.compare.measure.cell import Cell, Kind
 from invariantqp.compare.measure.ticks import interleaved, spread
 from invariantqp.compare.report.ranking import rank_agreement

@@ -16,7 +16,7 @@ from typing import Any
 
 import mpmath as mp
 
-from invariantqp.compare.exact.failure import NoReference, ReferenceFailure
+from invariantqp.compare.exact import NoReference, ReferenceFailure
 
 # Multipliers and steps below this are zero: they are rounding errors of a computation in 50 digits.
 EXACT_ZERO = mp.mpf("1e-38")

@@ -18,8 +18,8 @@ from typing import Any
 
 import mpmath as mp
 
+from invariantqp.compare.exact import ReferenceFailure
 from invariantqp.compare.exact.box import active_set, least_index
-from invariantqp.compare.exact.failure import ReferenceFailure
 from invariantqp.compare.exact.linear import Numbers, Way, fraction, matrix, number
 from invariantqp.compare.method import Question, Setting
 from invariantqp.velocity.calm import CALM, DEVIATION_SHARE, QUIET_SHARE

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.compare.exact.failure import NoReference, ReferenceFailure
+from invariantqp.compare.exact import NoReference, ReferenceFailure
 from invariantqp.compare.laws.linear import DLS_DAMPING
 from invariantqp.compare.laws.quadratic import FIXED_WEIGHT
 from invariantqp.compare.method import Question, Setting

@@ -12,7 +12,7 @@ Reference: Raibert & Craig 1981; Lipkin & Duffy 1988 and Duffy 1990 for what is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,47 +25,29 @@ from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.solution import VelocitySolution
 
 
+@dataclass
 class RaibertCraig:
     """Selection-matrix hybrid control of one arm.
 
     Attributes:
         robot: the arm.
         selection: (6,) diagonal of Sigma, rotations first: 1 for an axis of motion, 0 for an axis of force.
-        axes: (3, 3) the task frame's axes in the base frame, as columns.
+        axes: (3, 3) the task frame's axes in the base frame, as columns; they may change from tick to tick.
+        wanted: (6,) wrench W_d, in the axes of the task frame.
+        dt: duration of a tick [s].
+        gain: of the tracking error [1/s].
+        compliance: (6,) diagonal of C, twist per wrench.
+        sensor_axes: (3, 3) axes of the sensor frame in the tool frame, as columns.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        selection: Sequence[float],
-        axes: ArrayLike,
-        wrench: ArrayLike,
-        *,
-        dt: float,
-        gain: float,
-        compliance: ArrayLike,
-        sensor_axes: ArrayLike,
-    ) -> None:
-        """Keep what does not change from tick to tick.
-
-        Args:
-            robot: the arm.
-            selection: (6,) diagonal of Sigma, rotations first.
-            axes: (3, 3) axes of the task frame in the base frame, as columns.
-            wrench: (6,) wanted wrench W_d, in the axes of the task frame.
-            dt: duration of a tick [s].
-            gain: of the tracking error [1/s].
-            compliance: (6,) diagonal of C, twist per wrench.
-            sensor_axes: (3, 3) axes of the sensor frame in the tool frame, as columns.
-        """
-        self.robot = robot
-        self.selection: Array = arrays.vector(selection, 6, "selection")
-        self.axes: Array = arrays.matrix(axes, (3, 3), "axes")
-        self._wanted = arrays.vector(wrench, 6, "wrench")
-        self._gain = gain
-        self._compliance = arrays.vector(compliance, 6, "compliance")
-        self._sensor_axes = arrays.matrix(sensor_axes, (3, 3), "sensor_axes")
-        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, dt)
+    robot: Robot
+    selection: Array
+    axes: Array
+    wanted: Array
+    dt: float
+    gain: float
+    compliance: Array
+    sensor_axes: Array
 
     def step(
         self, q: ArrayLike, target: Any, wrench: ArrayLike, feedforward: ArrayLike | None = None
@@ -74,17 +56,16 @@ class RaibertCraig:
         positions = arrays.vector(q, len(self.robot.names), "q")
         reading = arrays.vector(wrench, 6, "wrench")
         sighting, T = self.robot.sight(positions, target), self.robot.pose(positions)
-        s = self._gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
-        to_sensor = self.axes.T.dot(T[:3, :3]).dot(self._sensor_axes)
+        s = self.gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
+        to_sensor = self.axes.T.dot(T[:3, :3]).dot(self.sensor_axes)
         felt = np.concatenate((to_sensor.dot(reading[:3]), to_sensor.dot(reading[3:])))
         # Twists about the tool's origin, in the axes of the task frame.
         at_tool = se3.adjoint(se3.inverse(se3.transform(self.axes, T[:3, 3]), check=False), check=False)
-        motion, force = (
-            self.selection * at_tool.dot(s),
-            (1.0 - self.selection) * self._compliance * (self._wanted - felt),
-        )
-        x: Array = np.linalg.pinv(at_tool.dot(sighting.J)).dot(motion + force)
-        lower, upper = self._box.at(positions)
+        motion, force = at_tool.dot(s), self.compliance * (self.wanted - felt)
+        xi = self.selection * motion + (1.0 - self.selection) * force
+        x: Array = np.linalg.pinv(at_tool.dot(sighting.J)).dot(xi)
+        limits = self.robot.position_lower, self.robot.position_upper, self.robot.velocity_limit
+        lower, upper = JointBox(*limits, self.dt).at(positions)
         clipped = np.minimum(np.maximum(x, lower), upper)
         active = tuple(np.flatnonzero(clipped != x).tolist())
         residual = s - sighting.J.dot(clipped)

@@ -79,7 +79,7 @@ class Textbook(Pilot):
         self._sensor = brief.sensor
         self._loop = RaibertCraig(
             brief.robot,
-            SELECTIONS[scene.springs.shape],
+            np.array(SELECTIONS[scene.springs.shape]),
             np.eye(3),
             scene.wanted,
             dt=law.dt,

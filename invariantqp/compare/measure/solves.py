@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from invariantqp.analysis.survey import joint_ranges
-from invariantqp.compare.exact.failure import NoReference
+from invariantqp.compare.exact import NoReference
 from invariantqp.compare.laws.loop import setting_of
 from invariantqp.compare.measure.cell import Cell, Kind, Result
 from invariantqp.compare.method import Method, Question, Setting, Solve

@@ -5,9 +5,8 @@ import pytest
 from support.velocity_reference import box_minimum
 
 import invariantqp as iq
+from invariantqp.compare.exact import ReferenceFailure, references
 from invariantqp.compare.exact import box as exact_box
-from invariantqp.compare.exact import references
-from invariantqp.compare.exact.failure import ReferenceFailure
 from invariantqp.compare.exact.references import AGREEMENT, reference
 from invariantqp.compare.measure.solves import SORTS, questions
 from invariantqp.compare.method import Question, Setting

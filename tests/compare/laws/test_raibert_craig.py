@@ -13,9 +13,9 @@ def test_the_textbook_has_a_tick_and_limits():
     robot = iq.load_robot("panda")
     loop = RaibertCraig(
         robot,
-        [1, 1, 1, 1, 1, 0],
+        np.array([1, 1, 1, 1, 1, 0]),
         np.diag([1.0, -1.0, -1.0]),
-        [0, 0, 0, 0, 0, 5.0],
+        np.array([0, 0, 0, 0, 0, 5.0]),
         dt=0.01,
         gain=5.0,
         compliance=np.ones(6),
