@@ -70,11 +70,14 @@ def compare(
     from invariantqp.compare.report.report import write_report
     from invariantqp.compare.results import load_results
     from invariantqp.compare.sweep import DEFAULT_TASKS, not_installed, sweep
+    from invariantqp.runs.taskfile import load_task
 
     if json_file is not None:
         raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
+    for task in tasks or ():
+        load_task(task)  # a wrong name is told before a folder is made
     other = None if against is None else load_results(against)
     kinds = None if only is None else [word.strip() for word in only.split(",")]
     missing = not_installed(methods, kinds)

@@ -70,6 +70,8 @@ def run(
     """Run TASK in closed loop, and say whether its acceptance numbers are met."""
     from invariantqp.runs.taskfile import load_task
 
+    if check_frame and quiet:
+        raise BadInput("--check-frame", "--quiet too", "one of them: --check-frame prints what it finds")
     problem = load_task(task)  # before the rest is imported: a wrong name is told sooner
     from invariantqp.runs.run import run_task
 
@@ -89,8 +91,8 @@ def run(
         say(f"no display: the view is written to {page}")
     if not quiet:
         print_run(trace)
-        if check_frame:
-            _check_frames(trace, seed)
+    if check_frame:
+        _check_frames(trace, seed)
     if viewer is not None:
         _play(viewer, trace, quiet)
     if not trace.passed:

@@ -33,9 +33,8 @@ def load_results(file: Path) -> Results:
     try:
         results = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise BadInput(
-            str(file), f"{type(error).__name__}: {error}", "a results.json of invariantqp compare"
-        ) from error
+        found = getattr(error, "strerror", None) or str(error)
+        raise BadInput(str(file), found, "a results.json of invariantqp compare") from error
     if not isinstance(results, dict) or results.get("schema") != SCHEMA:
         found = f"schema {results.get('schema')!r}" if isinstance(results, dict) else type(results).__name__
         raise BadInput(str(file), found, f"results of schema {SCHEMA}", "Run invariantqp compare again.")

@@ -35,3 +35,4 @@ def test_bad_input_is_one_message_and_status_2(monkeypatch, capsys, tmp_path, wo
     assert (left.value.code, out) == (2, "")
     assert said.format(file=file) in " ".join(err.split())
     assert "Traceback" not in err
+    assert [one.name for one in tmp_path.iterdir()] == ["file"]  # nothing is made for work that is not begun

@@ -259,7 +259,7 @@ def test_two_runs_are_told_apart_by_rank(small_run, tmp_path):
         (["nope"], "unknown task 'nope'"),
         (["--methods", "pinf"], "unknown method 'pinf'"),
         (["--only", "errors"], "unknown measurement 'errors'; did you mean error"),
-        (["--against", "nowhere.json"], "nowhere.json: found FileNotFoundError"),
+        (["--against", "nowhere.json"], "nowhere.json: found No such file or directory"),
     ],
 )
 def test_wrong_words_are_told(words, said, tmp_path):
