@@ -21,6 +21,8 @@ from invariantqp.robots.urdf import TreeJoint, rotation
 
 # Where a frame is: a translation [m], and quarter turns (roll, pitch, yaw).
 Place = tuple[tuple[float, float, float], tuple[int, int, int]]
+# A joint: where its frame is, its position limits [rad] and its velocity limit [rad/s].
+Row = tuple[tuple[float, float, float], tuple[int, int, int], float, float, float]
 
 WHOLE = 2.0 * pi
 UR_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -42,97 +44,79 @@ def _frame(place: Place) -> np.ndarray:
     return se3.transform(rotation([0.5 * pi * k for k in quarters]).round(), xyz)
 
 
-def _joints(
-    names: Sequence[str], places: Sequence[Place], limits: Sequence[tuple[float, float]], speeds: Sequence[float]
-) -> list[TreeJoint]:
-    """Joints from their names, places in the frames before, position limits [rad] and velocity limits [rad/s]."""
+def _joints(names: Sequence[str], rows: Sequence[Row]) -> list[TreeJoint]:
+    """Joints from their names and rows, base first."""
     z = np.array((0.0, 0.0, 1.0))
     return [
-        TreeJoint(called, "revolute", f"link{i}", f"link{i + 1}", _frame(place), z, lower, upper, speed)
-        for i, (called, place, (lower, upper), speed) in enumerate(zip(names, places, limits, speeds, strict=True))
+        TreeJoint(name, "revolute", f"link{i}", f"link{i + 1}", _frame((xyz, quarters)), z, lower, upper, speed)
+        for i, (name, (xyz, quarters, lower, upper, speed)) in enumerate(zip(names, rows, strict=True))
     ]
 
 
 def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float, speeds: Sequence[float]) -> list[TreeJoint]:
     """A Universal Robots arm from its DH parameters [m] and velocity limits [deg/s]."""
-    places: list[Place] = [
-        ((0.0, 0.0, d1), (0, 0, 0)),
-        ((0.0, 0.0, 0.0), (1, 0, 0)),
-        ((a2, 0.0, 0.0), (0, 0, 0)),
-        ((a3, 0.0, d4), (0, 0, 0)),
-        ((0.0, -d5, 0.0), (1, 0, 0)),
-        ((0.0, d6, 0.0), (-1, 0, 0)),
+    v = [radians(speed) for speed in speeds]
+    rows: list[Row] = [
+        ((0.0, 0.0, d1), (0, 0, 0), -WHOLE, WHOLE, v[0]),
+        ((0.0, 0.0, 0.0), (1, 0, 0), -WHOLE, WHOLE, v[1]),
+        ((a2, 0.0, 0.0), (0, 0, 0), -pi, pi, v[2]),
+        ((a3, 0.0, d4), (0, 0, 0), -WHOLE, WHOLE, v[3]),
+        ((0.0, -d5, 0.0), (1, 0, 0), -WHOLE, WHOLE, v[4]),
+        ((0.0, d6, 0.0), (-1, 0, 0), -WHOLE, WHOLE, v[5]),
     ]
-    limits = [(-pi, pi) if name == "elbow" else (-WHOLE, WHOLE) for name in UR_NAMES]
-    return _joints([f"{name}_joint" for name in UR_NAMES], places, limits, [radians(v) for v in speeds])
+    return _joints([f"{name}_joint" for name in UR_NAMES], rows)
 
 
 def _iiwa(d: Sequence[float], speeds: Sequence[float]) -> tuple[list[TreeJoint], Place]:
     """A KUKA LBR iiwa from its shoulder's height, the lengths of its arms and its flange [m], and speeds [deg/s]."""
-    places: list[Place] = [
-        ((0.0, 0.0, 0.0), (0, 0, 0)),
-        ((0.0, 0.0, d[0]), (-1, 0, 0)),
-        ((0.0, 0.0, 0.0), (1, 0, 0)),
-        ((0.0, 0.0, d[1]), (1, 0, 0)),
-        ((0.0, 0.0, 0.0), (-1, 0, 0)),
-        ((0.0, 0.0, d[2]), (-1, 0, 0)),
-        ((0.0, 0.0, 0.0), (1, 0, 0)),
+    v = [radians(speed) for speed in speeds]
+    rows: list[Row] = [
+        ((0.0, 0.0, 0.0), (0, 0, 0), -radians(170), radians(170), v[0]),
+        ((0.0, 0.0, d[0]), (-1, 0, 0), -radians(120), radians(120), v[1]),
+        ((0.0, 0.0, 0.0), (1, 0, 0), -radians(170), radians(170), v[2]),
+        ((0.0, 0.0, d[1]), (1, 0, 0), -radians(120), radians(120), v[3]),
+        ((0.0, 0.0, 0.0), (-1, 0, 0), -radians(170), radians(170), v[4]),
+        ((0.0, 0.0, d[2]), (-1, 0, 0), -radians(120), radians(120), v[5]),
+        ((0.0, 0.0, 0.0), (1, 0, 0), -radians(175), radians(175), v[6]),
     ]
-    most = [radians(q) for q in (170, 120, 170, 120, 170, 120, 175)]
-    names = [f"A{i}" for i in range(1, 8)]
-    joints = _joints(names, places, [(-q, q) for q in most], [radians(v) for v in speeds])
-    return joints, ((0.0, 0.0, d[3]), (0, 0, 0))
+    return _joints([f"A{i}" for i in range(1, 8)], rows), ((0.0, 0.0, d[3]), (0, 0, 0))
 
 
 HERE: Place = ((0.0, 0.0, 0.0), (0, 0, 0))
 FR3 = _joints(
     [f"fr3_joint{i}" for i in range(1, 8)],
     [
-        ((0.0, 0.0, 0.333), (0, 0, 0)),
-        ((0.0, 0.0, 0.0), (-1, 0, 0)),
-        ((0.0, -0.316, 0.0), (1, 0, 0)),
-        ((0.0825, 0.0, 0.0), (1, 0, 0)),
-        ((-0.0825, 0.384, 0.0), (-1, 0, 0)),
-        ((0.0, 0.0, 0.0), (1, 0, 0)),
-        ((0.088, 0.0, 0.0), (1, 0, 0)),
+        ((0.0, 0.0, 0.333), (0, 0, 0), -2.7437, 2.7437, 2.62),
+        ((0.0, 0.0, 0.0), (-1, 0, 0), -1.7837, 1.7837, 2.62),
+        ((0.0, -0.316, 0.0), (1, 0, 0), -2.9007, 2.9007, 2.62),
+        ((0.0825, 0.0, 0.0), (1, 0, 0), -3.0421, -0.1518, 2.62),
+        ((-0.0825, 0.384, 0.0), (-1, 0, 0), -2.8065, 2.8065, 5.26),
+        ((0.0, 0.0, 0.0), (1, 0, 0), 0.5445, 4.5169, 4.18),
+        ((0.088, 0.0, 0.0), (1, 0, 0), -3.0159, 3.0159, 5.26),
     ],
-    [
-        (-2.7437, 2.7437),
-        (-1.7837, 1.7837),
-        (-2.9007, 2.9007),
-        (-3.0421, -0.1518),
-        (-2.8065, 2.8065),
-        (0.5445, 4.5169),
-        (-3.0159, 3.0159),
-    ],
-    [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26],
 )
 GEN3 = _joints(
     [f"joint_{i}" for i in range(1, 8)],
     [
-        ((0.0, 0.0, 0.15643), (2, 0, 0)),
-        ((0.0, 0.005375, -0.12838), (1, 0, 0)),
-        ((0.0, -0.21038, -0.006375), (-1, 0, 0)),
-        ((0.0, 0.006375, -0.21038), (1, 0, 0)),
-        ((0.0, -0.20843, -0.006375), (-1, 0, 0)),
-        ((0.0, 0.00017505, -0.10593), (1, 0, 0)),
-        ((0.0, -0.10593, -0.00017505), (-1, 0, 0)),
+        ((0.0, 0.0, 0.15643), (2, 0, 0), -inf, inf, 1.3963),
+        ((0.0, 0.005375, -0.12838), (1, 0, 0), -2.41, 2.41, 1.3963),
+        ((0.0, -0.21038, -0.006375), (-1, 0, 0), -inf, inf, 1.3963),
+        ((0.0, 0.006375, -0.21038), (1, 0, 0), -2.66, 2.66, 1.3963),
+        ((0.0, -0.20843, -0.006375), (-1, 0, 0), -inf, inf, 1.2218),
+        ((0.0, 0.00017505, -0.10593), (1, 0, 0), -2.23, 2.23, 1.2218),
+        ((0.0, -0.10593, -0.00017505), (-1, 0, 0), -inf, inf, 1.2218),
     ],
-    [(-q, q) for q in (inf, 2.41, inf, 2.66, inf, 2.23, inf)],
-    [1.3963, 1.3963, 1.3963, 1.3963, 1.2218, 1.2218, 1.2218],
 )
 LITE6 = _joints(
     [f"joint{i}" for i in range(1, 7)],
     [
-        ((0.0, 0.0, 0.2435), (0, 0, 0)),
-        ((0.0, 0.0, 0.0), (1, -1, 2)),
-        ((0.2002, 0.0, 0.0), (2, 0, 1)),
-        ((0.087, -0.22761, 0.0), (1, 0, 0)),
-        ((0.0, 0.0, 0.0), (1, 0, 0)),
-        ((0.0, 0.0625, 0.0), (-1, 0, 0)),
+        ((0.0, 0.0, 0.2435), (0, 0, 0), -WHOLE, WHOLE, 3.14),
+        ((0.0, 0.0, 0.0), (1, -1, 2), -2.61799, 2.61799, 3.14),
+        ((0.2002, 0.0, 0.0), (2, 0, 1), -0.061087, 5.235988, 3.14),
+        ((0.087, -0.22761, 0.0), (1, 0, 0), -WHOLE, WHOLE, 3.14),
+        ((0.0, 0.0, 0.0), (1, 0, 0), -2.1642, 2.1642, 3.14),
+        ((0.0, 0.0625, 0.0), (-1, 0, 0), -WHOLE, WHOLE, 3.14),
     ],
-    [(-WHOLE, WHOLE), (-2.61799, 2.61799), (-0.061087, 5.235988), (-WHOLE, WHOLE), (-2.1642, 2.1642), (-WHOLE, WHOLE)],
-    [3.14] * 6,
 )
 # Joints and flange of each arm.
 PUBLISHED: dict[str, tuple[list[TreeJoint], Place]] = {

@@ -1,10 +1,7 @@
 """What `invariantqp compare` refuses; what it measures is tested with the comparison."""
 
-import sys
-
 import pytest
-
-from invariantqp import cli
+from support.command_line import call
 
 REFUSED = [
     ([""], "unknown task ''"),
@@ -28,11 +25,8 @@ def test_bad_input_is_one_message_and_status_2(monkeypatch, capsys, tmp_path, wo
     file = tmp_path / "file"
     file.write_text("no results", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["invariantqp", "compare", *(word.format(file=file) for word in words)])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    out, err = capsys.readouterr()
-    assert (left.value.code, out) == (2, "")
+    status, out, err = call(monkeypatch, capsys, "compare", *(word.format(file=file) for word in words))
+    assert (status, out) == (2, "")
     assert said.format(file=file) in " ".join(err.split())
     assert "Traceback" not in err
     assert [one.name for one in tmp_path.iterdir()] == ["file"]  # nothing is made for work that is not begun

@@ -1,9 +1,11 @@
 import json
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
+from support.command_line import call
 from typer.testing import CliRunner
 
 import invariantqp as iq
@@ -39,15 +41,7 @@ def task(tmp_path):
 def run(monkeypatch, capsys):
     """The command as a shell would see it: exit status, standard output, standard error."""
     monkeypatch.setenv("COLUMNS", "300")
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["invariantqp", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        captured = capsys.readouterr()
-        return left.value.code or 0, captured.out, captured.err
-
-    return command
+    return partial(call, monkeypatch, capsys)
 
 
 def test_a_run_that_is_accepted(run, task):

@@ -6,11 +6,12 @@ import re
 import signal
 import subprocess
 import sys
+from functools import partial
 
 import pytest
+from support.command_line import call
 from support.views import TASK, read
 
-from invariantqp import cli
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view import display
 from invariantqp.view.display import has_display, page_name
@@ -27,15 +28,7 @@ def run(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "CI", "SSH_CONNECTION", "SSH_TTY"):
         monkeypatch.delenv(name, raising=False)
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["invariantqp", "run", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        captured = capsys.readouterr()
-        return left.value.code or 0, captured.out, captured.err
-
-    return command
+    return partial(call, monkeypatch, capsys, "run")
 
 
 @pytest.mark.parametrize(

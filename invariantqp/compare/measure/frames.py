@@ -6,7 +6,6 @@ control   max |q(t) - q''(t)|,    q'' from a start moved by 1e-12: a change that
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,26 +62,22 @@ def moved_start(task: Task, setup: Setup) -> Setup:
     return replace(other, brief=brief, wanted=setup.wanted)
 
 
-def frame_check(
-    task: Task, seed: int = 0, progress: Progress | None = None, laws: Mapping[str, MakeController] | None = None
-) -> list[FrameCheck]:
+def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:
     """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
 
-    Runs of an elastic path may differ in length: the shorter one rests at its end.
+    The laws are ours, least squares by a QP, Moore-Penrose and damped, and for an elastic path, which the others do not
+    have, ours. Runs of such a path may differ in length: the shorter one rests at its end.
 
     Args:
         task: from `load_task`.
         seed: seed of the displacement.
         progress: called with (ticks done, ticks in all).
-        laws: the laws by name; None is ours, least squares by a QP, Moore-Penrose and damped, and for an elastic path,
-            which the others do not have, ours.
 
     Returns:
         One FrameCheck for each law.
     """
     tool = random_displacement(seed)
-    if laws is None:
-        laws = LAWS if task.path.timing == "fixed" else {OURS: our_controller}
+    laws = LAWS if task.path.timing == "fixed" else {OURS: our_controller}
     checks = []
     done = 0
     total = 3 * len(laws) * task.ticks
