@@ -186,9 +186,8 @@ def film_before(task: Task) -> Film:
     """What is known before a run: the arm at its start and its path, before contact moves it onto a surface."""
     robot = task.load_robot()
     pose = task.path.along(robot, task.start())
-    settle = 0.0 if task.contact is None else task.contact.settle
-    time = np.linspace(0.0, settle + task.path.duration, FRAMES)
-    wanted = np.array([pose(t) for t in np.maximum(time - settle, 0.0).tolist()])
+    time = np.linspace(0.0, task.settle + task.path.duration, FRAMES)
+    wanted = np.array([pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()])
     drawn = _film(task, robot, time, np.tile(task.start(), (FRAMES, 1)), wanted)
     return replace(drawn, travel=np.gradient(wanted[:, :3, 3], time, axis=0))
 
