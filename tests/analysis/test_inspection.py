@@ -326,7 +326,6 @@ def test_the_picture_of_pitches(tmp_path):
     text = iq.pictures.pitch_picture(found, robot, tmp_path / "p.svg").read_text(encoding="utf-8")
     for said in ("five to tool: rank 5", f"recommended h = {found.recommended.h:.3g}", "states of the range"):
         assert said in text
-    assert iq.pictures.pitch_picture(found, robot, tmp_path / "p.png").stat().st_size > 20_000
 
 
 def test_frames_that_share_their_names_with_joints_are_found():

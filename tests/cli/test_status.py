@@ -113,9 +113,12 @@ def test_a_full_disk(task, command):
         done = started(*(word.format(task=task) for word in command), stdout=full)
         assert done.returncode == NOT_WRITTEN
         assert done.stderr == "error: output could not be written: No space left on device\n"
-        assert (
-            started(*(word.format(task=task) for word in command), stdout=full, stderr=full).returncode == NOT_WRITTEN
-        )
+
+
+@needs_full
+def test_a_full_disk_that_nobody_can_be_told_of(task):
+    with FULL.open("w") as full:
+        assert started("run", task, stdout=full, stderr=full).returncode == NOT_WRITTEN
 
 
 @needs_full

@@ -41,7 +41,8 @@ if os.environ.get("MPLBACKEND"):  # chosen by the user: what imports do to it is
 motion = iq.load_task("scara")
 iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
 contact = iq.load_task("pen_on_paper")
-contact = contact.model_copy(update={"path": contact.path.model_copy(update={"duration": 0.05})})
+short = {"path": {"duration": 0.05}, "contact": {"settle": 0.1}}
+contact = contact.model_copy(update={k: getattr(contact, k).model_copy(update=v) for k, v in short.items()})
 iq.pictures.picture(iq.run_task(contact), out / "contact.svg")
 robot = iq.load_robot("so101")
 iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8, jobs=1), robot, out / "pitches.pdf")
