@@ -1,7 +1,7 @@
-"""Many twists at once: rows without active limits are solved together, the others one by one.
+"""Many twists at once: the compiled core has the rows, or Python those without active limits; the others go one by one.
 
-A row with an active limit, with damping, or whose form matters goes through `solve` by itself. So each row is the
-answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollouts.
+In Python a row with an active limit, with damping, or whose form matters goes through `solve` by itself. So each row is
+the answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollouts.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.compiled import LEFT, PLAIN, Rows, compiled_rows
+from invariantqp.velocity.compiled import LEFT, PLAIN, Rows, Written, compiled_rows
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, form_of
 from invariantqp.velocity.free_rows import free_rows, measures
@@ -107,30 +107,18 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         UnknownName: no such back end.
     """
     batch = _checked(J, twist, options)
-    twists, s = batch.twists, batch.s
-    n = len(twists)
-    box = batch.lower, batch.upper
-    rows = compiled_rows(batch.law, twists, s, batch.roots, box, batch.posture)
-    if rows is None:
-        A, b = np.matmul(batch.roots, twists), np.matmul(batch.roots, s[:, :, None])[:, :, 0]
-        done, x = free_rows(batch.law, A, b, box, batch.posture)
-        told = np.tile([PLAIN, 0.0, 0.0, 1.0, 0.0, 0.0], (n, 1))
-        own = batch.law.metric is None and prismatic(twists, 1.0).any(axis=1)  # a metric of its own in each such row
-        told[~done | own, 0] = LEFT
-        rows = Rows(x, s - np.einsum("nij,nj->ni", twists, x), told, np.empty((n, 0)))
-    for i in {*rows.left, *batch.limited}:
+    rows = Rows(batch.written())
+    for i in rows.left:
         rows.put(i, batch.solution(i))
     scale, damping, guard = rows.numbers
     return VelocitySolutions(rows.velocity, rows.method, rows.status, rows.residual, scale, damping, guard, rows)
 
 
 class _Batch(NamedTuple):
-    """The checked arguments of N rows; `points` and `posture` are None where none are given.
+    """The checked arguments of N rows; `points` and `posture` are None where none are given."""
 
-    `limited` are the rows whose joints are all limited, where others' are not: such a row has a damping of its own.
-    """
-
-    law: VelocityLaw
+    laws: tuple[VelocityLaw, VelocityLaw]  # of rows with a joint that no limit bounds, and of all others
+    limited: NDArray[np.bool_]  # (N,) which of them
     twists: Array  # (N, 6, m)
     s: Array  # (N, 6)
     roots: Array  # (N, 6, 6)
@@ -139,12 +127,34 @@ class _Batch(NamedTuple):
     posture: Array | None  # (N, m)
     points: Array | None  # (N, 3)
     length: float | None
-    limited: frozenset[int]
+
+    def written(self) -> Written:
+        """The answers to all rows, but for those that are left."""
+        if self.limited.all() or not self.limited.any():
+            return self._under(self.laws[bool(self.limited.all())], slice(None))
+        groups = [np.flatnonzero(self.limited == limited) for limited in (False, True)]
+        parts = [self._under(law, rows) for law, rows in zip(self.laws, groups, strict=True)]
+        order = np.argsort(np.concatenate(groups))
+        return Written(*(np.concatenate(one)[order] for one in zip(*parts, strict=True)))
+
+    def _under(self, law: VelocityLaw, rows: slice | NDArray[np.intp]) -> Written:
+        """Some rows under one law."""
+        twists, s, roots = self.twists[rows], self.s[rows], self.roots[rows]
+        box = self.lower[rows], self.upper[rows]
+        posture = None if self.posture is None else self.posture[rows]
+        written = compiled_rows(law, twists, s, roots, box, posture)
+        if written is not None:
+            return written
+        A, b = np.matmul(roots, twists), np.matmul(roots, s[:, :, None])[:, :, 0]
+        done, x = free_rows(law, A, b, box, posture)
+        told = np.tile([PLAIN, 0.0, 0.0, 1.0, 0.0, 0.0], (len(s), 1))
+        own = law.metric is None and prismatic(twists, 1.0).any(axis=1)  # a metric of its own in each such row
+        told[~done | own, 0] = LEFT
+        return Written(x, s - np.einsum("nij,nj->ni", twists, x), told, np.empty((len(s), 0)))
 
     def solution(self, i: int) -> VelocitySolution:
         """Row i by itself."""
-        J, s = self.twists[i], self.s[i]
-        law = replace(self.law, damping=damping_of(None, limited=True)) if i in self.limited else self.law
+        J, s, law = self.twists[i], self.s[i], self.laws[bool(self.limited[i])]
         if law.metric is None and prismatic(J, 1.0).any():
             point = "own" if self.points is None else self.points[i]
             law = replace(law, metric=metric_of(None, J, measure_of(J, s, None, point, self.length).length))
@@ -166,23 +176,33 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
     first = measure_of(np.eye(6), np.zeros(6), form, None if points is not None else point, length)
-    damping = options.get("damping")
-    limited = np.isfinite(box).all(axis=(0, 2))
-    lower, upper = (np.broadcast_to(side, (n, m)) for side in box)
-    metric = options.get("joint_metric")
+    damping, metric = options.get("damping"), options.get("joint_metric")
     law = VelocityLaw(
         form=first.form,
-        damping=damping_of(damping, limited=bool(limited.all())),
+        damping=damping_of(damping, limited=True),
         guard=guard_of(options.get("guard", True)),
         metric=None if metric is None else arrays.positive_definite(metric, m, "joint_metric"),
         backend=backend_of(options.get("backend", "daqp")),
     )
+    lower, upper = box
+    limits = np.isfinite(lower) & np.isfinite(upper)
+    limited = np.ones(1, dtype=bool) if damping is not None or limits.all() else limits.all(axis=1)
     if isinstance(form, CarriedMetric):
         roots = np.broadcast_to(first.root, (n, 6, 6))
     else:
         roots = measures(twists, s, points, None if length is None else float(length))
-    own = () if damping is not None or limited.all() else np.flatnonzero(limited).tolist()
-    return _Batch(law, twists, s, roots, lower, upper, wanted, points, length, frozenset(own))
+    return _Batch(
+        laws=(replace(law, damping=damping_of(damping, limited=False)), law),
+        limited=np.broadcast_to(limited, n),
+        twists=twists,
+        s=s,
+        roots=roots,
+        lower=np.broadcast_to(lower, (n, m)),
+        upper=np.broadcast_to(upper, (n, m)),
+        posture=wanted,
+        points=points,
+        length=length,
+    )
 
 
 def _stack(J: ArrayLike) -> Array:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from os import cpu_count
+from threading import Thread
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +49,22 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     return found
 
 
+class Written(NamedTuple):
+    """Answers to N ticks, written row by row.
+
+    Attributes:
+        velocity: (N, m).
+        residual: (N, 6).
+        told: (N, 6) kind of answer, method, status, scale, damping, guard.
+        records: (N, r) for `core.solution`.
+    """
+
+    velocity: Array
+    residual: Array
+    told: Array
+    records: Array
+
+
 class Rows(Mapping[int, VelocitySolution]):
     """The answers to many ticks; those that are more than a closed form by their row, made when asked for.
 
@@ -59,22 +77,15 @@ class Rows(Mapping[int, VelocitySolution]):
         numbers: (3, N) scale, damping, guard.
     """
 
-    def __init__(self, velocity: Array, residual: Array, told: Array, records: Array) -> None:
-        """From arrays that are written row by row.
-
-        Args:
-            velocity: (N, m).
-            residual: (N, 6).
-            told: (N, 6) kind of answer, method, status, and the three numbers.
-            records: (N, r) for `core.solution`.
-        """
-        self.velocity, self.residual = velocity, residual
+    def __init__(self, written: Written) -> None:
+        """What is told of answers."""
+        self.velocity, self.residual, told, records = written
         self.left: list[int] = np.flatnonzero(told[:, 0] == LEFT).tolist()
         self.method = METHODS[told[:, 1].astype(np.intp)]
         self.status = STATUSES[told[:, 2].astype(np.intp)]
         self.numbers: Array = told[:, 3:].T.copy()
         rows = np.flatnonzero(told[:, 0] == RECORDED)
-        self._records = records[rows]
+        self._records = records if len(rows) == len(records) else records[rows]
         self._place = dict(zip(rows.tolist(), range(len(rows)), strict=True))
         self._made: dict[int, VelocitySolution] = {}
 
@@ -106,7 +117,7 @@ def compiled_rows(
     roots: Array,
     box: tuple[Array, Array],
     posture: Array | None,
-) -> Rows | None:
+) -> Written | None:
     """Many ticks, each without dt; None where all are Python's. Large batches go to several threads.
 
     Args:
@@ -121,22 +132,25 @@ def compiled_rows(
     policy, metric = law.compiled, _metric(law)
     if core is None or policy is None or m > core.MOST_JOINTS:
         return None
-    written = np.empty((n, m)), np.empty((n, 6)), np.zeros((n, core.TOLD)), np.empty((n, core.RECORD))
-
-    def part(rows: slice) -> None:
-        arrays = [J[rows], s[rows], roots[rows], box[0][rows], box[1][rows]]
-        wanted = None if posture is None else posture[rows]
-        core.ticks(*arrays, wanted, policy, metric, *[array[rows] for array in written])
-
+    ticks = core.ticks
+    written = Written(np.empty((n, m)), np.empty((n, 6)), np.zeros((n, core.TOLD)), np.empty((n, core.RECORD)))
     threads = min(n // ROWS_A_THREAD, cpu_count() or 1)
-    if threads <= 1:
-        part(slice(n))
-    else:
-        from concurrent.futures import ThreadPoolExecutor  # with the first large batch
+    at_a_time = n if threads <= 1 else ROWS_AT_A_TIME
+    parts = iter([slice(i, i + at_a_time) for i in range(0, n, at_a_time or 1)])
 
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(part, [slice(i, i + ROWS_AT_A_TIME) for i in range(0, n, ROWS_AT_A_TIME)]))
-    return Rows(*written)
+    def work() -> None:
+        for rows in parts:  # the next one for whichever thread asks
+            arrays = [J[rows], s[rows], roots[rows], box[0][rows], box[1][rows]]
+            wanted = None if posture is None else posture[rows]
+            ticks(*arrays, wanted, policy, metric, *[array[rows] for array in written])
+
+    helpers = [Thread(target=work) for _ in range(threads - 1)]
+    for helper in helpers:
+        helper.start()
+    work()
+    for helper in helpers:
+        helper.join()
+    return written
 
 
 def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:

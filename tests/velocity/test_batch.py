@@ -45,7 +45,7 @@ def rows(seed, m, *, achievable, slides=False):
     damping=st.sampled_from(sorted(DAMPINGS)),
     guard=st.booleans(),
     achievable=st.booleans(),
-    limits=st.sampled_from(["none", "shared", "each"]),
+    limits=st.sampled_from(["none", "shared", "each", "some"]),
     posture=st.booleans(),
     metric=st.booleans(),
     slides=st.booleans(),
@@ -65,12 +65,15 @@ def test_every_row_is_what_solve_velocity_says(
         "joint_metric": A @ A.T + np.eye(m) if metric else None,
     }
     reach = rng.uniform(0.5, 5.0, size=(COUNT, m))
+    if limits == "some":
+        reach[::2, -1] = np.inf
     boxes = {
         "none": [None] * COUNT,
         "shared": [iq.Bounds(-reach[0], reach[0])] * COUNT,
         "each": [iq.Bounds(-r, r) for r in reach],
+        "some": [iq.Bounds(-r, r) for r in reach],
     }[limits]
-    bounds = (-reach, reach) if limits == "each" else boxes[0]
+    bounds = (-reach, reach) if limits in ("each", "some") else boxes[0]
     points = rng.normal(size=(COUNT, 3))
     points = {"own": [None] * COUNT, "shared": [points[0]] * COUNT, "each": points}[point]
     named = {"own": None, "shared": points[0], "each": points}[point]
@@ -134,12 +137,29 @@ def test_a_row_is_damped_as_by_itself_whichever_joints_others_limit():
     J = np.matmul(U * (1.0, 1.0, 1.0, 1.0, 1.0, 5e-3), Vt)  # only arms without limits are damped here
     s, reach = rng.normal(size=(COUNT, 6)), np.full((COUNT, 6), 1e3)
     reach[2, 4] = np.inf
+    reach[[2, 5], 0] = 1e-3
     options = {"point": np.zeros(3), "length": 1.0}
     found = iq.solve_velocities(J, s, bounds=(-reach, reach), **options)
     for i in range(COUNT):
         one = iq.solve_velocity(J[i], s[i], bounds=(-reach[i], reach[i]), **options)
         np.testing.assert_allclose(found.velocity[i], one.velocity, rtol=0.0, atol=1e-9 * np.abs(one.velocity).max())
         assert (found.status[i], found.damping[i] > 0.0) == (one.status, i == 2)
+        assert found.active[i] == one.active == ((0,) if i in (2, 5) else ())
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+def test_several_threads_answer_as_one_does(monkeypatch):
+    from invariantqp.velocity import batch, compiled
+
+    rng = np.random.default_rng(5)
+    J, s, reach = rng.normal(size=(40, 6, 7)), rng.normal(size=(40, 6)), rng.uniform(0.1, 3.0, size=(40, 7))
+    one = iq.solve_velocities(J, s, bounds=(-reach, reach))
+    for name, value in {"ROWS_A_THREAD": 5, "ROWS_AT_A_TIME": 3, "cpu_count": lambda: 4}.items():
+        monkeypatch.setattr(compiled, name, value)
+    monkeypatch.setattr(batch, "solve", None)  # no row is left over
+    several = iq.solve_velocities(J, s, bounds=(-reach, reach))
+    assert one.velocity.tobytes() == several.velocity.tobytes()
+    assert [(a.method, a.reason, a.active) for a in one] == [(a.method, a.reason, a.active) for a in several]
 
 
 def test_a_bound_that_is_all_but_met_is_told_as_one_row_tells_it():
