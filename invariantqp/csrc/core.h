@@ -117,10 +117,12 @@ typedef struct {
     double effort, bend;
 } Reduction;
 
-/* share.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it */
+/* share.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it; the weakest
+   of several is not in `near` */
 typedef struct {
     double value;
     bool fast; /* the tool's speed does */
+    bool held_by[LIMITS];
     Row inside;
     Optimum near;
 } Share;

@@ -90,7 +90,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     solution->fast = share->fast;
     solution->limits = demand->limits;
     for (int i = 0; i < demand->m + demand->limits; i++) {
-        solution->held_by[i] = share->near.met && share->near.multipliers[i] != 0.0;
+        solution->held_by[i] = share->near.met && share->held_by[i];
         solution->multipliers[i] = found->met ? found->multipliers[i] : 0.0;
     }
 }

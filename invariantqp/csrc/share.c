@@ -106,9 +106,15 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
         return DONE;
     share->fast = slow.limit > 0.0 && tool_speed(&slow, n, found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE);
     share->value = value * given;
+    int held = 0, weakest = 0;
     for (int i = 0; i < last; i++) {
-        share->near.multipliers[i] = found.multipliers[i];
-        share->near.met = share->near.met || found.multipliers[i] != 0.0;
+        double pull = share->near.multipliers[i] = found.multipliers[i];
+        share->held_by[i] = pull != 0.0;
+        if (pull != 0.0 && (held++ == 0 || fabs(pull) < fabs(found.multipliers[weakest])))
+            weakest = i;
     }
+    share->near.met = held > 0;
+    if (held > 1)
+        share->near.multipliers[weakest] = 0.0;
     return DONE;
 }
