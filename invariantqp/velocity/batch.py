@@ -145,8 +145,9 @@ class _Batch(NamedTuple):
         written = compiled_rows(law, twists, s, roots, box, posture)
         if written is not None:
             return written
-        A, b = np.matmul(roots, twists), np.matmul(roots, s[:, :, None])[:, :, 0]
-        done, x = free_rows(law, A, b, box, posture)
+        with np.errstate(all="ignore"):  # rows that overflow are not done
+            A, b = np.matmul(roots, twists), np.matmul(roots, s[:, :, None])[:, :, 0]
+            done, x = free_rows(law, A, b, box, posture)
         told = np.tile([PLAIN, 0.0, 0.0, 1.0, 0.0, 0.0], (len(s), 1))
         own = law.metric is None and prismatic(twists, 1.0).any(axis=1)  # a metric of its own in each such row
         told[~done | own, 0] = LEFT
@@ -174,6 +175,8 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
     form = form_of(options.get("form"))
     points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
+    if points is not None:
+        arrays.not_too_far(points)
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
     first = measure_of(np.eye(6), np.zeros(6), form, None if points is not None else point, length)
     damping, metric = options.get("damping"), options.get("joint_metric")
@@ -211,7 +214,11 @@ def _stack(J: ArrayLike) -> Array:
     if a.ndim != 3 or a.shape[1] != 6 or a.shape[2] == 0:
         remedy = "One Jacobian is for solve_velocity." if a.ndim == 2 else ""
         raise BadInput("J", f"shape {a.shape}", expected, remedy)
-    return _finite(a, "J")
+    squares = np.einsum("nij,nij->n", a, a)
+    if not ((squares >= arrays.SMALLEST**2) & (squares <= arrays.LARGEST**2)).all():
+        for i, (row, square) in enumerate(zip(_finite(a, "J"), squares.tolist(), strict=True)):
+            arrays.usual_size(row, square, f" in row {i}")
+    return a
 
 
 def _rows(value: ArrayLike, shape: tuple[int, int], argument: str, expected: str) -> Array:

@@ -97,7 +97,7 @@ class TwistTask(Value):
         Raises:
             BadInput: NaN, shapes that do not fit, a weight that is not positive, something that is no form or point.
         """
-        twists, wanted, chosen = arrays.columns(J), arrays.not_too_fast(arrays.twist(twist)), form_of(form)
+        twists, wanted, chosen = arrays.joint_twists(J), arrays.not_too_fast(arrays.twist(twist)), form_of(form)
         measure = measure_of(twists, wanted, chosen, point, None)
         self.__attrs_init__(twists, wanted, chosen, _weight(weight), priority, measure.point, measure)
 

@@ -30,24 +30,32 @@ from invariantqp.velocity.solution import VelocitySolution, clipped, held
 from invariantqp.velocity.stages import answered
 from invariantqp.velocity.stationary import printed
 
+# Why a tick is held whose arithmetic overflows, or divides by what vanished.
+NO_NUMBERS = "the numbers are too large or too small to compute with"
+
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     """The joint velocity for a checked demand."""
     answer = None if core is None else compiled(law, demand)
     if answer is not None:
         return answer
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            answer = _answer(law, demand)
+    except SolverFailure as failure:
+        return held(demand, f"no velocity found: {failure}")
+    except (ArithmeticError, np.linalg.LinAlgError) as failure:
+        return held(demand, f"{NO_NUMBERS}: {failure}")
+    return answer if np.isfinite(answer.velocity).all() else held(demand, NO_NUMBERS)
+
+
+def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:
+    """By this package's own Python."""
     damping = law.damping
     if isinstance(damping, PaperLambda):
         return _as_printed(law, damping, demand)
     quick = _quick(law, demand, damping) if law.metric is None and not _is_convexified(law) else None
-    if quick is not None:
-        return quick
-    try:
-        return _general(law, demand, damping)
-    except SolverFailure as failure:
-        return held(demand, f"no velocity found: {failure}")
-    except np.linalg.LinAlgError as failure:
-        return held(demand, f"the numbers are too large or too small to compute with: {failure}")
+    return _general(law, demand, damping) if quick is None else quick
 
 
 def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution | None:

@@ -63,7 +63,7 @@ class Cvxpy:
         p["c"].value, p["A"].value = qp.c, C
         p["lower"].value, p["upper"].value = np.maximum(qp.lower, -FAR), np.minimum(qp.upper, FAR)
         p["J"].value, p["start"].value = J, start
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # what it thinks of the problem is in its status
             try:
                 problem.solve(solver="CLARABEL", warm_start=False, **TIGHT)
