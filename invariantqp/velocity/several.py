@@ -33,10 +33,10 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
-from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.polytope import named
 from invariantqp.velocity.qp.quadratic import Quadratic, weighted
-from invariantqp.velocity.solution import VelocitySolution, clipped, held
+from invariantqp.velocity.solution import VelocitySolution, clipped
+from invariantqp.velocity.solve import computed
 from invariantqp.velocity.stages import beside, given_way, slowed_rows, unkept
 
 if TYPE_CHECKING:
@@ -168,10 +168,8 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     law, demand = problem.law, problem.demand
     if isinstance(law.damping, PaperLambda):
         raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
-    try:
-        return _solved(levels, law, demand, law.damping)
-    except SolverFailure as failure:
-        return held(demand, f"no velocity found: {failure}")
+    damping = law.damping
+    return computed(demand, lambda: _solved(levels, law, demand, damping))
 
 
 def _joints(task: TwistTask | JointTask, i: int) -> int:

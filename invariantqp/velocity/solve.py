@@ -12,6 +12,7 @@ first two cases compute its optimum without limits, which is the optimum of the 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 
 import numpy as np
@@ -30,7 +31,6 @@ from invariantqp.velocity.solution import VelocitySolution, clipped, held
 from invariantqp.velocity.stages import answered
 from invariantqp.velocity.stationary import printed
 
-# Why a tick is held whose arithmetic overflows, or divides by what vanished.
 NO_NUMBERS = "the numbers are too large or too small to compute with"
 
 
@@ -39,14 +39,19 @@ def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     answer = None if core is None else compiled(law, demand)
     if answer is not None:
         return answer
+    return computed(demand, lambda: _answer(law, demand))
+
+
+def computed(demand: Demand, answer: Callable[[], VelocitySolution]) -> VelocitySolution:
+    """An answer that is a number; status "held" where none is found, or the arithmetic overflows or divides by zero."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            answer = _answer(law, demand)
+            found = answer()
     except SolverFailure as failure:
         return held(demand, f"no velocity found: {failure}")
     except (ArithmeticError, np.linalg.LinAlgError) as failure:
         return held(demand, f"{NO_NUMBERS}: {failure}")
-    return answer if np.isfinite(answer.velocity).all() else held(demand, NO_NUMBERS)
+    return found if np.isfinite(found.velocity).all() else held(demand, NO_NUMBERS)
 
 
 def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:

@@ -25,7 +25,7 @@ from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.limits.conflicts import relaxed, slowed
 from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Left, Posed, limits_of
-from invariantqp.velocity.qp.backends import Backend, SolverFailure
+from invariantqp.velocity.qp.backends import Backend
 from invariantqp.velocity.qp.polytope import Polytope, named
 from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
 from invariantqp.velocity.share import Share, share_of
@@ -108,8 +108,6 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     objective = problem.objective(1.0)
     guard = None if problem.attempt is problem.wanted else law.guard
     y = problem.left(1.0).joint(objective.centre())
-    if not np.isfinite(y).all():
-        raise SolverFailure("the closed form", "it overflowed: the input is too large")
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         first = Answer(y, 1.0, objective, None, 0.0, (), "", "")

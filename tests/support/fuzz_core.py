@@ -15,6 +15,8 @@ ALIKE = 250
 BAD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-320, 1e-200, 1e200, 1e308, 1.0)
 # Rounding of a row or a speed, relative to its own size and that of the velocity.
 ROUNDING = 1e-9
+# A joint velocity that is zero to rounding twice over, of ones about 1.
+STILL = 1e-20
 
 
 def changed(rng, array, size):
@@ -56,7 +58,7 @@ def fuzz(ticks, seed=0):
                 wrong.append(f"outside the box: {law} {tick}")
             rows, cone = tick.rows, tick.cone
             if rows is not None:
-                size = np.linalg.norm(rows.C, axis=1) * np.linalg.norm(x)
+                size = np.linalg.norm(rows.C, axis=1) * max(np.linalg.norm(x), STILL)
                 if (np.abs(rows.excess(x)) > ROUNDING * size).any():
                     wrong.append(f"outside the rows by {rows.excess(x)}: {law} {tick}")
             rounding = 0.0 if cone is None else ROUNDING * (cone.limit + np.linalg.norm(cone.J) * np.linalg.norm(x))

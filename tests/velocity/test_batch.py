@@ -201,6 +201,10 @@ def test_lists_one_twist_for_all_and_no_rows_at_all():
     [
         ({"J": np.ones((6, 7))}, r"J: found shape \(6, 7\); expected shape \(N, 6, m\).*solve_velocity"),
         ({"J": np.full((COUNT, 6, 7), np.nan)}, "J: found NaN or infinity in row 0"),
+        (
+            {"J": np.ones((COUNT, 6, 7)) * np.r_[np.ones(COUNT - 1), 1e40][:, None, None]},
+            f"of 1e\\+40 in row {COUNT - 1};",
+        ),
         ({"twist": np.ones((3, 6))}, r"twist: found shape \(3, 6\)"),
         ({"twist": np.r_[np.ones((COUNT - 1, 6)), np.full((1, 6), np.inf)]}, f"twist: .* in row {COUNT - 1}"),
         ({"bounds": iq.Bounds([-1.0], [1.0])}, "bounds: found 1 limits; expected 7"),

@@ -344,3 +344,51 @@ def test_a_twist_beyond_any_speed_is_refused_before_its_rounding_decides():
         stack = J[None] if function is iq.solve_velocities else J
         with pytest.raises(iq.BadInput, match=r"found an entry of size 1e\+22; expected entries up to 1e\+12"):
             function(stack, 1e22 * s)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e-40, 1e40, 1e200])
+def test_joint_twists_and_lengths_of_sizes_whose_powers_are_no_numbers_are_refused(size):
+    for function in (iq.solve_velocity, iq.solve_velocities, iq.velocity.TwistTask):
+        stack = J6[None] if function is iq.solve_velocities else J6
+        with pytest.raises(
+            iq.BadInput, match=r"J: found a largest entry of .*; expected a largest entry from 1e-30 to"
+        ):
+            function(size * stack, ONE)
+        assert function(0.0 * stack, ONE) is not None
+        if size > 1.0:
+            with pytest.raises(iq.BadInput, match=r"point: found an entry of size .*; expected entries up to 1e\+30"):
+                function(stack, ONE, point=[size, 0.0, 0.0])
+        if function is not iq.velocity.TwistTask:
+            with pytest.raises(iq.BadInput, match=r"length: found .*; expected a length from 1e-30 to"):
+                function(stack, ONE, length=size)
+
+
+@pytest.mark.parametrize("size", [1e-320, 1e-200, 1e-100, 1e-30, 1e30, 1e100, 1e200, 1e300])
+def test_a_tick_that_cannot_be_computed_is_held_and_never_a_warning_nor_another_exception(size):
+    ones, bounds = np.ones(6), iq.Bounds(-ONE, ONE)
+    options = (
+        {"posture": size * ones},
+        {"posture": size * ones, "bounds": bounds},
+        {"exact": iq.ExactRows(np.eye(6)[:2], size * np.ones(2)), "bounds": bounds},
+        {"exact": iq.ExactRows(size * np.eye(6)[:2], np.ones(2)), "bounds": bounds},
+        {"rows": iq.limits.LimitRows(size * np.ones((1, 6)), [-0.1], [0.1]), "bounds": bounds},
+        {"tool_speed": iq.limits.ToolSpeed(0.1, size * np.ones(3)), "bounds": bounds},
+        {"joint_metric": size * ones, "bounds": bounds},
+        {"damping": size, "bounds": bounds},
+        {"damping": iq.velocity.Selective(size), "bounds": bounds},
+    )
+    held = 0
+    for some in options:
+        for solution in (
+            iq.solve_velocity(J6, ONE, **some),
+            iq.solve_velocities(J6[None], ONE, **some)[0]
+            if not some.keys() & {"exact", "rows", "tool_speed"}
+            else None,
+            iq.velocity.solve_tasks([iq.velocity.TwistTask(J6, ONE)], **some) if "posture" not in some else None,
+        ):
+            if solution is None:
+                continue
+            assert np.isfinite(solution.velocity).all()
+            assert "bounds" not in some or (np.abs(solution.velocity) <= 1.0).all()
+            held += "too large or too small" in solution.reason
+    assert (held > 0) == (size in (1e-320, 1e-200, 1e200, 1e300))
