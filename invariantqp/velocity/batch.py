@@ -178,7 +178,8 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     if points is not None:
         arrays.not_too_far(points)
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
-    first = measure_of(np.eye(6), np.zeros(6), form, None if points is not None else point, length)
+    where = point if isinstance(point, str) else np.zeros(3)
+    first = measure_of(np.eye(6), np.zeros(6), form, where, 1.0 if length is None else length)
     damping, metric = options.get("damping"), options.get("joint_metric")
     law = VelocityLaw(
         form=first.form,

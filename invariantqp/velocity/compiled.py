@@ -21,8 +21,8 @@ from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
 from invariantqp.velocity.solution import VelocitySolution
 
-# Rows below which a thread is not worth its start, and how many it takes at a time: a slow one then takes fewer.
-ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 256
+# Rows below which a thread is not worth its start, and the least that one takes at a time.
+ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 32
 # What the core calls by number: methods, statuses, and rows that are Python's, a closed form and no more, or recorded.
 METHODS = np.array(["closed-form", "damped", "qp"], dtype="U11")
 STATUSES = np.array(["ok", "scaled", "guarded", "degraded"], dtype="U8")
@@ -134,9 +134,8 @@ def compiled_rows(
         return None
     ticks = core.ticks
     written = Written(np.empty((n, m)), np.empty((n, 6)), np.zeros((n, core.TOLD)), np.empty((n, core.RECORD)))
-    threads = min(n // ROWS_A_THREAD, cpu_count() or 1)
-    at_a_time = n if threads <= 1 else ROWS_AT_A_TIME
-    parts = iter([slice(i, i + at_a_time) for i in range(0, n, at_a_time or 1)])
+    threads = max(1, min(n // ROWS_A_THREAD, cpu_count() or 1))
+    parts = iter(_parts(n, threads))
 
     def work() -> None:
         for rows in parts:  # the next one for whichever thread asks
@@ -151,6 +150,18 @@ def compiled_rows(
     for helper in helpers:
         helper.join()
     return written
+
+
+def _parts(n: int, threads: int) -> list[slice]:
+    """n rows in parts that become smaller, so that all threads end together: half of an even share of what is left."""
+    if threads == 1:
+        return [slice(n)]
+    parts, begin = [], 0
+    while begin < n:
+        end = begin + max((n - begin) // (2 * threads), ROWS_AT_A_TIME)
+        parts.append(slice(begin, end))
+        begin = end
+    return parts
 
 
 def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:

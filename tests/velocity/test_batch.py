@@ -154,7 +154,7 @@ def test_several_threads_answer_as_one_does(monkeypatch):
     rng = np.random.default_rng(5)
     J, s, reach = rng.normal(size=(40, 6, 7)), rng.normal(size=(40, 6)), rng.uniform(0.1, 3.0, size=(40, 7))
     one = iq.solve_velocities(J, s, bounds=(-reach, reach))
-    for name, value in {"ROWS_A_THREAD": 5, "ROWS_AT_A_TIME": 3, "cpu_count": lambda: 4}.items():
+    for name, value in {"ROWS_A_THREAD": 5, "ROWS_AT_A_TIME": 2, "cpu_count": lambda: 4}.items():
         monkeypatch.setattr(compiled, name, value)
     monkeypatch.setattr(batch, "solve", None)  # no row is left over
     several = iq.solve_velocities(J, s, bounds=(-reach, reach))
