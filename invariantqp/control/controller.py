@@ -27,7 +27,7 @@ from invariantqp.control.observed import Observed, at_rest
 from invariantqp.control.posture import joint_gains, posture_gain
 from invariantqp.control.tracking import tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.geometry import arrays
+from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
@@ -237,7 +237,7 @@ class Controller:
             answer, more = found
             return self.told(answer, q) if more else answer
         positions = arrays.vector(q, len(self._middle), "q")
-        s = arrays.not_too_fast(arrays.twist(twist))
+        s = sizes.not_too_fast(arrays.twist(twist))
         if rows is not None:
             require_rows(rows, len(self._middle))
         where = None if at is None else arrays.vector(at, 3, "at")

@@ -40,7 +40,7 @@ const Constant CONSTANTS[] = {
     ONE("control.convergence", MEMORY),
     ONE("control.convergence", KEPT_SHARE),
     ONE("control.convergence", FAST_SHARE),
-    ONE("geometry.arrays", LARGEST_SPEED),
+    ONE("geometry.sizes", LARGEST_SPEED),
     ONE("velocity.problem", SLIDING),
     ONE("control.approach", HALF_TURN),
     ONE("velocity.limits.braking", STRAIN_TOLERANCE),

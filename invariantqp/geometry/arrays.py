@@ -22,13 +22,6 @@ Result = TypeVar("Result")
 FLOAT64 = np.dtype(np.float64)
 # The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
 REAL_KINDS = "iufO"
-# Of a twist that is wanted of joints. Beside velocity limits of 0.1 to 10, rounding of the twist costs 1e-11 of them at
-# this size on random joints, 1e-7 at 1e16, and all of them at 1e23.
-LARGEST_SPEED = 1e12
-# Of joint twists and lengths: their sixth powers, and one over them, have to be numbers that a computer has. A metre is
-# 1e-16 light-years and 1e10 atoms.
-SMALLEST, LARGEST = 1e-30, 1e30
-REMEDY = "Choose another unit of length."
 # Of every homogeneous matrix of a rigid motion.
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
@@ -99,30 +92,6 @@ def twist(value: ArrayLike, argument: str = "twist") -> Array:
     return vector(value, 6, argument)
 
 
-def not_too_fast(twists: Array) -> Array:
-    """Finite wanted twists (..., 6), no entry above `LARGEST_SPEED`."""
-    largest = float(np.abs(twists).max(initial=0.0))
-    if largest > LARGEST_SPEED:
-        raise BadInput("twist", f"an entry of size {largest:.3g}", f"entries up to {LARGEST_SPEED:g}", "Scale it down.")
-    return twists
-
-
-def not_too_far(points: Array) -> Array:
-    """Finite points (..., 3), no entry above `LARGEST`."""
-    largest = float(np.abs(points).max(initial=0.0))
-    if largest > LARGEST:
-        raise BadInput("point", f"an entry of size {largest:.3g}", f"entries up to {LARGEST:g}", REMEDY)
-    return points
-
-
-def usual_length(value: float) -> float:
-    """A length from `SMALLEST` to `LARGEST`."""
-    length = number(value, "length", "a length", positive=True)
-    if not SMALLEST <= length <= LARGEST:
-        raise BadInput("length", f"{length:.3g}", f"a length from {SMALLEST:g} to {LARGEST:g}", REMEDY)
-    return length
-
-
 def columns(value: ArrayLike, argument: str = "J") -> Array:
     """Finite (6, k) columns, k >= 1: twists (a Jacobian, a screw system) or wrenches. A (6,) vector is one column."""
     expected = "six rows, angular part first, one column a twist: shape (6, k), k >= 1"
@@ -133,20 +102,6 @@ def columns(value: ArrayLike, argument: str = "J") -> Array:
         remedy = "Transpose it." if a.ndim == 2 and a.shape[1] == 6 else ""
         raise BadInput(argument, f"shape {a.shape}", expected, remedy)
     return _finite(a, argument, expected)
-
-
-def joint_twists(value: ArrayLike) -> Array:
-    """Finite (6, m) joint twists as `columns`, of a size that can be computed with."""
-    J = columns(value)
-    usual_size(J, float(np.vdot(J, J)))
-    return J
-
-
-def usual_size(J: Array, square: float, where: str = "") -> None:
-    """Check |J|^2, the sum of squares of joint twists (..., 6, m); zero is one more usual size."""
-    if not SMALLEST**2 <= square <= LARGEST**2 and J.any():
-        expected = f"a largest entry from {SMALLEST:g} to {LARGEST:g}, or all zero"
-        raise BadInput("J", f"a largest entry of {np.abs(J).max():.3g}{where}", expected, REMEDY)
 
 
 def system(value: ArrayLike, argument: str) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput
-from invariantqp.geometry import arrays
+from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.compiled import LEFT, PLAIN, Rows, Written, compiled_rows
 from invariantqp.velocity.damping import damping_of
@@ -169,14 +169,14 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
             raise BadInput(name, "given for a batch", "None", "Solve these rows one by one with solve_velocity.")
     twists = _stack(J)
     n, _, m = twists.shape
-    s = arrays.not_too_fast(_rows(twist, (n, 6), "twist", "one twist a Jacobian"))
+    s = sizes.not_too_fast(_rows(twist, (n, 6), "twist", "one twist a Jacobian"))
     box = _box(options.get("bounds"), n, m)
     posture, point, length = options.get("posture"), options.get("point"), options.get("length")
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
     form = form_of(options.get("form"))
     points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
     if points is not None:
-        arrays.not_too_far(points)
+        sizes.not_too_far(points)
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
     where = point if isinstance(point, str) else np.zeros(3)
     first = measure_of(np.eye(6), np.zeros(6), form, where, 1.0 if length is None else length)
@@ -215,11 +215,7 @@ def _stack(J: ArrayLike) -> Array:
     if a.ndim != 3 or a.shape[1] != 6 or a.shape[2] == 0:
         remedy = "One Jacobian is for solve_velocity." if a.ndim == 2 else ""
         raise BadInput("J", f"shape {a.shape}", expected, remedy)
-    squares = np.einsum("nij,nij->n", a, a)
-    if not ((squares >= arrays.SMALLEST**2) & (squares <= arrays.LARGEST**2)).all():
-        for i, (row, square) in enumerate(zip(_finite(a, "J"), squares.tolist(), strict=True)):
-            arrays.usual_size(row, square, f" in row {i}")
-    return a
+    return sizes.usual_rows(_finite(a, "J"))
 
 
 def _rows(value: ArrayLike, shape: tuple[int, int], argument: str, expected: str) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.geometry import arrays
+from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
@@ -115,7 +115,7 @@ class VelocityProblem:
             BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
             UnknownName: no such back end.
         """
-        twists, s = arrays.joint_twists(J), arrays.not_too_fast(arrays.twist(twist))
+        twists, s = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist))
         m = twists.shape[1]
         box = bounds_of(bounds, m)
         lower, upper = np.asarray(box.lower), np.asarray(box.upper)
@@ -160,8 +160,8 @@ def measure_of(
     if isinstance(point, str) and point != "own":
         raise BadInput("point", excerpt(point), '"own" or (3,) in the frame of J')
     named = point is not None and not isinstance(point, str)
-    p = arrays.not_too_far(arrays.vector(point, 3, "point")) if named else own_point(J, s)  # type: ignore[arg-type]
-    L = length_at(J, p, s) if length is None else arrays.usual_length(length)
+    p = sizes.not_too_far(arrays.vector(point, 3, "point")) if named else own_point(J, s)  # type: ignore[arg-type]
+    L = length_at(J, p, s) if length is None else sizes.usual_length(length)
     if isinstance(form, CarriedMetric):
         return Measure(form.root(), p, L, None)
     return Measure(root_at(p, L), p, L, form)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.geometry import arrays
+from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.span import rank_of
@@ -97,7 +97,7 @@ class TwistTask(Value):
         Raises:
             BadInput: NaN, shapes that do not fit, a weight that is not positive, something that is no form or point.
         """
-        twists, wanted, chosen = arrays.joint_twists(J), arrays.not_too_fast(arrays.twist(twist)), form_of(form)
+        twists, wanted, chosen = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist)), form_of(form)
         measure = measure_of(twists, wanted, chosen, point, None)
         self.__attrs_init__(twists, wanted, chosen, _weight(weight), priority, measure.point, measure)
 
