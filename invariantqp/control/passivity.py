@@ -105,14 +105,16 @@ class LinkEnd:
         if not held:
             self._told = told
         passed, met = (v, w) if self.passes == "twist" else (w, v)
-        # What was passed on was held for a tick; what it met has changed meanwhile.
-        energy = float(self._passed.dot(self._met + met)) / 2.0 * self.dt
+        # What was passed on met this at the end of its tick: all of a damper's force, the most of a spring's.
+        energy = float(self._passed.dot(met)) * self.dt
+        if self.passes == "twist" and self._passed.any():  # a tool at rest feels no damper and no friction
+            self._met = met
         self.went_out += max(0.0, energy)
         self.came_in += max(0.0, -energy)
         left = self._told + self.store - self.went_out
-        wanted = float(v.dot(w)) * self.dt
+        wanted = max(float(v.dot(w)), float(passed.dot(self._met))) * self.dt
         share = 0.0 if held else min(1.0, max(0.0, left) / wanted) if wanted > 0.0 else 1.0
-        self._passed, self._met = share * passed, met
+        self._passed = share * passed
         if held:
             return LinkTick(np.zeros(6), share, "held", held, left)
         if share == 1.0:

@@ -85,7 +85,7 @@ def test_free_motion_and_what_comes_in_cost_nothing():
     assert end.step(UP, np.zeros(6), 0.0).status == "ok"
     end.step(UP, -UP, 0.0)  # pushed along by the world
     assert end.step(UP, -UP, 0.0).share == 1.0
-    assert end.came_in == pytest.approx(1.5 * DT)
+    assert end.came_in == pytest.approx(2.0 * DT)  # each tick what is met at its end
     assert end.step(UP, UP, 0.0).share == 0.0
     assert end.step(UP, UP, 1.0).share == 1.0  # the operator has worked for it
 
@@ -101,3 +101,29 @@ def test_a_packet_too_old_or_from_the_future_is_not_believed():
     assert end.step(UP, UP, 1.0, age=0.1).share == 1.0
     with pytest.raises(iq.BadInput, match="age"):
         end.step(UP, UP, 1.0, np.nan)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_springs_and_dampers_get_no_more_than_came_in_by_an_exact_integral(seed):
+    """In six dimensions, 100 ms away from a hand of 0.3 kg on a spring and a damper."""
+    random, size = np.random.default_rng(seed), np.array([0.01] * 3 + [1.0] * 3)
+    K, D = size * 10.0 ** random.uniform(0.0, 3.0, 6), size * random.uniform(0.0, 3.0, 6)
+    swing, beat = random.normal(size=6) * ([0.1] * 3 + [0.03] * 3), random.uniform(1.0, 10.0, 6)
+    robot, device = (iq.control.LinkEnd(dt=DT, passes=what, store=STORE) for what in ("twist", "wrench"))
+    there, back = (deque([(np.zeros(6), 0.0)] * LATE, maxlen=LATE) for _ in range(2))
+    tool, hand, speed, twist, out = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6), []
+    for k in range(750):
+        (felt, told_by_robot), (asked, told_by_hand) = back[0], there[0]
+        there.append((speed, device.came_in))
+        back.append((-(K * tool + D * twist), robot.came_in))
+        twist = robot.step(asked, K * tool + D * twist, told_by_hand).passed
+        out.append(DT * twist @ (K * (tool + DT / 2.0 * twist) + D * twist))
+        tool = tool + DT * twist
+        felt = device.step(speed, felt, told_by_robot).passed
+        before = speed
+        wanted = swing * np.sin(beat * DT * k)
+        speed = speed + DT / 0.3 * (felt / size + 60.0 * (wanted - hand) - 5.0 * speed)
+        hand = hand + DT * speed
+        out.append(DT * felt @ (before + speed) / 2.0)
+    assert np.sum(np.abs(out)) > 0.02  # something is moved
+    assert np.cumsum(out).max() < 2.0 * STORE + 2.0 * max(out)
