@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from copy import deepcopy
-from math import hypot, inf, pi, sqrt
+from math import hypot, inf, pi
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from invariantqp.force.agreement import answer_of
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.normal import NormalEstimate
 from invariantqp.force.place import load_at, way_out, weakest
-from invariantqp.force.push import force_rows, gains_of, push
+from invariantqp.force.push import force_rows, gains_of, pressed_by, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
@@ -218,7 +218,12 @@ class HybridController:
             error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
         )
         unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
-        doubts = self._normal.trouble(), regulation.mistold(self.task.stiffness), unsettled
+        doubts = (
+            pressed_by(self.task, split, contact, tool, sighting.J, motion),
+            self._normal.trouble(),
+            regulation.mistold(self.task.stiffness),
+            unsettled,
+        )
         status, reason = answer.with_others(doubts, inner.status, inner.reason)
         return HybridSolution(
             velocity=inner.velocity,
@@ -256,7 +261,8 @@ class HybridController:
         way, answer = self._ways[0], answer_of(self.task.stiffness, self._regulation.shown)
         along = -out.dot(way)
         moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
-        return Felt(reading, press, *load, sqrt(missing[3:].dot(missing[3:])), most, noise, moved, answer)
+        lacks = max(size / most for size, most in zip(load_at(missing, contact.point, grip), most, strict=True))
+        return Felt(reading, press, *load, lacks, most, noise, moved, answer)
 
     def _regulated(self, felt: Felt, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""

@@ -6,19 +6,27 @@ in the air      along the wanted wrench, so slowly that the touch is gentle, wha
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.errors import written
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import speed_at, way_out
 from invariantqp.force.regulation import USUAL, Regulation
 from invariantqp.force.split import Split
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.measure import root_at
+
+# Few joints are told that they cannot follow a contact where more than this share of the motion presses on it, and the
+# motion is faster than this share of the approach speed: slower ones are corrections.
+PRESSED = 1e-3
+SLOW_SHARE = 0.1
 
 
 class Gains(NamedTuple):
@@ -122,3 +130,33 @@ def force_rows(contact: Contact, J: Array, force: Array) -> ExactRows | None:
     if n == 0 or (m < 6 and n > m - 2):
         return None
     return ExactRows(W.T.dot(J), W.T.dot(force))
+
+
+def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J: Array, motion: Array) -> str:
+    """What fewer than six joints make of a motion along the contact, in words, "" where they can do it.
+
+    Args:
+        task: its grip and size.
+        split: of the contact.
+        contact: in the base frame.
+        tool: (4, 4) pose.
+        J: (6, m) joint twists.
+        motion: (6,) twist along S.
+    """
+    n, m = contact.constraints.shape[1], J.shape[1]
+    if m >= 6 or n <= m - 2:  # as `force_rows` has it
+        return ""
+    root = root_at(tool[:3, :3].dot(task.grip) + tool[:3, 3], task.size)
+    asked = root.dot(motion)
+    speed = sqrt(asked.dot(asked))
+    if speed < SLOW_SHARE * task.approach_speed:
+        return ""
+    R = root.dot(J)
+    off = J.dot(np.linalg.lstsq(R, asked, rcond=None)[0]) - motion
+    A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
+    rest = root.dot(off - A.dot(split.projectors.motion.dot(B.T.dot(off))))
+    share = sqrt(rest.dot(rest)) / speed
+    if share < PRESSED:
+        return ""
+    part = f"{written(100.0 * share, 2)} % of the motion presses"
+    return f"{m} joints cannot move the tool along this {contact.name}: {part}"

@@ -1,8 +1,8 @@
 """Whether the press settles: contact lost again and again, or a press that is not reached, are told.
 
 chatters     CHATTER losses within a second, each after a press too high: a surface that is left slowly is no chatter
-not reached  the press is off by more than MISSED of the wanted one for longer than PATIENCE while it touches; the force
-             on a contact that cannot be lost, by more than MISSED of what would be an overload
+not reached  the press is off by more than MISSED of the wanted one for longer than PATIENCE while it touches; force or
+             moment on a contact that cannot be lost, by more than MISSED of what would be an overload
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Settling(NamedTuple):
     Attributes:
         losses: how long ago each recent loss was [s].
         highest: the largest press since the touch [force]; None in the air.
-        press: averaged [force]; None in the air.
+        press: averaged [force], or what is missing as a share of an overload; None in the air.
         missed: for how long it has been off [s].
     """
 
@@ -49,10 +49,10 @@ class Settling(NamedTuple):
         off = abs(press - wanted) > MISSED * wanted > 0.0
         return Settling(losses, highest, press, self.missed + dt if off else 0.0)
 
-    def after_missing(self, missing: float, most: float, dt: float) -> Settling:
-        """The same where contact cannot be lost: a force error and what is an overload [force]."""
+    def after_missing(self, missing: float, dt: float) -> Settling:
+        """The same where contact cannot be lost: what is missing of force or moment, as a share of an overload."""
         error = missing if self.press is None else self.press + min(1.0, dt / AVERAGED) * (missing - self.press)
-        return Settling(press=error, missed=self.missed + dt if error > MISSED * most else 0.0)
+        return Settling(press=error, missed=self.missed + dt if error > MISSED else 0.0)
 
     @property
     def chatters(self) -> bool:
@@ -72,6 +72,8 @@ class Settling(NamedTuple):
                 f"{written(1e3 * late, 2)} ms of tick, filter and delay; tell delay= and stiffness=, or less compliance"
             )
         if self.missed > PATIENCE and self.press is not None:
-            off = f"{written(self.press, 3)} " + ("N off" if wanted is None else f"of {written(wanted, 3)} N")
-            return f"the force is not reached: {off} for {written(self.missed, 2)} s"
+            long = f"for {written(self.missed, 2)} s"
+            if wanted is None:
+                return f"force or moment is not reached: {written(100.0 * self.press, 2)} % of an overload off {long}"
+            return f"the force is not reached: {written(self.press, 3)} of {written(wanted, 3)} N {long}"
         return ""

@@ -34,7 +34,7 @@ class Felt(NamedTuple):
         reading: (6,) as it came.
         press: felt and wanted [force]; None where the contact cannot be lost.
         force, moment: about the place of contact.
-        missing: size of the force that is missing from the wanted one, smoothed [force].
+        missing: from the wanted wrench, smoothed, its force or its moment, as a share of an overload.
         most: force and moment that are an overload.
         noise: standard deviation of a force component [force].
         way: (4,) of the last motion whose effect is felt, along the press and across it (3) [length].
@@ -97,7 +97,7 @@ class Watch(NamedTuple):
         touch = self.touch.after(press, limit, felt.noise, dt)
         settling = self.settling.after(press, wanted, touch.touching, dt) if limit > 0.0 else self.settling
         if felt.press is None:
-            settling = self.settling.after_missing(felt.missing, felt.most[0], dt)
+            settling = self.settling.after_missing(felt.missing, dt)
         watch = self._replace(touch=touch, health=health, settling=settling)
         fault = health.fault
         if wanted > 0.0 and limit > 0.0:
