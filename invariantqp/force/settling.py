@@ -1,7 +1,7 @@
 """Whether the press settles: contact lost again and again, or a press that is not reached, are told.
 
 chatters     CHATTER losses within a second, each after a press too high: a surface that is left slowly is no chatter
-not reached  the press is off by more than MISSED of the wanted one for longer than PATIENCE while it touches; force or
+not reached  the press is off by more than MISSED of the wanted one for longer than PATIENCE before it is lost; force or
              moment on a contact that cannot be lost, by more than MISSED of what would be an overload
 """
 
@@ -29,7 +29,7 @@ class Settling(NamedTuple):
     Attributes:
         losses: how long ago each recent loss was [s].
         highest: the largest press since the touch [force]; None in the air.
-        press: averaged [force], or what is missing as a share of an overload; None in the air.
+        press: averaged [force], or what is missing as a share of an overload; None where contact is lost.
         missed: for how long it has been off [s].
     """
 
@@ -38,16 +38,26 @@ class Settling(NamedTuple):
     press: float | None = None
     missed: float = 0.0
 
-    def after(self, felt: float, wanted: float, touching: bool, dt: float) -> Settling:
-        """What is remembered after one more tick; presses in [force]."""
-        losses = tuple(age + dt for age in self.losses if age + dt < MEMORY)
-        if not touching:
-            chatter = self.highest is not None and self.highest > OVERSHOT * wanted
-            return Settling((0.0, *losses) if chatter else losses)
-        highest = felt if self.highest is None else max(self.highest, felt)
-        press = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
-        off = abs(press - wanted) > MISSED * wanted > 0.0
-        return Settling(losses, highest, press, self.missed + dt if off else 0.0)
+    def after(self, press: tuple[float, float], dt: float, *, touching: bool, lost: bool) -> Settling:
+        """What is remembered after one more tick.
+
+        Args:
+            press: felt and wanted [force].
+            dt: tick [s].
+            touching: whether there is contact.
+            lost: whether that is told as lost; a shorter time in the air is a press that is not reached.
+        """
+        felt, wanted = press
+        losses, highest = tuple(age + dt for age in self.losses if age + dt < MEMORY), None
+        if touching:
+            highest = felt if self.highest is None else max(self.highest, felt)
+        elif self.highest is not None and self.highest > OVERSHOT * wanted:
+            losses = (0.0, *losses)
+        if lost:
+            return Settling(losses)
+        mean = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
+        off = abs(mean - wanted) > MISSED * wanted > 0.0
+        return Settling(losses, highest, mean, self.missed + dt if off else 0.0)
 
     def after_missing(self, missing: float, dt: float) -> Settling:
         """The same where contact cannot be lost: what is missing of force or moment, as a share of an overload."""

@@ -95,7 +95,9 @@ class Watch(NamedTuple):
         limit = 0.0 if felt.press is None else loss_limit(task.lost_below, wanted, felt.noise)
         health = self.health.after(felt.reading, felt.press, limit, felt.noise, dt)
         touch = self.touch.after(press, limit, felt.noise, dt)
-        settling = self.settling.after(press, wanted, touch.touching, dt) if limit > 0.0 else self.settling
+        lost, settling = not touch.touching and touch.airborne > task.lost_after, self.settling
+        if limit > 0.0:
+            settling = settling.after((press, wanted), dt, touching=touch.touching, lost=lost)
         if felt.press is None:
             settling = self.settling.after_missing(felt.missing, dt)
         watch = self._replace(touch=touch, health=health, settling=settling)

@@ -160,8 +160,29 @@ def test_chatter_and_a_force_not_reached_are_told():
 def test_a_press_that_slowly_leaves_is_no_chatter():
     settling = Settling()
     for k in range(600):
-        settling = settling.after(max(0.0, 5.0 - 0.05 * (k % 100)), 5.0, k % 100 < 95, 0.01)
+        press, touching = max(0.0, 5.0 - 0.05 * (k % 100)), k % 100 < 95
+        settling = settling.after((press, 5.0), 0.01, touching=touching, lost=not touching)
     assert settling.losses == ()
+
+
+def test_a_tool_that_only_taps_is_told_that_the_force_is_not_reached():
+    """It is felt with 1.2 N of 2 for 40 ms, and not for 40 ms: that is no loss."""
+    arm, random = gantry(), np.random.default_rng(0)
+    loop = iq.HybridController(
+        arm,
+        pen(2.0, yields=np.inf, approach_distance=np.inf),
+        dt=0.004,
+        sensor=iq.WrenchSensor(np.eye(4), order="moment first", reads="action", noise=0.1),
+    )
+    q, said = np.zeros(6), []
+    for k in range(1000):
+        felt = (1.2 if k % 20 < 10 else 0.0) + random.normal(0.0, 0.1)
+        solution = loop.step(q, arm.pose(q), [0.0, 0.0, 0.0, 0.0, 0.0, -felt])
+        said.append((solution.status, solution.reason))
+        q = q + 0.004 * solution.velocity
+    assert {status for status, _ in said[20:200]} == {"ok"}
+    assert {status for status, _ in said[350:]} == {"degraded"}
+    assert all("the force is not reached: 0." in why for _, why in said[350:])
 
 
 @pytest.mark.parametrize("sliding", [0.0, 5.0])
