@@ -70,6 +70,7 @@ def compiled_loop(
     numbers += [-1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit, braking is not None]
     kind = 0 if carried is None else 2 if carried.follows_tool else 1
     numbers += [len(wanted), len(rows[0]), law.metric is not None, 0, kind]
+    numbers += [box.dt, 0.0 if braking is None else braking.delay]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
     point = np.zeros(3) if measure.point is None else measure.point

@@ -146,7 +146,7 @@ class Controller:
         )
         self.posture_gain: float = posture_gain(posture, m)
         self._pull = joint_gains(robot, self.posture_gain)
-        self._limits = loop_limits(robot, self.dt, acceleration_limit, position_margin, tool_speed, rows, limits)
+        self._limits = loop_limits(robot, self.dt, delay, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
         self.kept: Array = Memory(np.zeros(m), None, Convergence()).numbers  # from tick to tick

@@ -44,14 +44,15 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Row
 {
     double dt = loop->dt;
     for (int j = 0; j < (int)loop->joints; j++) {
-        double ahead = loop->position_upper[j] - q[j], behind = q[j] - loop->position_lower[j];
+        double there = q[j] + loop->delay * before[j];
+        double ahead = loop->position_upper[j] - there, behind = there - loop->position_lower[j];
         double fastest = loop->fastest[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
         one_way(ahead, behind, before[j], loop->acceleration[j], dt, &least, &most);
         one_way(behind, ahead, -before[j], loop->acceleration[j], dt, &least_back, &most_back);
         lower[j] = fmin(fmax(fmax(least, -most_back), -fastest), fastest);
         upper[j] = fmax(fmin(fmax(fmin(most, -least_back), -fastest), fastest), lower[j]);
         double allowance = STRAIN_TOLERANCE * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
-        if (!(fmax(lower[j] - before[j], before[j] - upper[j]) - step <= allowance) || !(fmax(-ahead, -behind) <= OUTSIDE))
+        if (!(fmax(lower[j] - before[j], before[j] - upper[j]) - step <= allowance) || !(fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) <= OUTSIDE))
             return HAND_BACK;
     }
     return DONE;

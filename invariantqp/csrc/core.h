@@ -159,12 +159,13 @@ typedef struct {
     double row_rank, speed_limit, has_braking;
     double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
     double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
+    double time, delay;                /* of the way to a position limit, and until a command shows, with braking */
     double threshold, ceiling, fixed, speed;
     double point[3];                   /* of the tool, where the error is measured */
     double fast[3];                    /* of the tool, a point whose speed is limited */
     double home[16];
     Row screws[6];
-    Row low, high, fastest; /* position limits / dt, and the velocity limit */
+    Row low, high, fastest; /* position limits / time, and the velocity limit */
     Row middle, pull;       /* of the posture */
     Row position_lower, position_upper, acceleration;
     Wanted exact[MOST_ROWS];

@@ -44,7 +44,7 @@ static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 /* limits/box.py */
 static void box(const Loop *loop, const double *q, Row lower, Row upper)
 {
-    double rate = 1.0 / loop->dt;
+    double rate = 1.0 / loop->time;
     for (int j = 0; j < (int)loop->joints; j++) {
         double place = q[j] * rate, fastest = loop->fastest[j];
         lower[j] = fmin(fmax(loop->low[j] - place, -fastest), fastest);

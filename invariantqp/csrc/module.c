@@ -64,13 +64,13 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 {
     (void)module;
     static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, row_rank, speed_limit, has_braking, "
-                                   "k, r, has_metric, 0, carried), point, fast, home, screws, low, high, "
+                                   "k, r, has_metric, 0, carried, time, delay), point, fast, home, screws, low, high, "
                                    "fastest, middle, pull, position_lower, position_upper, acceleration, "
                                    "(k, 8 + m) exact, C, lower, upper of r rows, T, its inverse, " POLICY ", root)";
     Loop made = {.joints = 0.0};
     Demand read;
-    double first[14];
-    bool good = count == 21 && vector(arguments[0], 14, first) && first[0] >= 1.0 && first[0] <= MOST &&
+    double first[16];
+    bool good = count == 21 && vector(arguments[0], 16, first) && first[0] >= 1.0 && first[0] <= MOST &&
                 first[9] >= 0.0 && first[9] <= MOST_ROWS && first[10] >= 0.0 && first[10] <= MOST &&
                 policy(arguments[19], &read, &made.form) && matrix(arguments[20], 6, 6, 6, made.root[0]);
     if (!good)

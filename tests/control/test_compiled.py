@@ -30,6 +30,8 @@ JOINT, ROWS = "a joint", "rows, metric, accelerations"  # they depend on the arm
 LOOPS = [
     (None, {}),
     (None, {"acceleration_limit": np.inf}),
+    (None, {"acceleration_limit": 5.0, "delay": 0.05}),
+    (None, {"delay": 0.05}),
     (None, ROWS),
     ("position", SLOW),
     (POINT, {"acceleration_limit": 5.0, "form": iq.CarriedMetric([0.2, 0.1, 0.3, 1.0, 2.0, 1.0], ASIDE)}),

@@ -198,3 +198,21 @@ def test_rows_that_are_none_are_refused_and_rows_of_nan_hold_the_arm():
     assert solution.status == "held"
     assert solution.reason.startswith("rows: upper: found NaN")
     assert not solution.velocity.any()
+
+
+@pytest.mark.parametrize("acceleration", [None, 20.0])
+@pytest.mark.parametrize("late", [1, 3, 6])
+def test_an_arm_that_answers_late_comes_to_rest_at_its_limits(late, acceleration):
+    """A target behind limits: without an allowance for the delay, joints go beyond them, and to and fro for ever."""
+    robot = arm(reach=1.0, speed=np.inf)
+    controller = iq.Controller(robot, dt=DT, delay=late * DT, acceleration_limit=acceleration, posture=False)
+    q, target, coming = np.zeros(6), robot.pose([1.3, 0.2, -0.4, 0.9, -1.2, 0.5]), [np.zeros(6)] * late
+    most, seen = 0.0, []
+    for _ in range(1200):
+        coming.append(controller.step(q, target).velocity)
+        q = q + DT * coming.pop(0)
+        most = max(most, np.abs(q).max())
+        seen.append(q)
+    assert np.abs(seen[-1]).max() > 0.99  # it is at a limit
+    assert most < 1.0 + (1e-9 if acceleration is None else 0.5 * acceleration * (late * DT) ** 2)
+    assert np.abs(np.diff(seen[-200:], axis=0)).max() < (0.01 if acceleration is None else acceleration * DT) * DT

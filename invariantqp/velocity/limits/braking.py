@@ -51,15 +51,17 @@ class BrakingBox(Value):
     Attributes:
         box: position and velocity limits.
         acceleration: (m,) [rad/s^2, length/s^2], positive, inf where there is none.
+        delay: dead time after which a command shows in the measurements [s]: joints are on by so much of their speed.
     """
 
     box: JointBox
     acceleration: Array = field(converter=own)
+    delay: float = 0.0
 
     def at(self, q: Array, before: Array) -> BrakingBounds:
         """The box at joint positions q (m,), coming from the joint velocity `before` (m,)."""
         fastest = self.box.velocity_limit
-        ahead, behind = self.box.room(q)
+        ahead, behind = self.box.room(q + self.delay * before)
         # Down is the same problem as up with all signs changed.
         (least, least_back), (most, most_back) = self._towards(np.array((ahead, behind)), np.array((before, -before)))
         lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)
