@@ -26,7 +26,7 @@ from invariantqp.force.agreement import answer_of
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.normal import NormalEstimate
 from invariantqp.force.place import load_at, way_out, weakest
-from invariantqp.force.push import force_rows, gains_of, pressed_by, push
+from invariantqp.force.push import Stand, force_rows, gains_of, pressed_by, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
@@ -132,7 +132,7 @@ class HybridController:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._watch = Watch()
         self._regulation = Regulation(presses=TwoPresses() if self.task.two_presses else None)
-        self._normal = NormalEstimate()
+        self._normal, self._stand = NormalEstimate(), Stand()
         ticks = 1 + round(self._delay / self.loop.dt)  # until a command shows in the measurements
         self._ways: deque[Array] = deque([np.zeros(3)] * ticks, maxlen=ticks)
         self._smoothing = self._smoothing._replace(value=None)
@@ -211,14 +211,16 @@ class HybridController:
             rows = force_rows(contact, sighting.J, force) if self.force_first else None
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
-        self._normal = self._found(told, watch, felt, regulation)
-        self._ways.append(loop.dt * velocity_at(sighting.J.dot(inner.velocity), contact.point))
+        twist, self._normal = sighting.J.dot(inner.velocity), self._found(told, watch, felt, regulation)
+        self._ways.append(loop.dt * velocity_at(twist, contact.point))
         self._watch, self._smoothing = watch.after_motion(out.dot(self._ways[-1]), answer.beyond), smoothing
-        self._regulation = regulation.after(
-            error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0
+        self._stand, self._regulation = (
+            self._stand.after(self.task, contact, motion, twist, loop.dt),
+            regulation.after(error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0),
         )
         unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
         doubts = (
+            self._stand.trouble(),
             pressed_by(self.task, split, contact, tool, sighting.J, motion),
             self._normal.trouble(),
             regulation.mistold(self.task.stiffness),

@@ -27,6 +27,9 @@ from invariantqp.velocity.measure import root_at
 # motion is faster than this share of the approach speed: slower ones are corrections.
 PRESSED = 1e-3
 SLOW_SHARE = 0.1
+# A path stands where less than this share of such a motion has been done for longer than this [s].
+DONE = 0.1
+STANDING = 1.0
 
 
 class Gains(NamedTuple):
@@ -50,6 +53,24 @@ class Push(NamedTuple):
 
     twist: Array
     free: bool
+
+
+class Stand(NamedTuple):
+    """For how long the motion along the contact has stood still, though it was asked for [s]."""
+
+    long: float = 0.0
+
+    def after(self, task: HybridTask, contact: Contact, motion: Array, twist: Array, dt: float) -> Stand:
+        """The same after a tick of dt [s]: a motion (6,) was asked for, and the tool moved with a twist (6,)."""
+        root = root_at(contact.point, task.size)
+        asked, moved = root.dot(motion), root.dot(twist)
+        least = SLOW_SHARE * task.approach_speed
+        stands = asked.dot(asked) > least * least and moved.dot(asked) < DONE * asked.dot(asked)
+        return Stand(self.long + dt if stands else 0.0)
+
+    def trouble(self) -> str:
+        """What is wrong, in words, "" for nothing."""
+        return f"the motion along the contact has stood for {written(self.long, 2)} s" if self.long > STANDING else ""
 
 
 def gains_of(

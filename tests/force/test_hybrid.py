@@ -297,3 +297,21 @@ def test_a_pitch_that_no_contact_of_this_kind_has_is_refused_when_the_task_is_ma
         iq.HybridController(panda, by_function, dt=DT, order="moment first")
     with pytest.raises(iq.BadInput, match="a function that gave"):
         iq.HybridController(panda, iq.HybridTask(lambda tool: tool, [5.0]), dt=DT, order="moment first")
+
+
+def test_a_path_that_limits_hold_up_is_no_ok():
+    """A pen is drawn against the end of a slide, under its force."""
+    arm = gantry()
+    short = iq.robots.Chain(arm.screws, arm.home, position_lower=-1.0, position_upper=[0.02, 1, 1, 1, 1, 1])
+    bench = Bench(short, np.zeros(6), pen(), depth=5e-4, dt=2e-3)
+    said = []
+    for k in range(1500):
+        target, ahead = bench.start.copy(), np.array([0.0, 0.0, 0.0, 0.03, 0.0, 0.0])
+        target[0, 3] += 0.03 * 2e-3 * k
+        said.append(bench.tick(target, ahead))
+    assert {s.status for s in said[:300]} == {"ok"}
+    assert said[-1].intensities[0] == pytest.approx(5.0, rel=0.01)
+    assert said[-1].status == "degraded"
+    assert "the motion along the contact has stood for " in said[-1].reason
+    bench.loop.reset()
+    assert bench.tick().status != "degraded"
