@@ -159,7 +159,7 @@ class HybridFollower:
                 from a push.
 
         Raises:
-            BadInput: NaN or wrong shapes.
+            BadInput: NaN or wrong shapes; the follower is as it was.
         """
         hybrid, curve = self.hybrid, self._path.curve
         loop, robot = hybrid.loop, hybrid.robot
@@ -170,11 +170,12 @@ class HybridFollower:
         here = hybrid.task.contact_at(robot.pose(positions)) if contact is None else contact
         beside = self._beside(positions, here)
         far = beside.off > PUSHED * loop.measure.length or beside.strayed > DISPLACED
-        if far and self._state.place > 0.0:
-            self.plan, self._search = None, None
+        again = far and self._state.place > 0.0
         plan = self.plan
-        if plan is None:
+        if plan is None or again:
             answer = hybrid.step(positions, curve.pose(self._state.place), wrench, None, here, before, wanted)
+            if again:
+                self.plan, self._search = None, None
             return self._waiting(answer, positions, beside.off)
         place, off, strayed = beside
         rate, slope, ruling = self._pace_at(plan, place, off, strayed)

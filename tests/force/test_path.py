@@ -1,6 +1,7 @@
 """In contact, motion waits for limits, and force does not."""
 
 import numpy as np
+import pytest
 from support.spring_plane import PANDA, Bench, circle, pen
 
 import invariantqp as iq
@@ -112,3 +113,22 @@ def test_joints_off_their_plan_slow_the_path_down():
         told = follower.step(bench.q, bench.wrench())
         bench.q = bench.q + DT * told.velocity
     assert told.ruling == "the arm is off its path"
+
+
+def test_a_refused_tick_leaves_the_follower_as_it_was():
+    bench, _, follower = prepared()
+    for _ in range(200):
+        bench.q = bench.q + DT * follower.step(bench.q, bench.wrench()).velocity
+    plan, place = follower.plan, follower.step(bench.q, bench.wrench()).place
+    aside = bench.q + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # from there the path is to be looked at again
+    for q in (bench.q, aside):
+        for wrench, more in (
+            (np.full(6, np.nan), {}),
+            (bench.wrench(), {"wanted": [-1.0]}),
+            (bench.wrench(), {"velocity": np.full(7, np.inf)}),
+            (bench.wrench(), {"contact": "a table"}),
+        ):
+            with pytest.raises(iq.BadInput):
+                follower.step(q, wrench, **more)
+            assert follower.plan is plan
+    assert follower.step(bench.q, bench.wrench()).place >= place
