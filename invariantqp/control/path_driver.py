@@ -20,7 +20,7 @@ from invariantqp.control.asked import asked
 from invariantqp.control.beside import Beside, look
 from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
-from invariantqp.control.path_compiled import Course, course_of
+from invariantqp.control.path_compiled import Course, compiled_drive, course_of
 from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
@@ -91,13 +91,25 @@ class PathDriver:
         if tolerance is not None:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
         self._path: GivenPath | None = None
-        self._course: Course | None = None
         self._search: PathSearch | None = None
         self._goal: Any = None
         self._trouble = ""
         self._paused = False
         self._wants_back = False
-        self._state: PathState = at_rest(0.0, np.zeros(len(controller.robot.names)))
+        self._kept: Array = at_rest(0.0, np.zeros(len(controller.robot.names))).numbers
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in ("controller", "plan", "_path"):  # what a course is made from
+            object.__setattr__(self, "_course", None)
+        object.__setattr__(self, name, value)
+
+    @property
+    def _state(self) -> PathState:
+        return PathState.of(self._kept)
+
+    @_state.setter
+    def _state(self, state: PathState) -> None:
+        self._kept[:] = state.numbers
 
     def pause(self) -> None:
         """Come to rest on the path, and stay."""
@@ -119,10 +131,11 @@ class PathDriver:
         Raises:
             BadInput: NaN, wrong shapes, an override out of its range; the follower is as it was.
         """
-        if self._search is None or self._search.done:
-            answer = self._compiled_step(q, velocity, override)
-            if answer is not None:
-                return answer
+        course = self._course or self._made_course()
+        found = course and compiled_drive(course, q, velocity, override, self._paused, self._wants_back)
+        if found is not None:
+            answer, more = found
+            return self._told(answer, q) if more else answer
         m = len(self.controller.robot.names)
         positions = arrays.vector(q, m, "q")
         before = self._state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
@@ -140,19 +153,17 @@ class PathDriver:
             self._lose(here)
         return self._set_out(positions, before)
 
-    def _compiled_step(self, q: ArrayLike, velocity: ArrayLike | None, override: float) -> PathSolution | None:
-        """A tick on the path by the compiled core; None where it has to be Python's."""
-        path, plan, course = self._path, self.plan, self._course
-        if path is None or plan is None:
-            return None
-        stale = course is None or course.path is not path or course.plan is not plan
-        if course is None or stale or course.controller is not self.controller:
-            course = self._course = course_of(self.controller, path, plan, self._pace, self._tolerance)
-        found = course.step(q, self._state, velocity, override, paused=self._paused, back=self._wants_back)
-        if found is None:
-            return None
-        answer, self._state = found
-        return answer
+    def _made_course(self) -> Course | None:
+        """What the core drives along; None where Python has to."""
+        search, path, plan = self._search, self._path, self.plan
+        if path is not None and plan is not None and (search is None or search.done):
+            self._course = course_of(self.controller, path, plan, self._pace, self._tolerance, self._kept)
+        return self._course
+
+    def _told(self, answer: PathSolution, q: ArrayLike) -> PathSolution:
+        """The solution of a tick that the core drove, its reason with the words that Python has for limits."""
+        inner = self.controller.told(answer.velocity_solution, q)
+        return answer._replace(reason="" if answer.status == "done" else inner.reason, velocity_solution=inner)
 
     def _set_out(self, q: Array, before: Array) -> PathSolution:
         """On the way to the place where the path is to be driven from, and looking along it there."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from attrs import field, frozen
+from typing import NamedTuple
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import Compared
+from invariantqp.geometry.fields import same
 from invariantqp.velocity.solution import VelocitySolution
 
 
-@frozen(eq=False, repr=False, slots=False)
-class PathSolution(Compared):
-    """A joint velocity of a tick along a path, and where on the path the tool is.
+class PathSolution(NamedTuple):
+    """A joint velocity of a tick along a path, and where on the path the tool is. A tuple: one is made in every tick.
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
@@ -36,4 +35,11 @@ class PathSolution(Compared):
     ruling: str
     lag: float | None
     across: float
-    velocity_solution: VelocitySolution = field(repr=False)
+    velocity_solution: VelocitySolution
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all fields are equal, arrays number by number."""
+        return type(other) is PathSolution and all(map(same, self, other))
+
+    def __ne__(self, other: object) -> bool:  # else a tuple's own would be used
+        return not self == other

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,21 @@ class PathState(NamedTuple):
     velocity: Array
     tangent: Array | None
     ticks: int
+
+    @classmethod
+    def of(cls, numbers: Array) -> PathState:
+        """As `numbers` gives it."""
+        place, speed, acceleration, back, ticks, first = numbers[:6].tolist()
+        along, velocity = numbers[11:].reshape(2, -1).copy()
+        tangent = None if isnan(first) else numbers[5:11].copy()
+        return cls(place, speed, acceleration, bool(back), along, velocity, tangent, int(ticks))
+
+    @property
+    def numbers(self) -> Array:
+        """(11 + 2 m,) all of it as the compiled core takes and writes it, NaN for no tangent."""
+        tangent = [nan] * 6 if self.tangent is None else self.tangent
+        head = self.place, self.speed, self.acceleration, self.back, self.ticks
+        return np.concatenate((head, tangent, self.along, self.velocity))
 
 
 def at_rest(place: float, velocity: Array, ticks: int = 0, *, back: bool = False) -> PathState:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from attrs import evolve
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
@@ -119,7 +118,7 @@ class StreamedPath(PathDriver):
         self._age += self.controller.dt
         if self._closed and self._curve is None:  # fewer than two poses that are apart
             there = answer.across <= self._tolerance and stands(self.controller, answer.velocity)
-            return evolve(answer, status="done", reason="", ruling="the path's end") if there else answer
+            return answer._replace(status="done", reason="", ruling="the path's end") if there else answer
         late = self._age > self.timeout and not self._closed
         if late:
             self._open_all()
@@ -127,11 +126,11 @@ class StreamedPath(PathDriver):
         seen = self._search is not None and self._search.done
         if answer.status != "done" or (self._closed and seen):
             reason = "; ".join(filter(None, [answer.reason, *words]))
-            return evolve(answer, lag=None, reason=reason)
+            return answer._replace(lag=None, reason=reason)
         reason, ruling = words[0] if late else "at the end of what has come", "the end of the stream"
         if not seen:  # poses came faster than ticks look along them
             reason, ruling = "; ".join(["looking along the path", *words]), "the look ahead"
-        return evolve(answer, status="waiting", ruling=ruling, lag=None, reason=reason)
+        return answer._replace(status="waiting", ruling=ruling, lag=None, reason=reason)
 
     def _open_all(self) -> None:
         """Let the tool drive to the very last pose."""

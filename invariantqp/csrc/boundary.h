@@ -61,6 +61,7 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* driver.c */
+PyObject *tell_as(PyObject *module, PyObject *type);
 PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* sight.c */

@@ -3,6 +3,27 @@
 #include "boundary.h"
 #include "path.h"
 
+/* The type of answers, and the words of a Progress in their order; made once. */
+static PyTypeObject *ANSWER;
+static PyObject *STATUSES[4], *NOTHING;
+
+/* tell_as(type): `type` is PathSolution, a named tuple. */
+PyObject *tell_as(PyObject *module, PyObject *type)
+{
+    (void)module;
+    static const char *const STATUS[] = {"moving", "slowed", "paused", "done"};
+    if (!PyType_Check(type) || !PyType_IsSubtype((PyTypeObject *)type, &PyTuple_Type))
+        return refused("tell_as(a named tuple)");
+    for (int i = 0; i < 4; i++)
+        if (STATUSES[i] == NULL && (STATUSES[i] = PyUnicode_InternFromString(STATUS[i])) == NULL)
+            return NULL;
+    if (NOTHING == NULL && (NOTHING = PyUnicode_InternFromString("")) == NULL)
+        return NULL;
+    Py_XDECREF(ANSWER);
+    ANSWER = (PyTypeObject *)Py_NewRef(type);
+    Py_RETURN_NONE;
+}
+
 /* Read a course: joints, knots of the plan, knots of the curve, and so on, then the arrays one by one. */
 static bool course_of(PyObject *object, Course *course)
 {
@@ -39,70 +60,86 @@ static bool course_of(PyObject *object, Course *course)
     return size == FIRST + n * (5 + 2 * m) + k * 18 + (k - 1) * 18;
 }
 
-/* Read a PathState of Python: (place, speed, acceleration, back, along, velocity, tangent or None, ticks). */
-static bool state_of(PyObject *tuple, int m, Travel *state)
+/* The numbers of a PathState, for reading and writing: STATE of them, then `along` and `velocity` (m,). */
+static double *state_of(PyObject *object, int m)
 {
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 8)
-        return false;
-    state->place = PyFloat_AsDouble(PyTuple_GetItem(tuple, 0));
-    state->speed = PyFloat_AsDouble(PyTuple_GetItem(tuple, 1));
-    state->acceleration = PyFloat_AsDouble(PyTuple_GetItem(tuple, 2));
-    state->back = PyTuple_GetItem(tuple, 3) == Py_True;
-    PyObject *tangent = PyTuple_GetItem(tuple, 6);
-    state->has_tangent = tangent != Py_None;
-    return !PyErr_Occurred() && isfinite(state->place) && vector(PyTuple_GetItem(tuple, 4), m, state->along) &&
-           vector(PyTuple_GetItem(tuple, 5), m, state->velocity) &&
-           (!state->has_tangent || vector(tangent, 6, state->tangent));
+    PyArrayObject *array = (PyArrayObject *)object;
+    bool good = PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY(array) &&
+                PyArray_SIZE(array) == STATE + 2 * m;
+    return good ? PyArray_DATA(array) : NULL;
 }
 
-/* drive(loop, memory, course, q, state, velocity or None, override, paused, back): (VelocitySolution, PathState after it,
-   place, speed, across, ruling, status, whether Python has words to add), the velocity kept in the memory, or None where
-   Python has to drive. */
+/* What rules, in words: of a knot, or from the end on. */
+static PyObject *ruling(PyObject *words, int i)
+{
+    PyObject *word = PyTuple_GetItem(words, i < 0 ? PyTuple_Size(words) + i : i);
+    return word == NULL ? NULL : Py_NewRef(word);
+}
+
+/* A PathSolution, its fields in their order. */
+static PyObject *told(const Loop *loop, const Course *course, const Progress *progress, PyObject *words)
+{
+    PyObject *answer = ANSWER == NULL ? refused("tell_as(PathSolution) comes first") : fields(course->m, &progress->answer);
+    if (answer == NULL)
+        return NULL;
+    double lag = course->rate > 0.0 ? progress->after.ticks * loop->dt - progress->place / course->rate : 0.0;
+    PyObject *values[] = {
+        Py_NewRef(PyTuple_GetItem(answer, 0)), /* velocity */
+        Py_NewRef(STATUSES[progress->status]),
+        Py_NewRef(progress->status == AT_END ? NOTHING : PyTuple_GetItem(answer, 3)), /* reason */
+        PyFloat_FromDouble(progress->place),
+        PyFloat_FromDouble(progress->speed),
+        ruling(words, progress->ruling),
+        course->rate > 0.0 ? PyFloat_FromDouble(lag) : Py_NewRef(Py_None),
+        PyFloat_FromDouble(progress->across),
+        answer,
+    };
+    return named(ANSWER, sizeof values / sizeof *values, values);
+}
+
+/* drive((loop, memory, state, numbers, rulings), q, velocity or None, override, paused, back): a PathSolution, and whether
+   Python has words to add; state and memory are written. None, and both as they were, where Python has to drive. */
 PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
+    static const char *const USE = "drive((loop, memory, state, numbers, rulings), q, velocity, override, paused, back)";
     Course course;
     Travel before;
     Progress progress;
     Row q;
-    const Loop *loop = count == 9 ? loop_of(arguments[0]) : NULL;
-    double *kept = loop == NULL ? NULL : memory_of(arguments[1], (int)loop->joints);
-    if (kept == NULL || !course_of(arguments[2], &course) || course.m != (int)loop->joints)
-        return refused("drive(loop, memory, course, q, state, velocity, override, paused, back)");
-    int m = course.m;
-    PyObject *state = arguments[4];
-    bool number = PyFloat_Check(arguments[6]) || PyLong_CheckExact(arguments[6]);
-    Order order = {.override = number ? PyFloat_AsDouble(arguments[6]) : -1.0,
-                   .paused = arguments[7] == Py_True,
-                   .back = arguments[8] == Py_True};
-    bool good = order.override >= 0.0 && order.override <= FASTEST && vector(arguments[3], m, q) && all_finite(m, q) &&
-                state_of(state, m, &before) && (arguments[5] == Py_None || vector(arguments[5], m, before.velocity)) &&
+    PyObject *given = count == 6 && PyTuple_Check(arguments[0]) && PyTuple_Size(arguments[0]) == 5 ? arguments[0] : NULL;
+    const Loop *loop = given == NULL ? NULL : loop_of(PyTuple_GetItem(given, 0));
+    int m = loop == NULL ? 0 : (int)loop->joints;
+    double *kept = m == 0 ? NULL : memory_of(PyTuple_GetItem(given, 1), m);
+    double *state = m == 0 ? NULL : state_of(PyTuple_GetItem(given, 2), m);
+    PyObject *words = m == 0 ? NULL : PyTuple_GetItem(given, 4);
+    if (kept == NULL || state == NULL || !course_of(PyTuple_GetItem(given, 3), &course) || course.m != m ||
+        !PyTuple_Check(words) || PyTuple_Size(words) != course.knots - THE_TURN)
+        return refused(USE);
+    size_t joints = (size_t)m * sizeof(double), head = offsetof(Travel, along);
+    memcpy(&before, state, head);
+    memcpy(before.along, state + STATE, joints);
+    memcpy(before.velocity, state + STATE + m, joints);
+    bool number = PyFloat_Check(arguments[3]) || PyLong_CheckExact(arguments[3]);
+    Order order = {.override = number ? PyFloat_AsDouble(arguments[3]) : -1.0,
+                   .paused = arguments[4] == Py_True,
+                   .back = arguments[5] == Py_True};
+    bool good = order.override >= 0.0 && order.override <= FASTEST && vector(arguments[1], m, q) && all_finite(m, q) &&
+                isfinite(before.place) && (arguments[2] == Py_None || vector(arguments[2], m, before.velocity)) &&
                 all_finite(m, before.velocity);
-    long ticks = good ? PyLong_AsLong(PyTuple_GetItem(state, 7)) : 0;
     if (PyErr_Occurred()) {
         PyErr_Clear(); /* Python says what is wrong */
         good = false;
     }
     if (!good || drive(loop, &course, &before, q, &order, &progress) == HAND_BACK)
         Py_RETURN_NONE;
-    const Travel *after = &progress.after;
-    PyObject *fields_after[] = {
-        PyFloat_FromDouble(after->place), PyFloat_FromDouble(after->speed), PyFloat_FromDouble(after->acceleration),
-        PyBool_FromLong(after->back),     new_vector(m, after->along),      new_vector(m, after->velocity),
-        new_vector(6, after->tangent),    PyLong_FromLong(ticks + 1),
-    };
-    PyObject *found[] = {
-        fields(m, &progress.answer),
-        named(Py_TYPE(state), sizeof fields_after / sizeof *fields_after, fields_after),
-        PyFloat_FromDouble(progress.place),
-        PyFloat_FromDouble(progress.speed),
-        PyFloat_FromDouble(progress.across),
-        PyLong_FromLong(progress.ruling),
-        PyUnicode_InternFromString(progress.status),
-        PyBool_FromLong(is_outside(loop, q, &progress.answer)),
-    };
-    PyObject *answer = named(&PyTuple_Type, sizeof found / sizeof *found, found);
-    if (answer != NULL)
-        memcpy(kept + KEPT, after->velocity, (size_t)m * sizeof(double));
-    return answer;
+    PyObject *found[] = {told(loop, &course, &progress, words), NULL};
+    if (found[0] == NULL)
+        return NULL;
+    memcpy(state, &progress.after, head);
+    memcpy(state + STATE, progress.after.along, joints);
+    memcpy(state + STATE + m, progress.after.velocity, joints);
+    memcpy(kept + KEPT, progress.after.velocity, joints);
+    found[1] = PyBool_FromLong(is_outside(loop, q, &progress.answer));
+    return named(&PyTuple_Type, 2, found);
 }

@@ -8,7 +8,7 @@
 Outcome paced(const Course *course, double dt, const Travel *state, double at, double near, double override,
               bool stop, double *speed, double *most_now, int *ruling)
 {
-    bool back = state->back;
+    bool back = state->back != 0.0;
     double part = course->rate > 0.0 ? 1.0 : fmin(1.0, override), timed = course->rate * override, a;
     *most_now = speed_at(course, at, dt, 1.0, back);
     double possible = part == 1.0 ? *most_now : speed_at(course, at, dt, part, back), wanted = possible;
@@ -24,7 +24,7 @@ Outcome paced(const Course *course, double dt, const Travel *state, double at, d
     }
     if (stop) {
         wanted = 0.0;
-        *ruling = THE_STOP;
+        *ruling = THE_PAUSE; /* or the turn */
     }
     if (course->jerk == 0.0) {
         double most = state->speed + course->most * dt;

@@ -23,10 +23,10 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
     int m = course->m, i = piece_of(course->knots, course->at, expected);
     if (fmax(course->off[i], course->off[i + 1]) > OFF_PATH * loop->length)
         return HAND_BACK;
-    if (state->has_tangent)
-        memcpy(tangent, state->tangent, sizeof tangent);
-    else
+    if (isnan(state->tangent[0]))
         curve_tangent(course, expected, tangent);
+    else
+        memcpy(tangent, state->tangent, sizeof tangent);
     curve_pose(course, expected, &target);
     pose_from(loop->home, &home);
     kinematics(m, loop->screws, &home, q, demand->J, &tool);
@@ -154,7 +154,7 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
     progress->place = caller_place(course, progress->after.place);
     progress->speed = (progress->place - caller_place(course, here->place)) / dt;
     progress->across = here->off;
-    progress->status = "moving";
+    progress->status = MOVING;
     if ((arrived && course->cut) || course->off[nearest(course, here->place)] > OFF_PATH * loop->length)
         return HAND_BACK;
     for (int k = 0; k < 6; k++)
@@ -162,14 +162,14 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
     for (int k = 0; k < here->rows; k++)
         fast[k] = dot(6, here->asked[k], moved);
     if (arrived && here->off + dt * norm(here->rows, fast) <= course->tolerance) {
-        progress->status = "done";
+        progress->status = AT_END;
         progress->ruling = ENDED;
     } else if (order->paused && progress->after.speed * dt <= STANDING * path)
-        progress->status = "paused";
+        progress->status = PAUSED;
     else if (close)
         progress->ruling = SETTLING;
     else if (progress->ruling != THE_RATE)
-        progress->status = "slowed";
+        progress->status = SLOWED;
     return DONE;
 }
 
@@ -183,7 +183,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     Row slope;
     double dt = loop->dt, length = loop->length, most = 0.0, speed, possible, kept = 1.0;
     int m = demand.m = course->m;
-    bool turning = order->back != before->back, stop = order->paused || turning;
+    bool back = before->back != 0.0, turning = order->back != back, stop = order->paused || turning;
     if (look(loop, course, before, q, &demand, &here) == HAND_BACK)
         return HAND_BACK;
     for (int j = 0; j < m; j++)
@@ -195,7 +195,9 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     if (paced(course, dt, before, here.place, near, order->override, stop, &speed, &possible, &progress->ruling) ==
         HAND_BACK)
         return HAND_BACK;
-    double rate = possible_rate(loop, course, before, here.place, before->back ? -speed : speed, possible);
+    if (progress->ruling == THE_PAUSE && !order->paused)
+        progress->ruling = THE_TURN;
+    double rate = possible_rate(loop, course, before, here.place, back ? -speed : speed, possible);
     Travel *after = &progress->after;
     double middle = between(here.place + 0.5 * dt * rate, course->at[0], course->at[course->knots - 1]);
     slope_at(course, middle, slope);
@@ -215,8 +217,8 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     after->place = here.place + dt * rate;
     after->speed = turned_round ? 0.0 : fabs(rate);
     after->acceleration = turned_round ? 0.0 : (after->speed - before->speed) / dt;
-    after->back = turned_round ? order->back : before->back;
-    after->has_tangent = true;
+    after->back = turned_round ? order->back : back;
+    after->ticks = before->ticks + 1.0;
     for (int j = 0; j < m; j++)
         after->along[j] = rate * slope[j];
     memcpy(after->velocity, progress->answer.velocity, sizeof after->velocity);

@@ -14,15 +14,24 @@ typedef struct {
     const double *curve_at, *places, *pose, *cubics;
 } Course;
 
-/* path_state.py, but for its ticks */
+/* path_state.py. Numbers alone, as in a Loop; the tangent is NaN before the first tick. */
 typedef struct {
-    double place, speed, acceleration, tangent[6];
-    bool back, has_tangent;
+    double place, speed, acceleration, back, ticks, tangent[6];
     Row along, velocity;
 } Travel;
+#define STATE ((int)(offsetof(Travel, along) / sizeof(double)))
 
-/* What rules a tick where no knot of the plan does. */
-typedef enum { THE_RATE = -1, THE_OVERRIDE = -2, OFF_ITS_PATH = -3, SETTLING = -4, ENDED = -5, THE_STOP = -6 } Ruling;
+/* What rules a tick where no knot of the plan does: path_compiled.py, from the last on. */
+typedef enum {
+    THE_RATE = -1,
+    THE_OVERRIDE = -2,
+    OFF_ITS_PATH = -3,
+    SETTLING = -4,
+    ENDED = -5,
+    THE_PAUSE = -6,
+    THE_TURN = -7
+} Ruling;
+typedef enum { MOVING, SLOWED, PAUSED, AT_END } PathStatus;
 
 /* path_driver.py: what is asked of a tick */
 typedef struct {
@@ -36,7 +45,7 @@ typedef struct {
     Travel after;
     double place, speed, across;
     int ruling; /* a Ruling, or a knot of the plan */
-    const char *status;
+    PathStatus status;
 } Progress;
 
 static inline double between(double x, double low, double high) { return fmin(fmax(x, low), high); }

@@ -19,7 +19,7 @@ typedef enum { YES, NO, UNSURE } Answer;
 /* Whether a speed is allowed at a distance ahead; the piece of the plan is that of a place nearby. */
 static Answer allows_speed(const Ramp *ramp, double speed, double ahead, int *piece)
 {
-    bool back = ramp->state->back;
+    bool back = ramp->state->back != 0.0;
     double place = ramp->at + (back ? -1.0 : 1.0) * ahead;
     double most = ramp->share * speed_limit_at(ramp->course, place, back, piece) * (1.0 + ROUNDING) + ROUNDING;
     return fabs(speed - most) <= CLOSE * (speed + most) ? UNSURE : speed <= most ? YES : NO;
@@ -52,7 +52,7 @@ static Answer stops(const Ramp *ramp, double before, double v, double a)
 {
     const Course *course = ramp->course;
     double distance[SAMPLES], speed[SAMPLES];
-    int sign = ramp->state->back ? -1 : 1, first = piece_of(course->knots, course->at, ramp->at), piece = first;
+    int sign = ramp->state->back != 0.0 ? -1 : 1, first = piece_of(course->knots, course->at, ramp->at), piece = first;
     stop(ramp, v, a, distance, speed);
     for (int i = 0; i < SAMPLES; i++) {
         Answer answer = allows_speed(ramp, speed[i], distance[i] += before, &piece);

@@ -16,7 +16,6 @@ from math import inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.asked import asked
@@ -28,7 +27,6 @@ from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_rate import rate_inside
 from invariantqp.control.path_report import ARRIVED, SETTLING, stands
 from invariantqp.control.path_search import PathSearch
-from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid import HybridController
@@ -37,8 +35,9 @@ from invariantqp.force.solution import HybridSolution
 from invariantqp.force.split import Split
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import same
 from invariantqp.systems.contacts import Contact
-from invariantqp.velocity.solution import VelocitySolution  # noqa: F401 (a type in what PathSolution.__init__ takes)
+from invariantqp.velocity.solution import VelocitySolution
 
 # The tool touches from this share of the wanted press on.
 TOUCH = 0.5
@@ -63,15 +62,30 @@ class _Beside(NamedTuple):
     strayed: float
 
 
-@frozen(eq=False, repr=False, slots=False)
-class HybridPathSolution(PathSolution):
-    """A tick along a path in contact: as `PathSolution`, `across` along S alone.
+class HybridPathSolution(NamedTuple):
+    """A tick along a path in contact: the fields of a `PathSolution`, `across` along S alone, and one more.
 
     Attributes:
         hybrid: the hybrid controller's answer, with the forces.
     """
 
-    hybrid: HybridSolution = field(repr=False)
+    velocity: Array
+    status: str
+    reason: str
+    place: float
+    speed: float
+    ruling: str
+    lag: float | None
+    across: float
+    velocity_solution: VelocitySolution
+    hybrid: HybridSolution
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all fields are equal, arrays number by number."""
+        return type(other) is HybridPathSolution and all(map(same, self, other))
+
+    def __ne__(self, other: object) -> bool:  # else a tuple's own would be used
+        return not self == other
 
 
 class HybridFollower:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from functools import partial
 from time import perf_counter_ns
+from unittest.mock import patch
 
 import daqp
 import numpy as np
@@ -26,7 +27,7 @@ import invariantqp as iq
 from invariantqp import engine
 from invariantqp.compare.laws.mink_law import MinkLaw
 from invariantqp.compare.laws.pink_law import PinkLaw
-from invariantqp.control import path_compiled
+from invariantqp.control import path_driver
 from invariantqp.pose import error, newton
 from invariantqp.robots import chain
 from invariantqp.velocity import compiled, solve
@@ -73,13 +74,14 @@ class HandWritten:
 @contextmanager
 def python_alone(*controllers):
     """The same controllers, or a pose search, without the core."""
-    modules = (solve, compiled, chain, newton, error, path_compiled)
+    modules = (solve, compiled, chain, newton, error)
     loops = [controller.compiled for controller in controllers]
     for controller in controllers:
         vars(controller)["compiled"] = None
     for module in modules:
         module.core = None
-    yield
+    with patch.object(path_driver, "compiled_drive", lambda *_: None):
+        yield
     for module in modules:
         module.core = engine.core
     for controller, loop in zip(controllers, loops, strict=True):
@@ -171,16 +173,16 @@ def along_path(name, rate, **options):
     while status != "done":
         state, curve = follower._state, follower._path.curve
         target, ahead = pin.SE3(curve.pose(state.place)), state.speed * curve.tangent(state.place)
-        found.append((state, q, target, ahead))
+        found.append((follower._kept.copy(), q, target, ahead, state.velocity))
         solution = follower.step(q)
         q, status = q + dt * solution.velocity, solution.status
 
-    def on_path(state, q, target, ahead):
-        follower._state = state
+    def on_path(state, q, *_):
+        follower._kept[:] = state
         follower.step(q)
 
-    def off_path(state, q, target, ahead):
-        ordinary.step(q, target, ahead, state.velocity)
+    def off_path(state, q, target, ahead, velocity):
+        ordinary.step(q, target, ahead, velocity)
 
     calls = {name: call for pair in ALONG for name, call in zip(pair, (on_path, off_path), strict=True)}
     return calls, found[:: max(1, len(found) // TICKS)], follower.controller, ordinary

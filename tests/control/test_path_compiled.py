@@ -8,14 +8,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import invariantqp as iq
-from invariantqp.control.path_compiled import Course
+from invariantqp.control.path_compiled import RULINGS, compiled_drive
 from invariantqp.engine import core
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 # Rounding of a pose, times the gain, in a velocity.
 ROUNDING = 1e-13
 AXIS, PLANE = iq.control.ExactAxis([0.2, 0.0, 1.0]), iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1])
-ORDER = (False, False)  # neither paused nor backward
+ORDER = (None, 1.0, False, False)  # neither paused nor backward
 RISE = "acceleration limits"
 # Arm, form, exact demands and limits, what is asked of the path, noise of the encoders [rad], seed.
 DRIVES = [
@@ -34,7 +34,7 @@ DRIVES = [
 def python_alone():
     """Neither ticks along the path nor velocities by the core."""
     with (
-        mock.patch.object(Course, "step", return_value=None),
+        mock.patch("invariantqp.control.path_driver.compiled_drive", return_value=None),
         mock.patch("invariantqp.velocity.solve.core", None),
     ):
         yield
@@ -54,12 +54,19 @@ def started(name, options, given, seed):
     return follower, joints(0.0)
 
 
+def by_core(follower, *tick):
+    """The tick by the core; None where it hands it back."""
+    course = follower._course or follower._made_course()
+    found = compiled_drive(course, *tick, follower._paused, follower._wants_back)
+    return None if found is None else follower._told(found[0], tick[0]) if found[1] else found[0]
+
+
 def in_python(follower, *tick):
     """The tick by Python and the state after it; the follower is as it was."""
-    state, memory = follower._state, follower.controller.kept.copy()
+    state, memory = follower._kept.copy(), follower.controller.kept.copy()
     with python_alone():
         answer = follower.step(*tick)
-    after, follower._state, follower.controller.kept[:] = follower._state, state, memory
+    after, follower._kept[:], follower.controller.kept[:] = follower._state, state, memory
     return answer, after
 
 
@@ -86,7 +93,7 @@ def test_a_drive_with_turns_and_pauses(name, options, given, noise, seed):
             override = (1.0, float(rng.uniform(0.2, 1.5)))[rng.integers(2)]
         seen = q + noise * rng.normal(size=len(q))
         python = in_python(follower, seen, None, override) if k % 11 == 0 or k < 2 else None
-        solution = follower._compiled_step(seen, None, override)
+        solution = by_core(follower, seen, None, override)
         answered += solution is not None
         if solution is None:
             solution = follower.step(seen, None, override)
@@ -121,9 +128,9 @@ def test_a_drive_that_changes_hands_ends_the_same():
 
 def test_what_python_has_to_do():
     follower, q = started("panda", {}, {"rate": 0.5}, 0)
-    assert follower._compiled_step(q, None, 1) is not None
+    assert by_core(follower, q, None, 1) is not None
     for tick in ((q + 0.3, None, 1.0), (q.tolist(), None, 1.0), (q, None, 1.6), (q, None, 10**400), (q, q[:3], 1.0)):
-        assert follower._compiled_step(*tick) is None
+        assert by_core(follower, *tick) is None
     for bad in (q * np.nan, q[:3]):
         with pytest.raises(iq.errors.BadInput, match="q"):
             follower.step(bad)
@@ -132,17 +139,18 @@ def test_what_python_has_to_do():
 def test_the_core_refuses_what_is_no_course():
     follower, q = started("so101", {}, {"rate": 0.5}, 6)
     follower.step(q)
-    course, loop, kept = follower._course.numbers, follower.controller.compiled, follower.controller.kept
-    for bad in (course[:-1], course[:4], np.append(course, 0.0), course.tolist(), np.where(course == 5.0, 6.0, course)):
+    course = follower._course
+    numbers, kept, state, loop = course.numbers, course.kept, course.state, course.loop
+    bad = [{"numbers": n} for n in (numbers[:-1], numbers[:4], np.append(numbers, 0.0), numbers.tolist())]
+    bad += [{"numbers": np.where(numbers == 5.0, 6.0, numbers)}, {"rulings": RULINGS}, {"rulings": list(course.rulings)}]
+    bad += [{"kept": k} for k in (kept[:-1], kept.tolist(), kept.astype(np.float32))]
+    bad += [{"state": k} for k in (state[:-1], state.tolist(), follower._state)]
+    bad += [{"loop": np.r_[loop[:9], demands, loop[10:]]} for demands in (-1.0, np.nan, 1e9)]  # how many there are
+    for changed in (*(course._replace(**fields) for fields in bad), course[:-1], list(course)):
         with pytest.raises(TypeError, match="drive"):
-            core.drive(loop, kept, bad, q, follower._state, None, 1.0, *ORDER)
-    for bad in (kept[:-1], kept.tolist(), kept.astype(np.float32)):
-        with pytest.raises(TypeError, match="drive"):
-            core.drive(loop, bad, course, q, follower._state, None, 1.0, *ORDER)
-    assert core.drive(loop, kept, course, q, follower._state[:-1], None, 1.0, *ORDER) is None
-    for demands in (-1.0, np.nan, 1e9):  # how many there are
-        with pytest.raises(TypeError, match="drive"):
-            core.drive(np.r_[loop[:9], demands, loop[10:]], kept, course, q, follower._state, None, 1.0, *ORDER)
+            core.drive(changed, q, *ORDER)
+    with pytest.raises(TypeError, match="named tuple"):
+        core.tell_as(int)
 
 
 def test_another_controller_drives_from_its_first_tick():
