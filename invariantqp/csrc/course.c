@@ -5,36 +5,41 @@
 
 #include "path.h"
 
-/* How many of n increasing knots are at most `at`. */
-static int passed(int n, const double *knots, double at)
+/* The piece between n increasing knots; what is beyond the ends is on the first or the last. */
+int piece_of(int n, const double *knots, double at)
 {
-    int low = 0, high = n;
-    while (low < high) {
+    int low = 0, high = n - 1;
+    while (high - low > 1) {
         int middle = (low + high) / 2;
         if (at < knots[middle])
             high = middle;
         else
-            low = middle + 1;
+            low = middle;
     }
     return low;
 }
 
-/* What is beyond the ends is on the first or the last piece. */
-int piece_of(int n, const double *knots, double at)
+/* The same, looked for from a piece nearby on. */
+static int piece_from(int i, int n, const double *knots, double at)
 {
-    int i = passed(n, knots, at) - 1;
-    return i < 0 ? 0 : i > n - 2 ? n - 2 : i;
+    while (i < n - 2 && knots[i + 1] <= at)
+        i++;
+    while (i > 0 && at < knots[i])
+        i--;
+    return i;
 }
+
+int piece_at(const Course *course, double at) { return piece_from(course->piece, course->knots, course->at, at); }
 
 int nearest(const Course *course, double at)
 {
-    int i = piece_of(course->knots, course->at, at);
+    int i = piece_at(course, at);
     return at - course->at[i] < course->at[i + 1] - at ? i : i + 1;
 }
 
 void curve_pose(const Course *course, double at, Pose *T)
 {
-    int i = piece_of(course->poses, course->curve_at, at);
+    int i = piece_from(course->part, course->poses, course->curve_at, at);
     const double *knots = course->curve_at + i, *c = course->cubics + 18 * i;
     double u = (at - knots[0]) / (knots[1] - knots[0]), twist[6];
     Pose step, start;
@@ -47,7 +52,7 @@ void curve_pose(const Course *course, double at, Pose *T)
 
 void curve_tangent(const Course *course, double at, double tangent[6])
 {
-    int i = piece_of(course->poses, course->curve_at, at);
+    int i = piece_from(course->part, course->poses, course->curve_at, at);
     const double *knots = course->curve_at + i, *c = course->cubics + 18 * i;
     double h = knots[1] - knots[0], u = (at - knots[0]) / h, there[6], rate[6], once[6], twice[6], thrice[6];
     for (int k = 0; k < 6; k++) {
@@ -65,15 +70,15 @@ void curve_tangent(const Course *course, double at, double tangent[6])
 double caller_place(const Course *course, double at)
 {
     const double *x = course->curve_at, *y = course->places;
-    int n = course->poses, i = passed(n, x, at) - 1;
-    if (i < 0 || i >= n - 1 || x[i] == at)
-        return y[i < 0 ? 0 : i];
+    int n = course->poses, i = piece_from(course->part, n, x, at);
+    if (at <= x[i] || at >= x[i + 1])
+        return y[at <= x[i] ? i : i + 1];
     return (y[i + 1] - y[i]) / (x[i + 1] - x[i]) * (at - x[i]) + y[i];
 }
 
 void joints_at(const Course *course, double at, Row q)
 {
-    int i = piece_of(course->knots, course->at, at), m = course->m;
+    int i = piece_at(course, at), m = course->m;
     const double *x = course->q + m * i, *slope = course->slopes + m * i;
     double h = course->at[i + 1] - course->at[i], u = (at - course->at[i]) / h;
     double a = u * u * (3.0 - 2.0 * u), b = h * u * (1.0 - u) * (1.0 - u), c = h * u * u * (1.0 - u);
@@ -83,7 +88,7 @@ void joints_at(const Course *course, double at, Row q)
 
 void slope_at(const Course *course, double at, Row slope)
 {
-    int i = piece_of(course->knots, course->at, at), m = course->m;
+    int i = piece_at(course, at), m = course->m;
     const double *x = course->q + m * i, *end = course->slopes + m * i;
     double h = course->at[i + 1] - course->at[i], u = (at - course->at[i]) / h;
     double a = 6.0 * u * (1.0 - u) / h, b = (1.0 - u) * (1.0 - 3.0 * u), c = u * (3.0 * u - 2.0);
@@ -95,12 +100,7 @@ void slope_at(const Course *course, double at, Row slope)
 double speed_limit_at(const Course *course, double at, bool back, int *piece)
 {
     const double *knots = course->at, *squares = back ? course->backward : course->forward;
-    int i = *piece;
-    while (i < course->knots - 2 && knots[i + 1] <= at)
-        i++;
-    while (i > 0 && at < knots[i])
-        i--;
-    *piece = i;
+    int i = *piece = piece_from(*piece, course->knots, knots, at);
     if (at < knots[0] || at > knots[course->knots - 1])
         return 0.0;
     return sqrt((squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]) * (at - knots[i]) + squares[i]);
@@ -111,7 +111,7 @@ double speed_at(const Course *course, double at, double dt, double share, bool b
 {
     const double *knots = course->at, *squares = back ? course->backward : course->forward;
     double sign = back ? -1.0 : 1.0, part = share * share, most = INFINITY, v = 0.0;
-    int last = course->knots - 1, i = piece_of(course->knots, knots, at);
+    int last = course->knots - 1, i = piece_at(course, at);
     for (int steps = 0; steps <= last; steps++) {
         double rate = sign * part * (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]);
         double here = part * squares[i] + sign * rate * (at - knots[i]);

@@ -118,6 +118,8 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
         return refused(USE);
     size_t joints = (size_t)m * sizeof(double), head = offsetof(Travel, along);
     memcpy(&before, state, head);
+    course.piece = piece_of(course.knots, course.at, before.place);
+    course.part = piece_of(course.poses, course.curve_at, before.place);
     memcpy(before.along, state + STATE, joints);
     memcpy(before.velocity, state + STATE + m, joints);
     bool number = PyFloat_Check(arguments[3]) || PyLong_CheckExact(arguments[3]);

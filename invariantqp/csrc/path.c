@@ -20,7 +20,7 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
 {
     Pose tool, home, target;
     double p[3], root[6][6], V[6][6], error[6], tangent[6], ahead[6], behind[6], expected = state->place;
-    int m = course->m, i = piece_of(course->knots, course->at, expected);
+    int m = course->m, i = piece_at(course, expected);
     if (fmax(course->off[i], course->off[i + 1]) > OFF_PATH * loop->length)
         return HAND_BACK;
     if (isnan(state->tangent[0]))
@@ -29,12 +29,12 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
         memcpy(tangent, state->tangent, sizeof tangent);
     curve_pose(course, expected, &target);
     pose_from(loop->home, &home);
-    kinematics(m, loop->screws, &home, q, demand->J, &tool);
-    memcpy(here->J, demand->J, sizeof here->J);
+    kinematics(m, loop->screws, &home, q, here->J, &tool);
     if (error_twist(&target, &tool, error) == HAND_BACK)
         return HAND_BACK;
     place(&tool, loop->point, p);
     root_at(p, loop->length, root);
+    memcpy(demand->J, here->J, sizeof here->J);
     if (asked(loop, &tool, p, (const double(*)[6])root, demand, V, &here->rows) == HAND_BACK)
         return HAND_BACK;
     measured_rows(here->rows, (const double(*)[6])V, (const double(*)[6])root, here->asked);
@@ -58,7 +58,7 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
 static Outcome twist_of(const Loop *loop, const Course *course, const Beside *here, const double *q, double rate,
                         double strayed, const Row slope, const double tangent[6], Pose *tool, Demand *demand)
 {
-    int m = course->m, i = piece_of(course->knots, course->at, here->place), rows;
+    int m = course->m, i = piece_at(course, here->place), rows;
     double turning[6], home[6], along[6], across[6], carry[6], p[3], root[6][6], V[6][6], differ[6], part[6];
     double half = 0.5 * loop->dt * rate, ratio = fmin(course->ratio[i], course->ratio[i + 1]);
     double regular = (ratio - SINGULAR) / (REGULAR - SINGULAR);
@@ -113,7 +113,7 @@ static Outcome slower(const Loop *loop, const Beside *here, Demand *demand, Solu
     bool active = false;
     for (int j = 0; j < demand->m; j++)
         active = active || answer->active[j];
-    for (int k = 0; k < here->rows; k++)
+    for (int k = 0; k < here->rows && active; k++)
         missed[k] = dot(6, here->asked[k], answer->residual);
     if (!active || !(norm(here->rows, missed) * loop->dt > largest))
         return DONE;
@@ -157,9 +157,9 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
     progress->status = MOVING;
     if ((arrived && course->cut) || course->off[nearest(course, here->place)] > OFF_PATH * loop->length)
         return HAND_BACK;
-    for (int k = 0; k < 6; k++)
+    for (int k = 0; k < 6 && arrived; k++)
         moved[k] = dot(course->m, here->J[k], progress->answer.velocity);
-    for (int k = 0; k < here->rows; k++)
+    for (int k = 0; k < here->rows && arrived; k++)
         fast[k] = dot(6, here->asked[k], moved);
     if (arrived && here->off + dt * norm(here->rows, fast) <= course->tolerance) {
         progress->status = AT_END;

@@ -12,6 +12,7 @@ typedef struct {
     bool cut;                           /* the plan ends before the path does, or the path's end is out of reach */
     const double *at, *forward, *backward, *off, *ratio, *q, *slopes;
     const double *curve_at, *places, *pose, *cubics;
+    int piece, part; /* of plan and curve, about where the tool is: searches begin there */
 } Course;
 
 /* path_state.py. Numbers alone, as in a Loop; the tangent is NaN before the first tick. */
@@ -52,6 +53,7 @@ static inline double between(double x, double low, double high) { return fmin(fm
 
 /* course.c */
 int piece_of(int n, const double *knots, double at);
+int piece_at(const Course *course, double at);
 int nearest(const Course *course, double at);
 void curve_pose(const Course *course, double at, Pose *T);
 void curve_tangent(const Course *course, double at, double tangent[6]);

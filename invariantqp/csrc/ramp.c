@@ -52,7 +52,7 @@ static Answer stops(const Ramp *ramp, double before, double v, double a)
 {
     const Course *course = ramp->course;
     double distance[SAMPLES], speed[SAMPLES];
-    int sign = ramp->state->back != 0.0 ? -1 : 1, first = piece_of(course->knots, course->at, ramp->at), piece = first;
+    int sign = ramp->state->back != 0.0 ? -1 : 1, first = piece_at(course, ramp->at), piece = first;
     stop(ramp, v, a, distance, speed);
     for (int i = 0; i < SAMPLES; i++) {
         Answer answer = allows_speed(ramp, speed[i], distance[i] += before, &piece);
