@@ -94,28 +94,62 @@ void place(const Pose *T, const double point[3], double p[3])
         p[i] = dot(3, T->R[i], point) + T->p[i];
 }
 
+/* Motions as rows of (R, p): these four numbers are added up side by side. */
+typedef double Motion[3][4];
+
+/* T becomes T step. */
+static void moved_on(Motion T, const Motion step)
+{
+    for (int i = 0; i < 3; i++) {
+        double row[4] = {0.0, 0.0, 0.0, T[i][3]};
+        for (int k = 0; k < 3; k++)
+            for (int j = 0; j < 4; j++)
+                row[j] += T[i][k] * step[k][j];
+        memcpy(T[i], row, sizeof row);
+    }
+}
+
+/* exp(q S) = 1 + t U + (1 - cos t) U^2 + (t - sin t) U^3,   U = S / |omega|,   t = |omega| q */
+static void moved_by(const double w[3], const double v[3], double q, Motion step)
+{
+    double rate = norm(3, w), share = rate > 0.0 ? 1.0 / rate : 1.0, t = rate * q;
+    double n[3] = {share * w[0], share * w[1], share * w[2]}, u[3] = {share * v[0], share * v[1], share * v[2]}, around[3];
+    double half = sin(0.5 * t), sine = 2.0 * half * cos(0.5 * t), versine = 2.0 * half * half;
+    double along = rate > 0.0 ? (t - sine) * dot(3, n, u) : 0.0, straight = rate > 0.0 ? sine : q;
+    cross(n, u, around);
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        step[i][i] = 1.0 - versine * (n[j] * n[j] + n[k] * n[k]);
+        step[i][j] = versine * n[i] * n[j] - sine * n[k];
+        step[i][k] = versine * n[i] * n[k] + sine * n[j];
+        step[i][3] = straight * u[i] + versine * around[i] + along * n[i];
+    }
+}
+
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool)
 {
-    Pose T = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}}, step;
+    Motion T = {{1.0, 0.0, 0.0, 0.0}, {0.0, 1.0, 0.0, 0.0}, {0.0, 0.0, 1.0, 0.0}}, step;
     for (int k = 0; k < m; k++) {
-        double w[3], v[3], omega[3], moved[3], lever[3];
+        double w[3] = {screws[0][k], screws[1][k], screws[2][k]}, v[3] = {screws[3][k], screws[4][k], screws[5][k]};
         for (int i = 0; i < 3; i++) {
-            w[i] = screws[i][k];
-            v[i] = screws[3 + i][k];
+            J[i][k] = T[i][0] * w[0] + T[i][1] * w[1] + T[i][2] * w[2];
+            J[3 + i][k] = T[i][0] * v[0] + T[i][1] * v[1] + T[i][2] * v[2];
         }
-        turned(&T, w, omega);
-        turned(&T, v, moved);
-        cross(T.p, omega, lever);
-        for (int i = 0; i < 3; i++) {
-            J[i][k] = omega[i];
-            J[3 + i][k] = moved[i] + lever[i];
-            w[i] *= q[k];
-            v[i] *= q[k];
-        }
-        exponential(w, v, &step);
-        product(&T, &step, &T);
+        J[3][k] += T[1][3] * J[2][k] - T[2][3] * J[1][k];
+        J[4][k] += T[2][3] * J[0][k] - T[0][3] * J[2][k];
+        J[5][k] += T[0][3] * J[1][k] - T[1][3] * J[0][k];
+        moved_by(w, v, q[k], step);
+        moved_on(T, (const double(*)[4])step);
     }
-    product(&T, home, tool);
+    for (int i = 0; i < 3; i++) {
+        memcpy(step[i], home->R[i], sizeof home->R[i]);
+        step[i][3] = home->p[i];
+    }
+    moved_on(T, (const double(*)[4])step);
+    for (int i = 0; i < 3; i++) {
+        memcpy(tool->R[i], T[i], sizeof tool->R[i]);
+        tool->p[i] = T[i][3];
+    }
 }
 
 /* R R' */
