@@ -23,9 +23,9 @@ from invariantqp.geometry.arrays import Array
 
 # What rules where no knot of the plan does, as the core counts it: from the last on.
 RULINGS = (TURN, PAUSE, ENDED, SETTLING, ASTRAY, OVERRIDDEN, ON_TIME)
-# A tick by the core, for a Course, which keeps the state after it, and what `PathDriver.step` is given; then whether the
-# tool is to come to rest, and to go backward. The solution, and whether there are words to add to it; None where Python
-# has to drive, or to say what is wrong with an argument.
+# A tick by the core, for a Course, whose state and memory it writes, and what `PathDriver.step` is given; then whether
+# the tool is to come to rest, and to go backward. The solution, and whether there are words to add to it; None where
+# Python has to drive, or to say what is wrong with an argument.
 compiled_drive: Callable[..., tuple[PathSolution, bool] | None] = getattr(core, "drive", lambda *_: None)
 if core is not None:
     core.tell_as(PathSolution)

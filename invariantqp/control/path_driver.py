@@ -10,6 +10,7 @@ where it was and looks along the path again from there, with the joints as they 
 
 from __future__ import annotations
 
+from copy import deepcopy
 from math import inf
 from typing import Any
 
@@ -103,6 +104,9 @@ class PathDriver:
             object.__setattr__(self, "_course", None)
         object.__setattr__(self, name, value)
 
+    def __copy__(self) -> PathDriver:
+        return deepcopy(self)  # with a state and a loop of its own
+
     @property
     def _state(self) -> PathState:
         return PathState.of(self._kept)
@@ -137,15 +141,15 @@ class PathDriver:
             answer, more = found
             return self._told(answer, q) if more else answer
         m = len(self.controller.robot.names)
-        positions = arrays.vector(q, m, "q")
-        before = self._state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
+        positions, state = arrays.vector(q, m, "q"), self._state
+        before = state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
         part = arrays.not_negative(override, "override", "a share of the speed, 0 to 1.5")
         if part > FASTEST:
             raise BadInput("override", f"{part:g}", f"a share of the speed, 0 to {FASTEST:g}")
         if self.plan is not None and self._path is not None:
             if self._search is not None and not self._search.done:  # the path has grown
                 self._look_on(self._search)
-            state = self._state._replace(velocity=before)
+            state = state._replace(velocity=before)
             tangent = self._path.curve.tangent(state.place) if state.tangent is None else state.tangent
             here = look(self.controller, self._path, self.plan, positions, state.place, tangent)
             if not self._pushed(here, positions):

@@ -43,3 +43,6 @@ class PathSolution(NamedTuple):
 
     def __ne__(self, other: object) -> bool:  # else a tuple's own would be used
         return not self == other
+
+    def __hash__(self) -> int:
+        return hash((*self.velocity.tolist(), self.status, self.reason))

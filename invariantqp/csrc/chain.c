@@ -35,15 +35,15 @@ void turned(const Pose *T, const double b[3], double c[3])
         c[i] = dot(3, T->R[i], b);
 }
 
+/* C may be A. */
 void product(const Pose *A, const Pose *B, Pose *C)
 {
-    Pose result;
     for (int i = 0; i < 3; i++) {
+        double x = A->R[i][0], y = A->R[i][1], z = A->R[i][2];
         for (int j = 0; j < 3; j++)
-            result.R[i][j] = A->R[i][0] * B->R[0][j] + A->R[i][1] * B->R[1][j] + A->R[i][2] * B->R[2][j];
-        result.p[i] = dot(3, A->R[i], B->p) + A->p[i];
+            C->R[i][j] = x * B->R[0][j] + y * B->R[1][j] + z * B->R[2][j];
+        C->p[i] = x * B->p[0] + y * B->p[1] + z * B->p[2] + A->p[i];
     }
-    *C = result;
 }
 
 /* I + a [w]x + b [w]x^2 applied to x. */
@@ -56,26 +56,21 @@ static void series(const double w[3], double a, double b, const double x[3], dou
         y[i] = x[i] + a * wx[i] + b * wwx[i];
 }
 
-void exponential(const double w[3], const double v[3], Pose *T)
+/* exp(q S) = 1 + t U + (1 - cos t) U^2 + (t - sin t) U^3,   U = S / |omega|,   t = |omega| q;  1 + q S for a slide */
+void exponential(const double w[3], const double v[3], double q, Pose *T)
 {
-    double t2 = dot(3, w, w), theta = sqrt(t2), a, b, c;
-    if (theta < SMALL_ANGLE) {
-        a = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0));
-        b = 0.5 * (1.0 - t2 / 12.0 * (1.0 - t2 / 30.0 * (1.0 - t2 / 56.0)));
-        c = (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0 * (1.0 - t2 / 72.0))) / 6.0;
-    } else {
-        double half = sin(0.5 * theta) / theta;
-        a = sin(theta) / theta;
-        b = 2.0 * half * half;
-        c = (1.0 - a) / t2;
-    }
+    double rate = norm(3, w), share = rate > 0.0 ? 1.0 / rate : 1.0, t = rate * q;
+    double n[3] = {share * w[0], share * w[1], share * w[2]}, u[3] = {share * v[0], share * v[1], share * v[2]}, around[3];
+    double half = sin(0.5 * t), sine = 2.0 * half * cos(0.5 * t), versine = 2.0 * half * half;
+    double along = (t - sine) * dot(3, n, u), straight = rate > 0.0 ? sine : q;
+    cross(n, u, around);
     for (int i = 0; i < 3; i++) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
-        T->R[i][i] = 1.0 - b * (w[j] * w[j] + w[k] * w[k]);
-        T->R[i][j] = b * w[i] * w[j] - a * w[k];
-        T->R[i][k] = b * w[i] * w[k] + a * w[j];
+        T->R[i][i] = 1.0 - versine * (n[j] * n[j] + n[k] * n[k]);
+        T->R[i][j] = versine * n[i] * n[j] - sine * n[k];
+        T->R[i][k] = versine * n[i] * n[k] + sine * n[j];
+        T->p[i] = straight * u[i] + versine * around[i] + along * n[i];
     }
-    series(w, b, c, v, T->p);
 }
 
 /* A pose from its (4, 4) matrix, row by row. */
@@ -94,62 +89,23 @@ void place(const Pose *T, const double point[3], double p[3])
         p[i] = dot(3, T->R[i], point) + T->p[i];
 }
 
-/* Motions as rows of (R, p): these four numbers are added up side by side. */
-typedef double Motion[3][4];
-
-/* T becomes T step. */
-static void moved_on(Motion T, const Motion step)
-{
-    for (int i = 0; i < 3; i++) {
-        double row[4] = {0.0, 0.0, 0.0, T[i][3]};
-        for (int k = 0; k < 3; k++)
-            for (int j = 0; j < 4; j++)
-                row[j] += T[i][k] * step[k][j];
-        memcpy(T[i], row, sizeof row);
-    }
-}
-
-/* exp(q S) = 1 + t U + (1 - cos t) U^2 + (t - sin t) U^3,   U = S / |omega|,   t = |omega| q */
-static void moved_by(const double w[3], const double v[3], double q, Motion step)
-{
-    double rate = norm(3, w), share = rate > 0.0 ? 1.0 / rate : 1.0, t = rate * q;
-    double n[3] = {share * w[0], share * w[1], share * w[2]}, u[3] = {share * v[0], share * v[1], share * v[2]}, around[3];
-    double half = sin(0.5 * t), sine = 2.0 * half * cos(0.5 * t), versine = 2.0 * half * half;
-    double along = rate > 0.0 ? (t - sine) * dot(3, n, u) : 0.0, straight = rate > 0.0 ? sine : q;
-    cross(n, u, around);
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        step[i][i] = 1.0 - versine * (n[j] * n[j] + n[k] * n[k]);
-        step[i][j] = versine * n[i] * n[j] - sine * n[k];
-        step[i][k] = versine * n[i] * n[k] + sine * n[j];
-        step[i][3] = straight * u[i] + versine * around[i] + along * n[i];
-    }
-}
-
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool)
 {
-    Motion T = {{1.0, 0.0, 0.0, 0.0}, {0.0, 1.0, 0.0, 0.0}, {0.0, 0.0, 1.0, 0.0}}, step;
+    Pose T = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}}, step;
     for (int k = 0; k < m; k++) {
         double w[3] = {screws[0][k], screws[1][k], screws[2][k]}, v[3] = {screws[3][k], screws[4][k], screws[5][k]};
+        double omega[3], moved[3], lever[3];
+        turned(&T, w, omega);
+        turned(&T, v, moved);
+        cross(T.p, omega, lever);
         for (int i = 0; i < 3; i++) {
-            J[i][k] = T[i][0] * w[0] + T[i][1] * w[1] + T[i][2] * w[2];
-            J[3 + i][k] = T[i][0] * v[0] + T[i][1] * v[1] + T[i][2] * v[2];
+            J[i][k] = omega[i];
+            J[3 + i][k] = moved[i] + lever[i];
         }
-        J[3][k] += T[1][3] * J[2][k] - T[2][3] * J[1][k];
-        J[4][k] += T[2][3] * J[0][k] - T[0][3] * J[2][k];
-        J[5][k] += T[0][3] * J[1][k] - T[1][3] * J[0][k];
-        moved_by(w, v, q[k], step);
-        moved_on(T, (const double(*)[4])step);
+        exponential(w, v, q[k], &step);
+        product(&T, &step, &T);
     }
-    for (int i = 0; i < 3; i++) {
-        memcpy(step[i], home->R[i], sizeof home->R[i]);
-        step[i][3] = home->p[i];
-    }
-    moved_on(T, (const double(*)[4])step);
-    for (int i = 0; i < 3; i++) {
-        memcpy(tool->R[i], T[i], sizeof tool->R[i]);
-        tool->p[i] = T[i][3];
-    }
+    product(&T, home, tool);
 }
 
 /* R R' */

@@ -236,7 +236,7 @@ void turned(const Pose *T, const double b[3], double c[3]);
 void cross(const double a[3], const double b[3], double c[3]);
 void lie(const double a[6], const double b[6], double c[6]);
 void product(const Pose *A, const Pose *B, Pose *C);
-void exponential(const double w[3], const double v[3], Pose *T);
+void exponential(const double w[3], const double v[3], double q, Pose *T);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);

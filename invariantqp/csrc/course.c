@@ -45,7 +45,7 @@ void curve_pose(const Course *course, double at, Pose *T)
     Pose step, start;
     for (int k = 0; k < 6; k++)
         twist[k] = u * c[k] + u * u * c[6 + k] + u * u * u * c[12 + k];
-    exponential(twist, twist + 3, &step);
+    exponential(twist, twist + 3, 1.0, &step);
     pose_from(course->pose + 16 * i, &start);
     product(&step, &start, T);
 }

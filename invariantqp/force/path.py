@@ -30,14 +30,13 @@ from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_state import PathState, at_rest
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid import HybridController
+from invariantqp.force.path_solution import HybridPathSolution
 from invariantqp.force.reading import Wrench
 from invariantqp.force.solution import HybridSolution
 from invariantqp.force.split import Split
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import same
 from invariantqp.systems.contacts import Contact
-from invariantqp.velocity.solution import VelocitySolution
 
 # The tool touches from this share of the wanted press on.
 TOUCH = 0.5
@@ -54,38 +53,15 @@ class _Beside(NamedTuple):
     Attributes:
         place: nearest it along S.
         off: how far it is from there, along S.
-        strayed: how far a joint is off the plan by motion that leaves the tool where it is [rad, length].
+        strayed: how far a joint is off the plan by motion that leaves the tool where it is [rad, length], 0 where that
+            is less than STRAYED.
+        astray: (m,) the way back of the joints to the plan, there.
     """
 
     place: float
     off: float
     strayed: float
-
-
-class HybridPathSolution(NamedTuple):
-    """A tick along a path in contact: the fields of a `PathSolution`, `across` along S alone, and one more.
-
-    Attributes:
-        hybrid: the hybrid controller's answer, with the forces.
-    """
-
-    velocity: Array
-    status: str
-    reason: str
-    place: float
-    speed: float
-    ruling: str
-    lag: float | None
-    across: float
-    velocity_solution: VelocitySolution
-    hybrid: HybridSolution
-
-    def __eq__(self, other: object) -> bool:
-        """Whether all fields are equal, arrays number by number."""
-        return type(other) is HybridPathSolution and all(map(same, self, other))
-
-    def __ne__(self, other: object) -> bool:  # else a tuple's own would be used
-        return not self == other
+    astray: Array
 
 
 class HybridFollower:
@@ -191,10 +167,10 @@ class HybridFollower:
             if again:
                 self.plan, self._search = None, None
             return self._waiting(answer, positions, beside.off)
-        place, off, strayed = beside
+        place, off, strayed, astray = beside
         rate, slope, ruling = self._pace_at(plan, place, off, strayed)
         middle = min(place + 0.5 * loop.dt * rate, plan.end)
-        posture = rate * slope + JOINT_GAIN * (plan.joints(place) - positions)
+        posture = rate * slope + JOINT_GAIN * astray
         ahead = rate * curve.tangent(middle)
         answer = hybrid.step(positions, curve.pose(place), wrench, ahead, here, before, wanted, posture)
         waits, state = not self._touching, self._state
@@ -265,16 +241,18 @@ class HybridFollower:
         R = asked(loop, sighting, root).dot(A).dot(P).dot(B.T)
         plan = self.plan
         if plan is None:
-            return _Beside(expected, float(np.linalg.norm(R.dot(sighting.error))), 0.0)
+            return _Beside(expected, float(np.linalg.norm(R.dot(sighting.error))), 0.0, np.zeros(len(q)))
         ahead, error = R.dot(curve.tangent(expected)), R.dot(sighting.error)
         shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + self._path.slow * self._path.slow)
         place = min(max(expected - shift, plan.start), plan.end)
         rest = error - (expected - place) * ahead
-        astray = plan.joints(place) - q
+        astray, off = plan.joints(place) - q, sqrt(float(rest.dot(rest)))
+        if float(astray.dot(astray)) <= STRAYED * STRAYED:  # nor is any part of it more
+            return _Beside(place, off, 0.0, astray)
         _, sigma, Vt = np.linalg.svd(root.dot(sighting.J), full_matrices=False)
         moving = Vt[sigma > STILL * sigma[0]]
         free = astray - moving.T.dot(moving.dot(astray))
-        return _Beside(place, sqrt(float(rest.dot(rest))), float(np.abs(free).max()))
+        return _Beside(place, off, float(np.abs(free).max()), astray)
 
     def _touches(self, answer: HybridSolution) -> bool:
         """Whether the tool is in contact."""

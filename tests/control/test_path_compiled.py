@@ -1,5 +1,7 @@
 """A tick along a path in the compiled core is that of Python: the same answer, the same state after it."""
 
+import copy
+import pickle
 from contextlib import contextmanager
 from unittest import mock
 
@@ -142,7 +144,8 @@ def test_the_core_refuses_what_is_no_course():
     course = follower._course
     numbers, kept, state, loop = course.numbers, course.kept, course.state, course.loop
     bad = [{"numbers": n} for n in (numbers[:-1], numbers[:4], np.append(numbers, 0.0), numbers.tolist())]
-    bad += [{"numbers": np.where(numbers == 5.0, 6.0, numbers)}, {"rulings": RULINGS}, {"rulings": list(course.rulings)}]
+    bad += [{"numbers": np.where(numbers == 5.0, 6.0, numbers)}]
+    bad += [{"rulings": words} for words in (RULINGS, list(course.rulings))]
     bad += [{"kept": k} for k in (kept[:-1], kept.tolist(), kept.astype(np.float32))]
     bad += [{"state": k} for k in (state[:-1], state.tolist(), follower._state)]
     bad += [{"loop": np.r_[loop[:9], demands, loop[10:]]} for demands in (-1.0, np.nan, 1e9)]  # how many there are
@@ -169,3 +172,14 @@ def test_a_velocity_that_is_changed_afterwards_is_not_what_was_commanded():
     with python_alone():
         follower.step(q).velocity[:] = 0.0
     assert follower._state.velocity.any()
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda follower: pickle.loads(pickle.dumps(follower))])
+def test_a_copy_drives_by_itself(copied):
+    follower, q = started("so101", {RISE: 0.2}, {}, 6)
+    follower.step(q)
+    other, kept = copied(follower), follower._kept.copy()
+    moved = [other.step(q) for _ in range(3)]
+    np.testing.assert_array_equal(follower._kept, kept)
+    assert other._state.ticks == follower._state.ticks + 3
+    assert moved == [follower.step(q) for _ in range(3)]
