@@ -61,7 +61,8 @@ def test_the_same_try_with_exact_demands(seed, patient, turning, far):
     q, start = rng.uniform(robot.position_lower, robot.position_upper, (2, len(robot.names)))
     target = iq.exp(rng.normal(size=6)) @ robot.pose(q) if far else robot.pose(q)
     native, python = both(robot, target, start, exact, patient=patient, turning=turning)
-    assert (native.met, native.at_rest, native.steps) == (python.met, python.at_rest, python.steps)
+    assert (native.met, native.at_rest) == (python.met, python.at_rest)
+    assert patient or native.steps == python.steps
     assert native.f == pytest.approx(python.f, rel=SAME, abs=1e-18)
     assert native.unmet == pytest.approx(python.unmet, rel=SAME, abs=1e-9)
     np.testing.assert_allclose(native.q, python.q, rtol=0.0, atol=SAME * (1.0 + np.abs(python.q).max()))
