@@ -16,6 +16,7 @@ from math import exp, hypot, inf, tan
 from typing import NamedTuple
 
 from invariantqp.errors import written
+from invariantqp.force.touch import Touch
 from invariantqp.geometry.arrays import Array
 
 # The least share of the stiffness with which a press has to rise.
@@ -62,8 +63,7 @@ class Agreement(NamedTuple):
         answer: Answer,
         noise: float,
         dt: float,
-        *,
-        touching: bool,
+        touch: Touch,
     ) -> Agreement:
         """What is remembered after one more reading.
 
@@ -73,13 +73,15 @@ class Agreement(NamedTuple):
             answer: what the press owes.
             noise: standard deviation of the press [force].
             dt: tick [s].
-            touching: whether there is contact; without it the way out counts, too.
+            touch: whether there is contact; without it the way out counts, too.
         """
         felt, wanted = press
         low = min(self.low, felt)
         owed = self.owed + answer.least * (way[0] - way[1]) - SHARE * CREEP * wanted * dt
-        if touching and owed <= max(0.0, felt - low - NOISE * noise):
-            return Agreement(0.0 if owed == -inf else min(0.0, owed) * exp(-dt / MEMORY), felt)
+        if self.owed == -inf:
+            return Agreement(0.0 if touch.touching else -inf, felt)
+        if touch.touching and owed <= max(0.0, felt - low - NOISE * noise):
+            return Agreement(min(0.0, owed) * exp(-dt / MEMORY), felt)
         return Agreement(owed, low)
 
     def trouble(self, press: tuple[float, float], noise: float, answer: Answer, yields: float) -> str:

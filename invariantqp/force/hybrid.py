@@ -270,8 +270,7 @@ class HybridController:
         """What the force law knows of the stiffness, and its caution."""
         regulation = self._regulation
         if felt.press is not None and self._split.kind.presses == 1:
-            late, touching = self._late, watch.touching
-            regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, touching=touching)
+            regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, self._late, watch.touch)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 
     def _turned(self, contact: Contact) -> tuple[Contact, Array]:

@@ -19,7 +19,9 @@ import numpy as np
 
 from invariantqp.errors import written
 from invariantqp.force.place import TINY
+from invariantqp.force.rise import Rise
 from invariantqp.force.stiffness import StiffnessEstimate
+from invariantqp.force.touch import Touch
 from invariantqp.force.two_presses import TwoPresses
 from invariantqp.geometry.arrays import Array
 
@@ -35,15 +37,10 @@ STIFF = 1e5
 USUAL = 2e4
 # How much more a delay counts at the touch than a low-pass, which raw readings of an overload do not wait for.
 DELAYED = 0.5
-# No contact of an arm is stiffer, and none is supposed to be softer [N/m].
-STIFFEST = 1e7
+# No contact is supposed to be softer [N/m].
 SOFTEST = 100.0
 # How much a slope that is not known may add to the way into the surface, as a share of the way across it.
 SLOPE = 0.15
-# Where a rise of the press says how stiff the contact is at least, so many standard deviations of noise are left out,
-# and at least this share of the wanted press.
-ABOVE_NOISE = 4.0
-LEFT_OUT = 0.25
 # Until this share of the press is felt, the contact is supposed to be softer and softer, with this time constant in
 # units of that of the force law.
 REACHED = 0.5
@@ -68,11 +65,8 @@ class Regulation(NamedTuple):
         presses: two presses since the touch; None where they are not asked for.
         caution: share of the rate, less than 1 after chatter.
         supposed: stiffness that the gain is for until it is known [force/length].
-        least: what the stiffest contact so far was at least [force/length].
-        seen: the same with less left out, until it is known.
-        air: press in the last tick without contact [force]; inf before any.
-        way: into the surface since then, at most [length].
-        reached: whether a good share of the press has been felt since then.
+        rise: what the first readings of touches showed of it.
+        reached: whether a good share of the press has been felt since the touch.
     """
 
     estimate: StiffnessEstimate = StiffnessEstimate()
@@ -80,10 +74,7 @@ class Regulation(NamedTuple):
     presses: TwoPresses | None = None
     caution: float = 1.0
     supposed: float = USUAL
-    least: float = 0.0
-    seen: float = 0.0
-    air: float = inf
-    way: float = 0.0
+    rise: Rise = Rise()
     reached: bool = False
 
     @property
@@ -105,7 +96,7 @@ class Regulation(NamedTuple):
         A delay counts for more where the stiffness is not known: it passes before that is, and before that helps.
         """
         k = self.known(stiffness)
-        return press / (max(STIFF, self.least) * (late + DELAYED * delay) if k is None else k * late)
+        return press / (max(STIFF, self.rise.stiffest) * (late + DELAYED * delay) if k is None else k * late)
 
     def known(self, stiffness: float | None) -> float | None:
         """The stiffness that was told, or that is known from the last touch."""
@@ -114,8 +105,8 @@ class Regulation(NamedTuple):
     @property
     def shown(self) -> float:
         """What touches showed of the stiffness [force/length]: a sensor that saturates makes one look softer."""
-        k = self.estimate.value
-        return self.seen if k is None else max(k, min(self.seen, SOFTENED * k))
+        k, seen = self.estimate.value, self.rise.seen
+        return seen if k is None else max(k, min(seen, SOFTENED * k))
 
     def mistold(self, stiffness: float | None) -> str:
         """How the stiffness told disagrees with the last touch, in words, "" for not at all."""
@@ -128,7 +119,7 @@ class Regulation(NamedTuple):
         )
 
     def felt(
-        self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: float, *, touching: bool
+        self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: float, touch: Touch
     ) -> Regulation:
         """What is known of the stiffness after one more reading.
 
@@ -138,9 +129,10 @@ class Regulation(NamedTuple):
             noise: standard deviation of the press [force].
             dt: tick [s].
             late: sum of tick, delay and low-pass [s].
-            touching: whether there is contact.
+            touch: whether there is contact.
         """
         felt, wanted = press
+        touching = touch.touching
         estimate = self.estimate.after(felt, moved, noise, dt, touching=touching)
         way = abs(float(moved[0])) + SLOPE * hypot(*moved[1:].tolist())
         presses = self.presses
@@ -150,19 +142,14 @@ class Regulation(NamedTuple):
             if k is not None:  # and stays until contact is lost
                 return self._replace(estimate=StiffnessEstimate(k, True, inf), presses=presses)
         now = self._replace(estimate=estimate, presses=presses)
-        if not touching:
-            return now._replace(supposed=USUAL, air=felt, way=way * late / dt, reached=False)
-        if estimate.fresh:
-            return now
-        way += self.way
-        risen = felt - self.air - ABOVE_NOISE * noise
-        seen = max(self.seen, risen / max(way, TINY)) if estimate.value is None else self.seen
-        rise = min(risen, felt - self.air - LEFT_OUT * wanted)
-        least = min(STIFFEST, max(0.0, rise) / max(way, TINY))
+        if not estimate.fresh:
+            rise = self.rise.after(press, way, noise, touch, known=estimate.value is not None)
+            now = now._replace(rise=rise)
+        if not touching or estimate.fresh:
+            return now if touching else now._replace(supposed=USUAL, reached=False)
         reached = self.reached or felt >= REACHED * wanted
         softer = 1.0 if reached else exp(-dt * self.rate(late) / SOFTENING)
-        supposed, most = max(softer * self.supposed, least, SOFTEST), max(self.least, least)
-        return now._replace(supposed=supposed, least=most, seen=seen, way=way, reached=reached)
+        return now._replace(supposed=max(softer * self.supposed, now.rise.least, SOFTEST), reached=reached)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
         """The integral after a tick.

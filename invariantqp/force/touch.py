@@ -39,6 +39,11 @@ class Touch(NamedTuple):
     touching: bool = False
     airborne: float = inf
 
+    @property
+    def aloft(self) -> bool:
+        """Whether it is certain that nothing is touched."""
+        return self.evidence == -CERTAIN
+
     def after(self, press: float, limit: float, noise: float, dt: float) -> Touch:
         """What is known after one more reading.
 

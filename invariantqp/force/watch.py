@@ -104,7 +104,7 @@ class Watch(NamedTuple):
         fault = health.fault
         if wanted > 0.0 and limit > 0.0:
             now, ways = (press, wanted), ways_in(felt.way, task.normal_within)
-            agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touching=touch.touching)
+            agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touch)
             watch = watch._replace(agreement=agreement)
             fault = fault or agreement.trouble(now, felt.noise, felt.answer, task.yields)
         if fault:

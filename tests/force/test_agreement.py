@@ -7,6 +7,7 @@ from support.spring_plane import gantry, pen
 
 import invariantqp as iq
 from invariantqp.force.agreement import Agreement, answer_of
+from invariantqp.force.touch import Touch
 
 PRESS, NOISE, REST = 10.0, 0.2, 1e9  # [N], [N], a turn so long that the tool stands still [s]
 PHASES = {"in the air": 0.2, "just after touch": 0.54, "settled": 1.5}
@@ -36,6 +37,20 @@ def test_a_reading_stuck_in_its_noise_presses_once_more_at_most(share, phase, st
     assert "a sensor at fault, a step or a slope" in run.solutions[stop].reason
     assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.012 * max(stiffness, 1e4)
     assert run.height[-1] > run.height[stop] + 1e-3  # and left
+
+
+@pytest.mark.parametrize("stiffness", [2e4, 1e5])
+@pytest.mark.parametrize("share", [0.0, 0.12, 0.2])
+def test_a_reading_stuck_while_the_touch_is_being_decided(share, stiffness):
+    """From the tick on in which the press is above the loss limit by the noise; in the air where that is passed."""
+    touch = press_on_plane(PRESS, stiffness=stiffness, seconds=0.6).touch()
+    reached = round(1.8 / (0.02 * 0.002 * stiffness))  # ticks until 1.8 N
+    for tick in (50, touch + reached + 1) if share else (touch + reached + 1,):
+        run = press_on_plane(
+            PRESS, stiffness=stiffness, fault=Stuck(share), since=0.002 * tick, seconds=1.6, period=REST
+        )
+        assert run.solutions[run.stopped()].status == "fault"
+        assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.002 * stiffness
 
 
 @pytest.mark.parametrize(("stiffness", "most"), [(1e3, 22.0), (2e4, 32.0), (1e5, 60.0)])
@@ -72,13 +87,14 @@ def test_a_contact_that_answers_is_never_doubted(seed):
     """Steps of the wanted press, a told stiffness off by up to five, noise of half the press, for 40 000 ticks."""
     random, dt = np.random.default_rng(seed), 0.002
     for told, noise in ((1.0, 0.0), (1.0, 2.5), (5.0, 0.5), (0.2, 2.5)):
-        k, x, agreement, wanted = 1e4, 0.0, Agreement(), 5.0
+        k, x, agreement, touch, wanted = 1e4, 0.0, Agreement(), Touch(), 5.0
         for tick in range(10_000):
             wanted = random.uniform(3.0, 6.0) if tick % 100 == 0 else wanted
             way = 80.0 * dt / (max(told, 1.0) * k) * (wanted - k * x - noise * random.normal())
             x += way
             felt = k * x + noise * random.normal()
-            agreement = agreement.after((felt, wanted), (way, 0.0), answer_of(told * k, 0.0), noise, dt, touching=True)
+            touch = touch.after(felt, 0.5, noise, dt)
+            agreement = agreement.after((felt, wanted), (way, 0.0), answer_of(told * k, 0.0), noise, dt, touch)
             assert not agreement.trouble((felt, wanted), noise, answer_of(told * k, 0.0), 0.0)
 
 

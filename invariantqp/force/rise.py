@@ -1,0 +1,67 @@
+"""How stiff a contact is at least, from the first readings after those that are certainly of free air.
+
+    k >= (mean press - air - noise) / mean way        way and means since then; the touch itself may have come later
+
+It holds at every tick, whatever the press does then: where a reading sticks, its jump alone shows a stiffness.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+from invariantqp.force.place import TINY
+from invariantqp.force.touch import Touch
+
+# So many standard deviations of noise are left out of a rise.
+ABOVE_NOISE = 4.0
+# For the gain, also this share of the wanted press.
+LEFT_OUT = 0.25
+# No contact of an arm is stiffer [N/m].
+STIFFEST = 1e7
+# Share of a reading in the mean of the free air.
+AVERAGED = 0.1
+
+
+class Rise(NamedTuple):
+    """What is remembered since the last reading that is certainly of free air.
+
+    Attributes:
+        air: the press that is read there [force]; inf before any.
+        way: into the surface since then, at most [length].
+        sums: number of readings since then, of their presses [force], of the ways at them [length].
+        least: what the stiffness is at least, where a good share of the press is left out [force/length].
+        stiffest: the largest of these at any touch.
+        seen: the largest with noise alone left out, at any touch.
+    """
+
+    air: float = inf
+    way: float = 0.0
+    sums: tuple[int, float, float] = (0, 0.0, 0.0)
+    least: float = 0.0
+    stiffest: float = 0.0
+    seen: float = 0.0
+
+    def after(self, press: tuple[float, float], way: float, noise: float, touch: Touch, *, known: bool) -> Rise:
+        """What is remembered after one more reading.
+
+        Args:
+            press: felt and wanted [force].
+            way: into the surface since the last reading, at most [length].
+            noise: standard deviation of the press [force].
+            touch: whether there is contact.
+            known: whether the stiffness is known from an earlier touch.
+        """
+        now, wanted = press
+        if touch.aloft:
+            air = now if self.air == inf else self.air + AVERAGED * (now - self.air)
+            return Rise(air, stiffest=self.stiffest, seen=self.seen)
+        way += self.way
+        n, presses, ways = self.sums[0] + 1, self.sums[1] + now, self.sums[2] + way
+        risen = now - self.air - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)
+        least = min(STIFFEST, max(0.0, risen) / max(way, TINY))
+        seen = self.seen
+        if touch.touching and not known:
+            risen = presses / n - self.air - ABOVE_NOISE * noise / sqrt(n)
+            seen = max(seen, min(STIFFEST, risen / max(ways / n, TINY)))
+        return Rise(self.air, way, (n, presses, ways), least, max(self.stiffest, least), seen)
