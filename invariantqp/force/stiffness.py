@@ -20,7 +20,8 @@ WINDOW = 0.5
 # Standard errors of k from which on it is known, and the least number of readings.
 KNOWN = 8.0
 FEWEST = 20
-# The least relative spread of the ways across that counts, a thousandth as a way: smaller ones are rounding.
+# The least relative spread of the ways across, and of the press, that counts, a thousandth as a way: smaller ones are
+# rounding.
 RESOLVED = 1e-6
 
 
@@ -81,5 +82,6 @@ def _slope(sums: Array, noise: float) -> float | None:
     if xx <= 0.0:
         return None
     k = xf / xx
-    error = sqrt(max(noise * noise, ff - k * xf, 0.0) / (n * xx))
+    least = RESOLVED * float(mean[4]) ** 2
+    error = sqrt(max(noise * noise, ff - k * xf, least) / (n * xx))
     return k if k > KNOWN * error else None

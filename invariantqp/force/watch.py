@@ -2,14 +2,15 @@
 
 lost        unilateral contact that is not felt (`touch`) for longer than lost_after; over when it is felt again
             an approach that meets nothing within approach_distance or approach_time stands still until `reset`
-overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`
+overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Where less is
+            wanted than before, the limit falls with what is felt
 fault       what the readings say of the sensor (`health`), or that they disagree with the motion (`agreement`); until
             `reset`
 """
 
 from __future__ import annotations
 
-from math import inf
+from math import exp, inf
 from typing import NamedTuple
 
 from invariantqp.errors import written
@@ -23,6 +24,8 @@ from invariantqp.geometry.arrays import Array
 # The overload without another word: a multiple of the wanted force, or this force where none is wanted [N].
 OVERLOAD = 2.0
 NO_FORCE = 20.0
+# A larger press that was wanted before is still expected for this long [s], and while it falls.
+LET_GO = 1.0
 # Readings of a force stay within so many standard deviations of a component.
 ABOVE_NOISE = 8.0
 
@@ -35,7 +38,7 @@ class Felt(NamedTuple):
         press: felt and wanted [force]; None where the contact cannot be lost.
         force, moment: about the place of contact.
         missing: from the wanted wrench, smoothed, its force or its moment, as a share of an overload.
-        most: force and moment that are an overload.
+        most: force and moment that are an overload of what is wanted now.
         noise: standard deviation of a force component [force].
         way: (4,) of the last motion whose effect is felt, along the press and across it (3) [length].
         answer: what the press owes for a way in.
@@ -60,6 +63,7 @@ class Watch(NamedTuple):
         health: of the sensor.
         settling: of the press.
         agreement: of press and motion.
+        most: force and moment that are an overload.
         approached: way towards the contact since it was last felt [length].
         waited: for how long it has not been felt [s].
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
@@ -71,6 +75,7 @@ class Watch(NamedTuple):
     health: Health = Health()
     settling: Settling = Settling()
     agreement: Agreement = Agreement()
+    most: tuple[float, float] = (0.0, 0.0)
     approached: float = 0.0
     waited: float = 0.0
     leaving: str = ""
@@ -86,7 +91,8 @@ class Watch(NamedTuple):
         """The watch after a tick of dt [s]."""
         if self.status in ("overload", "fault"):
             return self
-        too_much = _too_much(felt)
+        most = _let_go(self.most, (felt.force, felt.moment), felt.most, exp(-dt / LET_GO))
+        too_much = _too_much(felt, most)
         if too_much:
             return self._replace(status="overload", leaving=too_much, left=0.0)
         if self.status:
@@ -100,7 +106,7 @@ class Watch(NamedTuple):
             settling = settling.after((press, wanted), dt, touching=touch.touching, lost=lost)
         if felt.press is None:
             settling = self.settling.after_missing(felt.missing, dt)
-        watch = self._replace(touch=touch, health=health, settling=settling)
+        watch = self._replace(touch=touch, health=health, settling=settling, most=most)
         fault = health.fault
         if wanted > 0.0 and limit > 0.0:
             now, ways = (press, wanted), ways_in(felt.way, task.normal_within)
@@ -140,9 +146,17 @@ def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> 
     return most, turning
 
 
-def _too_much(felt: Felt) -> str:
+def _let_go(
+    before: tuple[float, float], felt: tuple[float, float], now: tuple[float, float], share: float
+) -> tuple[float, float]:
+    """What is an overload while less is wanted than before: the law needs time, and what is felt has to fall."""
+    force, moment = (max(n, min(share * b, OVERLOAD * f)) for b, f, n in zip(before, felt, now, strict=True))
+    return force, moment
+
+
+def _too_much(felt: Felt, most: tuple[float, float]) -> str:
     """What is an overload, "" for nothing."""
-    force, moment = felt.most
+    force, moment = most
     what = f"{written(felt.force)} N of {written(force)}" if felt.force > force else ""
     turn = f"{written(felt.moment)} N m of {written(moment)}" if felt.moment > moment else ""
     return " and ".join(w for w in (what, turn) if w)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.spring_plane import Bench, gantry, pen
 from support.wrist import wrist
 
 import invariantqp as iq
@@ -207,3 +208,40 @@ def test_what_is_no_task_sensor_contact_or_press_is_told(panda):
         iq.Controller("panda", dt=DT)
     with pytest.raises(iq.BadInput, match="robot: found 'panda'"):
         iq.solve_pose("panda", np.eye(4))
+
+
+@pytest.mark.parametrize("options", [{}, {"stiffness": 5e4}, {"compliance": 2.0 / 1e4}])
+def test_a_press_that_is_lowered_is_no_overload_and_one_that_rises_then_is(options):
+    """Told five times too stiff and with a gain of 2/s, the press falls slowly."""
+    bench = Bench(gantry(), np.zeros(6), pen(8.0, **options), depth=1e-4, dt=0.002)
+    high = [bench.tick(wanted=[24.0]) for _ in range(2000)]
+    assert high[-1].intensities[0] == pytest.approx(24.0, rel=0.05)
+    low = [bench.tick(wanted=[8.0]) for _ in range(2000)]
+    assert {s.status for s in low} <= {"ok", "degraded"}  # not reached within a second, a stiffness told wrong
+    assert low[-1].intensities[0] == pytest.approx(8.0, rel=0.05)
+    bench.height += 12.0 / bench.stiffness
+    assert "N of 16" in bench.tick(wanted=[8.0]).reason
+
+
+def test_while_a_press_is_let_go_a_rise_to_twice_what_is_felt_is_an_overload():
+    bench = Bench(gantry(), np.zeros(6), pen(8.0, stiffness=1e4), depth=1e-4, dt=0.002)
+    for wanted in [24.0] * 1000 + [8.0] * 6:
+        felt = bench.tick(wanted=[wanted]).intensities[0]
+    assert 8.0 < felt < 20.0
+    bench.height += 1.2 * felt / bench.stiffness
+    assert bench.tick(wanted=[8.0]).status == "overload"
+
+
+def test_a_press_lowered_and_not_followed_becomes_an_overload():
+    loop = iq.HybridController(gantry(), pen(8.0), dt=DT, order="moment first")
+    for wanted in [24.0] * 10 + [8.0] * 100:
+        last = loop.step(np.zeros(6), np.eye(4), [0, 0, 0, 0, 0, -24.0], wanted=[wanted])
+    assert last.status == "overload"
+
+
+def test_a_press_that_is_read_exactly_the_same_shows_no_stiffness():
+    loop = iq.HybridController(gantry(), pen(8.0), dt=DT, order="moment first")
+    for _ in range(100):
+        solution = loop.step(np.zeros(6), np.eye(4), [0, 0, 0, 0, 0, -12.0])
+    assert loop.stiffness is None
+    assert abs(solution.velocity[2]) < 1.0
