@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from invariantqp.force.hybrid_task import MOST_TILT
-from invariantqp.runs.section import Direction, NotNegative, Number, Positive, Section, Vector3, Vector6
+from invariantqp.runs.section import Direction, NotNegative, Number, OpenNumber, Positive, Section, Vector3, Vector6
 
 # How many lengths say how far each kind of contact extends: an edge has a length, a face two sides.
 SIDES = {"point": 0, "edge": 1, "face": 2, "hinge": 2}
@@ -55,6 +55,12 @@ class ContactSpec(Section):
     axis: Direction = Field((0.0, 0.0, 1.0), description="axis of a hinge", examples=[[0, 0, 1]])
     point: Vector3 = Field((-0.4, 0.0, 0.0), description="of that axis, from the tool [m]", examples=[[0, -0.4, 0]])
     stiffness: Positive = Field(2e4, description="of the contact [N/m]", examples=[2e4])
+    yields: Annotated[OpenNumber, Field(ge=0.0)] = Field(
+        0.0,
+        description="how far the surface may give way, slope or step down under the tool before readings that do not "
+        "answer are a fault; inf: any way [m]",
+        examples=[0.01],
+    )
     tilt: Vector3 = Field(
         (0.0, 0.0, 0.0),
         description="rotation vector by which the real surface or axis is off; the controller is not told [rad]",

@@ -99,6 +99,7 @@ def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> H
         approach_speed=force.approach_speed,
         edge_margin=force.edge_margin,
         normal_within=contact.normal_within,
+        yields=contact.yields,
     )
 
 

@@ -6,6 +6,7 @@ from support.random_systems import motion
 from support.task_files import content, pen, run_displaced
 
 import invariantqp as iq
+from invariantqp.errors import TaskFileError
 from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import shipped_tasks, task_from
 
@@ -153,6 +154,14 @@ def test_an_overload_stops_the_tool():
     trace = iq.run_task(task)
     assert trace.statuses[-1] == "overload"
     assert not trace.velocity[-1].any()
+
+
+@pytest.mark.parametrize("yields", [0.0, 0.02, np.inf])
+def test_how_far_a_surface_may_yield_is_told_to_the_controller(yields):
+    task = task_from(content(**pen(contact={"yields": yields})), "t.toml")
+    assert scene_of(task, task.load_robot().pose(task.start())).task.yields == yields
+    with pytest.raises(TaskFileError, match=r"contact\.yields: input should be greater"):
+        task_from(content(**pen(contact={"yields": -yields - 1.0})), "t.toml")
 
 
 def test_without_force_wanted_there_is_no_relative_error():
