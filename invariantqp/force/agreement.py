@@ -99,7 +99,8 @@ class Agreement(NamedTuple):
             return ""
         return (
             f"pushed in by {written(self.owed / answer.least, 2)}, {written(felt, 3)} of {written(wanted, 3)} N "
-            "are read: a sensor at fault, a step or a slope that is not told, or a surface that yields (yields=)"
+            "are read: a sensor at fault, a step or a slope that is not told, a stiffness told too large, or a surface "
+            "that yields (yields=)"
         )
 
 

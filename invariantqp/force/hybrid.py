@@ -270,6 +270,8 @@ class HybridController:
         """What the force law knows of the stiffness, and its caution."""
         regulation = self._regulation
         if felt.press is not None and self._split.kind.presses == 1:
+            if watch.health.unchanged:
+                return regulation.waiting(felt.way)
             regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, self._late, watch.touch)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 

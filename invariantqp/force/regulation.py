@@ -67,6 +67,7 @@ class Regulation(NamedTuple):
         supposed: stiffness that the gain is for until it is known [force/length].
         rise: what the first readings of touches showed of it.
         reached: whether a good share of the press has been felt since the touch.
+        unread: (4,) way since the last reading that was a new one.
     """
 
     estimate: StiffnessEstimate = StiffnessEstimate()
@@ -76,6 +77,7 @@ class Regulation(NamedTuple):
     supposed: float = USUAL
     rise: Rise = Rise()
     reached: bool = False
+    unread: Array = np.zeros(4)
 
     @property
     def share(self) -> float:
@@ -118,6 +120,10 @@ class Regulation(NamedTuple):
             "sensor's scale or the delay is wrong"
         )
 
+    def waiting(self, moved: Array) -> Regulation:
+        """The same after a tick whose reading is not a new one."""
+        return self._replace(unread=self.unread + moved)
+
     def felt(
         self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: float, touch: Touch
     ) -> Regulation:
@@ -132,7 +138,7 @@ class Regulation(NamedTuple):
             touch: whether there is contact.
         """
         felt, wanted = press
-        touching = touch.touching
+        touching, moved = touch.touching, moved + self.unread
         estimate = self.estimate.after(felt, moved, noise, dt, touching=touching)
         way = abs(float(moved[0])) + SLOPE * hypot(*moved[1:].tolist())
         presses = self.presses
@@ -140,8 +146,8 @@ class Regulation(NamedTuple):
             presses = presses.after(felt, moved, dt * self.rate(late)) if touching else TwoPresses()
             k = presses.stiffness(noise)
             if k is not None:  # and stays until contact is lost
-                return self._replace(estimate=StiffnessEstimate(k, True, inf), presses=presses)
-        now = self._replace(estimate=estimate, presses=presses)
+                estimate = StiffnessEstimate(k, True, inf)
+        now = self._replace(estimate=estimate, presses=presses, unread=np.zeros(4))
         if not estimate.fresh:
             rise = self.rise.after(press, way, noise, touch, known=estimate.value is not None)
             now = now._replace(rise=rise)

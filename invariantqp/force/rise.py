@@ -57,11 +57,13 @@ class Rise(NamedTuple):
             air = now if self.air == inf else self.air + AVERAGED * (now - self.air)
             return Rise(air, stiffest=self.stiffest, seen=self.seen)
         way += self.way
+        risen = now - self.air
+        if risen - ABOVE_NOISE * noise > STIFFEST * way:
+            way = inf  # the surface came to the tool: nothing is shown
         n, presses, ways = self.sums[0] + 1, self.sums[1] + now, self.sums[2] + way
-        risen = now - self.air - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)
-        least = min(STIFFEST, max(0.0, risen) / max(way, TINY))
+        least = max(0.0, risen - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)) / max(way, TINY)
         seen = self.seen
         if touch.touching and not known:
-            risen = presses / n - self.air - ABOVE_NOISE * noise / sqrt(n)
-            seen = max(seen, min(STIFFEST, risen / max(ways / n, TINY)))
+            mean = presses / n - self.air - ABOVE_NOISE * noise / sqrt(n)
+            seen = max(seen, mean / max(ways / n, TINY))
         return Rise(self.air, way, (n, presses, ways), least, max(self.stiffest, least), seen)

@@ -112,7 +112,8 @@ class Watch(NamedTuple):
             now, ways = (press, wanted), ways_in(felt.way, task.normal_within)
             agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touch)
             watch = watch._replace(agreement=agreement)
-            fault = fault or agreement.trouble(now, felt.noise, felt.answer, task.yields)
+            if not (fault or health.unchanged):  # a late reading cannot have risen yet
+                fault = agreement.trouble(now, felt.noise, felt.answer, task.yields)
         if fault:
             return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:

@@ -34,6 +34,22 @@ def test_a_fault_while_a_normal_is_found_stops_the_push(name):
     assert run.press[-1] == 0.0
 
 
+@pytest.mark.parametrize("start", range(502, 512))
+def test_readings_that_come_late_in_a_touch_are_waited_for(start):
+    """For 50 ms the driver repeats the last one, as after a lost packet."""
+    kept, tick = {}, iter(range(10_000))
+
+    def late(reading, normal):
+        k = next(tick)
+        kept[k] = reading
+        return kept[start] if start <= k < start + 50 else reading
+
+    run = press_on_plane(PRESS, stiffness=2e4, noise=0.05, dt=0.001, fault=late, since=0.0, seconds=0.8, period=1e9)
+    assert run.stopped() is None
+    assert run.press.max() < 2.0 * PRESS
+    assert run.press[-1] == pytest.approx(PRESS, rel=0.05)
+
+
 def test_a_jump_below_the_press_leaves_less_than_twice_the_press():
     run = press_on_plane(
         PRESS, fault=lambda reading, normal: reading - np.r_[0, 0, 0, 6 * normal], since=1.5, seconds=2.3

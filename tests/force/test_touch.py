@@ -6,6 +6,7 @@ from support.noisy_plane import press_on_plane
 from support.spring_plane import gantry, pen
 
 import invariantqp as iq
+from invariantqp.force.rise import Rise
 from invariantqp.force.settling import Settling
 from invariantqp.force.stiffness import StiffnessEstimate
 from invariantqp.force.touch import CERTAIN, Touch, loss_limit
@@ -210,3 +211,14 @@ def test_ways_across_that_are_next_to_nothing_say_nothing_of_stiffness():
         )
     assert told.value == pytest.approx(other.value, rel=1e-13)
     assert told.value == pytest.approx(1e4, rel=0.05)
+
+
+@pytest.mark.parametrize(("way", "shows"), [(1e-4, 4e4), (0.0, 0.0)])
+def test_a_touch_shows_how_stiff_a_contact_is_unless_the_surface_came_to_the_tool(way, shows):
+    rise, air, touch = Rise(), Touch(), Touch(CERTAIN, True, 0.0)
+    for _ in range(5):
+        rise = rise.after((0.5, 10.0), 1e-4, 0.1, air, known=False)
+    rise = rise.after((5.0, 10.0), way, 0.1, touch, known=False)
+    assert rise.seen == pytest.approx(shows, rel=0.05)
+    later = rise.after((9.0, 10.0), 1e-4, 0.1, touch, known=False)
+    assert (later.stiffest > 0.0) == (later.seen > 0.0) == (shows > 0.0)
