@@ -272,7 +272,8 @@ class HybridController:
         if felt.press is not None and self._split.kind.presses == 1:
             if watch.health.unchanged:
                 return regulation.waiting(felt.way)
-            regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, self._late, watch.touch)
+            late = self._late, self._delay
+            regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 
     def _turned(self, contact: Contact) -> tuple[Contact, Array]:

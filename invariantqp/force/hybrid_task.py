@@ -126,7 +126,7 @@ class HybridTask(Value):
         retreat_speed: float = 0.02,
         retreat_distance: float = 0.02,
     ) -> None:
-        """The task for one contact.
+        """The task for one contact. Defaults of lengths and speeds are metres and m/s; in another unit give them all.
 
         Args:
             contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
@@ -142,7 +142,8 @@ class HybridTask(Value):
                 contact that cannot be lost takes it about the grip.
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
             stiffness: of the contact along the press [force/length]; None identifies it at each touch, unless a
-                compliance is given. Once it is known, the force law has integral action.
+                compliance is given, and until then supposes one that is usual where lengths are metres and forces
+                newtons: in other units tell it. Once it is known, the force law has integral action.
             two_presses: takes it from two presses at two forces after each touch, half of the wanted one first, while
                 the tool rests on the surface: ten time constants of the force law each. For contacts with one press.
             size: over what length the contact spreads, which weighs moments against forces [length].
@@ -161,7 +162,8 @@ class HybridTask(Value):
             approach_distance: after this way towards the contact without feeling it, stand still [length]; inf: never.
             approach_time: likewise [s].
             max_force: force [N] above which the status is "overload"; None is twice the wanted one, the task's or the
-                tick's, whichever is larger, 20 N where none is wanted; inf is never.
+                tick's, whichever is larger, 20 N where none is wanted; inf is never. Where a press is lowered, the
+                limit falls with what is felt.
             max_moment: moment likewise, about the place of contact or the grip, where it is less [N length]; None is
                 twice the wanted one, or `size` times the force where that is more.
             on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None

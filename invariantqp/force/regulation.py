@@ -125,7 +125,7 @@ class Regulation(NamedTuple):
         return self._replace(unread=self.unread + moved)
 
     def felt(
-        self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: float, touch: Touch
+        self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: tuple[float, float], touch: Touch
     ) -> Regulation:
         """What is known of the stiffness after one more reading.
 
@@ -134,7 +134,7 @@ class Regulation(NamedTuple):
             moved: (4,) way since the last reading, as `StiffnessEstimate.after` takes it.
             noise: standard deviation of the press [force].
             dt: tick [s].
-            late: sum of tick, delay and low-pass [s].
+            late: sum of tick, delay and low-pass, and the delay alone [s].
             touch: whether there is contact.
         """
         felt, wanted = press
@@ -143,18 +143,18 @@ class Regulation(NamedTuple):
         way = abs(float(moved[0])) + SLOPE * hypot(*moved[1:].tolist())
         presses = self.presses
         if presses is not None:
-            presses = presses.after(felt, moved, dt * self.rate(late)) if touching else TwoPresses()
+            presses = presses.after(felt, moved, dt * self.rate(late[0])) if touching else TwoPresses()
             k = presses.stiffness(noise)
             if k is not None:  # and stays until contact is lost
                 estimate = StiffnessEstimate(k, True, inf)
         now = self._replace(estimate=estimate, presses=presses, unread=np.zeros(4))
         if not estimate.fresh:
-            rise = self.rise.after(press, way, noise, touch, known=estimate.value is not None)
+            rise = self.rise.after(press, way, noise, touch, late[1] / dt, known=estimate.value is not None)
             now = now._replace(rise=rise)
         if not touching or estimate.fresh:
             return now if touching else now._replace(supposed=USUAL, reached=False)
         reached = self.reached or felt >= REACHED * wanted
-        softer = 1.0 if reached else exp(-dt * self.rate(late) / SOFTENING)
+        softer = 1.0 if reached else exp(-dt * self.rate(late[0]) / SOFTENING)
         return now._replace(supposed=max(softer * self.supposed, now.rise.least, SOFTEST), reached=reached)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:

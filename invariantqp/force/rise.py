@@ -42,7 +42,9 @@ class Rise(NamedTuple):
     stiffest: float = 0.0
     seen: float = 0.0
 
-    def after(self, press: tuple[float, float], way: float, noise: float, touch: Touch, *, known: bool) -> Rise:
+    def after(
+        self, press: tuple[float, float], way: float, noise: float, touch: Touch, late: float = 0.0, *, known: bool
+    ) -> Rise:
         """What is remembered after one more reading.
 
         Args:
@@ -50,12 +52,13 @@ class Rise(NamedTuple):
             way: into the surface since the last reading, at most [length].
             noise: standard deviation of the press [force].
             touch: whether there is contact.
+            late: the loop's delay, in ticks: an arm that lags goes on so far where it is told to slow down.
             known: whether the stiffness is known from an earlier touch.
         """
         now, wanted = press
         if touch.aloft:
             air = now if self.air == inf else self.air + AVERAGED * (now - self.air)
-            return Rise(air, stiffest=self.stiffest, seen=self.seen)
+            return Rise(air, late * way, stiffest=self.stiffest, seen=self.seen)
         way += self.way
         risen = now - self.air
         if risen - ABOVE_NOISE * noise > STIFFEST * way:

@@ -203,3 +203,17 @@ def test_five_joints_that_cannot_follow_a_screw_say_so_before_they_press(name):
     assert set(late) <= {"degraded", "overload"}
     if "screw" in name:
         assert any("force or moment is not reached: " in why for _, why in said)
+
+
+def test_a_touch_of_metal_by_an_arm_that_yields_and_lags_is_not_doubted(monkeypatch, capsys):
+    """The tip's own mass shows the metal's 1e6 N/m at first, the arm in series 2e5 N/m then."""
+    pytest.importorskip("mujoco")
+    script = Path(__file__).parents[2] / "examples" / "22_contact_scenes.py"
+    arguments = ["panda", "--physics", "mujoco", "--scene", "1e6 N/m", "--seconds", "0.4"]
+    monkeypatch.setattr("sys.argv", [str(script), *arguments])
+    monkeypatch.syspath_prepend(str(script.parent))
+    runpy.run_path(str(script))
+    printed = capsys.readouterr().out
+    assert printed.count("panda") == 2
+    assert "ok" in printed
+    assert "fault" not in printed

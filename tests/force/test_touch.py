@@ -215,7 +215,7 @@ def test_ways_across_that_are_next_to_nothing_say_nothing_of_stiffness():
 
 @pytest.mark.parametrize(("way", "shows"), [(1e-4, 4e4), (0.0, 0.0)])
 def test_a_touch_shows_how_stiff_a_contact_is_unless_the_surface_came_to_the_tool(way, shows):
-    rise, air, touch = Rise(), Touch(), Touch(CERTAIN, True, 0.0)
+    rise, air, touch = Rise(), Touch(), Touch(CERTAIN, touching=True, airborne=0.0)
     for _ in range(5):
         rise = rise.after((0.5, 10.0), 1e-4, 0.1, air, known=False)
     rise = rise.after((5.0, 10.0), way, 0.1, touch, known=False)
