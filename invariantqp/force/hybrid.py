@@ -256,9 +256,8 @@ class HybridController:
         noise = 0.0 if self.sensor is None else self.sensor.noise
         press = weakest(self._split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
         # Too much is counted from the task's press or the tick's, whichever is larger.
-        force, moment = self._split.load
-        now = load_at(exert, contact.point)
-        most = overload_of(self.task, max(force, now[0]), max(moment, now[1]), noise)
+        force, moment = map(max, self._split.load, load_at(exert, contact.point))
+        most = overload_of(self.task, force, moment, noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
         way, answer = self._ways[0], answer_of(self.task.stiffness, self._regulation.shown)
         along = -out.dot(way)
@@ -268,11 +267,10 @@ class HybridController:
 
     def _regulated(self, felt: Felt, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""
-        regulation = self._regulation
+        regulation, late = self._regulation, (self._late, self._delay)
         if felt.press is not None and self._split.kind.presses == 1:
             if watch.health.unchanged:
                 return regulation.waiting(felt.way)
-            late = self._late, self._delay
             regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch)
         return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
 
