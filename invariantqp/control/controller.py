@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -213,6 +214,8 @@ class Controller:
         sighting: Sighting | None = None,
         at: ArrayLike | None = None,
         posture: ArrayLike | None = None,
+        *,
+        calm: bool = True,
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
@@ -224,6 +227,7 @@ class Controller:
             sighting: what `robot.sight` returned at q, if it was called in this tick already.
             at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
             posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
+            calm: False where the joint motion is planned: what damps the chase of a target out of reach is left out.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -231,7 +235,8 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
-        core = self.compiled if rows is None and sighting is None and at is None and posture is None else None
+        own = rows is None and sighting is None and at is None and posture is None and calm
+        core = self.compiled if own else None
         found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
         if found is not None:
             answer, more = found
@@ -243,7 +248,7 @@ class Controller:
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, len(self._middle), "posture")
         state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity), where)
-        return self._tick(state, s, 0.0, s, rows, posture=free)
+        return self._tick(state, s, 0.0, s, rows, posture=free, calm=calm)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -282,6 +287,8 @@ class Controller:
         more: ExactRows | None = None,
         stand: str | None = None,
         posture: Array | None = None,
+        *,
+        calm: bool = True,
     ) -> VelocitySolution:
         """The velocity for the twist s, or at rest if told to `stand`; exact demands follow `gain` and `ahead`."""
         positions, sighting, target, root, before = state
@@ -291,6 +298,7 @@ class Controller:
         stand = trouble or stand
         rank = self.row_rank if more is None else None
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank)
-        solution = solve(self.law, demand) if stand is None else standing(self.law, demand, stand)
+        law = self.law if calm else replace(self.law, dt=0.0)
+        solution = solve(law, demand) if stand is None else standing(law, demand, stand)
         self.kept[-len(positions) :] = solution.velocity
         return self._limits.told(solution, positions, self.robot.names, strained)

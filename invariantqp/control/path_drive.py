@@ -31,6 +31,8 @@ from invariantqp.velocity.solution import VelocitySolution
 AWAY, AWAY_STOP = 5e-3, 4.0
 # A tick that drives less than this share of the path is at rest: a drive may turn.
 STANDING = 1e-7
+# The slope is taken in the middle of a tick, whose length hangs on it: until the rate changes by less, or so often.
+SAME_RATE, PASSES = 1e-4, 8
 # Gain [1/s] towards the joint motion that was looked at, where the path leaves joints free.
 JOINT_GAIN = 5.0
 # Below this ratio of singular values the tool follows that motion also where the path leaves nothing free; above the
@@ -96,10 +98,12 @@ def drive(
     speed, possible, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
     rate = -speed if state.back else speed
     if controller.braking is not None:
-        wanted = rate
-        for _ in range(2):  # the second time with the slope where the first rate leads
-            slope = plan.slope(place + 0.5 * dt * rate)
-            rate = rate_inside(slope, wanted, possible, state.along, dt * controller.braking.acceleration)
+        wanted, step, limit = rate, dt * controller.braking.acceleration, controller.robot.velocity_limit
+        for _ in range(PASSES):  # with the slope where the rate before leads
+            slope, before = plan.slope(place + 0.5 * dt * rate), rate
+            rate = rate_inside(slope, wanted, possible, state.along, step, limit)
+            if abs(rate - before) <= SAME_RATE * abs(rate):
+                break
     rate = min(max(rate, (plan.start - place) / dt), (plan.end - place) / dt)
     middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
     slope = plan.slope(middle)
@@ -122,13 +126,13 @@ def drive(
     elif len(q) < 6:
         along, across = turning, sighting.J.dot(astray)
     twist = rate * along + controller.gain * across
-    answer = controller.follow(q, twist, state.velocity, None, sighting, None, posture)
+    answer = controller.follow(q, twist, state.velocity, None, sighting, None, posture, calm=False)
     kept = answer.scale if controller.exact else 1.0
     if not controller.exact and controller.braking is None and answer.active and rate != 0.0:
         missed = here.asked.dot(answer.residual)
         if sqrt(float(missed.dot(missed))) * dt > MISSED * controller.measure.length:
             rows = ExactRows.of(sighting.J, here.asked, here.asked.dot(twist))
-            slower = controller.follow(q, twist, state.velocity, rows, sighting, None, posture)
+            slower = controller.follow(q, twist, state.velocity, rows, sighting, None, posture, calm=False)
             if slower.status in ("ok", "scaled"):
                 answer, kept = slower, slower.scale
     rate *= kept

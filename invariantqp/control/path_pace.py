@@ -17,6 +17,8 @@ from invariantqp.control.time_law import Ramp
 
 # An S-curve stays below this share of what limits allow: at their edge joint accelerations leave no choice of speed.
 SMOOTH_SHARE = 0.95
+# Of the speed that its jerk allows to a tool at rest for a single tick, the share below which it is at rest.
+RESTING = 1e-3
 # What rules a tick where limits do not.
 ON_TIME, OVERRIDDEN, ASTRAY = "the rate asked for", "the override", "the arm is off its path"
 
@@ -83,6 +85,7 @@ class Pace(NamedTuple):
         )
         v = max(state.speed + a * dt, 0.0)
         left = place - plan.start if back else plan.end - place
-        if v == state.speed == 0.0 and left <= 0.5 * self.jerk * dt**3:  # an S-curve of ticks would go too far
-            v = min(left / dt, wanted)
+        crawl = 0.5 * self.jerk * dt * dt
+        if max(v, state.speed) <= RESTING * crawl:  # an S-curve of ticks would go too far
+            v = min(left / dt, wanted, crawl)
         return min(v, possible), most_now, ruling

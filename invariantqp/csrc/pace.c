@@ -35,18 +35,23 @@ Outcome paced(const Course *course, double dt, const Travel *state, double at, d
     if (ramped(course, state, at, fmin(wanted, SMOOTH_SHARE * possible), SMOOTH_SHARE * part, dt, &a) == HAND_BACK)
         return HAND_BACK;
     double v = fmax(state->speed + a * dt, 0.0), left = back ? at - course->at[0] : course->at[course->knots - 1] - at;
-    if (v == 0.0 && state->speed == 0.0 && left <= 0.5 * course->jerk * dt * dt * dt)
-        v = fmin(left / dt, wanted);
+    double crawl = 0.5 * course->jerk * dt * dt;
+    if (fmax(v, state->speed) <= RESTING * crawl)
+        v = fmin(fmin(left / dt, wanted), crawl);
     *speed = fmin(v, possible);
     return DONE;
 }
 
 /* path_rate.py */
 static double rate_inside(int m, const Row slope, double rate, double possible, const Row before,
-                          const Row acceleration, double dt)
+                          const Row acceleration, const Row fastest, double dt)
 {
     static const double SHARES[] = {EASY_SHARE, TICK_SHARE};
-    double sum = 0.0, weight = 0.0;
+    double sum = 0.0, weight = 0.0, most = INFINITY;
+    for (int j = 0; j < m; j++)
+        if (slope[j] != 0.0)
+            most = fmin(most, fastest[j] / fabs(slope[j]));
+    rate = between(rate, -FULL_SHARE * most, FULL_SHARE * most);
     for (int easy = 0; easy < 2; easy++) {
         double low = -INFINITY, high = INFINITY;
         for (int j = 0; j < m; j++)
@@ -75,9 +80,12 @@ double possible_rate(const Loop *loop, const Course *course, const Travel *state
 {
     double dt = loop->dt, rate = wanted;
     Row slope;
-    for (int again = 0; again < 2 && loop->has_braking != 0.0; again++) {
+    for (int pass = 0; pass < PASSES && loop->has_braking != 0.0; pass++) {
+        double before = rate;
         slope_at(course, at + 0.5 * dt * rate, slope);
-        rate = rate_inside(course->m, slope, wanted, possible, state->along, loop->acceleration, dt);
+        rate = rate_inside(course->m, slope, wanted, possible, state->along, loop->acceleration, loop->fastest, dt);
+        if (fabs(rate - before) <= SAME_RATE * fabs(rate))
+            break;
     }
     return between(rate, (course->at[0] - at) / dt, (course->at[course->knots - 1] - at) / dt);
 }

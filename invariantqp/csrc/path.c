@@ -203,8 +203,10 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     slope_at(course, middle, slope);
     curve_tangent(course, middle, after->tangent);
     if (twist_of(loop, course, &here, q, rate, strayed, slope, after->tangent, &tool, &demand) == HAND_BACK ||
-        demand_in(loop, q, before->velocity, &tool, &demand) == HAND_BACK ||
-        rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, &tool, demand.s, &demand) == HAND_BACK ||
+        demand_in(loop, q, before->velocity, &tool, &demand) == HAND_BACK)
+        return HAND_BACK;
+    demand.dt = 0.0; /* not calm: the joint motion is planned */
+    if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, &tool, demand.s, &demand) == HAND_BACK ||
         solve(&demand, &progress->answer) == HAND_BACK)
         return HAND_BACK;
     if (loop->wanted > 0.0)

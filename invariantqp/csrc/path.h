@@ -86,6 +86,10 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
 #define OFF_PATH 1e-5
 #define TICK_SHARE 0.985
 #define EASY_SHARE 0.9
+#define FULL_SHARE 0.9995
+#define RESTING 1e-3
+#define SAME_RATE 1e-4
+#define PASSES 8
 #define AWAY 5e-3
 #define AWAY_STOP 4.0
 #define JOINT_GAIN 5.0
