@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.control.approach import braking_share
 from invariantqp.control.asked import asked, asked_part
 from invariantqp.control.beside import Beside, tangent_at
 from invariantqp.control.controller import Controller
@@ -43,6 +44,8 @@ STRAYED = 1e-2
 # Where limits would take the tool this far off its path in a tick, relative to the measure's length, the tick is solved
 # again with the twist as exact rows, which slow down instead.
 MISSED = 1e-6
+# Where limits leave exact rows less than this share of their speed, they follow the joint motion that was looked at.
+HELD = 0.9
 
 
 class Driven(NamedTuple):
@@ -118,15 +121,21 @@ def drive(
     along = tangent if own == 1.0 else (1.0 - own) * turning + own * tangent
     # The way back to the path, carried along with the tool to the middle of the tick.
     across = here.across + se3.lie(0.5 * dt * rate * turning, here.across)
+    gain, home = controller.gain, sighting.J.dot(astray)
+    if controller.braking is not None:  # no faster back than joints can brake
+        gain *= braking_share(astray, controller.braking.acceleration, gain)
     # What is least squares follows the planned motion: an error that stays changes its own least squares.
     if controller.exact:
         root = controller.measure.root(controller.robot, sighting, here.target)
-        part, home = asked_part(asked(controller, sighting, root), root), sighting.J.dot(astray)
-        along, across = turning + part.dot(tangent - turning), home + part.dot(across - home)
+        part = asked_part(asked(controller, sighting, root), root)
+        along, across = turning + part.dot(along - turning), home + part.dot(across - home)
     elif len(q) < 6:
-        along, across = turning, sighting.J.dot(astray)
-    twist = rate * along + controller.gain * across
+        along, across = turning, home
+    twist = rate * along + gain * across
     answer = controller.follow(q, twist, state.velocity, None, sighting, None, posture, calm=False)
+    if controller.exact and answer.scale < HELD:  # as the planned motion, which joints can do
+        twist = rate * turning + gain * home
+        answer = controller.follow(q, twist, state.velocity, None, sighting, None, posture, calm=False)
     kept = answer.scale if controller.exact else 1.0
     if not controller.exact and controller.braking is None and answer.active and rate != 0.0:
         missed = here.asked.dot(answer.residual)

@@ -58,7 +58,19 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Row
     return DONE;
 }
 
-/* The share of the gain from which the joints can still brake before the target; `error` is measured, as A is;
+/* The share of the gain from which the joints can still brake within a distance each. */
+double share_within(const Loop *loop, const Row distance)
+{
+    double share = 1.0;
+    for (int j = 0; j < (int)loop->joints; j++) {
+        double d = fabs(distance[j]), a = BRAKING_SHARE * loop->acceleration[j], knee = a / (loop->gain * loop->gain);
+        if (d > knee)
+            share = fmin(share, sqrt(a * (2.0 * d - knee)) / (loop->gain * d));
+    }
+    return share;
+}
+
+/* The same before the target; `error` is measured, as A is;
    A is on y where there is a joint metric. */
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share)
 {
@@ -68,17 +80,12 @@ Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], d
     Spectrum found;
     Row distance;
     int m = (int)loop->joints;
-    *share = 1.0;
     if (spectrum(6, m, A, error, &found) == HAND_BACK ||
         least_squares(&damped, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
     if (loop->has_metric != 0.0)
         transformed(m, loop->metric.T, distance, distance);
-    for (int j = 0; j < m; j++) {
-        double d = fabs(distance[j]), a = BRAKING_SHARE * loop->acceleration[j], knee = a / (loop->gain * loop->gain);
-        if (d > knee)
-            *share = fmin(*share, sqrt(a * (2.0 * d - knee)) / (loop->gain * d));
-    }
+    *share = share_within(loop, distance);
     return DONE;
 }

@@ -82,6 +82,7 @@ const Constant CONSTANTS[] = {
     ONE("control.path_drive", STRAYED),
     ONE("control.path_drive", STANDING),
     ONE("control.path_drive", MISSED),
+    ONE("control.path_drive", HELD),
     ONE("control.path_report", ARRIVED),
     ONE("control.path_report", STOPPED),
     {"control.path_report.AT_REST", SLOW_JOINT},

@@ -286,6 +286,7 @@ void root_at(const double p[3], double length, double root[6][6]);
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
 Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
+double share_within(const Loop *loop, const Row distance);
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,

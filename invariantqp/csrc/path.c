@@ -88,7 +88,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
         if (asked(loop, tool, p, (const double(*)[6])root, demand, V, &rows) == HAND_BACK)
             return HAND_BACK;
         for (int k = 0; k < 6; k++)
-            differ[k] = tangent[k] - turning[k];
+            differ[k] = along[k] - turning[k];
         asked_part(rows, (const double(*)[6])V, p, (const double(*)[6])root, loop->length, differ, part);
         for (int k = 0; k < 6; k++) {
             along[k] = turning[k] + part[k];
@@ -101,8 +101,9 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
         memcpy(along, turning, sizeof along);
         memcpy(across, home, sizeof across);
     }
+    double gain = loop->has_braking != 0.0 ? loop->gain * share_within(loop, astray) : loop->gain;
     for (int k = 0; k < 6; k++)
-        demand->s[k] = rate * along[k] + loop->gain * across[k];
+        demand->s[k] = rate * along[k] + gain * across[k];
     return DONE;
 }
 
@@ -209,6 +210,8 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, &tool, demand.s, &demand) == HAND_BACK ||
         solve(&demand, &progress->answer) == HAND_BACK)
         return HAND_BACK;
+    if (loop->wanted > 0.0 && progress->answer.scale < HELD)
+        return HAND_BACK; /* the planned motion instead */
     if (loop->wanted > 0.0)
         kept = progress->answer.scale;
     else if (loop->has_braking == 0.0 && rate != 0.0 &&

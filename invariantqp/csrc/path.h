@@ -98,6 +98,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
 #define STRAYED 1e-2
 #define STANDING 1e-7
 #define MISSED 1e-6
+#define HELD 0.9
 #define ARRIVED 1e-6
 #define STOPPED 2e-5
 #define SLOW_JOINT 1e-3
