@@ -1,9 +1,11 @@
 """Where the tool is beside its path: how far along, and how far across.
 
-    e = log(P T^-1) = shift t + e_across,     shift = <t, e> / (<t, t> + slow^2),   t the path's tangent
+    e = log(P T^-1) = shift t + e_across,     t the path's tangent
+    shift = <t, e> / (<t, t> + slow^2 + <e, e> / end^2)
 
 P is the place where the tool is expected; it is behind that by `shift`, and feedback is left with e_across. Both are
-measured in what is asked of the arm (`asked`). Where the path nearly stands still, feedback acts along it too. A tool
+measured in what is asked of the arm (`asked`). Where the path nearly stands still, or is short beside
+e, feedback acts along it too. A tool
 beyond an end of the path is beside that end: what it is beyond is then part of e_across.
 """
 
@@ -63,7 +65,8 @@ def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expe
     sighting = robot.sight(q, target)
     R = asked(controller, sighting, controller.measure.root(robot, sighting, target))
     ahead, error = R.dot(tangent), R.dot(sighting.error)
-    shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + path.slow * path.slow)
+    short = float(error.dot(error)) / path.curve.end**2
+    shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + path.slow * path.slow + short)
     place = min(max(expected - shift, plan.start), plan.end)
     shift = expected - place
     rest = error - shift * ahead

@@ -37,6 +37,8 @@ from invariantqp.velocity.solution import VelocitySolution
 
 # Largest speed override.
 FASTEST = 1.5
+# Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
+STEPS = 1500.0
 # The tool is at a place, to look along the path from there or as its end, within this, relative to the measure.
 AT_PLACE = 1e-5
 # A tool farther off than this, relative, or joints farther from the joint motion along the path [rad, length], have
@@ -232,8 +234,10 @@ class PathDriver:
         return PathSearch(self.controller, path.curve, q, place, rate=self._pace.rate, stops=self._stops)
 
     def _look_on(self, search: PathSearch) -> None:
-        """Look a step farther; once enough is seen, drive by it."""
-        search.extend()
-        if search.ready:
-            self._search = search
-            self.plan = search.plan(inf if self._pace.rate is None else FASTEST * self._pace.rate, self._pace.smooth)
+        """Look a little farther; once enough is seen, drive by it."""
+        for _ in range(max(round(STEPS * self.controller.dt), 1)):
+            search.extend()
+            if search.ready:
+                self._search = search
+                self.plan = search.plan(inf if self._pace.rate is None else FASTEST * self._pace.rate, self._pace.smooth)
+                return

@@ -20,6 +20,8 @@ ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
 PAUSE, TURN = "a pause", "the turn"
 # What rules at the end of the path, before the joints are at rest and after.
 SETTLING, ENDED = "settling", "the path's end"
+# What rules where the path is driven backward and the tool is back where it set out.
+BACK = "the start"
 
 
 def reported(
@@ -58,6 +60,8 @@ def reported(
         status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
     elif stop == PAUSE and abs(rate) * dt <= STANDING * path.curve.end:
         status = "paused"
+    elif still and after.back and after.place - plan.start <= near:
+        status, ruling = "paused", BACK
     elif not stop and plan.end - after.place <= near:
         ruling = SETTLING
     elif ruling != ON_TIME:

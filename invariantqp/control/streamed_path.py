@@ -28,8 +28,6 @@ from invariantqp.robots.kinematics import middle
 
 # Poses nearer to one another than this, relative to the measure's length, make no piece: which way they lie is noise.
 SPACING = 1e-3
-# Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
-STEPS = 1500.0
 # Pieces kept behind the tool.
 PIECES_BEHIND = 2
 
@@ -187,13 +185,6 @@ class StreamedPath(PathDriver):
     def _search_from(self, path: GivenPath, q: Array, place: float) -> PathSearch:
         scale = self.controller.measure.length
         return PathSearch(self.controller, path.curve, q, place, rate=self._pace.rate, stops=True, scale=scale)
-
-    def _look_on(self, search: PathSearch) -> None:
-        for _ in range(round(STEPS * self.controller.dt) - 1):
-            if search.ready:
-                break
-            search.extend()
-        super()._look_on(search)
 
     def _makes_piece(self, a: Array, b: Array) -> bool:
         """Whether two poses are far enough apart for a piece of path between them."""

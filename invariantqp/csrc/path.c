@@ -42,7 +42,8 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
         ahead[k] = dot(6, here->asked[k], tangent);
         behind[k] = dot(6, here->asked[k], error);
     }
-    double shift = dot(here->rows, ahead, behind) / (dot(here->rows, ahead, ahead) + course->slow * course->slow);
+    double end = course->curve_at[course->poses - 1], apart = dot(here->rows, behind, behind) / (end * end);
+    double shift = dot(here->rows, ahead, behind) / (dot(here->rows, ahead, ahead) + course->slow * course->slow + apart);
     here->place = between(expected - shift, course->at[0], course->at[course->knots - 1]);
     shift = expected - here->place;
     for (int k = 0; k < here->rows; k++)
