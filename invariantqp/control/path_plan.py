@@ -106,7 +106,7 @@ class PathPlan(NamedTuple):
         return speeds
 
     def speed(self, at: float, dt: float, share: float = 1.0, *, back: bool = False) -> float:
-        """The largest speed for a tick of dt [s] from a place on: what it lands on still allows it.
+        """The largest speed for a tick of dt [s] from a place on: what it lands on and its middle allow it.
 
         Args:
             at: the place.
@@ -127,7 +127,11 @@ class PathPlan(NamedTuple):
                 break
             passed = min(passed, max(share * sqrt(squares[j]), sign * (knots[j] - at) / dt))
             i += -1 if back else 1
-        return max(0.0, min(v, sign * ((knots[0] if back else knots[-1]) - at) / dt))
+        v = max(0.0, min(v, sign * ((knots[0] if back else knots[-1]) - at) / dt))
+        middle = at + 0.5 * sign * dt * v
+        i = self.piece(middle)
+        slope = (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i])
+        return min(v, share * sqrt(max(squares[i] + slope * (middle - knots[i]), 0.0)))
 
 
 def plan_of(

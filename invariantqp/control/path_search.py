@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve
-from invariantqp.control.joint_path import JointPath
+from invariantqp.control.joint_path import SHORTEST, JointPath
 from invariantqp.control.path_plan import PathPlan, plan_of
 from invariantqp.geometry.arrays import Array
 
@@ -74,7 +74,7 @@ class PathSearch:
         self._scale = scale = curve.end if scale is None else scale
         self._ahead = JointPath(controller, curve, q, place, rate=rate, stops=stops, scale=scale)
         self._behind: JointPath | None = None
-        if place > curve.knots[0]:
+        if place - curve.knots[0] > SHORTEST * scale:
             self._behind = JointPath(controller, Backward(curve, place), q, rate=rate, stops=stops, scale=scale)
 
     @property

@@ -106,7 +106,7 @@ double speed_limit_at(const Course *course, double at, bool back, int *piece)
     return sqrt((squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]) * (at - knots[i]) + squares[i]);
 }
 
-/* The largest speed for a tick from a place on: what it lands on still allows it. */
+/* The largest speed for a tick from a place on: what it lands on and its middle allow it. */
 double speed_at(const Course *course, double at, double dt, double share, bool back)
 {
     const double *knots = course->at, *squares = back ? course->backward : course->forward;
@@ -123,5 +123,9 @@ double speed_at(const Course *course, double at, double dt, double share, bool b
         most = fmin(most, fmax(share * sqrt(squares[j]), sign * (knots[j] - at) / dt));
         i += back ? -1 : 1;
     }
-    return fmax(0.0, fmin(v, sign * (knots[back ? 0 : last] - at) / dt));
+    v = fmax(0.0, fmin(v, sign * (knots[back ? 0 : last] - at) / dt));
+    double middle = at + 0.5 * sign * dt * v;
+    i = piece_of(course->knots, knots, middle);
+    double slope = (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]);
+    return fmin(v, share * sqrt(fmax(squares[i] + slope * (middle - knots[i]), 0.0)));
 }
