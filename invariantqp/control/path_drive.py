@@ -144,6 +144,11 @@ def drive(
             slower = controller.follow(q, twist, state.velocity, rows, sighting, None, posture, calm=False)
             if slower.status in ("ok", "scaled"):
                 answer, kept = slower, slower.scale
+    # Of exact rows that limits slow down the joints may keep more: they cannot stop in a tick.
+    low, high = sorted((kept * rate, rate))
+    squares, went = float(slope.dot(slope)), rate
+    if low < high and squares > 0.0:
+        went = min(max(float(slope.dot(answer.velocity)) / squares, low), high)
     rate *= kept
     v = abs(rate)
     acceleration = (v - state.speed) / dt
@@ -155,7 +160,7 @@ def drive(
         speed=v,
         acceleration=acceleration,
         back=back if turned else state.back,
-        along=rate * slope,
+        along=went * slope,
         velocity=answer.velocity.copy(),
         tangent=tangent,
         ticks=state.ticks + 1,

@@ -218,6 +218,10 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     else if (loop->has_braking == 0.0 && rate != 0.0 &&
              slower(loop, &here, &demand, &progress->answer, &kept) == HAND_BACK)
         return HAND_BACK;
+    double low = fmin(kept * rate, rate), high = fmax(kept * rate, rate), went = rate;
+    double squares = dot(m, slope, slope);
+    if (low < high && squares > 0.0)
+        went = between(dot(m, slope, progress->answer.velocity) / squares, low, high);
     rate *= kept;
     bool turned_round = turning && fabs(rate) * dt <= STANDING * course->at[course->knots - 1];
     after->place = here.place + dt * rate;
@@ -226,7 +230,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     after->back = turned_round ? order->back : back;
     after->ticks = before->ticks + 1.0;
     for (int j = 0; j < m; j++)
-        after->along[j] = rate * slope[j];
+        after->along[j] = went * slope[j];
     memcpy(after->velocity, progress->answer.velocity, sizeof after->velocity);
     return told(loop, course, &here, order, order->paused || (turning && !turned_round), progress);
 }
