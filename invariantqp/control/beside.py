@@ -4,9 +4,8 @@
     shift = <t, e> / (<t, t> + slow^2 + <e, e> / end^2)
 
 P is the place where the tool is expected; it is behind that by `shift`, and feedback is left with e_across. Both are
-measured in what is asked of the arm (`asked`). Where the path nearly stands still, or is short beside
-e, feedback acts along it too. A tool
-beyond an end of the path is beside that end: what it is beyond is then part of e_across.
+measured in what is asked of the arm (`asked`). Where the path nearly stands still, or is short beside e, feedback acts
+along it too. A tool beyond an end of the path is beside that end: what it is beyond is then part of e_across.
 """
 
 from __future__ import annotations

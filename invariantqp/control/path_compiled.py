@@ -16,13 +16,13 @@ from invariantqp.control.given_path import GivenPath
 from invariantqp.control.joint_path import OFF_PATH
 from invariantqp.control.path_pace import ASTRAY, ON_TIME, OVERRIDDEN, Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import ENDED, PAUSE, SETTLING, TURN
+from invariantqp.control.path_report import BACK, ENDED, PAUSE, SETTLING, TURN
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 
 # What rules where no knot of the plan does, as the core counts it: from the last on.
-RULINGS = (TURN, PAUSE, ENDED, SETTLING, ASTRAY, OVERRIDDEN, ON_TIME)
+RULINGS = (TURN, PAUSE, BACK, ENDED, SETTLING, ASTRAY, OVERRIDDEN, ON_TIME)
 # A tick by the core, for a Course, whose state and memory it writes, and what `PathDriver.step` is given; then whether
 # the tool is to come to rest, and to go backward. The solution, and whether there are words to add to it; None where
 # Python has to drive, or to say what is wrong with an argument.

@@ -239,5 +239,7 @@ class PathDriver:
             search.extend()
             if search.ready:
                 self._search = search
-                self.plan = search.plan(inf if self._pace.rate is None else FASTEST * self._pace.rate, self._pace.smooth)
+                self.plan = search.plan(
+                    inf if self._pace.rate is None else FASTEST * self._pace.rate, self._pace.smooth
+                )
                 return

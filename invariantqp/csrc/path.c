@@ -151,8 +151,9 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
 {
     double dt = loop->dt, end = course->at[course->knots - 1], path = course->curve_at[course->poses - 1];
     double moved[6], fast[6];
-    bool close = !stop && end - progress->after.place <= (course->cut ? STOPPED : ARRIVED) * path;
-    bool arrived = close && stands(loop, progress->answer.velocity);
+    double near = (course->cut ? STOPPED : ARRIVED) * path;
+    bool still = !stop && stands(loop, progress->answer.velocity);
+    bool close = !stop && end - progress->after.place <= near, arrived = close && still;
     progress->place = caller_place(course, progress->after.place);
     progress->speed = (progress->place - caller_place(course, here->place)) / dt;
     progress->across = here->off;
@@ -168,7 +169,10 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
         progress->ruling = ENDED;
     } else if (order->paused && progress->after.speed * dt <= STANDING * path)
         progress->status = PAUSED;
-    else if (close)
+    else if (still && progress->after.back != 0.0 && progress->after.place - course->at[0] <= near) {
+        progress->status = PAUSED;
+        progress->ruling = THE_START;
+    } else if (close)
         progress->ruling = SETTLING;
     else if (progress->ruling != THE_RATE)
         progress->status = SLOWED;

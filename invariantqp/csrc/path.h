@@ -29,8 +29,9 @@ typedef enum {
     OFF_ITS_PATH = -3,
     SETTLING = -4,
     ENDED = -5,
-    THE_PAUSE = -6,
-    THE_TURN = -7
+    THE_START = -6,
+    THE_PAUSE = -7,
+    THE_TURN = -8
 } Ruling;
 typedef enum { MOVING, SLOWED, PAUSED, AT_END } PathStatus;
 

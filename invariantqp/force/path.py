@@ -215,7 +215,9 @@ class HybridFollower:
         rate = min(speed, (plan.end - place) / loop.dt)
         slope = plan.slope(place + 0.5 * loop.dt * rate)
         if loop.braking is not None:
-            rate = rate_inside(slope, rate, possible, state.along, loop.dt * loop.braking.acceleration, loop.robot.velocity_limit)
+            rate = rate_inside(
+                slope, rate, possible, state.along, loop.dt * loop.braking.acceleration, loop.robot.velocity_limit
+            )
         return min(max(rate, 0.0), (plan.end - place) / loop.dt), slope, ruling
 
     def _at_end(self, plan: PathPlan) -> bool:

@@ -1,0 +1,173 @@
+"""Where limits, singularities and pushes are in its way, a follower keeps its path and goes on."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import invariantqp as iq
+
+AXES = [((0, 0, 1), (0, 0, 0)), ((0, 1, 0), (0.1, 0, 0.3)), ((1, 0, 0), (0.4, 0.2, 0.5)), ((0, 1, 0), (0.6, 0.2, 0.4))]
+AXES += [
+    ((0, 0, 1), (0.8, 0.1, 0.3)),
+    ((1, 0, 0), (0.9, 0.1, 0.3)),
+    ((0, 1, 0), (1, 0, 0.4)),
+    ((0, 0, 1), (1.1, 0.1, 0.2)),
+]
+LEAST = 5e-5  # [length] off a path
+
+
+def arm_of(m):
+    """An arm of the first m axes."""
+    screws = np.column_stack([iq.revolute(axis, point) for axis, point in AXES[:m]])
+    home = iq.transform(translation=np.add(AXES[m - 1][1], (0.2, 0.1, -0.1)))
+    return iq.robots.Chain(screws, home, position_lower=-2.5, position_upper=2.5, velocity_limit=2.0)
+
+
+def drive(follower, q, seconds=6.0, push=None):
+    """Solutions and joint positions until the path ends; `push` moves the joints in the tick that it is for."""
+    dt, solutions, positions = follower.controller.dt, [], [q]
+    while not solutions or (solutions[-1].status not in ("done", "blocked") and len(solutions) * dt < seconds):
+        at = positions[-1] + (push or {}).get(len(solutions), 0.0)
+        solutions.append(follower.step(at))
+        positions.append(at + dt * solutions[-1].velocity)
+    return solutions, np.array(positions)
+
+
+def follower_of(robot, pose, dt, rise, *, exact=None, tool_speed=None, **given):
+    speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2.0)
+    loop = iq.Controller(robot, dt=dt, acceleration_limit=speed / rise, exact=exact, tool_speed=tool_speed)
+    return iq.PathFollower(loop, pose, **given)
+
+
+@pytest.mark.parametrize(("dt", "jerk"), [(0.005, 25.0), (0.01, 289.0), (0.02, 4.3)])
+def test_an_s_curve_reaches_what_blocks_the_path(dt, jerk):
+    arm = iq.load_robot("so101")
+    q = np.array([1.03574562, -0.56392953, -0.17575351, 0.77736402, 2.44121])
+    turn = np.array([0.0, 0.0, 0.0, 0.0, 0.56337917]) + 0.1 * np.cos(np.arange(5))
+    follower = follower_of(arm, lambda u: arm.pose(q + u * turn), dt, 0.1, jerk=jerk)
+    follower.prepare(q)
+    last = drive(follower, q)[0][-1]
+    assert last.status == "blocked"
+    assert "upper position limit" in last.reason
+
+
+def test_fast_joints_near_a_singularity_keep_the_path():
+    robot = arm_of(8)
+    q = np.array(
+        [0.6872902729, 0.0219996264, -0.8000008865, 0.2084246761, -1.1588833118, -1.4956822359, -0.788459, -0.283915]
+    )
+    home = robot.pose(q)
+    way = 0.9464241439 * np.array([-0.3694043367, 0.7929028275, -0.4846086484])
+    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + u * way), 0.005, 0.2)
+    follower.prepare(q)
+    solutions, _ = drive(follower, q)
+    assert solutions[-1].status == "blocked"
+    assert max(s.across for s in solutions) < LEAST
+
+
+def test_a_tool_speed_that_rules_an_exact_point_does_not_hold_it_up():
+    robot = iq.load_robot("ur10")
+    joints = CubicSpline(
+        np.linspace(0.0, 1.0, 4),
+        [
+            [-2.1802163872, 0.8873669849, 0.1968445837, -2.1231192157, -1.7292137983, 0.9887264747],
+            [-1.7095608274, 1.3092767837, -0.0617544828, -2.2042540885, -1.4789907482, 1.0556325692],
+            [-1.5826322936, 1.0830714063, -0.3845591728, -2.2205058769, -2.0159688921, 1.7217380449],
+            [-2.1543656243, 0.6497471547, -1.0053256698, -1.9562712465, -1.5492196944, 1.0460567772],
+        ],
+    )
+    follower = follower_of(
+        robot, lambda u: robot.pose(joints(u)), 0.005, 0.5, exact="position", tool_speed=0.2506303284
+    )
+    follower.prepare(joints(0.0))
+    solutions, _ = drive(follower, joints(0.0), 12.0)
+    assert solutions[-1].status == "done"
+    assert max(s.across for s in solutions) < LEAST
+
+
+def test_exact_rows_that_a_limit_holds_up_are_left_in_time():
+    robot = arm_of(3)
+    q = np.array([-0.2773559891, 2.1, -0.7918015234])
+    over = np.array([0.0, 0.4914173738, 0.0])
+
+    def pose(u):  # a joint goes beyond its limit and comes back
+        return robot.pose(q + np.sin(np.pi * u) * over + 0.1 * u * np.cos(np.arange(3)))
+
+    follower = follower_of(robot, pose, 0.002, 0.1, exact="position", blocked="leave")
+    follower.prepare(q)
+    solutions, _ = drive(follower, q)
+    assert "left" in {s.status for s in solutions}
+    assert solutions[-1].status == "done"
+
+
+def test_an_exact_point_that_was_pushed_comes_to_rest_on_its_path():
+    robot = iq.load_robot("ur5")
+    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    home = robot.pose(q)
+    # At a tick of half a millisecond the gain is 200/s: it asks for more than joints can brake.
+    follower = follower_of(
+        robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.3 * u, 0.0]), 0.0005, 1.0, exact="position"
+    )
+    follower.prepare(q)
+    solutions, _ = drive(follower, q, 1.5, {200: np.array([0.01, -0.01, 0.01, 0.02, -0.01, 0.02])})
+    across = np.array([s.across for s in solutions[200:]])
+    assert across[0] > 5e-3
+    assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
+    assert across[1750:].max() < LEAST
+
+
+def test_a_tool_back_at_the_start_rests():
+    robot = iq.load_robot("ur5")
+    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    home = robot.pose(q)
+    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.2 * u, 0.0]), 0.005, 0.2)
+    follower.prepare(q)
+    for tick in range(300):
+        if tick == 60:
+            follower.reverse()
+        told = follower.step(q)
+        q = q + 0.005 * told.velocity
+    assert (told.status, told.ruling) == ("paused", "the start")
+    follower.reverse()
+    assert drive(follower, q)[0][-1].status == "done"
+
+
+def test_a_push_at_the_very_start_leaves_numbers():
+    robot = iq.load_robot("so101")
+    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    home = robot.pose(q)
+    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.1 * u, 0.0]), 0.002, 0.2)
+    follower.prepare(q)
+    follower._state = follower._state._replace(place=1e-19)
+    solutions, _ = drive(follower, q, push={0: np.array([0.3, 0.0, 0.0, 0.0, 0.0])})
+    assert solutions[0].status == "waiting"
+    assert np.isfinite(follower.plan.backward).all()
+    assert solutions[-1].status in ("done", "blocked")
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_path_shorter_than_the_tool_is_off_it_ends(seed):
+    robot = arm_of(3)
+    q = np.array([-1.3277, -1.3868, 0.24])
+    home = robot.pose(q)
+    rng = np.random.default_rng(seed)
+    way = rng.normal(size=3)
+    way /= np.linalg.norm(way)
+    side = np.cross(way, rng.normal(size=3))
+    side /= np.linalg.norm(side)
+
+    def pose(u):  # ten micrometres, bent by more than a right angle
+        return iq.transform(home[:3, :3], home[:3, 3] + 1e-5 * (np.sin(3.0 * u) * way + u * side))
+
+    follower = iq.PathFollower(iq.Controller(robot, dt=0.002), pose, blocked="leave")
+    follower.prepare(q)
+    assert drive(follower, q + 1e-3 * np.array([1.0, -1.0, 1.0]), 1.0)[0][-1].status == "done"
+
+
+def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
+    robot = iq.load_robot("ur5")
+    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    home = robot.pose(q)
+    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.2 * u, 0.0]), 0.01, 0.2)
+    waits = [s for s in drive(follower, q)[0] if s.status == "waiting"]
+    assert 1 < len(waits) * 0.01 * 1500.0 < 1000
