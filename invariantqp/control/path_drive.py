@@ -99,15 +99,7 @@ def drive(
     strayed = float(np.abs(astray).max()) / STRAYED
     near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed, 1.0))
     speed, possible, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
-    rate = -speed if state.back else speed
-    if controller.braking is not None:
-        wanted, step, limit = rate, dt * controller.braking.acceleration, controller.robot.velocity_limit
-        for _ in range(PASSES):  # with the slope where the rate before leads
-            slope, before = plan.slope(place + 0.5 * dt * rate), rate
-            rate = rate_inside(slope, wanted, possible, state.along, step, limit)
-            if abs(rate - before) <= SAME_RATE * abs(rate):
-                break
-    rate = min(max(rate, (plan.start - place) / dt), (plan.end - place) / dt)
+    rate = _possible_rate(controller, plan, state, place, -speed if state.back else speed, possible)
     middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
     slope = plan.slope(middle)
     tangent = tangent_at(controller, curve, plan, middle, left=here.left)
@@ -144,11 +136,7 @@ def drive(
             slower = controller.follow(q, twist, state.velocity, rows, sighting, None, posture, calm=False)
             if slower.status in ("ok", "scaled"):
                 answer, kept = slower, slower.scale
-    # Of exact rows that limits slow down the joints may keep more: they cannot stop in a tick.
-    low, high = sorted((kept * rate, rate))
-    squares, went = float(slope.dot(slope)), rate
-    if low < high and squares > 0.0:
-        went = min(max(float(slope.dot(answer.velocity)) / squares, low), high)
+    went = _went(slope, answer.velocity, kept * rate, rate)
     rate *= kept
     v = abs(rate)
     acceleration = (v - state.speed) / dt
@@ -166,3 +154,27 @@ def drive(
         ticks=state.ticks + 1,
     )
     return Driven(answer, after, here, rate, ruling)
+
+
+def _possible_rate(
+    controller: Controller, plan: PathPlan, state: PathState, place: float, wanted: float, possible: float
+) -> float:
+    """The rate nearest the wanted one inside the joints' limits and the ends of the plan."""
+    dt, rate = controller.dt, wanted
+    if controller.braking is not None:
+        step, limit = dt * controller.braking.acceleration, controller.robot.velocity_limit
+        for _ in range(PASSES):  # with the slope where the rate before leads
+            slope, before = plan.slope(place + 0.5 * dt * rate), rate
+            rate = rate_inside(slope, wanted, possible, state.along, step, limit)
+            if abs(rate - before) <= SAME_RATE * abs(rate):
+                break
+    return min(max(rate, (plan.start - place) / dt), (plan.end - place) / dt)
+
+
+def _went(slope: Array, velocity: Array, kept: float, rate: float) -> float:
+    """The rate of the joints; where limits slow exact rows down to `kept`, joints may keep more: they have to brake."""
+    low, high = sorted((kept, rate))
+    squares = float(slope.dot(slope))
+    if low == high or squares == 0.0:
+        return rate
+    return min(max(float(slope.dot(velocity)) / squares, low), high)
