@@ -11,7 +11,7 @@
 /* The largest x >= 0 with D(x) <= room. */
 static double braking_speed(double room, double acceleration, double dt)
 {
-    double a = fmin(acceleration, BOUNDLESS), r = fmin(fmax(room, 0.0), BOUNDLESS) / (a * dt * dt);
+    double a = fmin(acceleration, BOUNDLESS), r = between(room, 0.0, BOUNDLESS) / (a * dt * dt);
     double n = fmax(ceil(0.5 * (sqrt(8.0 * r + 1.0) - 1.0)), 1.0);
     return isinf(room) ? INFINITY : a * dt * (r / n + 0.5 * (n - 1.0));
 }
@@ -21,7 +21,7 @@ static double late_braking(double room, double before, double dt)
 {
     if (!(before > 0.0))
         return 0.0;
-    double d = 1.0 + fmin(fmax(room, 0.0), BOUNDLESS) / (before * dt), n = fmax(ceil(2.0 * d - 1.0), 1.0);
+    double d = 1.0 + between(room, 0.0, BOUNDLESS) / (before * dt), n = fmax(ceil(2.0 * d - 1.0), 1.0);
     double share = n > 1.0 ? 2.0 * (n - d) / fmax(n * (n - 1.0), 1.0) : 1.0;
     return before * (1.0 - share);
 }

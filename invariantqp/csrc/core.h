@@ -217,6 +217,13 @@ static inline double dot(int n, const double *a, const double *b)
 
 static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
 
+/* The number nearest x that is not below `low` and, before all, not above `high`. */
+static inline double between(double x, double low, double high)
+{
+    x = x > low ? x : low;
+    return x < high ? x : high;
+}
+
 /* dense.c */
 double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);

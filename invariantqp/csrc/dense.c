@@ -40,11 +40,15 @@ bool usual(int n, const double *a)
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C)
 {
     for (int i = 0; i < rows; i++) {
-        for (int j = 0; j < m; j++)
-            C[i][j] = 0.0;
-        for (int k = 0; k < 6; k++)
-            for (int j = 0; j < m && D[i][k] != 0.0; j++)
-                C[i][j] += D[i][k] * J[k][j];
+        Row sum = {0.0};
+        for (int k = 0; k < 6; k++) {
+            double d = D[i][k];
+            if (d == 0.0) /* as half of a measure's root is */
+                continue;
+            for (int j = 0; j < m; j++)
+                sum[j] += d * J[k][j];
+        }
+        memcpy(C[i], sum, (size_t)m * sizeof(double));
     }
 }
 

@@ -127,7 +127,7 @@ Outcome exact_step(int m, const Linearization *state, double damping, const Row 
         memcpy(x, first, sizeof(Row));
         added(n, m, B, z, x);
         for (int j = 0; j < m; j++)
-            x[j] = fmin(fmax(x[j], lower[j]), upper[j]);
+            x[j] = between(x[j], lower[j], upper[j]);
     }
     if (multiplier(m, state, lower, upper, x, price) == HAND_BACK)
         return HAND_BACK;

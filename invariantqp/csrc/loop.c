@@ -47,8 +47,8 @@ static void box(const Loop *loop, const double *q, Row lower, Row upper)
     double rate = 1.0 / loop->time;
     for (int j = 0; j < (int)loop->joints; j++) {
         double place = q[j] * rate, fastest = loop->fastest[j];
-        lower[j] = fmin(fmax(loop->low[j] - place, -fastest), fastest);
-        upper[j] = fmax(fmin(loop->high[j] - place, fastest), -fastest);
+        lower[j] = between(loop->low[j] - place, -fastest, fastest);
+        upper[j] = between(loop->high[j] - place, -fastest, fastest);
     }
 }
 

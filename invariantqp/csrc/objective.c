@@ -40,7 +40,7 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
         double over = sigma / (NULL_RATIO * largest) - 1.0;
         if (sigma * CLOSE > NULL_RATIO * largest && sigma < CLOSE * NULL_RATIO * largest)
             return HAND_BACK;
-        double moving = fmin(fmax(over, 0.0), 1.0); /* fades in, so that the law has no jump */
+        double moving = between(over, 0.0, 1.0); /* fades in, so that the law has no jump */
         sigma *= moving;
         bool null = moving == 0.0;
         double squared = damped_square(demand, sigma, wanted, largest);

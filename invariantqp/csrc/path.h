@@ -50,8 +50,6 @@ typedef struct {
     PathStatus status;
 } Progress;
 
-static inline double between(double x, double low, double high) { return fmin(fmax(x, low), high); }
-
 /* course.c */
 int piece_of(int n, const double *knots, double at);
 int piece_at(const Course *course, double at);

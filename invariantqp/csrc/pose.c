@@ -126,7 +126,7 @@ static void box_minimum(int n, const Row *L, const Row g, double unit, const Row
     if (minimise_in_box(&problem, lower, upper, x) == DONE)
         return;
     for (int j = 0; j < n; j++)
-        x[j] = fmin(fmax(unit * g[j], lower[j]), upper[j]);
+        x[j] = between(unit * g[j], lower[j], upper[j]);
 }
 
 /* newton.py: the step inside the box, by the second derivative H or, where there is none, A'A. */
@@ -173,7 +173,7 @@ static void step_of(int m, const Linearization *state, Row *H, double mu, const 
         return;
     }
     for (int j = 0; j < m; j++)
-        x[j] = fmin(fmax(g[j] / size, lower[j]), upper[j]);
+        x[j] = between(g[j] / size, lower[j], upper[j]);
 }
 
 /* joint_space.py: the least and the largest step; with `turning`, half a turn for a hinge that can turn over. */
@@ -194,7 +194,7 @@ static void inside(const Arm *arm, double *q)
         if (arm->whole[j] != 0.0)
             q[j] += (fmax(ceil((low - q[j]) / arm->turn[j]), 0.0) - fmax(ceil((q[j] - high) / arm->turn[j]), 0.0)) *
                     arm->turn[j];
-        q[j] = fmin(fmax(q[j], low), high);
+        q[j] = between(q[j], low, high);
     }
 }
 

@@ -256,6 +256,6 @@ Outcome minimise_in_box(const Quadratic *problem, const double *lower, const dou
     if (minimise_from(problem, &limits, STILL, z) == HAND_BACK)
         return HAND_BACK;
     for (int j = 0; j < problem->n; j++)
-        z[j] = fmin(fmax(z[j], lower[j]), upper[j]);
+        z[j] = between(z[j], lower[j], upper[j]);
     return DONE;
 }

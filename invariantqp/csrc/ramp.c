@@ -37,7 +37,7 @@ static void stop(const Ramp *ramp, double v, double a, double *distance, double 
     double v1 = v + a * t1 - 0.5 * J * t1 * t1, a1 = a - J * t1, v2 = v1 + a1 * hold;
     for (int i = 0; i < SAMPLES; i++) {
         double t = i == LAST_SAMPLE ? end : i * (end / LAST_SAMPLE);
-        double first = fmin(t, t1), second = fmin(fmax(t - t1, 0.0), hold);
+        double first = fmin(t, t1), second = between(t - t1, 0.0, hold);
         double third = fmin(fmax(t - (t1 + hold), 0.0), t3);
         speed[i] = v + a * first - 0.5 * J * first * first + a1 * second + a1 * third + 0.5 * J * third * third;
         speed[i] = fmax(speed[i], 0.0);
@@ -85,7 +85,7 @@ Outcome ramped(const Course *course, const Travel *state, double at, double want
     double v = state->speed, was = state->acceleration;
     double least = fmax(was - ramp.jerk * dt, -ramp.acceleration), most = fmin(was + ramp.jerk * dt, ramp.acceleration);
     if (least > most)
-        least = most = fmin(fmax(was, least), most);
+        least = most = between(was, least, most);
     *a = least;
     for (int i = 0; i < CANDIDATES; i++) {
         double next = i == CANDIDATES - 1 ? least : most + i * ((least - most) / (CANDIDATES - 1));

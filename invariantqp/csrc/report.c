@@ -60,7 +60,7 @@ static void shortened(const Demand *demand, const Row y, Row x)
 static void clipped(const Demand *demand, const Row x, Solution *solution)
 {
     for (int j = 0; j < demand->m; j++) {
-        double lower = demand->lower[j], upper = demand->upper[j], value = fmin(fmax(x[j], lower), upper);
+        double lower = demand->lower[j], upper = demand->upper[j], value = between(x[j], lower, upper);
         double margin = ACTIVE_TOLERANCE * fmax(1.0, fabs(value));
         solution->velocity[j] = value;
         solution->active[j] = value <= lower + margin || value >= upper - margin;

@@ -24,7 +24,7 @@ static Outcome best(const Polytope *room, const Cone *slow, const Row first, int
     return minimise(&problem, room, slow, first, found, found);
 }
 
-static double within(double share) { return fmin(fmax(share, 0.0), 1.0); }
+static double within(double share) { return between(share, 0.0, 1.0); }
 
 /* stages.py, slowed_rows: the velocity inside the limits that moves the rows least, from one that is inside; the rows
    count from its part that they fix. */

@@ -225,7 +225,7 @@ static Outcome roomy(Posed *problem, Share *share)
     int m = demand->m;
     bool still = true;
     for (int j = 0; j < m; j++) {
-        share->inside[j] = fmin(fmax(0.0, demand->lower[j]), demand->upper[j]);
+        share->inside[j] = between(0.0, demand->lower[j], demand->upper[j]);
         still = still && share->inside[j] == 0.0;
     }
     if (!allows(demand, share->inside))
