@@ -21,7 +21,7 @@ from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import Convergence, slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.joint_rows import PinkLimit, Rows
-from invariantqp.control.loop_limits import LoopLimits, loop_limits
+from invariantqp.control.loop_limits import loop_limits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import Memory
 from invariantqp.control.observed import Observed, at_rest
@@ -41,10 +41,6 @@ from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve, standing
-
-# What a loop is made from; the compiled core has its own copy.
-FIXED = {"robot", "law", "measure", "dt", "gain", "posture_gain", "exact", "row_rank", "kept", "compiled"}
-FIXED |= {*LoopLimits._fields}
 
 
 class Controller:
@@ -156,7 +152,7 @@ class Controller:
         )
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name in FIXED and "compiled" in self.__dict__:
+        if name[0] != "_" and "compiled" in self.__dict__:  # the core has its own copy
             raise AttributeError(f"{name} of a controller does not change; make another Controller")
         object.__setattr__(self, name, value)
 
