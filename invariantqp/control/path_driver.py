@@ -44,6 +44,9 @@ AT_PLACE = 1e-5
 # A tool farther off than this, relative, or joints farther from the joint motion along the path [rad, length], have
 # been pushed: the motion is looked for again.
 PUSHED, DISPLACED = AWAY * AWAY_STOP, 0.2
+# A tool on its way to the path whose joints rest for this long [s], its distance falling at less than this share of
+# the gain, does not get there.
+PATIENCE, STUCK = 1.0, 0.1
 
 
 class PathDriver:
@@ -97,6 +100,9 @@ class PathDriver:
         self._search: PathSearch | None = None
         self._goal: Any = None
         self._trouble = ""
+        self._off = self._stood = (
+            0.0  # on the way to the path: how far off it is, and for how long it gets no nearer [s]
+        )
         self._paused = False
         self._wants_back = False
         self._kept: Array = at_rest(0.0, np.zeros(len(controller.robot.names))).numbers
@@ -182,15 +188,16 @@ class PathDriver:
         off = float(np.linalg.norm(R.dot(sighting.error)))
         if self._search is None and off > AT_PLACE * controller.measure.length:
             answer = controller.step(q, goal, velocity=before)
-            if self._stops or not stands(controller, answer.velocity):  # a path that may be left may start out of reach
-                return self._waiting(answer, self._trouble or "on the way to the path's start", off)
-        still = controller.rest(q, "", before, sighting)
+            still = stands(controller, answer.velocity)
+            if self._stops or not still:  # a path that may be left may start out of reach
+                return self._on_the_way(answer, off, still=still)
+        rest = controller.rest(q, "", before, sighting)
         if self._path is None:
-            return self._waiting(still, "no second pose yet", off)
+            return self._waiting(rest, "no second pose yet", off)
         if self._search is None:
             self._search = self._search_from(self._path, q, self._state.place)
         self._look_on(self._search)
-        return self._waiting(still, "looking along the path", off)
+        return self._waiting(rest, "looking along the path", off)
 
     def _drive(
         self, path: GivenPath, plan: PathPlan, state: PathState, here: Beside, q: Array, override: float
@@ -215,9 +222,21 @@ class PathDriver:
         """Give the joint motion up; the tool sets out again from the place where it was."""
         state = self._state
         self.plan, self._search = None, None
+        self._stood = 0.0
         # A tool that was not at the path's start to begin with has not been pushed.
         self._goal, self._trouble = here.target, "pushed off the path, on the way back" if state.ticks else ""
         self._state = at_rest(state.place, state.velocity, state.ticks, back=state.back)
+
+    def _on_the_way(self, answer: VelocitySolution, off: float, *, still: bool) -> PathSolution:
+        """What is told of a tick towards the path; "blocked" where the tool has stopped for good before it is there."""
+        dt, gain = self.controller.dt, self.controller.gain
+        stuck = still and off > (1.0 - STUCK * gain * dt) * self._off
+        self._off, self._stood = off, self._stood + dt if stuck else 0.0
+        told = self._waiting(answer, self._trouble or "on the way to the path's start", off)
+        if self._stood < PATIENCE:
+            return told
+        why = f"the arm comes no closer than {off:.3g} to the path; {told.reason}"
+        return told._replace(status="blocked", reason=why)
 
     def _waiting(self, answer: VelocitySolution, reason: str, off: float) -> PathSolution:
         """What is told on the way to the path."""

@@ -16,7 +16,7 @@ class PathSolution(NamedTuple):
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "waiting" (on the way to the path's start, or planning), "moving", "slowed" (limits rule the speed),
             "paused" (at rest on the path, or back at its start), "left" (the path cannot be had here, and is passed by
-            the least), "blocked" (it cannot be had, and the tool has stopped before it), "done".
+            the least), "blocked" (it cannot be had, or got to, and the tool has stopped before it), "done".
         reason: why, in words, "" where there is nothing to report.
         place: the path's parameter where the tool is.
         speed: of the place [1/s], negative backward.

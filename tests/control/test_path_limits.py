@@ -171,3 +171,19 @@ def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
     follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.2 * u, 0.0]), 0.01, 0.2)
     waits = [s for s in drive(follower, q)[0] if s.status == "waiting"]
     assert 1 < len(waits) * 0.01 * 1500.0 < 1000
+
+
+@pytest.mark.parametrize("gain", [None, 1.0])
+def test_an_arm_that_cannot_get_to_the_start_is_blocked(gain):
+    robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    home, ends = robot.pose(q), []
+    for start in (np.array([-0.1, 0.05, -0.1]), 1.5 * home[:3, 3]):
+        loop = iq.Controller(robot, dt=0.004, gain=gain)
+        follower = iq.PathFollower(
+            loop, lambda u, p=start: iq.transform(home[:3, :3], home[:3, 3] + p + [0.0, 0.1 * u, 0.0])
+        )
+        solutions, _ = drive(follower, q, 15.0)
+        ends.append(solutions[-1])
+    assert [s.status for s in ends] == ["done", "blocked"]
+    assert ends[1].reason.startswith("the arm comes no closer than ")
+    assert ends[1].across > 0.5
