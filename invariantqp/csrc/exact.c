@@ -46,41 +46,55 @@ Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (
     return DONE;
 }
 
-/* The rows C on y and their demands, combined so that parts of the twist are orthonormal in the measure: by the Cholesky
-   factor of their Gram matrix, which gives the same singular values as Python's eigenvectors of it. */
+/* The rows C on y and their demands, combined so that parts of the twist are orthonormal in the measure, by the Cholesky
+   factor of their Gram matrix: the same singular values as Python's. Rows beside them become as long as all of those. */
 static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *e)
 {
-    int k = demand->rows;
-    double M[MOST_ROWS][6], L[MOST_ROWS][MOST_ROWS];
+    int k = demand->rows, m = demand->m;
+    double M[MOST_ROWS][6], L[MOST_ROWS][MOST_ROWS], square = 0.0;
+    bool twist[MOST_ROWS], any = false;
     memcpy(C, given, (size_t)k * sizeof(Row));
     memcpy(e, demand->e, (size_t)k * sizeof(double));
-    if (!demand->of_twist)
+    for (int i = 0; i < k && demand->of_twist; i++)
+        any = (twist[i] = dot(6, demand->D[i], demand->D[i]) > 0.0) || any;
+    if (!any)
         return DONE;
     if (over_root(k, demand->D, demand->root, M) == HAND_BACK)
         return HAND_BACK;
-    double largest = 0.0;
     for (int i = 0; i < k; i++) {
+        double size = twist[i] ? norm(6, M[i]) : norm(m, C[i]);
+        if (!(size > 0.0))
+            return HAND_BACK;
+        for (int j = 0; j < 6; j++)
+            M[i][j] /= size;
+        for (int j = 0; j < m; j++)
+            C[i][j] /= size;
+        e[i] /= size;
         for (int j = 0; j <= i; j++)
             L[i][j] = dot(6, M[i], M[j]);
-        if (dot(6, demand->D[i], demand->D[i]) == 0.0)
-            L[i][i] += dot(demand->m, C[i], C[i]);
-        largest = fmax(largest, L[i][i]);
-    }
-    for (int i = 0; i < k; i++) {
-        for (int j = 0; j < i; j++)
-            L[i][j] = (L[i][j] - dot(j, L[i], L[j])) / L[j][j];
+        for (int j = 0; j < i && twist[i]; j++)
+            L[i][j] = twist[j] ? (L[i][j] - dot(j, L[i], L[j])) / L[j][j] : 0.0;
+        if (!twist[i])
+            continue;
         double pivot = L[i][i] - dot(i, L[i], L[i]);
-        if (!(pivot > DEPENDENT_ROWS * DEPENDENT_ROWS * largest))
+        if (!(pivot > DEPENDENT_ROWS * DEPENDENT_ROWS))
             return HAND_BACK;
         L[i][i] = sqrt(pivot);
         for (int l = 0; l < i; l++) {
-            for (int j = 0; j < demand->m; j++)
+            for (int j = 0; j < m; j++)
                 C[i][j] -= L[i][l] * C[l][j];
             e[i] -= L[i][l] * e[l];
         }
-        for (int j = 0; j < demand->m; j++)
+        for (int j = 0; j < m; j++)
             C[i][j] /= L[i][i];
         e[i] /= L[i][i];
+        square += dot(m, C[i], C[i]);
+    }
+    for (int i = 0; i < k && square > 0.0; i++) {
+        double length = twist[i] ? 1.0 : sqrt(square);
+        for (int j = 0; j < m; j++)
+            C[i][j] *= length;
+        e[i] *= length;
     }
     return DONE;
 }

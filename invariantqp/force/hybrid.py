@@ -208,7 +208,7 @@ class HybridController:
                 motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
             elif waits:
                 force = np.zeros(6)
-            rows = force_rows(contact, sighting.J, force) if self.force_first else None
+            rows = force_rows(contact, sighting.J, motion + force) if self.force_first else None
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
         twist, self._normal = sighting.J.dot(inner.velocity), self._found(told, watch, felt, regulation)

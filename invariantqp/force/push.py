@@ -144,13 +144,13 @@ def push(
     return Push(np.asarray(share * twist), not slow and share == 1.0)
 
 
-def force_rows(contact: Contact, J: Array, force: Array) -> ExactRows | None:
-    """W'J x = W's where that leaves the arm at least two degrees of freedom, else None."""
-    W, m = contact.constraints, J.shape[1]
-    n = W.shape[1]
+def force_rows(contact: Contact, J: Array, twist: Array) -> ExactRows | None:
+    """W'J x = W'twist where that leaves the arm at least two degrees of freedom, else None."""
+    D, m = contact.constraints.T, J.shape[1]
+    n = len(D)
     if n == 0 or (m < 6 and n > m - 2):
         return None
-    return ExactRows(W.T.dot(J), W.T.dot(force))
+    return ExactRows.of(J, D, D.dot(twist))
 
 
 def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J: Array, motion: Array) -> str:

@@ -8,6 +8,7 @@ allow (`share`). `posed` changes to coordinates in which the joint metric M is t
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import norm
-from invariantqp.systems.span import TINY, rank_of
+from invariantqp.systems.span import rank_of
 from invariantqp.velocity.measure import root_at
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
@@ -164,28 +165,17 @@ class Reduction(NamedTuple):
 def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     """Solve the rows and find the velocities that they leave free.
 
-    Rows that are parts of the twist are first replaced by orthonormal ones in the measure. So neither the frame nor the
-    choice of rows decides which of them count as dependent.
+    Rows that are parts of the twist are first replaced by orthonormal ones in the measure, and rows beside them made as
+    long as all of those together. So neither frame, unit of length nor choice of rows decides which count as dependent.
 
     Args:
         exact: the rows on y.
         root: (6, 6) of the measure.
         rank: how many independent rows this arm can keep in its best state; None is all.
     """
-    C, e = exact.A, exact.b
-    whitened, wanted, contrary = C, e, 0.0
-    if exact.of_twist is not None:
-        D = lapack.dgesv(root.T, exact.of_twist.T)[2].T
-        joints = ~D.any(axis=1)
-        gram = D.dot(D.T)
-        if joints.any():
-            gram += np.diag(np.where(joints, (C * C).sum(axis=1), 0.0))
-        sizes, mix, _ = lapack.dsyev(gram)
-        kept = sizes > ROW_TOLERANCE**2 * max(float(sizes[-1]), TINY)
-        whiten = (mix[:, kept] / np.sqrt(sizes[kept])).T
-        whitened, wanted = whiten.dot(C), whiten.dot(e)
-        if len(wanted) < len(e):
-            contrary = _share(e.dot(mix[:, ~kept]), e)
+    whitened, wanted, contrary = exact.A, exact.b, 0.0
+    if exact.of_twist is not None and exact.of_twist.any():
+        whitened, wanted, contrary = _whitened(exact, exact.of_twist, root)
     svd = lapack.dgesdd if len(whitened) else np.linalg.svd  # LAPACK's own takes no empty matrix
     U, sigma, Vt = svd(whitened)[:3]
     r = rank_of(sigma, ROW_TOLERANCE)
@@ -205,6 +195,22 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
         beyond=_share(lost[here:], wanted),
         start=np.zeros(len(full)),
     )
+
+
+def _whitened(exact: ExactRows, of_twist: Array, root: Array) -> tuple[Array, Array, float]:
+    """Those rows, their demands, and the share of the demands in which rows of one twist contradict each other."""
+    D: Array = lapack.dgesv(root.T, of_twist.T)[2].T
+    twist = D.any(axis=1)
+    sizes = np.sqrt(np.where(twist, (D * D).sum(axis=1), (exact.A * exact.A).sum(axis=1)))
+    sizes[sizes == 0.0] = 1.0
+    C, e = exact.A / sizes[:, None], exact.b / sizes
+    U, sigma = lapack.dgesdd(D[twist] / sizes[twist, None])[:2]
+    r = rank_of(sigma, ROW_TOLERANCE)
+    demands = e[twist].dot(U)
+    parts = U[:, :r].T.dot(C[twist]) / sigma[:r, None]
+    length = sqrt(float((parts * parts).sum())) or 1.0
+    rows = np.vstack((parts, length * C[~twist]))
+    return rows, np.concatenate((demands[:r] / sigma[:r], length * e[~twist])), _share(demands[r:], demands)
 
 
 def _share(part: Array, whole: Array) -> float:
