@@ -25,7 +25,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.agreement import answer_of
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.normal import NormalEstimate
-from invariantqp.force.place import load_at, way_out, weakest
+from invariantqp.force.place import load_at, moved_between, way_out, weakest
 from invariantqp.force.push import Stand, force_rows, gains_of, pressed_by, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
@@ -130,9 +130,9 @@ class HybridController:
 
     def reset(self) -> None:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
-        self._watch = Watch()
+        self._tool: Array | None = None
         self._regulation = Regulation(presses=TwoPresses() if self.task.two_presses else None)
-        self._normal, self._stand = NormalEstimate(), Stand()
+        self._watch, self._normal, self._stand = Watch(), NormalEstimate(), Stand()
         ticks = 1 + round(self._delay / self.loop.dt)  # until a command shows in the measurements
         self._ways: deque[Array] = deque([np.zeros(3)] * ticks, maxlen=ticks)
         self._smoothing = self._smoothing._replace(value=None)
@@ -211,7 +211,11 @@ class HybridController:
             rows = force_rows(contact, sighting.J, motion + force) if self.force_first else None
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
-        twist, self._normal = sighting.J.dot(inner.velocity), self._found(told, watch, felt, regulation)
+        self._tool, twist, self._normal = (
+            tool,
+            sighting.J.dot(inner.velocity),
+            self._found(told, watch, felt, regulation),
+        )
         self._ways.append(loop.dt * velocity_at(twist, contact.point))
         self._watch, self._smoothing = watch.after_motion(out.dot(self._ways[-1]), answer.beyond), smoothing
         self._stand, self._regulation = (
@@ -260,10 +264,10 @@ class HybridController:
         most = overload_of(self.task, force, moment, noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
         way, answer = self._ways[0], answer_of(self.task.stiffness, self._regulation.shown)
-        along = -out.dot(way)
+        along, came = -out.dot(way), -float(out.dot(moved_between(self._tool, tool, contact.point)))
         moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
         lacks = max(size / most for size, most in zip(load_at(missing, contact.point, grip), most, strict=True))
-        return Felt(reading, press, *load, lacks, most, noise, moved, answer)
+        return Felt(reading, press, *load, lacks, most, noise, moved, answer, came)
 
     def _regulated(self, felt: Felt, watch: Watch) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""

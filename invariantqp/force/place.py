@@ -58,3 +58,11 @@ def speed_at(contact: Contact, twist: Array, size: float) -> float:
     """How fast a twist moves the place of contact, turning counted by the contact's size [length/s]."""
     v, w = velocity_at(twist, contact.point), size * twist[:3]
     return max(sqrt(max(v.dot(v), w.dot(w))), TINY)
+
+
+def moved_between(before: Array | None, now: Array, point: Array) -> Array:
+    """(3,) how far the tool's point that is now at `point` (3,) has come, for its (4, 4) poses; None is no motion."""
+    if before is None:
+        return np.zeros(3)
+    back: Array = before[:3, :3].dot(now[:3, :3].T.dot(point - now[:3, 3])) + before[:3, 3]
+    return point - back

@@ -1,7 +1,8 @@
 """Contact lost or overloaded, a sensor at fault: what the hybrid controller does then, and what it remembers.
 
 lost        unilateral contact that is not felt (`touch`) for longer than lost_after; over when it is felt again
-            an approach that meets nothing within approach_distance or approach_time stands still until `reset`
+            an approach that meets nothing within approach_distance or approach_time, or in which the tool does not
+            come nearer as commanded, stands still until `reset`
 overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Where less is
             wanted than before, the limit falls with what is felt
 fault       what the readings say of the sensor (`health`), or that they disagree with the motion (`agreement`); until
@@ -28,6 +29,9 @@ NO_FORCE = 20.0
 LET_GO = 1.0
 # Readings of a force stay within so many standard deviations of a component.
 ABOVE_NOISE = 8.0
+# After this share of retreat_distance was commanded, a tool that has come less than that share of it does not follow.
+LED = 0.5
+FOLLOWED = 0.2
 
 
 class Felt(NamedTuple):
@@ -42,6 +46,7 @@ class Felt(NamedTuple):
         noise: standard deviation of a force component [force].
         way: (4,) of the last motion whose effect is felt, along the press and across it (3) [length].
         answer: what the press owes for a way in.
+        came: how far the place of contact has come nearer since the last tick, by the joints [length].
     """
 
     reading: Array
@@ -53,6 +58,7 @@ class Felt(NamedTuple):
     noise: float
     way: Array
     answer: Answer
+    came: float = 0.0
 
 
 class Watch(NamedTuple):
@@ -66,6 +72,7 @@ class Watch(NamedTuple):
         most: force and moment that are an overload.
         approached: way towards the contact since it was last felt [length].
         waited: for how long it has not been felt [s].
+        led: how far it was commanded nearer since then, of commands that can have acted, and how far it came [length].
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
         left: how far it has retreated [length].
@@ -78,6 +85,7 @@ class Watch(NamedTuple):
     most: tuple[float, float] = (0.0, 0.0)
     approached: float = 0.0
     waited: float = 0.0
+    led: tuple[float, float] = (0.0, 0.0)
     leaving: str = ""
     status: str = ""
     left: float = 0.0
@@ -117,9 +125,10 @@ class Watch(NamedTuple):
         if fault:
             return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:
-            return watch._replace(approached=0.0, waited=0.0)
-        why = _given_up(task, touch.airborne, self.approached, self.waited + dt)
-        return watch._replace(waited=self.waited + dt, status="lost" if why else "", leaving=why, left=0.0)
+            return watch._replace(approached=0.0, waited=0.0, led=(0.0, 0.0))
+        watch = watch._replace(waited=self.waited + dt, led=(self.led[0] + float(felt.way[0]), self.led[1] + felt.came))
+        why = _given_up(task, watch)
+        return watch._replace(status="lost" if why else "", leaving=why, left=0.0)
 
     def after_motion(self, out: float, beyond: bool) -> Watch:
         """The watch after a tick that moved the place of contact outwards by a distance [length], or off an edge."""
@@ -163,15 +172,18 @@ def _too_much(felt: Felt, most: tuple[float, float]) -> str:
     return " and ".join(w for w in (what, turn) if w)
 
 
-def _given_up(task: HybridTask, airborne: float, approached: float, waited: float) -> str:
+def _given_up(task: HybridTask, watch: Watch) -> str:
     """Why contact is looked for no longer, "" where it is."""
+    airborne, (led, came) = watch.touch.airborne, watch.led
     before = airborne == inf
     if task.on_loss == "retreat" and not before and airborne > task.lost_after:
         return f"no contact for {written(airborne)} s"
     if task.on_loss == "continue" and not before:
         return ""
-    if approached > task.approach_distance:
+    if led > LED * task.retreat_distance and came < FOLLOWED * led:
+        return f"told to come {written(led)} nearer, the tool came {written(came)}: the robot does not follow commands"
+    if watch.approached > task.approach_distance:
         return f"no contact within {written(task.approach_distance)} of approach"
-    if waited > task.approach_time:
+    if watch.waited > task.approach_time:
         return f"no contact within {written(task.approach_time)} s of approach"
     return ""

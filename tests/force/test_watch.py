@@ -245,3 +245,23 @@ def test_a_press_that_is_read_exactly_the_same_shows_no_stiffness():
         solution = loop.step(np.zeros(6), np.eye(4), [0, 0, 0, 0, 0, -12.0])
     assert loop.stiffness is None
     assert abs(solution.velocity[2]) < 1.0
+
+
+@pytest.mark.parametrize("follows", [-1.0, 0.0, 0.5, 1.0])  # the sign is wrong, the brakes hold, half, all of it
+@pytest.mark.parametrize("on_loss", ["approach", "continue"])
+def test_an_approach_that_the_arm_does_not_follow_ends_and_says_so(follows, on_loss):
+    task = pen(on_loss=on_loss, approach_distance=np.inf, approach_time=np.inf)
+    bench = Bench(gantry(), np.zeros(6), task, depth=-0.015, dt=0.004)
+    said = []
+    for _ in range(1000):
+        q = bench.q
+        solution = bench.tick()
+        bench.q = q + follows * (bench.q - q)
+        said.append((solution.status, solution.reason))
+    if follows > 0.2:
+        assert said[-1][0] == "ok"
+        return
+    assert said[-1][0] == "lost"
+    assert "the robot does not follow commands: standing still until reset" in said[-1][1]
+    assert not solution.velocity.any()
+    assert 0.009 < follows * -bench.robot.pose(bench.q)[2, 3] < 0.011 or follows == 0.0
