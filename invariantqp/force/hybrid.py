@@ -211,14 +211,11 @@ class HybridController:
             rows = force_rows(contact, sighting.J, motion + force) if self.force_first else None
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
-        self._tool, twist, self._normal = (
-            tool,
-            sighting.J.dot(inner.velocity),
-            self._found(told, watch, felt, regulation),
-        )
+        twist, self._normal = sighting.J.dot(inner.velocity), self._found(told, watch, felt, regulation)
         self._ways.append(loop.dt * velocity_at(twist, contact.point))
         self._watch, self._smoothing = watch.after_motion(out.dot(self._ways[-1]), answer.beyond), smoothing
-        self._stand, self._regulation = (
+        self._tool, self._stand, self._regulation = (
+            tool,
             self._stand.after(self.task, contact, motion, twist, loop.dt),
             regulation.after(error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0),
         )
@@ -259,7 +256,6 @@ class HybridController:
         (A, out), (exert, missing) = at, wanted
         noise = 0.0 if self.sensor is None else self.sensor.noise
         press = weakest(self._split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
-        # Too much is counted from the task's press or the tick's, whichever is larger.
         force, moment = map(max, self._split.load, load_at(exert, contact.point))
         most = overload_of(self.task, force, moment, noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
