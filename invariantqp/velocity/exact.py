@@ -22,11 +22,14 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import norm
-from invariantqp.systems.span import rank_of
+from invariantqp.systems.span import TINY, rank_of
 from invariantqp.velocity.measure import root_at
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
 ROW_TOLERANCE = 1e-10
+# Demands are at least this share of the terms that they sum, where contradictions are compared with them: 1e-16 of the
+# terms is rounding, and 1e-9 of a demand a contradiction.
+TERMS = 1e-5
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -162,7 +165,7 @@ class Reduction(NamedTuple):
         return p
 
 
-def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
+def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | None = None) -> Reduction:
     """Solve the rows and find the velocities that they leave free.
 
     Rows that are parts of the twist are first replaced by orthonormal ones in the measure, and rows beside them made as
@@ -172,10 +175,11 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
         exact: the rows on y.
         root: (6, 6) of the measure.
         rank: how many independent rows this arm can keep in its best state; None is all.
+        s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
     """
     whitened, wanted, contrary = exact.A, exact.b, 0.0
     if exact.of_twist is not None and exact.of_twist.any():
-        whitened, wanted, contrary = _whitened(exact, exact.of_twist, root)
+        whitened, wanted, contrary = _whitened(exact, exact.of_twist, root, np.zeros(6) if s is None else s)
     svd = lapack.dgesdd if len(whitened) else np.linalg.svd  # LAPACK's own takes no empty matrix
     U, sigma, Vt = svd(whitened)[:3]
     r = rank_of(sigma, ROW_TOLERANCE)
@@ -197,7 +201,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None) -> Reduction:
     )
 
 
-def _whitened(exact: ExactRows, of_twist: Array, root: Array) -> tuple[Array, Array, float]:
+def _whitened(exact: ExactRows, of_twist: Array, root: Array, s: Array) -> tuple[Array, Array, float]:
     """Those rows, their demands, and the share of the demands in which rows of one twist contradict each other."""
     D: Array = lapack.dgesv(root.T, of_twist.T)[2].T
     twist = D.any(axis=1)
@@ -208,9 +212,11 @@ def _whitened(exact: ExactRows, of_twist: Array, root: Array) -> tuple[Array, Ar
     r = rank_of(sigma, ROW_TOLERANCE)
     demands = e[twist].dot(U)
     parts = U[:, :r].T.dot(C[twist]) / sigma[:r, None]
+    terms = TERMS * norm((np.abs(of_twist).dot(np.abs(s)) / sizes)[twist])
+    contrary = norm(demands[r:]) / max(norm(demands), terms, TINY)
     length = sqrt(float((parts * parts).sum())) or 1.0
     rows = np.vstack((parts, length * C[~twist]))
-    return rows, np.concatenate((demands[:r] / sigma[:r], length * e[~twist])), _share(demands[r:], demands)
+    return rows, np.concatenate((demands[:r] / sigma[:r], length * e[~twist])), contrary
 
 
 def _share(part: Array, whole: Array) -> float:

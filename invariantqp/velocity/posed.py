@@ -123,7 +123,7 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Posed:
     posture = demand.posture if law.from_joint is None or demand.posture is None else law.from_joint.dot(demand.posture)
     reduction, attempt = None, wanted
     if demand.exact is not None:
-        reduction = reduce(demand.exact.on(T), demand.root, demand.row_rank)
+        reduction = reduce(demand.exact.on(T), demand.root, demand.row_rank, demand.s)
     if isinstance(law.form, PitchForm) and law.form.convexified:
         return Posed(A, wanted, attempt, posture, reduction, damping, None, law.form.h, J, demand.s)
     if reduction is None:
