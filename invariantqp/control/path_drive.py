@@ -159,15 +159,20 @@ def drive(
 def _possible_rate(
     controller: Controller, plan: PathPlan, state: PathState, place: float, wanted: float, possible: float
 ) -> float:
-    """The rate nearest the wanted one inside the joints' limits and the ends of the plan."""
+    """The rate nearest the wanted one inside the joints' limits and the ends of the plan, never the other way."""
     dt, rate = controller.dt, wanted
     if controller.braking is not None:
-        step, limit = dt * controller.braking.acceleration, controller.robot.velocity_limit
+        step, limit, kept = dt * controller.braking.acceleration, controller.robot.velocity_limit, 0.0
         for _ in range(PASSES):  # with the slope where the rate before leads
             slope, before = plan.slope(place + 0.5 * dt * rate), rate
             rate = rate_inside(slope, wanted, possible, state.along, step, limit)
             if abs(rate - before) <= SAME_RATE * abs(rate):
                 break
+            if (np.abs(before * slope - state.along) <= step).all():
+                kept = before
+        else:  # where the slope changes within a tick, the last rate that could be done where it leads
+            rate = kept
+        rate = min(rate, 0.0) if state.back else max(rate, 0.0)
     return min(max(rate, (plan.start - place) / dt), (plan.end - place) / dt)
 
 

@@ -74,18 +74,31 @@ static double rate_inside(int m, const Row slope, double rate, double possible, 
     return sum / weight;
 }
 
-/* The rate within the limits of acceleration and the ends of the plan. */
+static bool within_step(int m, const Row slope, double rate, const Row before, const Row acceleration, double dt)
+{
+    for (int j = 0; j < m; j++)
+        if (!(fabs(rate * slope[j] - before[j]) <= dt * acceleration[j]))
+            return false;
+    return true;
+}
+
+/* The rate within the limits of acceleration and the ends of the plan, never the other way. */
 double possible_rate(const Loop *loop, const Course *course, const Travel *state, double at, double wanted,
                      double possible)
 {
-    double dt = loop->dt, rate = wanted;
+    double dt = loop->dt, rate = wanted, kept = 0.0;
     Row slope;
-    for (int pass = 0; pass < PASSES && loop->has_braking != 0.0; pass++) {
+    bool same = loop->has_braking == 0.0;
+    for (int pass = 0; pass < PASSES && !same; pass++) {
         double before = rate;
         slope_at(course, at + 0.5 * dt * rate, slope);
         rate = rate_inside(course->m, slope, wanted, possible, state->along, loop->acceleration, loop->fastest, dt);
-        if (fabs(rate - before) <= SAME_RATE * fabs(rate))
-            break;
+        same = fabs(rate - before) <= SAME_RATE * fabs(rate);
+        if (!same && within_step(course->m, slope, before, state->along, loop->acceleration, dt))
+            kept = before;
     }
+    rate = same ? rate : kept;
+    if (loop->has_braking != 0.0)
+        rate = state->back != 0.0 ? fmin(rate, 0.0) : fmax(rate, 0.0);
     return between(rate, (course->at[0] - at) / dt, (course->at[course->knots - 1] - at) / dt);
 }

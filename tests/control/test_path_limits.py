@@ -51,6 +51,19 @@ def test_an_s_curve_reaches_what_blocks_the_path(dt, jerk):
     assert "upper position limit" in last.reason
 
 
+def test_a_path_that_ends_beside_a_singularity_is_not_driven_back():
+    arm = iq.load_robot("z1")
+    q = np.array([0.4502256612, 0.8442602893, -2.2534555304, -0.7595615323, 0.3878826847, 1.4802279124])
+    start = arm.pose(q)
+    way = start[:3, 3] / np.linalg.norm(start[:3, 3])
+    follower = follower_of(arm, lambda u: iq.transform(start[:3, :3], start[:3, 3] + 2.0 * u * way), 0.001, 0.2)
+    follower.prepare(q)
+    solutions, _ = drive(follower, q)
+    assert solutions[-1].status == "blocked"
+    assert min(s.speed for s in solutions) > -1e-3
+    assert max(s.across for s in solutions) < LEAST
+
+
 def test_fast_joints_near_a_singularity_keep_the_path():
     robot = arm_of(8)
     q = np.array(
