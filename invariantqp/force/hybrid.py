@@ -216,7 +216,7 @@ class HybridController:
         self._watch, self._smoothing = watch.after_motion(out.dot(self._ways[-1]), answer.beyond), smoothing
         self._tool, self._stand, self._regulation = (
             tool,
-            self._stand.after(self.task, contact, motion, twist, loop.dt),
+            self._stand.after(self.task, contact, motion, twist, loop.dt, joints=sighting.J.shape[1]),
             regulation.after(error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0),
         )
         unsettled = "" if answer.status else watch.settling.trouble(press, self._late)

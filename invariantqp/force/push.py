@@ -60,9 +60,14 @@ class Stand(NamedTuple):
 
     long: float = 0.0
 
-    def after(self, task: HybridTask, contact: Contact, motion: Array, twist: Array, dt: float) -> Stand:
-        """The same after a tick of dt [s]: a motion (6,) was asked for, and the tool moved with a twist (6,)."""
-        root = root_at(contact.point, task.size)
+    def after(
+        self, task: HybridTask, contact: Contact, motion: Array, twist: Array, dt: float, *, joints: int
+    ) -> Stand:
+        """The same after a tick of dt [s]: a motion (6,) was asked for, and the tool moved with a twist (6,).
+
+        Fewer than six joints may have to leave out a turn: the place of contact alone is looked at.
+        """
+        root = root_at(contact.point, task.size)[3 if joints < 6 else 0 :]
         asked, moved = root.dot(motion), root.dot(twist)
         least = SLOW_SHARE * task.approach_speed
         stands = asked.dot(asked) > least * least and moved.dot(asked) < DONE * asked.dot(asked)
