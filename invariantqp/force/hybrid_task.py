@@ -138,12 +138,11 @@ class HybridTask(Value):
                 none of the three, Z = C W follows from the compliance; it exists for every contact.
             compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
                 in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses
-                it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until the stiffness is known, and in a
-                contact that cannot be lost takes it about the grip.
+                it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until that is known, and takes it about
+                the grip in a contact that cannot be lost.
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
-            stiffness: of the contact along the press [force/length]; None identifies it at each touch, unless a
-                compliance is given, and until then supposes one that is usual where lengths are metres and forces
-                newtons: in other units tell it. Once it is known, the force law has integral action.
+            stiffness: of the contact along the press [force/length]; once known, the law has integral action. None
+                identifies it at each touch, unless a compliance is given; until then a usual one in N/m is supposed.
             two_presses: takes it from two presses at two forces after each touch, half of the wanted one first, while
                 the tool rests on the surface: ten time constants of the force law each. For contacts with one press.
             size: over what length the contact spreads, which weighs moments against forces [length].
