@@ -231,7 +231,7 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
-        own = rows is None and sighting is None and at is None and posture is None and calm
+        own = rows is None and sighting is None and at is None and posture is None and calm is True
         core = self.compiled if own else None
         found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
         if found is not None:
@@ -244,7 +244,7 @@ class Controller:
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, len(self._middle), "posture")
         state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity), where)
-        return self._tick(state, s, 0.0, s, rows, posture=free, calm=calm)
+        return self._tick(state, s, 0.0, s, rows, posture=free, calm=arrays.flag(calm, "calm"))
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None

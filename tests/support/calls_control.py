@@ -155,7 +155,16 @@ CONTROL = {
     "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q}),
     "Controller.follow": lambda: (
         controller().follow,
-        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None, "at": POINT, "posture": Q},
+        {
+            "q": Q,
+            "twist": TWIST,
+            "velocity": Q,
+            "rows": None,
+            "sighting": None,
+            "at": POINT,
+            "posture": Q,
+            "calm": True,
+        },
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
     "PathFollower": lambda: (
