@@ -13,7 +13,7 @@ first two cases compute its optimum without limits, which is the optimum of the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def computed(demand: Demand, answer: Callable[[], VelocitySolution]) -> Velocity
         return held(demand, f"no velocity found: {failure}")
     except (ArithmeticError, np.linalg.LinAlgError) as failure:
         return held(demand, f"{NO_NUMBERS}: {failure}")
-    return found if np.isfinite(found.velocity).all() else held(demand, NO_NUMBERS)
+    return found if all(map(isfinite, found.velocity.tolist())) else held(demand, NO_NUMBERS)
 
 
 def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:
