@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import same
+from invariantqp.geometry.fields import compared
 from invariantqp.velocity.solution import VelocitySolution
 
 
+@compared
 class PathSolution(NamedTuple):
     """A joint velocity of a tick along a path, and where on the path the tool is. A tuple: one is made in every tick.
 
@@ -36,13 +37,3 @@ class PathSolution(NamedTuple):
     lag: float | None
     across: float
     velocity_solution: VelocitySolution
-
-    def __eq__(self, other: object) -> bool:
-        """Whether all fields are equal, arrays number by number."""
-        return type(other) is PathSolution and all(map(same, self, other))
-
-    def __ne__(self, other: object) -> bool:  # else a tuple's own would be used
-        return not self == other
-
-    def __hash__(self) -> int:
-        return hash((*self.velocity.tolist(), self.status, self.reason))

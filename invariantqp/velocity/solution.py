@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import same
+from invariantqp.geometry.fields import compared
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
 
 
+@compared
 class VelocitySolution(NamedTuple):
     """A joint velocity and how it was found. A tuple, because one is made in every tick.
 
@@ -44,16 +45,6 @@ class VelocitySolution(NamedTuple):
     backend: str
     multipliers: Array | None = None
     row_multipliers: Array | None = None
-
-    def __eq__(self, other: object) -> bool:
-        """Whether all fields are equal, arrays number by number."""
-        return type(other) is VelocitySolution and all(map(same, self, other))
-
-    def __ne__(self, other: object) -> bool:  # else a tuple's own would be used
-        return not self == other
-
-    def __hash__(self) -> int:
-        return hash((*self.velocity.tolist(), self.method, self.status, self.reason))
 
 
 def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
