@@ -100,9 +100,9 @@ class PathDriver:
         self._search: PathSearch | None = None
         self._goal: Any = None
         self._trouble = ""
-        self._off = self._stood = (
-            0.0  # on the way to the path: how far off it is, and for how long it gets no nearer [s]
-        )
+        # On the way to the path: how far off it is, and for how long it gets no nearer [s].
+        self._off = 0.0
+        self._stood = 0.0
         self._paused = False
         self._wants_back = False
         self._kept: Array = at_rest(0.0, np.zeros(len(controller.robot.names))).numbers
