@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.control.asked import asked, asked_part, measured_rows
+from invariantqp.control.asked import asked, measured_rows
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
@@ -33,7 +33,6 @@ from invariantqp.robots.kinematics import Sighting
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.solve import solve
 
 # A tool this close to the path, relative to the measure's length, is on it.
@@ -54,6 +53,8 @@ TURNING = 0.1
 UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
 # Corrections at a knot.
 CORRECTIONS = 8
+# The path's own motion, where only the error counts.
+STILL = np.zeros(6)
 
 
 class Knot(NamedTuple):
@@ -82,6 +83,7 @@ class Beside(NamedTuple):
         root: (6, 6) of the measure.
         demands: the exact rows, which ask for their own error; None where there are none.
         rows: (k, 6) what is asked, in the measure.
+        part: (6, 6) the projector on what exact rows ask for.
         error: (6,) the twist that leads to the target.
     """
 
@@ -89,6 +91,7 @@ class Beside(NamedTuple):
     root: Array
     demands: ExactRows | None
     rows: Array
+    part: Array
     error: Array
 
 
@@ -129,7 +132,6 @@ class KnotFinder:
         self._longest = longest
         self._stops = stops
         self._length = controller.measure.length
-        self._no_limit = np.full(len(controller.robot.names), np.inf)
         self._law = replace(controller.law, dt=0.0)
         if controller.exact or not stops:
             calming = CALMING_ROWS if controller.exact else CALMING
@@ -156,7 +158,7 @@ class KnotFinder:
         tolerance = ON_PATH * self._length
         for k in range(CORRECTIONS if self._stops else 1):
             seen = self._look(q, target)
-            _, root, demands, rows, error = seen
+            _, root, demands, rows, part, error = seen
             off = rows.dot(error)
             size = sqrt(float(off.dot(off)))
             if size <= tolerance or not self._stops:
@@ -165,12 +167,12 @@ class KnotFinder:
             if demands is not None and len(rows) < 6:
                 # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
                 # turning towards the path is up to the slope.
-                back = asked_part(rows, root).dot(back)
+                back = part.dot(back)
                 still = at_limit if k < CORRECTIONS // 2 else None
             q = q + self._answer(q, seen, back, 1.0, None, still)
         tangent = curve.tangent(at)
         if demands is not None or not self._stops:  # back to the path a little at a time
-            met = error if demands is None else asked_part(rows, root).dot(error)
+            met = error if demands is None else part.dot(error)
             share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
             tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
         if before is None:
@@ -189,15 +191,13 @@ class KnotFinder:
         sighting = robot.sight(q, target)
         root, error = controller.measure.root(robot, sighting, target), sighting.error
         if not controller.exact:
-            return Beside(sighting, root, None, asked(controller, sighting, root), error)
-        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, np.zeros(6)))
-        rows = measured_rows(demands, root)
+            return Beside(sighting, root, None, asked(controller, sighting, root), np.eye(6), error)
+        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, STILL))
+        rows, back, weights = measured_rows(demands, root)
         if demands.of_twist is not None:
             # A screw that also turns the tool takes a point elsewhere first.
-            D = np.asarray(demands.of_twist)
-            missing = np.linalg.pinv(np.linalg.solve(root.T, D.T).T).dot(demands.b - D.dot(error))
-            error = error + np.linalg.solve(root, missing)
-        return Beside(sighting, root, demands, rows, error)
+            error = error + back.dot((demands.b - demands.of_twist.dot(error)).dot(weights))
+        return Beside(sighting, root, demands, rows, back.dot(rows), error)
 
     def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
         """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
@@ -244,20 +244,19 @@ class KnotFinder:
     ) -> Array:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits; `still` joints rest."""
         controller = self._controller
-        box = JointBox(controller.box.position_lower, controller.box.position_upper, self._no_limit, h)
-        lower, upper = box.at(q)
+        lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
         if still is not None:
             lower, upper = np.where(still, 0.0, lower), np.where(still, 0.0, upper)
         exact = seen.demands
         if exact is not None and exact.of_twist is not None:
-            D = np.asarray(exact.of_twist)
-            exact = ExactRows(exact.A, np.where(D.any(axis=1), D.dot(twist), exact.b), D)
+            D = exact.of_twist
+            exact = exact.demanding(np.where(D.any(axis=1), D.dot(twist), exact.b))
         demand = Demand(seen.sighting.J, twist, seen.root, lower, upper, exact, posture, row_rank=controller.row_rank)
         if exact is None or self._stops:
             return solve(self._law, demand).velocity
-        return self._passing(demand, exact, seen.rows)
+        return self._passing(demand, exact, seen.rows, seen.part)
 
-    def _passing(self, demand: Demand, exact: ExactRows, rows: Array) -> Array:
+    def _passing(self, demand: Demand, exact: ExactRows, rows: Array, part: Array) -> Array:
         """The law's answer (m,) where exact rows need not be met; in the measure they are `rows`."""
         alone = demand._replace(exact=_joint_rows(exact), row_rank=None)
         only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
@@ -267,7 +266,6 @@ class KnotFinder:
         size = float(np.linalg.norm(wanted))
         t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
         met = ExactRows(exact.A, np.asarray(exact.A).dot(nearest), exact.of_twist)
-        part = asked_part(rows, demand.root)
         weighted = demand.root.dot(part + REST * (np.eye(6) - part))
         x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
         return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x

@@ -207,9 +207,8 @@ def _top(
             top[i], ruling[i] = speed[i], cause[i]
 
     if controller.braking is not None:
-        rooms = [np.maximum(controller.box.room(x), 0.0) + AT_LIMIT for x in q]
-        room = np.where(slopes > 0.0, [r[0] for r in rooms], [r[1] for r in rooms])
-        speed, which = top_speed(slopes, np.array([braking_speed(r, acceleration, controller.dt) for r in room]))
+        room = np.maximum(np.where(slopes > 0.0, *controller.box.room(q)), 0.0) + AT_LIMIT
+        speed, which = top_speed(slopes, braking_speed(room, acceleration, controller.dt))
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
     if controller.tool_speed is not None:
         point = np.append(np.zeros(3) if controller.tool_speed.point is None else controller.tool_speed.point, 1.0)

@@ -85,21 +85,22 @@ def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleratio
     q = slopes[:, limited]
     first, last = bends(at, positions[:, limited], q)
     half = 0.5 / h[:, None]
-    # Rows alpha x + beta y <= gamma on the squares x, y at the two ends of a piece: two ends, two signs.
+    # Rows |alpha x + beta y| <= gamma on the squares x, y at the two ends of a piece
     alpha = np.hstack((first - q[:-1] * half, -q[1:] * half))
     beta = np.hstack((q[:-1] * half, last + q[1:] * half))
-    alpha, beta, gamma = np.hstack((alpha, -alpha)), np.hstack((beta, -beta)), np.tile(a, 4)
+    gamma = np.tile(a, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        least = np.where(beta < 0.0, gamma / -beta, np.inf), np.where(beta < 0.0, alpha / -beta, 0.0)
-        largest = np.where(beta > 0.0, gamma / beta, np.inf), np.where(beta > 0.0, alpha / beta, 0.0)
-    # y >= x least[1] - least[0],  y <= largest[0] - x largest[1],  0 <= y <= squares of the next knot
-    slope = least[1][:, :, None] + largest[1][:, None, :]
-    room = least[0][:, :, None] + largest[0][:, None, :]
-    alone = np.minimum(_most(slope, room).min(axis=(1, 2)), _most(largest[1], largest[0]).min(axis=1))
-    alone = np.minimum(alone, _most(np.where(beta == 0.0, alpha, 0.0), gamma).min(axis=1))
-    for i in range(n - 2, -1, -1):
-        reach = _most(least[1][i], least[0][i] + squares[i + 1]).min()
-        squares[i] = min(squares[i], alone[i], reach)
+        room = np.where(beta != 0.0, gamma / np.abs(beta), np.inf)
+        slope = np.where(beta != 0.0, alpha / beta, 0.0)
+    # |y + slope x| <= room,  0 <= y <= squares of the next knot
+    alone = _most(slope[:, None] - slope[:, :, None], room[:, None] + room[:, :, None]).min(axis=(1, 2))
+    alone = np.minimum(alone, _most(slope, room).min(axis=1))
+    alone = np.minimum(alone, _most(np.where(beta == 0.0, np.abs(alpha), 0.0), gamma).min(axis=1))
+    squares[:-1] = np.minimum(squares[:-1], alone)
+    room, fall = np.where(slope < 0.0, room, np.inf), np.maximum(-slope, 0.0)
+    with np.errstate(divide="ignore", over="ignore"):
+        for i in range(n - 2, -1, -1):
+            squares[i] = min(squares[i], ((room[i] + squares[i + 1]) / fall[i]).min())
     return squares
 
 

@@ -86,11 +86,22 @@ class ExactRows(Value):
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
-        parts, twists = arrays.matrix(D, (None, 6), "D"), arrays.columns(J)
-        rows = arrays.matrix(parts.dot(twists), (len(parts), twists.shape[1]), "A")
+        parts = arrays.matrix(D, (None, 6), "D")
+        return cls._of(arrays.columns(J), parts, arrays.vector(b, len(parts), "b"))
+
+    @classmethod
+    def _of(cls, J: Array, D: Array, b: Array) -> ExactRows:
+        return cls._made(arrays.matrix(D.dot(J), (len(D), J.shape[1]), "A"), b, D)
+
+    @classmethod
+    def _made(cls, A: Array, b: Array, D: Array | None) -> ExactRows:
         made = cls.__new__(cls)
-        made.__attrs_init__(rows, arrays.vector(b, len(rows), "b"), parts)
+        made.__attrs_init__(A, b, D)
         return made
+
+    def demanding(self, b: Array) -> ExactRows:
+        """The same rows with other demands (k,), finite ones."""
+        return self._made(self.A, b, self.of_twist)
 
     def on(self, to_joint: Array | None) -> ExactRows:
         """The same rows on y, x = T y."""
@@ -103,7 +114,8 @@ class ExactRows(Value):
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
-        return cls.of(J, _velocity_of(arrays.vector(point, 3, "point")), arrays.vector(velocity, 3, "velocity"))
+        velocity, point = arrays.vector(velocity, 3, "velocity"), arrays.vector(point, 3, "point")
+        return cls._of(arrays.columns(J), _velocity_of(point), velocity)
 
     @classmethod
     def axis(cls, J: ArrayLike, axis: ArrayLike, omega: ArrayLike) -> ExactRows:
