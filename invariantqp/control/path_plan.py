@@ -101,9 +101,7 @@ class PathPlan(NamedTuple):
 
     def speeds(self, at: Array, *, back: bool = False) -> Array:
         """The largest speeds at places (k,); zero beyond the ends."""
-        squares = np.interp(at, self.at, self.backward if back else self.forward, left=0.0, right=0.0)
-        speeds: Array = np.sqrt(squares)
-        return speeds
+        return np.array([self._limit(x, back=back) for x in at.tolist()])
 
     def speed(self, at: float, dt: float, share: float = 1.0, *, back: bool = False) -> float:
         """The largest speed for a tick of dt [s] from a place on: what it lands on and its middle allow it.
@@ -117,8 +115,8 @@ class PathPlan(NamedTuple):
         knots, squares, sign = (self.at, self.backward, -1.0) if back else (self.at, self.forward, 1.0)
         i, passed, part = self.piece(at), inf, share * share
         while True:
-            rate = sign * part * (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i])
-            here = part * squares[i] + sign * rate * (at - knots[i])
+            here, rate = self._square(i, at, back=back)
+            here, rate = part * here, sign * part * rate
             root = rate * rate * dt * dt + 4.0 * here
             # v^2 = here + rate v dt on this piece, and at most what the knots before it allow
             v = min(passed, 0.5 * (rate * dt + sqrt(root)) if root > 0.0 else 0.0)
@@ -128,10 +126,19 @@ class PathPlan(NamedTuple):
             passed = min(passed, max(share * sqrt(squares[j]), sign * (knots[j] - at) / dt))
             i += -1 if back else 1
         v = max(0.0, min(v, sign * ((knots[0] if back else knots[-1]) - at) / dt))
-        middle = at + 0.5 * sign * dt * v
-        i = self.piece(middle)
-        slope = (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i])
-        return min(v, share * sqrt(max(squares[i] + slope * (middle - knots[i]), 0.0)))
+        return min(v, share * self._limit(at + 0.5 * sign * dt * v, back=back))
+
+    def _limit(self, at: float, *, back: bool) -> float:
+        """The largest speed at a place; zero beyond the ends."""
+        if not self.start <= at <= self.end:
+            return 0.0
+        return sqrt(max(self._square(self.piece(at), at, back=back)[0], 0.0))
+
+    def _square(self, i: int, at: float, *, back: bool) -> tuple[float, float]:
+        """The largest v^2 at a place, as piece i goes on, and its slope."""
+        squares = self.backward if back else self.forward
+        slope = (squares[i + 1] - squares[i]) / (self.at[i + 1] - self.at[i])
+        return squares[i] + slope * (at - self.at[i]), slope
 
 
 def plan_of(

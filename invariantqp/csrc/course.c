@@ -96,25 +96,34 @@ void slope_at(const Course *course, double at, Row slope)
         slope[j] = a * (x[m + j] - x[j]) + b * end[j] + c * end[m + j];
 }
 
+/* The largest v^2 at a place, as piece i goes on, and its slope. */
+static double square_at(const Course *course, bool back, int i, double at, double *slope)
+{
+    const double *knots = course->at + i, *squares = (back ? course->backward : course->forward) + i;
+    *slope = (squares[1] - squares[0]) / (knots[1] - knots[0]);
+    return squares[0] + *slope * (at - knots[0]);
+}
+
 /* The largest speed at a place; zero beyond the ends. The piece of a place nearby becomes that of this one. */
 double speed_limit_at(const Course *course, double at, bool back, int *piece)
 {
-    const double *knots = course->at, *squares = back ? course->backward : course->forward;
-    int i = *piece = piece_from(*piece, course->knots, knots, at);
+    const double *knots = course->at;
+    double slope;
+    *piece = piece_from(*piece, course->knots, knots, at);
     if (at < knots[0] || at > knots[course->knots - 1])
         return 0.0;
-    return sqrt((squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]) * (at - knots[i]) + squares[i]);
+    return sqrt(fmax(square_at(course, back, *piece, at, &slope), 0.0));
 }
 
 /* The largest speed for a tick from a place on: what it lands on and its middle allow it. */
 double speed_at(const Course *course, double at, double dt, double share, bool back)
 {
     const double *knots = course->at, *squares = back ? course->backward : course->forward;
-    double sign = back ? -1.0 : 1.0, part = share * share, most = INFINITY, v = 0.0;
+    double sign = back ? -1.0 : 1.0, part = share * share, most = INFINITY, v = 0.0, rate;
     int last = course->knots - 1, i = piece_at(course, at);
     for (int steps = 0; steps <= last; steps++) {
-        double rate = sign * part * (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]);
-        double here = part * squares[i] + sign * rate * (at - knots[i]);
+        double here = part * square_at(course, back, i, at, &rate);
+        rate *= sign * part;
         double root = rate * rate * dt * dt + 4.0 * here;
         v = fmin(most, root > 0.0 ? 0.5 * (rate * dt + sqrt(root)) : 0.0);
         int j = back ? i : i + 1;
@@ -124,8 +133,6 @@ double speed_at(const Course *course, double at, double dt, double share, bool b
         i += back ? -1 : 1;
     }
     v = fmax(0.0, fmin(v, sign * (knots[back ? 0 : last] - at) / dt));
-    double middle = at + 0.5 * sign * dt * v;
-    i = piece_of(course->knots, knots, middle);
-    double slope = (squares[i + 1] - squares[i]) / (knots[i + 1] - knots[i]);
-    return fmin(v, share * sqrt(fmax(squares[i] + slope * (middle - knots[i]), 0.0)));
+    i = piece_at(course, at);
+    return fmin(v, share * speed_limit_at(course, at + 0.5 * sign * dt * v, back, &i));
 }
