@@ -64,21 +64,25 @@ def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expe
     sighting = robot.sight(q, target)
     R = asked(controller, sighting, controller.measure.root(robot, sighting, target))
     ahead, error = R.dot(tangent), R.dot(sighting.error)
+    place, rest = nearest(path, plan, expected, ahead, error)
+    across = sighting.error - (expected - place) * tangent
+    return Beside(sighting, target, R, place, plan.joints(place), across, sqrt(float(rest.dot(rest))), left)
+
+
+def nearest(path: GivenPath, plan: PathPlan, expected: float, ahead: Array, error: Array) -> tuple[float, Array]:
+    """The place on the path nearest the tool, and what it is off there.
+
+    Args:
+        path: the path.
+        plan: beyond whose ends there is no place.
+        expected: the place where the tool is expected.
+        ahead: (k,) the path's tangent there, measured in what is asked.
+        error: (k,) likewise from the tool to there.
+    """
     short = float(error.dot(error)) / path.curve.end**2
     shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + path.slow * path.slow + short)
     place = min(max(expected - shift, plan.start), plan.end)
-    shift = expected - place
-    rest = error - shift * ahead
-    return Beside(
-        sighting,
-        target,
-        R,
-        place,
-        plan.joints(place),
-        sighting.error - shift * tangent,
-        sqrt(float(rest.dot(rest))),
-        left,
-    )
+    return place, error - (expected - place) * ahead
 
 
 def tangent_at(controller: Controller, curve: Curve, plan: PathPlan, at: float, *, left: bool) -> Array:

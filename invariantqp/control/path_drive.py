@@ -99,7 +99,7 @@ def drive(
     strayed = float(np.abs(astray).max()) / STRAYED
     near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed, 1.0))
     speed, possible, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
-    rate = _possible_rate(controller, plan, state, place, -speed if state.back else speed, possible)
+    rate = possible_rate(controller, plan, state, place, -speed if state.back else speed, possible)
     middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
     slope = plan.slope(middle)
     tangent = tangent_at(controller, curve, plan, middle, left=here.left)
@@ -156,7 +156,7 @@ def drive(
     return Driven(answer, after, here, rate, ruling)
 
 
-def _possible_rate(
+def possible_rate(
     controller: Controller, plan: PathPlan, state: PathState, place: float, wanted: float, possible: float
 ) -> float:
     """The rate nearest the wanted one inside the joints' limits and the ends of the plan, never the other way."""

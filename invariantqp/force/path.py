@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.asked import asked
+from invariantqp.control.beside import nearest
 from invariantqp.control.given_path import GivenPath, given_path
-from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN, STRAYED
+from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN, STRAYED, possible_rate
 from invariantqp.control.path_driver import DISPLACED, PUSHED
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_rate import rate_inside
 from invariantqp.control.path_report import ARRIVED, SETTLING, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_state import PathState, at_rest
@@ -212,13 +212,8 @@ class HybridFollower:
         near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed / STRAYED, 1.0))
         stop = "" if self._touching else "no contact"
         speed, possible, ruling = self._pace.speed(plan, state, place, near=near, override=1.0, stop=stop)
-        rate = min(speed, (plan.end - place) / loop.dt)
-        slope = plan.slope(place + 0.5 * loop.dt * rate)
-        if loop.braking is not None:
-            rate = rate_inside(
-                slope, rate, possible, state.along, loop.dt * loop.braking.acceleration, loop.robot.velocity_limit
-            )
-        return min(max(rate, 0.0), (plan.end - place) / loop.dt), slope, ruling
+        rate = possible_rate(loop, plan, state, place, speed, possible)
+        return rate, plan.slope(place + 0.5 * loop.dt * rate), ruling
 
     def _at_end(self, plan: PathPlan) -> bool:
         """Whether all of the path has been driven."""
@@ -245,9 +240,7 @@ class HybridFollower:
         if plan is None:
             return _Beside(expected, float(np.linalg.norm(R.dot(sighting.error))), 0.0, np.zeros(len(q)))
         ahead, error = R.dot(curve.tangent(expected)), R.dot(sighting.error)
-        shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + self._path.slow * self._path.slow)
-        place = min(max(expected - shift, plan.start), plan.end)
-        rest = error - (expected - place) * ahead
+        place, rest = nearest(self._path, plan, expected, ahead, error)
         astray, off = plan.joints(place) - q, sqrt(float(rest.dot(rest)))
         if float(astray.dot(astray)) <= STRAYED * STRAYED:  # nor is any part of it more
             return _Beside(place, off, 0.0, astray)

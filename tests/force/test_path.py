@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from support.spring_plane import PANDA, Bench, circle, pen
 
 import invariantqp as iq
@@ -9,15 +10,15 @@ import invariantqp as iq
 DT, RADIUS, PERIOD = 2e-3, 0.03, 0.4
 
 
-def slow_bench(**task):
+def slow_bench(share=1.0 / 15.0, dt=DT, **task):
     """A Panda at a fifteenth of its speed, with a pen on paper."""
     robot = iq.load_robot("panda")
-    limits = (robot.position_lower, robot.position_upper, robot.velocity_limit / 15.0)
+    limits = (robot.position_lower, robot.position_upper, share * robot.velocity_limit)
     return Bench(
         iq.robots.Chain(robot.screws, robot.home, robot.names, *limits),
         PANDA,
         pen(**task),
-        dt=DT,
+        dt=dt,
         acceleration_limit=5.0,
     )
 
@@ -113,6 +114,39 @@ def test_joints_off_their_plan_slow_the_path_down():
         told = follower.step(bench.q, bench.wrench())
         bench.q = bench.q + DT * told.velocity
     assert told.ruling == "the arm is off its path"
+
+
+def driven(bench, path, ticks, push=0.0):
+    """Solutions along a path from the start on, until it ends."""
+    follower = iq.force.HybridFollower(bench.loop, path)
+    follower.prepare(bench.q)
+    bench.q, told = bench.q + push, []
+    while len(told) < ticks and (not told or told[-1].status not in ("done", "blocked")):
+        told.append(follower.step(bench.q, bench.wrench()))
+        bench.q = bench.q + bench.dt * told[-1].velocity
+    return told
+
+
+def test_a_path_shorter_than_the_tool_is_off_it_ends():
+    bench = slow_bench()
+    way = np.array([[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]])
+
+    def path(u):  # ten micrometres, bent by more than a right angle
+        return iq.transform(bench.start[:3, :3], bench.start[:3, 3] + [np.sin(3.0 * u), u] @ way)
+
+    told = driven(bench, path, 1000, [-1e-3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert told[-1].status == "done"
+    assert np.abs(np.diff([s.place for s in told])).sum() < 2.0  # not to and fro
+
+
+@pytest.mark.parametrize("seed", [1, 11, 13, 15])
+def test_in_long_ticks_joints_rest_when_the_tool_is_there(seed):
+    bench = slow_bench(share=1.0 / 3.0, dt=0.01)
+    corners = np.cumsum(np.vstack((np.zeros(2), np.random.default_rng(seed).normal(0.0, 0.01, (6, 2)))), axis=0)
+    way = CubicSpline(np.linspace(0.0, 1.0, 7), corners)
+    told = driven(bench, lambda u: iq.transform(bench.start[:3, :3], bench.start[:3, 3] + [*way(u), 0.0]), 300)
+    assert told[-1].status == "done"
+    assert sum(s.ruling == "settling" for s in told) < 5
 
 
 def test_a_refused_tick_leaves_the_follower_as_it_was():
