@@ -1,11 +1,15 @@
 """What of a twist is asked of an arm: its exact rows, or what its joints can do, or all of it.
 
 |R s|     the size, in the measure, of the part of a twist s that the arm is to do
+
+The way to a target is a screw, but for what exact demands ask of it: their own error. A screw that also turns a tool
+whose orientation is left free would take a point elsewhere first.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +22,48 @@ from invariantqp.velocity.exact import ExactRows
 
 # Rows of the twist that are dependent but for this share are one.
 ROW_RATIO = 1e-10
+# The target's own motion, where only the error counts.
+AT_REST = np.zeros(6)
+
+
+class Way(NamedTuple):
+    """The arm before a target, and the way there.
+
+    Attributes:
+        sighting: of the arm.
+        root: (6, 6) of the measure.
+        demands: the exact rows, which ask for their own error; None where there are none.
+        rows: (k, 6) what is asked, in the measure.
+        part: (6, 6) the projector on what exact rows ask for.
+        error: (6,) the twist that leads to the target.
+    """
+
+    sighting: Sighting
+    root: Array
+    demands: ExactRows | None
+    rows: Array
+    part: Array
+    error: Array
+
+    @property
+    def off(self) -> float:
+        """How far the tool is from the target in what is asked."""
+        off = self.rows.dot(self.error)
+        return sqrt(float(off.dot(off)))
+
+
+def way_to(controller: Controller, q: Array, target: Any) -> Way:
+    """The way to a target from joint positions q (m,)."""
+    robot = controller.robot
+    sighting = robot.sight(q, target)
+    root, error = controller.measure.root(robot, sighting, target), sighting.error
+    if not controller.exact:
+        return Way(sighting, root, None, asked(controller, sighting, root), np.eye(6), error)
+    demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, AT_REST))
+    rows, back, weights = measured_rows(demands, root)
+    if demands.of_twist is not None:
+        error = error + back.dot((demands.b - demands.of_twist.dot(error)).dot(weights))
+    return Way(sighting, root, demands, rows, back.dot(rows), error)
 
 
 def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
@@ -32,7 +78,7 @@ def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
         root: (6, 6) of the measure.
     """
     if controller.exact:
-        view = View(controller.robot, sighting, sighting.pose, 0.0, np.zeros(6))
+        view = View(controller.robot, sighting, sighting.pose, 0.0, AT_REST)
         return measured_rows(rows_of(controller.exact, view), root).rows
     if sighting.J.shape[1] >= 6:
         return root

@@ -4,8 +4,9 @@
     shift = <t, e> / (<t, t> + slow^2 + <e, e> / end^2)
 
 P is the place where the tool is expected; it is behind that by `shift`, and feedback is left with e_across. Both are
-measured in what is asked of the arm (`asked`). Where the path nearly stands still, or is short beside e, feedback acts
-along it too. A tool beyond an end of the path is beside that end: what it is beyond is then part of e_across.
+measured in what is asked of the arm, whose part of e is its own (`asked`). Where the path nearly stands still, or is
+short beside e, feedback acts along it too. A tool beyond an end of the path is beside that end: what it is beyond is
+then part of e_across.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
-from invariantqp.control.asked import asked
+from invariantqp.control.asked import way_to
 from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve
 from invariantqp.control.given_path import GivenPath
@@ -61,12 +62,10 @@ def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expe
     robot = controller.robot
     left = plan.leaves(expected, OFF_PATH * controller.measure.length)
     target = robot.target(robot.pose(plan.joints(expected)) if left else path.curve.pose(expected))
-    sighting = robot.sight(q, target)
-    R = asked(controller, sighting, controller.measure.root(robot, sighting, target))
-    ahead, error = R.dot(tangent), R.dot(sighting.error)
-    place, rest = nearest(path, plan, expected, ahead, error)
-    across = sighting.error - (expected - place) * tangent
-    return Beside(sighting, target, R, place, plan.joints(place), across, sqrt(float(rest.dot(rest))), left)
+    way = way_to(controller, q, target)
+    place, rest = nearest(path, plan, expected, way.rows.dot(tangent), way.rows.dot(way.error))
+    across, off = way.error - (expected - place) * tangent, sqrt(float(rest.dot(rest)))
+    return Beside(way.sighting, target, way.rows, place, plan.joints(place), across, off, left)
 
 
 def nearest(path: GivenPath, plan: PathPlan, expected: float, ahead: Array, error: Array) -> tuple[float, Array]:

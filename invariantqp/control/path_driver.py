@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.asked import asked
+from invariantqp.control.asked import way_to
 from invariantqp.control.beside import Beside, look
 from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
@@ -179,19 +179,17 @@ class PathDriver:
 
     def _set_out(self, q: Array, before: Array) -> PathSolution:
         """On the way to the place where the path is to be driven from, and looking along it there."""
-        controller = self.controller
-        robot, goal = controller.robot, self._goal
+        controller, goal = self.controller, self._goal
         if goal is None:
             return self._waiting(controller.rest(q, "", before), "no pose yet", 0.0)
-        sighting = robot.sight(q, goal)
-        R = asked(controller, sighting, controller.measure.root(robot, sighting, goal))
-        off = float(np.linalg.norm(R.dot(sighting.error)))
+        way = way_to(controller, q, goal)
+        off = way.off
         if self._search is None and off > AT_PLACE * controller.measure.length:
             answer = controller.step(q, goal, velocity=before)
             still = stands(controller, answer.velocity)
             if self._stops or not still:  # a path that may be left may start out of reach
                 return self._on_the_way(answer, off, still=still)
-        rest = controller.rest(q, "", before, sighting)
+        rest = controller.rest(q, "", before, way.sighting)
         if self._path is None:
             return self._waiting(rest, "no second pose yet", off)
         if self._search is None:

@@ -20,16 +20,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import sqrt
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.control.asked import asked, measured_rows
+from invariantqp.control.asked import Way, way_to
 from invariantqp.control.controller import Controller
-from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Sighting
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand
@@ -53,8 +51,6 @@ TURNING = 0.1
 UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
 # Corrections at a knot.
 CORRECTIONS = 8
-# The path's own motion, where only the error counts.
-STILL = np.zeros(6)
 
 
 class Knot(NamedTuple):
@@ -73,26 +69,6 @@ class Knot(NamedTuple):
     slope: Array
     off: float
     ratio: float
-
-
-class Beside(NamedTuple):
-    """The arm beside a target.
-
-    Attributes:
-        sighting: of the arm.
-        root: (6, 6) of the measure.
-        demands: the exact rows, which ask for their own error; None where there are none.
-        rows: (k, 6) what is asked, in the measure.
-        part: (6, 6) the projector on what exact rows ask for.
-        error: (6,) the twist that leads to the target.
-    """
-
-    sighting: Sighting
-    root: Array
-    demands: ExactRows | None
-    rows: Array
-    part: Array
-    error: Array
 
 
 class Poses(Protocol):
@@ -157,10 +133,9 @@ class KnotFinder:
         at_limit = (q <= box.position_lower) | (q >= box.position_upper)
         tolerance = ON_PATH * self._length
         for k in range(CORRECTIONS if self._stops else 1):
-            seen = self._look(q, target)
+            seen = way_to(controller, q, target)
             _, root, demands, rows, part, error = seen
-            off = rows.dot(error)
-            size = sqrt(float(off.dot(off)))
+            size = seen.off
             if size <= tolerance or not self._stops:
                 break
             back, still = error, None
@@ -184,21 +159,6 @@ class KnotFinder:
         sigma = np.linalg.svd(root.dot(seen.sighting.J), compute_uv=False)
         return Knot(at, q, slope, size, float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0)
 
-    def _look(self, q: Array, target: Any) -> Beside:
-        """The arm beside a target; what exact demands ask of the error is their own, a point's the way straight on."""
-        controller = self._controller
-        robot = controller.robot
-        sighting = robot.sight(q, target)
-        root, error = controller.measure.root(robot, sighting, target), sighting.error
-        if not controller.exact:
-            return Beside(sighting, root, None, asked(controller, sighting, root), np.eye(6), error)
-        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, STILL))
-        rows, back, weights = measured_rows(demands, root)
-        if demands.of_twist is not None:
-            # A screw that also turns the tool takes a point elsewhere first.
-            error = error + back.dot((demands.b - demands.of_twist.dot(error)).dot(weights))
-        return Beside(sighting, root, demands, rows, back.dot(rows), error)
-
     def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
         """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
 
@@ -217,7 +177,7 @@ class KnotFinder:
         target = self._controller.robot.target(curve.pose(at + ahead))
         for _ in range(CORRECTIONS):
             there = q + ahead * slope
-            seen = self._look(there, target)
+            seen = way_to(self._controller, there, target)
             change = (self._answer(there, seen, seen.error, 1.0, None) - here) / ahead
             slope = slope + change
             if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
@@ -236,7 +196,7 @@ class KnotFinder:
     def _answer(
         self,
         q: Array,
-        seen: Beside,
+        seen: Way,
         twist: Array,
         h: float,
         posture: Array | None,

@@ -2,7 +2,8 @@
 
        R = V root, V orthonormal rows in the measure; |R s| is the size of the part of a twist s that the arm is to do
 
-   Rows that nearly depend on each other are handed back. */
+   The way to a target is a screw, but for what exact demands ask of it: their own error. Rows that nearly depend on each
+   other are handed back. */
 
 #include "path.h"
 #include <string.h>
@@ -41,14 +42,26 @@ static void unmeasured(const double p[3], double length, const double x[6], doub
     }
 }
 
-/* asked.py: orthonormal rows V in the measure, for joint twists demand->J; the rows of what is asked are V root. */
-Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], Demand *demand,
-              double V[6][6], int *rows)
+/* root^-1 x for the root at p */
+static void as_twist(const double p[3], double length, const double x[6], double twist[6])
+{
+    double lever[3];
+    for (int k = 0; k < 3; k++)
+        twist[k] = x[k] / length;
+    cross(p, twist, lever);
+    for (int k = 0; k < 3; k++)
+        twist[3 + k] = x[3 + k] + lever[k];
+}
+
+/* asked.py: orthonormal rows V in the measure, for joint twists demand->J; the rows of what is asked are V root. What
+   exact demands ask of the way to the target is left in `demand`. */
+Outcome asked(const Loop *loop, const Pose *tool, const Pose *target, const double p[3], const double root[6][6],
+              Demand *demand, double V[6][6], int *rows)
 {
     int m = demand->m;
     *rows = 0;
     if (loop->wanted > 0.0) {
-        if (rows_of(loop->exact, (int)loop->wanted, 0.0, tool, tool, NULL, demand) == HAND_BACK)
+        if (rows_of(loop->exact, (int)loop->wanted, 1.0, tool, target, NULL, demand) == HAND_BACK)
             return HAND_BACK;
         for (int i = 0; i < demand->rows; i++) {
             double direction[6];
@@ -91,7 +104,7 @@ void measured_rows(int rows, const double V[6][6], const double root[6][6], doub
 void asked_part(int rows, const double V[6][6], const double p[3], const double root[6][6], double length,
                 const double x[6], double part[6])
 {
-    double measured[6], kept[6] = {0.0}, lever[3];
+    double measured[6], kept[6] = {0.0};
     for (int k = 0; k < 6; k++)
         measured[k] = dot(6, root[k], x);
     for (int i = 0; i < rows; i++) {
@@ -99,9 +112,26 @@ void asked_part(int rows, const double V[6][6], const double p[3], const double 
         for (int k = 0; k < 6; k++)
             kept[k] += share * V[i][k];
     }
-    for (int k = 0; k < 3; k++)
-        part[k] = kept[k] / length;
-    cross(p, part, lever);
-    for (int k = 0; k < 3; k++)
-        part[3 + k] = kept[3 + k] + lever[k];
+    as_twist(p, length, kept, part);
+}
+
+/* asked.py: the way to the target, from the screw, and exact demands and V as `asked` left them. */
+void own_way(const Demand *demand, const double V[6][6], const double p[3], double length, double error[6])
+{
+    double share[6], missing[6] = {0.0}, direction[6], more[6];
+    for (int i = 0, k = 0; i < demand->rows; i++) {
+        unmeasured(p, length, demand->D[i], direction);
+        if (!(norm(6, direction) > 0.0))
+            continue;
+        share[k] = demand->e[i] - dot(6, demand->D[i], error);
+        for (int l = 0; l < k; l++)
+            share[k] -= share[l] * dot(6, V[l], direction);
+        share[k] /= dot(6, V[k], direction);
+        for (int l = 0; l < 6; l++)
+            missing[l] += share[k] * V[k][l];
+        k++;
+    }
+    as_twist(p, length, missing, more);
+    for (int k = 0; k < 6; k++)
+        error[k] += more[k];
 }

@@ -35,8 +35,10 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
     place(&tool, loop->point, p);
     root_at(p, loop->length, root);
     memcpy(demand->J, here->J, sizeof here->J);
-    if (asked(loop, &tool, p, (const double(*)[6])root, demand, V, &here->rows) == HAND_BACK)
+    if (asked(loop, &tool, &target, p, (const double(*)[6])root, demand, V, &here->rows) == HAND_BACK)
         return HAND_BACK;
+    if (loop->wanted > 0.0)
+        own_way(demand, (const double(*)[6])V, p, loop->length, error);
     measured_rows(here->rows, (const double(*)[6])V, (const double(*)[6])root, here->asked);
     for (int k = 0; k < here->rows; k++) {
         ahead[k] = dot(6, here->asked[k], tangent);
@@ -86,7 +88,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
     if (loop->wanted > 0.0) {
         place(tool, loop->point, p);
         root_at(p, loop->length, root);
-        if (asked(loop, tool, p, (const double(*)[6])root, demand, V, &rows) == HAND_BACK)
+        if (asked(loop, tool, tool, p, (const double(*)[6])root, demand, V, &rows) == HAND_BACK)
             return HAND_BACK;
         for (int k = 0; k < 6; k++)
             differ[k] = along[k] - turning[k];

@@ -63,11 +63,12 @@ double speed_at(const Course *course, double at, double dt, double share, bool b
 double speed_limit_at(const Course *course, double at, bool back, int *piece);
 
 /* asked.c */
-Outcome asked(const Loop *loop, const Pose *tool, const double p[3], const double root[6][6], Demand *demand,
-              double V[6][6], int *rows);
+Outcome asked(const Loop *loop, const Pose *tool, const Pose *target, const double p[3], const double root[6][6],
+              Demand *demand, double V[6][6], int *rows);
 void measured_rows(int rows, const double V[6][6], const double root[6][6], double R[6][6]);
 void asked_part(int rows, const double V[6][6], const double p[3], const double root[6][6], double length,
                 const double x[6], double part[6]);
+void own_way(const Demand *demand, const double V[6][6], const double p[3], double length, double error[6]);
 
 /* pace.c */
 Outcome paced(const Course *course, double dt, const Travel *state, double at, double near, double override, bool stop,

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.asked import asked
+from invariantqp.control.asked import way_to
 from invariantqp.control.beside import nearest
 from invariantqp.control.given_path import GivenPath, given_path
 from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN, STRAYED, possible_rate
@@ -229,22 +229,21 @@ class HybridFollower:
         """Where the tool is; without a plan, beside the place where it is expected."""
         loop, curve, expected = self.hybrid.loop, self._path.curve, self._state.place
         target = loop.robot.target(curve.pose(expected))
-        sighting = loop.robot.sight(q, target)
-        root = loop.measure.root(loop.robot, sighting, target)
+        way = way_to(loop, q, target)
         if self._split is None or self._split.kind is not contact.kind:
             self._split = self.hybrid.task.split(contact.kind)
         P = self._split.projectors.motion
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        R = asked(loop, sighting, root).dot(A).dot(P).dot(B.T)
+        R = way.rows.dot(A).dot(P).dot(B.T)
         plan = self.plan
         if plan is None:
-            return _Beside(expected, float(np.linalg.norm(R.dot(sighting.error))), 0.0, np.zeros(len(q)))
-        ahead, error = R.dot(curve.tangent(expected)), R.dot(sighting.error)
+            return _Beside(expected, float(np.linalg.norm(R.dot(way.error))), 0.0, np.zeros(len(q)))
+        ahead, error = R.dot(curve.tangent(expected)), R.dot(way.error)
         place, rest = nearest(self._path, plan, expected, ahead, error)
         astray, off = plan.joints(place) - q, sqrt(float(rest.dot(rest)))
         if float(astray.dot(astray)) <= STRAYED * STRAYED:  # nor is any part of it more
             return _Beside(place, off, 0.0, astray)
-        _, sigma, Vt = np.linalg.svd(root.dot(sighting.J), full_matrices=False)
+        _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)
         moving = Vt[sigma > STILL * sigma[0]]
         free = astray - moving.T.dot(moving.dot(astray))
         return _Beside(place, off, float(np.abs(free).max()), astray)

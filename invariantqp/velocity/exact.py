@@ -124,7 +124,9 @@ class ExactRows(Value):
         Raises:
             BadInput: a zero axis.
         """
-        across = np.linalg.svd(arrays.direction(axis, "axis").reshape(1, 3))[2][1:]
+        a = arrays.direction(axis, "axis")
+        first = arrays.direction(np.cross(a, np.eye(3)[np.abs(a).argmin()]), "axis")
+        across = np.array((first, np.cross(a, first)))
         D = np.hstack((across, np.zeros((2, 3))))
         return cls.of(J, D, across.dot(arrays.vector(omega, 3, "omega")))
 

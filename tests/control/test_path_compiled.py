@@ -128,6 +128,29 @@ def test_a_drive_that_changes_hands_ends_the_same():
     np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("exact", [PLANE, [PLANE, AXIS], "position", [iq.control.ExactPoint(), AXIS]])
+def test_a_tool_that_is_off_its_path_and_turned(exact):
+    robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    home, turned = robot.pose(q), iq.exp([*(1.2 * AXIS.axis), 0.0, 0.0, 0.0])[:3, :3]
+    follower = iq.PathFollower(
+        iq.Controller(robot, dt=0.005, exact=exact, acceleration_limit=10.0),
+        lambda u: iq.transform(home[:3, :3] @ turned, home[:3, 3] + [0.0, 0.1 * u, 0.0]),
+    )
+    follower.prepare(q)
+    answered = 0
+    for k in range(60):
+        q = q + (k == 20) * 3e-3 * np.cos(np.arange(7.0))
+        python = in_python(follower, q)
+        solution = by_core(follower, q, None, 1.0)
+        answered += solution is not None
+        if solution is None:
+            solution = follower.step(q)
+        else:
+            assert_same(solution, follower._state, *python, follower.controller.gain)
+        q = q + follower.controller.dt * solution.velocity
+    assert answered > 40
+
+
 def test_what_python_has_to_do():
     follower, q = started("panda", {}, {"rate": 0.5}, 0)
     assert by_core(follower, q, None, 1) is not None

@@ -129,6 +129,29 @@ def test_an_exact_point_that_was_pushed_comes_to_rest_on_its_path():
     assert across[1750:].max() < LEAST
 
 
+@pytest.mark.parametrize("turn", [1.0, 2.8])
+@pytest.mark.parametrize(
+    ("name", "q"), [("so101", [0.0, -0.4, 0.5, 0.6, 0.0]), ("ur5", [0.0, -1.4, 1.6, -1.8, -1.57, 0])]
+)
+def test_how_far_an_exact_point_is_off_hangs_on_no_orientation(name, q, turn):
+    robot, q = iq.load_robot(name), np.array(q)
+    home, turned = robot.pose(q), iq.exp([0.0, 0.0, turn, 0.0, 0.0, 0.0])[:3, :3]
+
+    def pose(u):  # along y, the tool turned about z from where it is
+        return iq.transform(turned @ home[:3, :3], home[:3, 3] + [0.0, 0.12 * u, 0.0])
+
+    follower = follower_of(robot, pose, 0.005, 0.2, exact="position")
+    follower.prepare(q)
+    J = iq.adjoint(iq.transform(translation=-home[:3, 3])) @ robot.jacobian(q)
+    solutions, positions = drive(follower, q, push={30: np.linalg.pinv(J[3:]) @ [3e-3, 0.0, 0.0]})
+    pushed = solutions[31:60]
+    off = [np.hypot(*(robot.pose(p)[:3, 3] - home[:3, 3])[[0, 2]]) for p in positions[31:60]]
+    np.testing.assert_allclose([s.across for s in pushed], off, rtol=1e-6)
+    assert off[0] > 2e-3
+    assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
+    assert solutions[-1].status == "done"
+
+
 def test_a_tool_back_at_the_start_rests():
     robot = iq.load_robot("ur5")
     q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
