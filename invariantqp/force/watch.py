@@ -1,12 +1,12 @@
 """Contact lost or overloaded, a sensor at fault: what the hybrid controller does then, and what it remembers.
 
 lost        unilateral contact that is not felt (`touch`) for longer than lost_after; over when it is felt again
-            an approach that meets nothing within approach_distance or approach_time, or in which the tool does not
-            come nearer as commanded, stands still until `reset`
+            an approach that meets nothing within approach_distance or approach_time, or in which the tool never comes
+            nearer as commanded, stands still until `reset`
 overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Where less is
             wanted than before, the limit falls with what is felt
-fault       what the readings say of the sensor (`health`), or that they disagree with the motion (`agreement`); until
-            `reset`
+fault       what the readings say of the sensor (`health`), or that they disagree with the motion (`agreement`), or a
+            tool that stops on its way though nothing is felt; until `reset`
 """
 
 from __future__ import annotations
@@ -29,9 +29,12 @@ NO_FORCE = 20.0
 LET_GO = 1.0
 # Readings of a force stay within so many standard deviations of a component.
 ABOVE_NOISE = 8.0
-# After this share of retreat_distance was commanded, a tool that has come less than that share of it does not follow.
+# Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which
+# share it has to come at least, and of which it has moved at all: something holds it.
 LED = 0.5
+JUDGED = 1.0 - exp(-1.0)
 FOLLOWED = 0.2
+MOVED = 0.02
 
 
 class Felt(NamedTuple):
@@ -72,7 +75,8 @@ class Watch(NamedTuple):
         most: force and moment that are an overload.
         approached: way towards the contact since it was last felt [length].
         waited: for how long it has not been felt [s].
-        led: how far it was commanded nearer since then, of commands that can have acted, and how far it came [length].
+        led: how far it was commanded nearer since then, of commands that can have acted, and how far it came, both
+            with what was longer ago than LED forgotten [length].
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
         left: how far it has retreated [length].
@@ -126,9 +130,9 @@ class Watch(NamedTuple):
             return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:
             return watch._replace(approached=0.0, waited=0.0, led=(0.0, 0.0))
-        watch = watch._replace(waited=self.waited + dt, led=(self.led[0] + float(felt.way[0]), self.led[1] + felt.came))
-        why = _given_up(task, watch)
-        return watch._replace(status="lost" if why else "", leaving=why, left=0.0)
+        watch = watch._replace(waited=self.waited + dt, led=_followed(self.led, felt, LED * task.retreat_distance))
+        status, why = _given_up(task, watch)
+        return watch._replace(status=status, leaving=why, left=0.0)
 
     def after_motion(self, out: float, beyond: bool) -> Watch:
         """The watch after a tick that moved the place of contact outwards by a distance [length], or off an edge."""
@@ -172,18 +176,28 @@ def _too_much(felt: Felt, most: tuple[float, float]) -> str:
     return " and ".join(w for w in (what, turn) if w)
 
 
-def _given_up(task: HybridTask, watch: Watch) -> str:
-    """Why contact is looked for no longer, "" where it is."""
+def _followed(led: tuple[float, float], felt: Felt, over: float) -> tuple[float, float]:
+    """How far the tool was commanded nearer and how far it came after a tick, over about a way [length]."""
+    told = float(felt.way[0])
+    kept = exp(-abs(told) / over)
+    return kept * led[0] + told, kept * led[1] + felt.came
+
+
+def _given_up(task: HybridTask, watch: Watch) -> tuple[str, str]:
+    """The status and why contact is looked for no longer, both "" where it is."""
     airborne, (led, came) = watch.touch.airborne, watch.led
     before = airborne == inf
     if task.on_loss == "retreat" and not before and airborne > task.lost_after:
-        return f"no contact for {written(airborne)} s"
+        return "lost", f"no contact for {written(airborne)} s"
     if task.on_loss == "continue" and not before:
-        return ""
-    if led > LED * task.retreat_distance and came < FOLLOWED * led:
-        return f"told to come {written(led)} nearer, the tool came {written(came)}: the robot does not follow commands"
+        return "", ""
+    if led > JUDGED * LED * task.retreat_distance and came < FOLLOWED * led:
+        what = f"told to come {written(led, 2)} nearer, the tool came {written(came, 2)}"
+        if came > MOVED * led:
+            return "fault", f"{what}, and nothing is felt: something holds it, or the sensor is stuck"
+        return "lost", f"{what}: the robot does not follow commands"
     if watch.approached > task.approach_distance:
-        return f"no contact within {written(task.approach_distance)} of approach"
+        return "lost", f"no contact within {written(task.approach_distance)} of approach"
     if watch.waited > task.approach_time:
-        return f"no contact within {written(task.approach_time)} s of approach"
-    return ""
+        return "lost", f"no contact within {written(task.approach_time)} s of approach"
+    return "", ""

@@ -265,3 +265,20 @@ def test_an_approach_that_the_arm_does_not_follow_ends_and_says_so(follows, on_l
     assert "the robot does not follow commands: standing still until reset" in said[-1][1]
     assert not solution.velocity.any()
     assert 0.009 < follows * -bench.robot.pose(bench.q)[2, 3] < 0.011 or follows == 0.0
+
+
+@pytest.mark.parametrize("gap", [0.002, 0.03])
+def test_a_tool_that_stops_on_its_way_while_nothing_is_felt_retreats(gap):
+    """A stop that no force of the motors moves, and a sensor that reads nothing of it."""
+    bench = Bench(gantry(), np.zeros(6), pen(on_overload="retreat"), depth=-1.0, dt=0.004)
+    asked, said = 0.0, []
+    for _ in range(1500):
+        solution = bench.tick()
+        asked += -bench.dt * solution.velocity[2] if bench.q[2] < -gap else 0.0
+        bench.q[2] = max(bench.q[2], -gap)
+        said.append((solution.status, solution.reason))
+    assert said[-1][0] == "fault"
+    assert "nearer, the tool came" in said[-1][1]
+    assert "something holds it, or the sensor is stuck: standing still until reset" in said[-1][1]
+    assert asked < 0.017
+    assert bench.q[2] > -gap + 0.019
