@@ -105,7 +105,7 @@ class HybridController:
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
-        cutoff = inf if sensor is None else sensor.cutoff
+        cutoff, self._noise = (inf, 0.0) if sensor is None else (sensor.cutoff, sensor.noise)
         self._delay: float = options.get("delay", 0.0)
         if self._delay > MOST_TICKS * self.loop.dt:
             raise BadInput("delay", f"{self._delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
@@ -221,6 +221,7 @@ class HybridController:
         )
         unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
         doubts = (
+            watch.noise.trouble(self._noise),
             self._stand.trouble(),
             pressed_by(self.task, split, contact, tool, sighting.J, motion),
             self._normal.trouble(),
@@ -254,7 +255,7 @@ class HybridController:
     ) -> Felt:
         """What a reading tells; `at` is the contact's adjoint and way out, wanted is W_d and what is missing of it."""
         (A, out), (exert, missing) = at, wanted
-        noise = 0.0 if self.sensor is None else self.sensor.noise
+        noise = max(self._noise, self._watch.noise.found)
         press = weakest(self._split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
         force, moment = map(max, self._split.load, load_at(exert, contact.point))
         most = overload_of(self.task, force, moment, noise)

@@ -18,8 +18,9 @@ from invariantqp.errors import written
 from invariantqp.force.agreement import Agreement, Answer, ways_in
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.noise import Noise
 from invariantqp.force.settling import Settling
-from invariantqp.force.touch import Touch, loss_limit
+from invariantqp.force.touch import LEAST_NOISE, Touch, loss_limit
 from invariantqp.geometry.arrays import Array
 
 # The overload without another word: a multiple of the wanted force, or this force where none is wanted [N].
@@ -70,6 +71,7 @@ class Watch(NamedTuple):
     Attributes:
         touch: whether there is contact.
         health: of the sensor.
+        noise: of its readings.
         settling: of the press.
         agreement: of press and motion.
         most: force and moment that are an overload.
@@ -84,6 +86,7 @@ class Watch(NamedTuple):
 
     touch: Touch = Touch()
     health: Health = Health()
+    noise: Noise = Noise()
     settling: Settling = Settling()
     agreement: Agreement = Agreement()
     most: tuple[float, float] = (0.0, 0.0)
@@ -111,6 +114,7 @@ class Watch(NamedTuple):
             return self
         press, wanted = (0.0, 0.0) if felt.press is None else felt.press
         limit = 0.0 if felt.press is None else loss_limit(task.lost_below, wanted, felt.noise)
+        noise = self._noisier(felt, limit)
         health = self.health.after(felt.reading, felt.press, limit, felt.noise, dt)
         touch = self.touch.after(press, limit, felt.noise, dt)
         lost, settling = not touch.touching and touch.airborne > task.lost_after, self.settling
@@ -118,7 +122,7 @@ class Watch(NamedTuple):
             settling = settling.after((press, wanted), dt, touching=touch.touching, lost=lost)
         if felt.press is None:
             settling = self.settling.after_missing(felt.missing, dt)
-        watch = self._replace(touch=touch, health=health, settling=settling, most=most)
+        watch = self._replace(touch=touch, health=health, noise=noise, settling=settling, most=most)
         fault = health.fault
         if wanted > 0.0 and limit > 0.0:
             now, ways = (press, wanted), ways_in(felt.way, task.normal_within)
@@ -133,6 +137,12 @@ class Watch(NamedTuple):
         watch = watch._replace(waited=self.waited + dt, led=_followed(self.led, felt, LED * task.retreat_distance))
         status, why = _given_up(task, watch)
         return watch._replace(status=status, leaving=why, left=0.0)
+
+    def _noisier(self, felt: Felt, limit: float) -> Noise:
+        """The noise after a reading, learnt from in the air alone: in touch the press changes, too."""
+        if limit == 0.0 or self.touch.touching:
+            return self.noise
+        return self.noise.after(felt.reading, self.health.reading, max(felt.noise, LEAST_NOISE * limit))
 
     def after_motion(self, out: float, beyond: bool) -> Watch:
         """The watch after a tick that moved the place of contact outwards by a distance [length], or off an edge."""
@@ -192,10 +202,9 @@ def _given_up(task: HybridTask, watch: Watch) -> tuple[str, str]:
     if task.on_loss == "continue" and not before:
         return "", ""
     if led > JUDGED * LED * task.retreat_distance and came < FOLLOWED * led:
-        what = f"told to come {written(led, 2)} nearer, the tool came {written(came, 2)}"
-        if came > MOVED * led:
-            return "fault", f"{what}, and nothing is felt: something holds it, or the sensor is stuck"
-        return "lost", f"{what}: the robot does not follow commands"
+        what, moved = f"told to come {written(led, 2)} nearer, the tool came {written(came, 2)}", came > MOVED * led
+        held = ", and nothing is felt: something holds it, or the sensor is stuck"
+        return ("fault", what + held) if moved else ("lost", f"{what}: the robot does not follow commands")
     if watch.approached > task.approach_distance:
         return "lost", f"no contact within {written(task.approach_distance)} of approach"
     if watch.waited > task.approach_time:

@@ -6,6 +6,7 @@ from support.noisy_plane import press_on_plane
 from support.spring_plane import gantry, pen
 
 import invariantqp as iq
+from invariantqp.force.noise import Noise
 from invariantqp.force.rise import Rise
 from invariantqp.force.settling import Settling
 from invariantqp.force.stiffness import StiffnessEstimate
@@ -37,6 +38,30 @@ def test_a_press_in_noise_is_contact_and_stays_so(press):
         found = k if found is None and touch.touching else found
         assert found is None or touch.touching
     assert found < {1.0: 200, 5.0: 20, 20.0: 3}[press]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_three_times_the_told_one_is_told_and_no_fault(seed):
+    run = press_on_plane(5.0, noise=0.6, told_noise=0.2, seed=seed, seconds=2.0)
+    assert run.stopped() is None
+    assert run.statuses()[-1] == "degraded"
+    said = run.solutions[-1].reason
+    assert "0.2 are told (noise=)" in said
+    assert float(said.split()[2]) == pytest.approx(0.6, rel=0.15)
+    assert run.press[-200:].mean() == pytest.approx(5.0, rel=0.05)
+
+
+def test_noise_told_rightly_is_not_doubted():
+    """Nor for a jump, a slow rise, or readings that come twice: one of 20 000 would be."""
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        noise, last, jump = Noise(), None, rng.integers(20, 200)
+        for tick, x in enumerate(rng.normal(size=(200, 6))):
+            reading = x + 8.0 * (tick > jump) + 0.05 * tick
+            noise = noise.after(reading, last, 1.0).after(reading, reading, 1.0)
+            last = reading
+        assert noise.readings == 199
+        assert noise.found == 0.0
 
 
 def test_presses_beyond_any_scale_are_weighed():

@@ -56,6 +56,7 @@ def press_on_plane(
     *,
     stiffness=1e4,
     noise=0.2,
+    told_noise=None,
     dt=0.002,
     seconds=3.0,
     gap=0.01,
@@ -74,7 +75,7 @@ def press_on_plane(
     start = robot.pose(q)
     normal = [0.0, np.sin(tilt), np.cos(tilt)]
     made = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal), [press], **task)
-    sensor = wrist(noise=noise, cutoff=50.0)
+    sensor = wrist(noise=noise if told_noise is None else told_noise, cutoff=50.0)
     loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told_delay)
     path, late = circle(start, 0.03, period), deque([np.zeros(7)] * round(delay / dt))
     presses, heights, solutions = [], [], []
