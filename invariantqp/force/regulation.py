@@ -112,7 +112,7 @@ class Regulation(NamedTuple):
 
     def mistold(self, stiffness: float | None) -> str:
         """How the stiffness told disagrees with the last touch, in words, "" for not at all."""
-        k = self.estimate.value if self.estimate.fresh else None
+        k = self.estimate.value if self.estimate.of_touch else None
         if stiffness is None or k is None or 1.0 / MISTOLD <= stiffness / k <= MISTOLD:
             return ""
         return (

@@ -8,7 +8,7 @@ wrong is pressed by sliding along it. Least squares after each touch, until k is
 
 from __future__ import annotations
 
-from math import sqrt
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,8 @@ from invariantqp.geometry.arrays import Array
 
 # For how long after a touch readings count [s], once the stiffness is known.
 WINDOW = 0.5
+# Known by then, in windows, a stiffness is soon known.
+SOON = 1.5
 # Standard errors of k from which on it is known, and the least number of readings.
 KNOWN = 8.0
 FEWEST = 20
@@ -41,6 +43,11 @@ class StiffnessEstimate(NamedTuple):
     time: float = 0.0
     way: Array = np.zeros(4)
     sums: Array = np.zeros((6, 6))
+
+    @property
+    def of_touch(self) -> bool:
+        """Whether the touch shows it: known soon, or before the tool slid; else friction and the arm have a part in it."""
+        return self.fresh and (self.time <= SOON * WINDOW or hypot(*self.way[1:].tolist()) <= abs(float(self.way[0])))
 
     def after(self, press: float, moved: Array, noise: float, dt: float, *, touching: bool) -> StiffnessEstimate:
         """The estimate after one more reading.

@@ -7,6 +7,7 @@ from support.spring_plane import gantry, pen
 
 import invariantqp as iq
 from invariantqp.force.noise import Noise
+from invariantqp.force.regulation import Regulation
 from invariantqp.force.rise import Rise
 from invariantqp.force.settling import Settling
 from invariantqp.force.stiffness import StiffnessEstimate
@@ -222,6 +223,19 @@ def test_stiffness_is_told_apart_from_a_slope(sliding):
         estimate = estimate.after(1e4 * x + 1e2 * sliding * u + 0.05 * rng.normal(), moved, 0.05, 0.002, touching=True)
     assert estimate.value == pytest.approx(1e4, rel=0.1)
     assert StiffnessEstimate().after(1.0, np.zeros(4), 0.1, 0.01, touching=True).value is None
+
+
+@pytest.mark.parametrize(("slides", "doubted"), [(0.0, True), (1e-4, False)])
+def test_a_stiffness_that_is_known_after_long_sliding_doubts_none_that_is_told(slides, doubted):
+    """A press that rises by a tenth of what is told for each way in, and is known after 1 s only."""
+    estimate = StiffnessEstimate()
+    for k in range(1000):
+        step = 1e-6 if k > 500 else 0.0
+        moved = np.array([step, slides * np.cos(0.01 * k), slides * np.sin(0.01 * k), 0.0])
+        estimate = estimate.after(3e3 * max(0, k - 500) * 1e-6, moved, 0.05, 0.002, touching=True)
+    assert estimate.value == pytest.approx(3e3, rel=0.2)
+    assert estimate.time > 1.0
+    assert bool(Regulation(estimate).mistold(3e4)) == doubted
 
 
 def test_ways_across_that_are_next_to_nothing_say_nothing_of_stiffness():
