@@ -24,9 +24,10 @@ from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.agreement import answer_of
 from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.lag import led
 from invariantqp.force.normal import NormalEstimate
 from invariantqp.force.place import load_at, moved_between, way_out, weakest
-from invariantqp.force.push import Stand, force_rows, gains_of, pressed_by, push
+from invariantqp.force.push import SLOW_SHARE, Stand, force_rows, gains_of, pressed_by, push
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
@@ -133,8 +134,7 @@ class HybridController:
         self._tool: Array | None = None
         self._regulation = Regulation(presses=TwoPresses() if self.task.two_presses else None)
         self._watch, self._normal, self._stand = Watch(), NormalEstimate(), Stand()
-        ticks = 1 + round(self._delay / self.loop.dt)  # until a command shows in the measurements
-        self._ways: deque[Array] = deque([np.zeros(3)] * ticks, maxlen=ticks)
+        self._ways = led(deque(), np.zeros(3), self._delay, self.loop.dt)
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
@@ -188,14 +188,13 @@ class HybridController:
         out = way_out(contact, A)
         felt = self._felt(reading, raw, contact, tool, (A, out), (B.dot(exert), B.dot(error)))
         watch = self._watch.after(self.task, felt, loop.dt)
-        regulation = self._regulated(felt, watch)
+        late = self._late, self._delay, watch.lag.beyond(self._late)
+        regulation = self._regulated(felt, watch, late)
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
         answer = verdict(watch, self.task, contact)
         press = None if felt.press is None else felt.press[1]
-        gains = gains_of(
-            self.task, split, regulation, press, (self._late, self._delay), touching=watch.touching or press is None
-        )
+        gains = gains_of(self.task, split, regulation, press, late, touching=watch.touching or press is None)
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
         pushed = push(self.task, contact, A, split, gains, exert, error, regulation.integral, motion, slow=slow)
         force, where = pushed.twist, contact.point if self._at_contact else None
@@ -212,21 +211,20 @@ class HybridController:
             inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
         twist, self._normal = sighting.J.dot(inner.velocity), self._found(told, watch, felt, regulation)
-        self._ways.append(loop.dt * velocity_at(twist, contact.point))
-        self._watch, self._smoothing = watch.after_motion(out.dot(self._ways[-1]), answer.beyond), smoothing
-        self._tool, self._stand, self._regulation = (
+        self._ways = led(self._ways, loop.dt * velocity_at(twist, contact.point), self._delay + late[2], loop.dt)
+        self._watch, self._smoothing, self._tool, self._stand, self._regulation = (
+            watch.after_motion(out.dot(self._ways[-1]), answer.beyond),
+            smoothing,
             tool,
             self._stand.after(self.task, contact, motion, twist, loop.dt, joints=sighting.J.shape[1]),
             regulation.after(error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0),
         )
-        unsettled = "" if answer.status else watch.settling.trouble(press, self._late)
         doubts = (
-            watch.noise.trouble(self._noise),
+            *watch.doubts(press, self._noise, self._late, lost=bool(answer.status)),
             self._stand.trouble(),
             pressed_by(self.task, split, contact, tool, sighting.J, motion),
             self._normal.trouble(),
             regulation.mistold(self.task.stiffness),
-            unsettled,
         )
         status, reason = answer.with_others(doubts, inner.status, inner.reason)
         return HybridSolution(
@@ -266,14 +264,15 @@ class HybridController:
         lacks = max(size / most for size, most in zip(load_at(missing, contact.point, grip), most, strict=True))
         return Felt(reading, press, *load, lacks, most, noise, moved, answer, came)
 
-    def _regulated(self, felt: Felt, watch: Watch) -> Regulation:
+    def _regulated(self, felt: Felt, watch: Watch, late: tuple[float, float, float]) -> Regulation:
         """What the force law knows of the stiffness, and its caution."""
-        regulation, late = self._regulation, (self._late, self._delay)
+        regulation = self._regulation
         if felt.press is not None and self._split.kind.presses == 1:
             if watch.health.unchanged:
                 return regulation.waiting(felt.way)
             regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch)
-        return regulation.slower() if self.task.adapts and watch.settling.chatters else regulation
+        rests = hypot(*felt.way[1:].tolist()) <= SLOW_SHARE * self.task.approach_speed * self.loop.dt
+        return regulation.slower() if self.task.adapts and watch.settling.unstable(rests=rests) else regulation
 
     def _turned(self, contact: Contact) -> tuple[Contact, Array]:
         """The told contact with the normal found, and its normal as told, zero where that is trusted."""

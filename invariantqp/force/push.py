@@ -83,7 +83,7 @@ def gains_of(
     split: Split,
     regulation: Regulation,
     press: float | None,
-    late: tuple[float, float],
+    late: tuple[float, float, float],
     *,
     touching: bool,
 ) -> Gains:
@@ -94,12 +94,12 @@ def gains_of(
         split: of the contact.
         regulation: what is known.
         press: wanted [force]; None where the contact cannot be lost.
-        late: sum of tick, delay and low-pass, and the delay alone [s].
+        late: sum of tick, delay and low-pass, the delay alone, and the one that was not told beside them [s].
         touching: whether there is contact.
     """
     factor, gentle, most = 1.0, None, inf
     if task.adapts and split.compliance > 0.0:
-        factor = regulation.factor(split.compliance, task.stiffness, late[0])
+        factor = regulation.factor(split.compliance, task.stiffness, late[0] + late[2])
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
             most = task.approach_speed

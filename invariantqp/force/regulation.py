@@ -92,13 +92,17 @@ class Regulation(NamedTuple):
         """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told."""
         return self.rate(late) / (compliance * (self.known(stiffness) or self.supposed))
 
-    def approach_speed(self, press: float, stiffness: float | None, late: float, delay: float) -> float:
+    def approach_speed(self, press: float, stiffness: float | None, late: float, delay: float, more: float) -> float:
         """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness.
 
-        A delay counts for more where the stiffness is not known: it passes before that is, and before that helps.
+        A delay counts for more where the stiffness is not known: it passes before that is, and before that helps. Of a
+        delay that was not told, only what a usual contact makes of it.
         """
-        k = self.known(stiffness)
-        return press / (max(STIFF, self.rise.stiffest) * (late + DELAYED * delay) if k is None else k * late)
+        k, stiffest = self.known(stiffness), self.rise.stiffest
+        if k is not None:
+            return press / (k * (late + more))
+        told, all_of_it = late + DELAYED * delay, late + more + DELAYED * (delay + more)
+        return press / max(max(STIFF, stiffest) * told, max(USUAL, stiffest) * all_of_it)
 
     def known(self, stiffness: float | None) -> float | None:
         """The stiffness that was told, or that is known from the last touch."""
@@ -125,7 +129,13 @@ class Regulation(NamedTuple):
         return self._replace(unread=self.unread + moved)
 
     def felt(
-        self, press: tuple[float, float], moved: Array, noise: float, dt: float, late: tuple[float, float], touch: Touch
+        self,
+        press: tuple[float, float],
+        moved: Array,
+        noise: float,
+        dt: float,
+        late: tuple[float, float, float],
+        touch: Touch,
     ) -> Regulation:
         """What is known of the stiffness after one more reading.
 
@@ -134,27 +144,29 @@ class Regulation(NamedTuple):
             moved: (4,) way since the last reading, as `StiffnessEstimate.after` takes it.
             noise: standard deviation of the press [force].
             dt: tick [s].
-            late: sum of tick, delay and low-pass, and the delay alone [s].
+            late: sum of tick, delay and low-pass, the delay alone, and the one that was not told beside them [s].
             touch: whether there is contact.
         """
         felt, wanted = press
+        (whole, delay), more = late[:2], late[2]
+        rate = self.rate(whole + more)
         touching, moved = touch.touching, moved + self.unread
         estimate = self.estimate.after(felt, moved, noise, dt, touching=touching)
         way = abs(float(moved[0])) + SLOPE * hypot(*moved[1:].tolist())
         presses = self.presses
         if presses is not None:
-            presses = presses.after(felt, moved, dt * self.rate(late[0])) if touching else TwoPresses()
+            presses = presses.after(felt, moved, dt * rate) if touching else TwoPresses()
             k = presses.stiffness(noise)
             if k is not None:  # and stays until contact is lost
                 estimate = StiffnessEstimate(k, True, inf)
         now = self._replace(estimate=estimate, presses=presses, unread=np.zeros(4))
         if not estimate.fresh:
-            rise = self.rise.after(press, way, noise, touch, late[1] / dt, known=estimate.value is not None)
+            rise = self.rise.after(press, way, noise, touch, (delay + more) / dt, known=estimate.value is not None)
             now = now._replace(rise=rise)
         if not touching or estimate.fresh:
             return now if touching else now._replace(supposed=USUAL, reached=False)
         reached = self.reached or felt >= REACHED * wanted
-        softer = 1.0 if reached else exp(-dt * self.rate(late[0]) / SOFTENING)
+        softer = 1.0 if reached else exp(-dt * rate / SOFTENING)
         return now._replace(supposed=max(softer * self.supposed, now.rise.least, SOFTEST), reached=reached)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:

@@ -46,7 +46,7 @@ class StiffnessEstimate(NamedTuple):
 
     @property
     def of_touch(self) -> bool:
-        """Whether the touch shows it: known soon, or before the tool slid; else friction and the arm have a part in it."""
+        """Whether the touch shows it: known soon, or before the tool slid; else friction has a part in it."""
         return self.fresh and (self.time <= SOON * WINDOW or hypot(*self.way[1:].tolist()) <= abs(float(self.way[0])))
 
     def after(self, press: float, moved: Array, noise: float, dt: float, *, touching: bool) -> StiffnessEstimate:

@@ -18,6 +18,7 @@ from invariantqp.errors import written
 from invariantqp.force.agreement import Agreement, Answer, ways_in
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.lag import Lag
 from invariantqp.force.noise import Noise
 from invariantqp.force.settling import Settling
 from invariantqp.force.touch import LEAST_NOISE, Touch, loss_limit
@@ -79,6 +80,7 @@ class Watch(NamedTuple):
         waited: for how long it has not been felt [s].
         led: how far it was commanded nearer since then, of commands that can have acted, and how far it came, both
             with what was longer ago than LED forgotten [length].
+        lag: of commands, as the first approach shows it.
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
         left: how far it has retreated [length].
@@ -93,6 +95,7 @@ class Watch(NamedTuple):
     approached: float = 0.0
     waited: float = 0.0
     led: tuple[float, float] = (0.0, 0.0)
+    lag: Lag = Lag()
     leaving: str = ""
     status: str = ""
     left: float = 0.0
@@ -119,7 +122,7 @@ class Watch(NamedTuple):
         touch = self.touch.after(press, limit, felt.noise, dt)
         lost, settling = not touch.touching and touch.airborne > task.lost_after, self.settling
         if limit > 0.0:
-            settling = settling.after((press, wanted), dt, touching=touch.touching, lost=lost)
+            settling = settling.after((press, wanted), dt, touching=touch.touching, lost=lost, noise=felt.noise)
         if felt.press is None:
             settling = self.settling.after_missing(felt.missing, dt)
         watch = self._replace(touch=touch, health=health, noise=noise, settling=settling, most=most)
@@ -134,9 +137,25 @@ class Watch(NamedTuple):
             return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:
             return watch._replace(approached=0.0, waited=0.0, led=(0.0, 0.0))
-        watch = watch._replace(waited=self.waited + dt, led=_followed(self.led, felt, LED * task.retreat_distance))
+        watch = watch._replace(
+            waited=self.waited + dt,
+            led=_followed(self.led, felt, LED * task.retreat_distance),
+            lag=self.lag.after(float(felt.way[0]), felt.came, task.size, dt),
+        )
         status, why = _given_up(task, watch)
         return watch._replace(status=status, leaving=why, left=0.0)
+
+    def doubts(self, press: float | None, noise: float, late: float, *, lost: bool) -> tuple[str, ...]:
+        """What is wrong with noise, delay and press, in words, "" for nothing.
+
+        Args:
+            press: wanted [force]; None where contact cannot be lost.
+            noise: as it was told [force].
+            late: sum of tick, delay and low-pass, as it was told [s].
+            lost: whether contact is, so that no press settles.
+        """
+        unsettled = "" if lost else self.settling.trouble(press, late + self.lag.beyond(late))
+        return self.noise.trouble(noise), self.lag.trouble(late), unsettled
 
     def _noisier(self, felt: Felt, limit: float) -> Noise:
         """The noise after a reading, learnt from in the air alone: in touch the press changes, too."""

@@ -1,11 +1,14 @@
 """Contact is decided against the noise, the gain follows the stiffness, and what does not settle is told."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 from support.noisy_plane import press_on_plane
 from support.spring_plane import gantry, pen
 
 import invariantqp as iq
+from invariantqp.force.lag import Lag
 from invariantqp.force.noise import Noise
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.rise import Rise
@@ -174,6 +177,55 @@ def test_a_told_delay_is_allowed_for():
     assert not (run.press[run.touch() + 250 :] == 0.0).any()
 
 
+@pytest.mark.parametrize(("stiffness", "most"), [(1e4, 12.0), (1e5, 40.0)])
+def test_a_delay_that_was_not_told_is_found_in_the_air(stiffness, most):
+    """30 ms, which pressed 1e5 N/m with 66 N, and made the press of 1e4 N/m swing from 0 to 15 N for ever."""
+    run = press_on_plane(10.0, stiffness=stiffness, delay=0.03, seconds=2.5, period=1e9)
+    assert run.press.max() < most
+    touch = run.touch()
+    assert "commands act 30" in run.solutions[touch].reason
+    assert "ok" not in run.statuses(touch)
+    if stiffness == 1e4:
+        assert run.press[-200:] == pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.parametrize("delay", [0, 25])
+@pytest.mark.parametrize("gain", [0.8, 1.0, 1.05])
+def test_an_arm_that_leaves_out_a_part_of_commands_is_not_late(gain, delay):
+    rng, lag, last = np.random.default_rng(0), Lag(), 0.0
+    for k in range(400):
+        place = gain * 4e-5 * max(0, k - delay) + 3e-5 * rng.normal()
+        lag, last = lag.after(4e-5, place - last, 0.05, 0.002), place
+    assert lag.late == pytest.approx(0.002 * delay * gain, abs=5e-3)
+    assert bool(lag.trouble(0.005)) == (delay > 0)
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e4])
+def test_readings_that_are_late_make_the_press_swing_which_is_told_and_ends(stiffness):
+    """No motion in the air shows that they are 50 ms late: the press swung for ever, with status "ok"."""
+    readings = deque(maxlen=26)
+
+    def late(reading, normal):
+        readings.append(reading)
+        return readings[0]
+
+    run = press_on_plane(10.0, stiffness=stiffness, fault=late, since=0.0, seconds=6.0, period=1e9)
+    assert any("the press swings about 10 N: " in s.reason for s in run.solutions)
+    assert run.press[-400:] == pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.parametrize(("swing", "steps", "told"), [(0.4, False, True), (0.2, False, False), (0.4, True, False)])
+def test_swings_are_told_of_a_wanted_press_that_stays(swing, steps, told):
+    settling, lowered = Settling(), 0
+    for k in range(2000):
+        wanted = 10.0 + steps * (k % 150 < 75)
+        press = 10.0 * (1.0 + 0.5 * swing * np.sin(0.06 * k))
+        settling = settling.after((press, wanted), 0.004, touching=True, lost=False, noise=0.1)
+        assert not settling.unstable(rests=False)
+        lowered += settling.unstable(rests=True)
+    assert bool(settling.trouble(10.0, 0.01)) == (lowered > 1) == told
+
+
 def test_chatter_and_a_force_not_reached_are_told():
     fast = press_on_plane(
         5.0, stiffness=1e5, delay=0.016, dt=0.004, gap=0.0, seconds=3.0, compliance=2e-3, max_force=1e3, max_moment=1e2
@@ -207,7 +259,8 @@ def test_a_tool_that_only_taps_is_told_that_the_force_is_not_reached():
         solution = loop.step(q, arm.pose(q), [0.0, 0.0, 0.0, 0.0, 0.0, -felt])
         said.append((solution.status, solution.reason))
         q = q + 0.004 * solution.velocity
-    assert {status for status, _ in said[20:200]} == {"ok"}
+    assert {status for status, _ in said[20:50]} == {"ok"}
+    assert all("the press swings about 2 N: " in why for status, why in said[20:350] if status != "ok")
     assert {status for status, _ in said[350:]} == {"degraded"}
     assert all("the force is not reached: 0." in why for _, why in said[350:])
 
