@@ -122,10 +122,10 @@ def test_an_exact_point_that_was_pushed_comes_to_rest_on_its_path():
         robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.3 * u, 0.0]), 0.0005, 1.0, exact="position"
     )
     follower.prepare(q)
-    solutions, _ = drive(follower, q, 1.5, {200: np.array([0.01, -0.01, 0.01, 0.02, -0.01, 0.02])})
+    solutions, _ = drive(follower, q, 1.05, {200: np.array([0.01, -0.01, 0.01, 0.02, -0.01, 0.02])})
     across = np.array([s.across for s in solutions[200:]])
     assert across[0] > 5e-3
-    assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
+    assert {s.status for s in solutions} <= {"moving", "slowed"}
     assert across[1750:].max() < LEAST
 
 

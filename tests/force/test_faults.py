@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.noisy_plane import FAULTS, press_on_plane
 
-PHASES = {"at the start": 0.0, "in the air": 0.2, "just after touch": 0.54, "settled": 1.5}
+PHASES = {"at the start": 0.0, "in the air": 0.2, "just after touch": 0.54, "settled": 1.2}
 PRESS = 10.0
 
 
@@ -12,7 +12,7 @@ PRESS = 10.0
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_told_and_nothing_presses_on(name, phase):
     make, status, said = FAULTS[name]
-    run = press_on_plane(PRESS, fault=make(), since=PHASES[phase], seconds=max(PHASES[phase], 0.6) + 0.3)
+    run = press_on_plane(PRESS, fault=make(), since=PHASES[phase], seconds=max(PHASES[phase], 0.6) + 0.3, after_stop=0.15)
     stop = run.stopped()
     assert run.solutions[stop].status == status
     assert said in run.solutions[stop].reason

@@ -94,8 +94,9 @@ def test_before_the_touch_it_is_never_ok_and_never_faster_than_told(press, noise
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_surface_that_is_gone_is_told_before_the_tool_sinks(seed):
-    run = press_on_plane(5.0, noise=1.0, removed=1.5, seconds=2.5, seed=seed, on_loss="hold")
-    gone = round(1.5 / run.dt)
+    run = press_on_plane(5.0, noise=1.0, removed=1.2, seconds=1.7, seed=seed, on_loss="hold")
+    gone = round(1.2 / run.dt)
+    assert run.statuses()[gone - 1] == "ok"
     lost = run.statuses(gone).index("lost")
     assert lost * run.dt < 0.2
     assert set(run.statuses(gone + lost)) == {"lost"}
@@ -104,8 +105,8 @@ def test_a_surface_that_is_gone_is_told_before_the_tool_sinks(seed):
 
 @pytest.mark.parametrize("stiffness", [500.0, 1e4, 1e5])
 def test_the_gain_follows_the_stiffness(stiffness):
-    run = press_on_plane(5.0, stiffness=stiffness, seconds=4.0)
-    assert rms(run, 5.0, 3.0) < 0.02
+    run = press_on_plane(5.0, stiffness=stiffness, seconds=2.6)
+    assert rms(run, 5.0, 1.6) < 0.02
     assert run.press.max() < 7.0
     assert set(run.statuses()[-200:]) == {"ok"}
 
@@ -164,9 +165,9 @@ def test_two_presses_while_sliding_say_nothing():
 
 def test_a_normal_told_wrong_by_five_degrees_costs_little():
     """A proportional law is off by v sin(5 deg) / c: more than half of the press here."""
-    tilted = press_on_plane(5.0, tilt=np.radians(5.0), seconds=6.0, period=12.0)
+    tilted = press_on_plane(5.0, tilt=np.radians(5.0), seconds=5.0, period=12.0)
     assert rms(tilted, 5.0, 3.0) < 0.02
-    proportional = press_on_plane(5.0, tilt=np.radians(5.0), seconds=6.0, period=12.0, compliance=1e-3)
+    proportional = press_on_plane(5.0, tilt=np.radians(5.0), seconds=5.0, period=12.0, compliance=1e-3)
     assert rms(proportional, 5.0, 3.0) > 0.1
 
 

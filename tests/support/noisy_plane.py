@@ -9,6 +9,8 @@ import invariantqp as iq
 from support.spring_plane import PANDA, circle, exerted
 from support.wrist import wrist
 
+STOPPED = ("overload", "fault")  # the tool stands still or retreats until reset
+
 
 class Run(NamedTuple):
     """Ticks of a run: the true press [N], the tip's height [m], solutions."""
@@ -26,7 +28,7 @@ class Run(NamedTuple):
 
     def stopped(self):
         """The tick from which the tool stands still or retreats until reset."""
-        return next((k for k, s in enumerate(self.solutions) if s.status in ("overload", "fault")), None)
+        return next((k for k, s in enumerate(self.solutions) if s.status in STOPPED), None)
 
 
 class Dead:
@@ -68,9 +70,13 @@ def press_on_plane(
     since=np.inf,
     period=3.0,
     seed=0,
+    after_stop=np.inf,
     **task,
 ):
-    """A Panda draws a circle with a pen; `fault` changes readings (6,) from `since` on, given the outward normal."""
+    """A Panda draws a circle with a pen; `fault` changes readings (6,) from `since` on, given the outward normal.
+
+    The run ends after `seconds`, or `after_stop` seconds after the tool stands still or retreats until reset.
+    """
     rng, robot, q = np.random.default_rng(seed), iq.load_robot("panda"), PANDA.copy()
     start = robot.pose(q)
     normal = [0.0, np.sin(tilt), np.cos(tilt)]
@@ -78,7 +84,7 @@ def press_on_plane(
     sensor = wrist(noise=noise if told_noise is None else told_noise, cutoff=50.0)
     loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told_delay)
     path, late = circle(start, 0.03, period), deque([np.zeros(7)] * round(delay / dt))
-    presses, heights, solutions = [], [], []
+    presses, heights, solutions, stopped = [], [], [], 0
     for k in range(round(seconds / dt)):
         t, pose = k * dt, robot.pose(q)
         exerts = exerted([pose[:3, 3]], start[2, 3] - gap - (0.05 if t >= removed else 0.0), stiffness)
@@ -91,4 +97,7 @@ def press_on_plane(
         heights.append(pose[2, 3])
         late.append(solutions[-1].velocity)
         q = q + dt * late.popleft()
+        stopped += solutions[-1].status in STOPPED
+        if stopped * dt > after_stop:
+            break
     return Run(np.array(presses), np.array(heights), solutions, dt)
