@@ -4,8 +4,10 @@ Six- and seven-joint arms have joints blocked until five are left, as limits do.
 random directions; what is missed is measured at the tool. |P| is the norm of the projector there, a radian counted as
 the arm's reach: no twist is missed by more than |P| times what least squares misses. With five joints every twist is.
 
-Run: python examples/11_which_pitch.py      needs the extra `robots`
+Run: python examples/11_which_pitch.py [STATES]      needs the extra `robots`
 """
+
+import sys
 
 import numpy as np
 
@@ -13,7 +15,7 @@ import invariantqp as iq
 
 ARMS = {"so101": [0, 1, 2, 3, 4], "ur5": [0, 1, 2, 3, 5], "panda": [0, 1, 3, 5, 6], "xarm7": [0, 1, 3, 4, 5]}
 MULTIPLES = (0.3, 1.0, -1.0, 2.0, 4.0)  # of the arm's reach L
-STATES = 400
+STATES = int(sys.argv[1]) if len(sys.argv) > 1 else 400
 
 
 def at_tool(tool, length):

@@ -41,6 +41,7 @@ SAYS = {
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
 SHORTER = {
+    "11_which_pitch": ("20",),
     "14_defaults": ONE,
     "15_elastic_paths": ONE,
     "25_pink_scripts": ("--short",),

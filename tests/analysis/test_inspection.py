@@ -1,4 +1,5 @@
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,6 +41,12 @@ def five(moved=None):
     return iq.robots.Chain(iq.adjoint(T) @ np.array(screws).T, home, position_lower=-2.0, position_upper=2.0)
 
 
+@cache
+def inspected(name):
+    """What is found of an arm in the middle of its range."""
+    return iq.analysis.inspect(arm(name), name=name)
+
+
 def words(found):
     return " ".join((*found.state_words(), *found.range_words(), found.recommended.reason))
 
@@ -47,7 +54,7 @@ def words(found):
 @pytest.mark.parametrize(("name", "joints", "rank", "attainable", "kind", "form"), ARMS, ids=[a[0] for a in ARMS])
 def test_what_is_said_of_known_arms(name, joints, rank, attainable, kind, form):
     robot = arm(name)
-    found = iq.analysis.inspect(robot, name=name)
+    found = inspected(name)
     assert len(found.joints) == joints
     assert (found.report.rank, found.survey.attainable_rank, str(found.report.type)) == (rank, attainable, kind)
     assert found.recommended.form == form
@@ -68,7 +75,7 @@ def test_what_is_said_of_known_arms(name, joints, rank, attainable, kind, form):
 
 
 def test_a_singular_middle_is_not_taken_for_the_arm():
-    found = iq.analysis.inspect(arm("ur5"))
+    found = inspected("ur5")
     assert found.report.rank == 6
     assert found.where == "in a regular state, since the middle of the joint range is singular"
     singular = iq.analysis.inspect(arm("ur5"), q=np.zeros(6))
@@ -211,8 +218,7 @@ def test_what_rounding_in_a_urdf_hides_is_told(name):
 
 
 def test_a_tool_straight_down_leaves_five_joints_no_pitch():
-    robot = iq.load_robot("so101")
-    found = iq.analysis.inspect(robot, name="so101")
+    robot, found = arm("so101"), inspected("so101")
     assert (found.report.rank, found.report.blind_directions.shape[1]) == (5, 0)
     assert "0 % of those with the last axis parallel to the first" in found.recommended.reason
     q = found.recommended.q
@@ -280,7 +286,7 @@ def test_processes_find_what_one_finds(monkeypatch):
 
 @pytest.mark.parametrize("name", [a[0] for a in ARMS])
 def test_json_has_the_fixed_keys_and_nothing_json_has_not(name):
-    found = json.loads(json.dumps(iq.analysis.inspect(arm(name), name=name).as_json(), allow_nan=False))
+    found = json.loads(json.dumps(inspected(name).as_json(), allow_nan=False))
     fixed = {"robot", "tool", "joints", "rank", "gibson_hunt", "admits_pseudoinverse", "principal_pitches"}
     assert fixed | {"blind_directions", "recommended"} <= set(found)
     assert {"form", "h", "reason", "unseen"} <= set(found["recommended"])
@@ -314,7 +320,7 @@ def test_a_task_lends_its_robot_and_another_tool_can_be_named():
 @pytest.mark.parametrize(("name", "said"), [("planar_3r", "no pitch works"), ("ur5", "every pitch works")])
 def test_the_picture_says_where_there_are_no_pitches(tmp_path, name, said):
     robot = arm(name)
-    file = iq.pictures.pitch_picture(iq.analysis.inspect(robot, name=name), robot, tmp_path / "p.svg")
+    file = iq.pictures.pitch_picture(inspected(name), robot, tmp_path / "p.svg")
     text = file.read_text(encoding="utf-8")
     assert f"<!-- {said} -->" in text
     assert f"<!-- {robot.names[-1]} -->" in text

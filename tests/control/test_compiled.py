@@ -149,7 +149,7 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
     q = middle + np.linspace(0.07, 0.14, len(middle))  # no two joints alike: no ties for rounding to break
     goal = robot.pose(q)
     methods, answered = set(), 0
-    for k in range(80):
+    for k in range(60):
         goal = iq.exp([0.0, 0.0, 0.003, 0.006 * np.sin(0.05 * k), 0.006, 0.0]) @ goal
         ahead = np.array([0.0, 0.0, 0.3, 0.0, 0.6, 0.0])
         answered += compiled_tick(controller.compiled, controller.kept.copy(), q, goal, ahead, None) is not None
@@ -158,7 +158,7 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
         methods.add(solution.method)
         q = q + 0.01 * solution.velocity
     assert methods & {"qp", "damped"}
-    assert answered > 40 or m < 6  # too few joints are left for a tool speed, or none
+    assert answered > 30 or m < 6  # too few joints are left for a tool speed, or none
 
 
 @pytest.mark.parametrize("exact", [None, "position", [PLANE, AXIS]], ids=str)

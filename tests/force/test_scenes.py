@@ -57,7 +57,7 @@ def test_frames_of_tool_sensor_and_contact_change_nothing(arm):
             exact=exact.get("there"),
         )
         q, twist, pressed, worst = lowered(robot, q0, 0.00199), np.zeros(6), 0, 0.0
-        for k in range(30):
+        for k in range(20):
             tool, (target, ahead) = robot.pose(q), scene.path(k * DT)
             reading = reading_of(scene, tool, twist, random, noise=0.02)
             pressed += np.abs(scene.world(tool, twist)).max() > 1e-4
@@ -187,7 +187,7 @@ def test_five_joints_that_cannot_follow_a_screw_say_so_before_they_press(name):
     scene = SHARED["scenes"](robot.pose(q), 0.015)[name]
     loop = loop_of(robot, iq.HybridTask(scene.told, scene.wanted), exact="position")
     said, forces, moments = [], [], []
-    for k in range(1000):
+    for k in range(700):
         tool, (target, ahead) = robot.pose(q), scene.path(max(0.0, DT * k - 0.5))
         pushes = scene.world(tool, np.zeros(6))
         solution = loop.step(q, target, reading_of(scene, tool, np.zeros(6), random), ahead)

@@ -12,7 +12,7 @@ from support.workers import give
 
 import invariantqp as iq
 
-THREADS, TICKS = 6, 3000
+THREADS, TICKS = 6, 1500
 
 
 @pytest.fixture
