@@ -1,4 +1,4 @@
-"""What every process of the tests starts with: one thread, as pytest-xdist gives each core a process; bytecode; Ctrl-C."""
+"""What every process of the tests starts with: one thread, as each core has a process; bytecode; Ctrl-C."""
 
 import gc
 import os

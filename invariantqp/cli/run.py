@@ -64,7 +64,9 @@ def run(
     check_frame: Annotated[
         bool, typer.Option("--check-frame", help="Also displace the tool frame, and show what that changes.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of the displacement of --check-frame.", min=0)] = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the displacement of --check-frame; 0 if left out.", min=0)
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
 ) -> None:
     """Run TASK in closed loop, and say whether its acceptance numbers are met."""
@@ -72,6 +74,8 @@ def run(
 
     if check_frame and quiet:
         raise BadInput("--check-frame", "--quiet too", "one of them: --check-frame prints what it finds")
+    if seed is not None and not check_frame:
+        raise BadInput("--seed", "no --check-frame beside it", "--check-frame too: the seed is of its displacement")
     problem = load_task(task)  # before the rest is imported: a wrong name is told sooner
     from invariantqp.runs.run import run_task
 
@@ -92,7 +96,7 @@ def run(
     if not quiet:
         print_run(trace)
     if check_frame:
-        _check_frames(trace, seed)
+        _check_frames(trace, seed or 0)
     if viewer is not None:
         _play(viewer, trace, quiet)
     if not trace.passed:

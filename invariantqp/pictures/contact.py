@@ -13,8 +13,9 @@ import numpy as np
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.errors import plot_errors
 from invariantqp.pictures.figure import figure_file
-from invariantqp.pictures.palette import BLACK, BLUE, ORANGE, RULE, SHADE, SKY, VERMILION
+from invariantqp.pictures.palette import BLACK, BLUE, RULE, SHADE, SKY, VERMILION
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.trace import Trace
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 ALONG = 1e-9
 # The force axis ends at this multiple of the wanted force, so that noisy readings do not hide the force.
 SHOWN = 2.0
-# The error axis is logarithmic and has no zero: smaller errors [mm, deg] are drawn at this value.
-SMALLEST = 1e-6
 
 
 def contact_picture(trace: Trace, contact: ContactTrace, path: Path | str) -> Path:
@@ -77,10 +76,7 @@ def _force(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
 
 
 def _errors(axes: Axes, trace: Trace) -> None:
-    t = trace.time[1:]
-    axes.semilogy(t, np.maximum(1e3 * trace.position_error, SMALLEST), color=BLUE, linewidth=1.1, label="path [mm]")
-    deg = np.maximum(np.degrees(trace.orientation_error), SMALLEST)
-    axes.semilogy(t, deg, color=ORANGE, linewidth=1.1, label="orientation [deg]")
+    plot_errors(axes, trace)
     axes.set_ylabel("error in the free directions")
     axes.set_xlabel("time [s]")
     axes.set_ylim(bottom=0.05 * axes.get_ylim()[0])  # room for the legend

@@ -14,6 +14,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.contact import contact_picture
+from invariantqp.pictures.errors import plot_errors
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import COLOURS, RULE, SHADE
 from invariantqp.runs.pathlog import PathTrace
@@ -21,9 +22,6 @@ from invariantqp.runs.trace import Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# The error axis is logarithmic and has no zero: smaller errors [mm, deg] are drawn at this value.
-SMALLEST = 1e-9
 
 
 def picture(trace: Trace, path: Path | str) -> Path:
@@ -70,11 +68,9 @@ def _title(trace: Trace) -> str:
 
 
 def _errors(axes: Axes, trace: Trace) -> None:
-    t = trace.time[1:]
-    axes.semilogy(t, np.maximum(1e3 * trace.position_error, SMALLEST), label="position [mm]")
-    axes.semilogy(t, np.maximum(np.degrees(trace.orientation_error), SMALLEST), label="orientation [deg]")
+    plot_errors(axes, trace)
     axes.set_ylabel("tracking error")
-    axes.legend(loc="upper right", fontsize=8)
+    _legend_beside(axes)
 
 
 def _positions(axes: Axes, trace: Trace) -> None:
@@ -88,7 +84,7 @@ def _positions(axes: Axes, trace: Trace) -> None:
     axes.set_ylim(-0.05, 1.05)
     axes.set_ylabel("position / range")
     if bounded.any():
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+        _legend_beside(axes)
 
 
 def _velocities(axes: Axes, trace: Trace) -> None:
@@ -114,7 +110,12 @@ def _progress(axes: Axes, time: Array, along: PathTrace) -> None:
     axes.set_ylabel("path speed / timing")
     axes.grid(alpha=0.25)
     if along.slowed:
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+        _legend_beside(axes)
+
+
+def _legend_beside(axes: Axes) -> None:
+    """A legend that covers no curve."""
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
 
 
 def _shade(axes: Axes, trace: Trace) -> None:

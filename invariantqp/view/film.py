@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.palette import BLUE, GREEN, ORANGE, SCREEN_COLOURS, SKY, VERMILION
+from invariantqp.pictures.errors import CURVES, SMALLEST, errors_of
+from invariantqp.pictures.palette import GREEN, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
@@ -24,8 +25,6 @@ from invariantqp.view.surroundings import Surroundings, surroundings
 
 # The most frames of a run; players interpolate. Of the ticks between two frames the worst values are shown.
 FRAMES = 600
-# A logarithmic axis has no zero: smaller errors, below a picometre, are drawn as this [mm, deg].
-SMALLEST_ERROR = 1e-9
 # No arrow is drawn for a velocity below this, relative to the size of all [1/s], or for a weaker force [N].
 REST, WEAK = 2e-4, 0.05
 FORCE, TRAVEL = VERMILION, GREEN
@@ -170,13 +169,12 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
     then = trace.velocity[np.maximum(ends - 1, 0)]
     drawn = _film(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
     drawn = replace(drawn, speed=extremes(trace.velocity, ends))
-    errors = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
     return replace(
         drawn,
         about=f"{trace.task.about} {went}",
         limit_active=[any(trace.limit_active[a:b]) for a, b in _ticks(ends)],
         status=status,
-        charts=(_error_chart(extremes(errors, ends)), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
+        charts=(_error_chart(trace, ends), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
         travel=np.array([tool_velocity(robot, *state) for state in zip(trace.q[ends], then, strict=True)]),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
@@ -236,10 +234,9 @@ def colours(joints: int) -> tuple[str, ...]:
     return tuple(SCREEN_COLOURS[i % len(SCREEN_COLOURS)] for i in range(joints))
 
 
-def _error_chart(errors: Array) -> CurveChart:
-    """Errors (k, 2) [mm, deg]."""
-    values = np.maximum(errors, SMALLEST_ERROR).T
-    return CurveChart("tracking error", ("position [mm]", "orientation [deg]"), values, (BLUE, ORANGE), log=True)
+def _error_chart(trace: Trace, ends: Array) -> CurveChart:
+    values = np.maximum(extremes(errors_of(trace), ends), SMALLEST).T
+    return CurveChart("tracking error", tuple(CURVES), values, tuple(CURVES.values()), log=True)
 
 
 def _force_charts(contact: ContactTrace | None, ends: Array) -> list[CurveChart]:

@@ -182,13 +182,14 @@ def wrong(task, tmp_path):
         "option": (["run", task, "--jsn", "f"], "No such option"),
         "command": (["rnu", task], "No such command"),
         "seed": (["run", task, "--check-frame", "--seed", "-1"], "--seed"),
+        "seed of nothing": (["run", task, "--seed", "0"], "--seed: found no --check-frame beside it"),
         "quiet": (["run", task, "--check-frame", "--quiet"], "--check-frame: found --quiet too"),
         "no argument": (["run"], "Missing argument"),
     }
 
 
 CASES = "no such task|typo|broken|negative tick|gain|robot|back end|json folder|json is a folder|plot suffix"
-CASES += "|plot without suffix|option|command|seed|quiet|no argument"
+CASES += "|plot without suffix|option|command|seed|seed of nothing|quiet|no argument"
 
 
 @pytest.mark.parametrize("case", CASES.split("|"))

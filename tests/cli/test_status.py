@@ -75,9 +75,7 @@ def gone(command):
 
 
 @posix
-@pytest.mark.parametrize(
-    "command", [["run", "{refused}"], ["run", "--help"], ["tasks"], ["inspect", "planar_3r"]]
-)
+@pytest.mark.parametrize("command", [["run", "{refused}"], ["run", "--help"], ["tasks"], ["inspect", "planar_3r"]])
 def test_a_reader_that_is_gone_is_not_a_refusal(refused, command):
     """A run that is accepted is below."""
     status, said = gone([word.format(refused=refused) for word in command])

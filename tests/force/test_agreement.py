@@ -10,7 +10,6 @@ from invariantqp.force.agreement import Agreement, answer_of
 from invariantqp.force.touch import Touch
 
 PRESS, NOISE, REST = 10.0, 0.2, 1e9  # [N], [N], a turn so long that the tool stands still [s]
-AFTER = 0.15  # enough to see it retreat [s]
 PHASES = {"in the air": 0.2, "just after touch": 0.54, "settled": 1.2}
 
 
@@ -27,20 +26,17 @@ class Stuck:
         return np.concatenate((self.random.normal(0, 0.006, 3), self.most * normal + self.random.normal(0, NOISE, 3)))
 
 
+def stuck(share, *, saturates=False, period=REST, **run):
+    """A run with such a sensor, until the tool can be seen to retreat."""
+    return press_on_plane(PRESS, fault=Stuck(share, saturates=saturates), period=period, after_stop=0.15, **run)
+
+
 @pytest.mark.parametrize("stiffness", [1e3, 2e4, 1e5])
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("share", [0.3, 0.9])
 def test_a_reading_stuck_in_its_noise_presses_once_more_at_most(share, phase, stiffness):
     since = PHASES[phase]
-    run = press_on_plane(
-        PRESS,
-        stiffness=stiffness,
-        fault=Stuck(share),
-        since=since,
-        seconds=since + 0.7,
-        period=REST,
-        after_stop=AFTER,
-    )
+    run = stuck(share, stiffness=stiffness, since=since, seconds=since + 0.7)
     stop = run.stopped()
     assert run.solutions[stop].status == "fault"
     assert "a sensor at fault, a step or a slope" in run.solutions[stop].reason
@@ -55,24 +51,14 @@ def test_a_reading_stuck_while_the_touch_is_being_decided(share, stiffness):
     touch = press_on_plane(PRESS, stiffness=stiffness, seconds=0.6).touch()
     reached = round(1.8 / (0.02 * 0.002 * stiffness))  # ticks until 1.8 N
     for tick in (50, touch + reached + 1) if share else (touch + reached + 1,):
-        run = press_on_plane(
-            PRESS, stiffness=stiffness, fault=Stuck(share), since=0.002 * tick, seconds=1.6, period=REST, after_stop=AFTER
-        )
+        run = stuck(share, stiffness=stiffness, since=0.002 * tick, seconds=1.6)
         assert run.solutions[run.stopped()].status == "fault"
         assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.002 * stiffness
 
 
 @pytest.mark.parametrize(("stiffness", "most"), [(1e3, 22.0), (2e4, 32.0), (1e5, 60.0)])
 def test_a_sensor_that_saturates_shows_before_that_how_stiff_the_contact_is(stiffness, most):
-    run = press_on_plane(
-        PRESS,
-        stiffness=stiffness,
-        fault=Stuck(0.5, saturates=True),
-        since=0.0,
-        seconds=2.0,
-        period=REST,
-        after_stop=AFTER,
-    )
+    run = stuck(0.5, saturates=True, stiffness=stiffness, since=0.0, seconds=2.0)
     assert run.solutions[run.stopped()].status == "fault"
     assert 5.0 < run.press.max() < most
 
@@ -80,7 +66,7 @@ def test_a_sensor_that_saturates_shows_before_that_how_stiff_the_contact_is(stif
 def test_while_the_tool_slides_a_slope_is_allowed_for_and_no_more():
     """At 63 mm/s six degrees lead in by 6.3 mm/s."""
     for share, most in ((0.3, 30.0), (0.9, 40.0)):
-        run = press_on_plane(PRESS, fault=Stuck(share), since=1.5, seconds=2.2, after_stop=AFTER)
+        run = stuck(share, since=1.5, seconds=2.2, period=3.0)
         assert run.solutions[run.stopped()].status == "fault"
         assert 2.0 * PRESS * 0.9 < run.press.max() < most
     slope = press_on_plane(PRESS, tilt=np.radians(5.0), seconds=3.0)

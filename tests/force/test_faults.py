@@ -12,7 +12,8 @@ PRESS = 10.0
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_told_and_nothing_presses_on(name, phase):
     make, status, said = FAULTS[name]
-    run = press_on_plane(PRESS, fault=make(), since=PHASES[phase], seconds=max(PHASES[phase], 0.6) + 0.3, after_stop=0.15)
+    since = PHASES[phase]
+    run = press_on_plane(PRESS, fault=make(), since=since, seconds=max(since, 0.6) + 0.3, after_stop=0.15)
     stop = run.stopped()
     assert run.solutions[stop].status == status
     assert said in run.solutions[stop].reason

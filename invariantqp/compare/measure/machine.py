@@ -21,7 +21,8 @@ LIBRARIES = (
     "qpsolvers",
     "pin-pink",
     "mink",
-    "roboticstoolbox-python",
+    "placo",
+    "drake",
     "mujoco",
     "mpmath",
 )
