@@ -10,7 +10,7 @@ from invariantqp.force.agreement import Agreement, answer_of
 from invariantqp.force.touch import Touch
 
 PRESS, NOISE, REST = 10.0, 0.2, 1e9  # [N], [N], a turn so long that the tool stands still [s]
-PHASES = {"in the air": 0.2, "just after touch": 0.54, "settled": 1.2}
+PHASES = {"in the air": 0.1, "just after touch": 0.24, "settled": 0.9}
 
 
 class Stuck:
@@ -48,10 +48,10 @@ def test_a_reading_stuck_in_its_noise_presses_once_more_at_most(share, phase, st
 @pytest.mark.parametrize("share", [0.0, 0.12, 0.2])
 def test_a_reading_stuck_while_the_touch_is_being_decided(share, stiffness):
     """From the tick on in which the press is above the loss limit by the noise; in the air where that is passed."""
-    touch = press_on_plane(PRESS, stiffness=stiffness, seconds=0.6).touch()
+    touch = press_on_plane(PRESS, stiffness=stiffness, seconds=0.6, gap=0.01).touch()
     reached = round(1.8 / (0.02 * 0.002 * stiffness))  # ticks until 1.8 N
     for tick in (50, touch + reached + 1) if share else (touch + reached + 1,):
-        run = stuck(share, stiffness=stiffness, since=0.002 * tick, seconds=1.6)
+        run = stuck(share, stiffness=stiffness, since=0.002 * tick, seconds=1.6, gap=0.01)
         assert run.solutions[run.stopped()].status == "fault"
         assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.002 * stiffness
 

@@ -44,7 +44,7 @@ contact = iq.load_task("pen_on_paper")
 short = {"path": {"duration": 0.05}, "contact": {"settle": 0.1}}
 contact = contact.model_copy(update={k: getattr(contact, k).model_copy(update=v) for k, v in short.items()})
 iq.pictures.picture(iq.run_task(contact), out / "contact.svg")
-robot = iq.load_robot("so101")
+robot = motion.load_robot()
 iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8, jobs=1), robot, out / "pitches.pdf")
 chart.draw(results, out / "chart.svg")
 drawn = look()

@@ -6,13 +6,14 @@ rho = 1 - 6 sum d^2 / (n (n^2 - 1)),   d the difference of a method's ranks; wit
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from invariantqp.compare.results import Results, results_of
 
 
 def rank_agreement(one: Results, other: Results) -> dict[str, float]:
     """{task: rho} over the methods that both runs timed, if there are three or more."""
+    from scipy.stats import spearmanr  # half a second
+
     a, b = _medians(one), _medians(other)
     found = {}
     for task in sorted(set(a) & set(b)):
