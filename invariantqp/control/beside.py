@@ -18,10 +18,13 @@ from invariantqp.control.asked import way_to
 from invariantqp.control.controller import Controller
 from invariantqp.control.curve import Curve
 from invariantqp.control.given_path import GivenPath
-from invariantqp.control.joint_path import OFF_PATH
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Sighting
+
+# A planned joint motion farther off the path than this, relative to the measure's length, is followed in its place: a
+# tool that chases what it does not reach would stay there.
+ASIDE = 1e-7
 
 
 class Beside(NamedTuple):
@@ -35,7 +38,7 @@ class Beside(NamedTuple):
         joints: (m,) the plan's joint positions there.
         across: (6,) the twist back to that place.
         off: its size in what is asked.
-        left: whether the path cannot be had here, and the plan's joint motion is followed instead.
+        left: whether the plan is aside the path here, and its joint motion is followed instead.
     """
 
     sighting: Sighting
@@ -60,7 +63,7 @@ def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expe
         tangent: (6,) of the path about there.
     """
     robot = controller.robot
-    left = plan.leaves(expected, OFF_PATH * controller.measure.length)
+    left = plan.leaves(expected, ASIDE * controller.measure.length)
     target = robot.target(robot.pose(plan.joints(expected)) if left else path.curve.pose(expected))
     way = way_to(controller, q, target)
     place, rest = nearest(path, plan, expected, way.rows.dot(tangent), way.rows.dot(way.error))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -29,6 +29,23 @@ LEAST_INTERVALS = 128
 FINEST = 1e-6
 # Tangents of a function are differences over this share of its range: as far from rounding as from the truth.
 DIFFERENCE = 1e-4
+
+
+class Poses(Protocol):
+    """A path: a `Curve`, or one held at its ends or the other way round."""
+
+    @property
+    def end(self) -> float:
+        """The largest parameter."""
+        ...
+
+    def pose(self, at: float) -> Array:
+        """(4, 4) the pose at a place."""
+        ...
+
+    def tangent(self, at: float) -> Array:
+        """(6,) the twist per unit of the parameter at a place, base frame."""
+        ...
 
 
 class Curve(NamedTuple):

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.path_knot import Knot, KnotFinder, Poses
+from invariantqp.control.curve import Poses
+from invariantqp.control.path_knot import BACK, Knot, KnotFinder
 from invariantqp.geometry.arrays import Array
 
 # A place that the arm comes no closer to than this, relative, cannot be reached: ten micrometres for a metre.
@@ -34,6 +35,8 @@ EASY = 0.2
 TURN_LEFT, SHORTEST_LEFT = 0.03, 1e-4
 # A joint motion that needs more knots has no end.
 MOST_KNOTS = 5000
+# An arm that is off the path at its end may take this share of the path's length, while it is held there, to come back.
+RETURN = 0.5
 
 
 class JointPath:
@@ -71,7 +74,9 @@ class JointPath:
         self.blocked = ""
         self.knots: list[Knot] = []
         self._stops = stops
-        self._reachable = OFF_PATH * controller.measure.length
+        self._returning = not stops
+        self._length = controller.measure.length
+        self._reachable = OFF_PATH * self._length
         self._scale: float = curve.end if scale is None else scale
         self._longest = self._scale / LEAST_STEPS
         self._finder = KnotFinder(controller, self._scale, self._longest, rate=rate, stops=stops)
@@ -84,7 +89,14 @@ class JointPath:
     @property
     def done(self) -> bool:
         """Whether the end is reached, or no more can be."""
-        return bool(self.blocked) or (bool(self.knots) and self.knots[-1].at >= self.curve.end)
+        return bool(self.blocked) or (bool(self.knots) and self.knots[-1].at >= self._end)
+
+    @property
+    def _end(self) -> float:
+        """Where the knots end: with the path, or later where the arm is off it then and comes back to its end."""
+        last, end = self.knots[-1], self.curve.end
+        away = self._returning and last.at >= end and last.off > BACK * self._length
+        return end + RETURN * self._scale if away else end
 
     def extend(self) -> None:
         """Try a step to the next knot: it is taken, or halved where the slope has turned too much."""
@@ -95,11 +107,12 @@ class JointPath:
             return
         last = self.knots[-1]
         before = self.knots[-2] if len(self.knots) > 1 else last._replace(at=last.at - self._step)
-        left = self.curve.end - last.at
+        end = self._end
+        left = end - last.at
         h = left if left <= self._step else min(self._step, 0.5 * left)
         expected = (last.slope - before.slope) * (h / (last.at - before.at))
-        at = last.at + h if h < left else self.curve.end
-        knot = self._finder.knot(self.curve, at, last.q + h * (last.slope + 0.5 * expected), last.slope, self._step)
+        at = last.at + h if h < left else end
+        knot = self._finder.knot(self.curve, at, last.q + h * (last.slope + 0.5 * expected), last, self._step)
         if knot.off > self._reachable and self._stops:
             if h > SHORTEST * self._scale:
                 self._step = 0.5 * h
@@ -121,8 +134,16 @@ class JointPath:
             self.blocked = f"{self._cause(knot.q)}, and beyond it only after a turn in a singularity"
             return
         self.knots.append(knot)
+        self._give_up(end)
         if share < EASY * turn:
             self._step = min(2.0 * self._step, self._longest)
+
+    def _give_up(self, end: float) -> None:
+        """Where the knots are at their end, leave out what of the way back brought the arm no nearer."""
+        knots, least = self.knots, self.knots[-1].off + self._reachable
+        while len(knots) > 1 and knots[-1].at >= end > self.curve.end <= knots[-2].at and knots[-2].off <= least:
+            del knots[-1]
+            end, self._returning = knots[-1].at, False
 
     def _cause(self, q: Array) -> str:
         """Why the path is blocked where the arm came no closer than q."""

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import sqrt
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.control.asked import Way, way_to
 from invariantqp.control.controller import Controller
+from invariantqp.control.curve import Poses
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
@@ -39,6 +40,9 @@ ON_PATH = 1e-12
 # damping grows with the distance (`calm`), beside exact rows the second. So an arm that stretches out goes on smoothly
 # and bends again in time.
 PASSING, CALMING, CALMING_ROWS = Adaptive(1e-2, 3e-3), 0.1, 0.5
+# Where a path may be left, a regular arm nearer than this, relative, is put on it, if it gets there: from a knot on the
+# path on, and on the way back to it.
+CLOSE, BACK = 1e-4, 1e-6
 # The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, this share
 # shrinks with the root of the distance, to LAST of itself.
 REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
@@ -49,6 +53,8 @@ TURNING = 0.1
 # Where an error of this size stays, relative, the slope is probed this share of a step ahead, until it changes by less
 # than this share of it.
 UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
+# A joint this close to a position limit [rad, length] is at it where the path may be left.
+AT_LIMIT = 1e-8
 # Corrections at a knot.
 CORRECTIONS = 8
 
@@ -71,23 +77,6 @@ class Knot(NamedTuple):
     ratio: float
 
 
-class Poses(Protocol):
-    """A path: a `Curve`, or one the other way round."""
-
-    @property
-    def end(self) -> float:
-        """The largest parameter."""
-        ...
-
-    def pose(self, at: float) -> Array:
-        """(4, 4) the pose at a place."""
-        ...
-
-    def tangent(self, at: float) -> Array:
-        """(6,) the twist per unit of the parameter at a place, base frame."""
-        ...
-
-
 class KnotFinder:
     """Finds knots of one path."""
 
@@ -108,56 +97,70 @@ class KnotFinder:
         self._longest = longest
         self._stops = stops
         self._length = controller.measure.length
-        self._law = replace(controller.law, dt=0.0)
+        self._law = self._back = replace(controller.law, dt=0.0)
         if controller.exact or not stops:
             calming = CALMING_ROWS if controller.exact else CALMING
             self._law = replace(controller.law, dt=calming * longest, damping=PASSING)
+        if controller.exact:
+            self._back = self._law
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         speed = controller.robot.velocity_limit
         self._speed = np.where(np.isfinite(speed), speed, 1.0)
 
-    def knot(self, curve: Poses, at: float, q: Array, before: Array | None, step: float) -> Knot:
+    def knot(self, curve: Poses, at: float, q: Array, before: Knot | None, step: float) -> Knot:
         """The arm at a place.
 
         Args:
             curve: the path.
             at: the place.
             q: (m,) joint positions near it.
-            before: (m,) the slope before it, or None.
+            before: the knot before it, or None.
             step: for which the slope has to stay inside the position limits.
         """
         controller = self._controller
         robot, box = controller.robot, controller.box
-        target = robot.target(curve.pose(at))
         q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
-        at_limit = (q <= box.position_lower) | (q >= box.position_upper)
-        tolerance = ON_PATH * self._length
-        for k in range(CORRECTIONS if self._stops else 1):
-            seen = way_to(controller, q, target)
-            _, root, demands, rows, part, error = seen
-            size = seen.off
-            if size <= tolerance or not self._stops:
-                break
-            back, still = error, None
-            if demands is not None and len(rows) < 6:
-                # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
-                # turning towards the path is up to the slope.
-                back = part.dot(back)
-                still = at_limit if k < CORRECTIONS // 2 else None
-            q = q + self._answer(q, seen, back, 1.0, None, still)
+        q, seen, size = self._corrected(
+            q, robot.target(curve.pose(at)), CLOSE if before is None or before.off <= BACK * self._length else BACK
+        )
+        if not self._stops:  # what little a correction leaves to a limit would make the slope go to and fro
+            q = np.where(q < box.position_lower + AT_LIMIT, box.position_lower, q)
+            q = np.where(q > box.position_upper - AT_LIMIT, box.position_upper, q)
+        _, root, demands, _, part, error = seen
         tangent = curve.tangent(at)
         if demands is not None or not self._stops:  # back to the path a little at a time
             met = error if demands is None else part.dot(error)
             share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
             tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
-        if before is None:
-            before = self._answer(q, seen, tangent, step, None)
-        slope = self._answer(q, seen, tangent, step, self._posture(q, before))
+        ahead = self._answer(q, seen, tangent, step, None) if before is None else before.slope
+        slope = self._answer(q, seen, tangent, step, self._posture(q, ahead))
         unmet = root.dot(error)
         if self._stops and demands is None and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
             slope = self._bent(curve, at, q, slope, self._answer(q, seen, error, 1.0, None))
-        sigma = np.linalg.svd(root.dot(seen.sighting.J), compute_uv=False)
-        return Knot(at, q, slope, size, float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0)
+        return Knot(at, q, slope, size, _ratio(seen))
+
+    def _corrected(self, q: Array, target: Any, close: float) -> tuple[Array, Way, float]:
+        """Joint positions with the tool on its target, or near it; the arm there, and how far off it is."""
+        box = self._controller.box
+        at_limit = (q <= box.position_lower) | (q >= box.position_upper)
+        seen = way_to(self._controller, q, target)
+        size = seen.off
+        given = q, seen, size
+        if not self._stops and (size > close * self._length or _ratio(seen) < PASSING.threshold):
+            return given
+        for k in range(CORRECTIONS):
+            if size <= ON_PATH * self._length:
+                return q, seen, size
+            back, still = seen.error, None
+            if seen.demands is not None and len(seen.rows) < 6:
+                # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
+                # turning towards the path is up to the slope.
+                back = seen.part.dot(back)
+                still = at_limit if k < CORRECTIONS // 2 else None
+            q = q + solve(self._back, self._demand(q, seen, back, 1.0, None, still)).velocity
+            seen = way_to(self._controller, q, target)
+            size = seen.off
+        return (q, seen, size) if self._stops or size <= ON_PATH * self._length else given
 
     def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
         """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
@@ -193,7 +196,14 @@ class KnotFinder:
             self._pace = float((np.abs(before) / self._speed).max())
         return pull * self._pace
 
-    def _answer(
+    def _answer(self, q: Array, seen: Way, twist: Array, h: float, posture: Array | None) -> Array:
+        """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
+        demand = self._demand(q, seen, twist, h, posture)
+        if demand.exact is None or self._stops:
+            return solve(self._law, demand).velocity
+        return self._passing(demand, demand.exact, seen.rows, seen.part)
+
+    def _demand(
         self,
         q: Array,
         seen: Way,
@@ -201,8 +211,8 @@ class KnotFinder:
         h: float,
         posture: Array | None,
         still: NDArray[np.bool_] | None = None,
-    ) -> Array:
-        """The law's answer (m,) for a twist, such that q + h x is inside the position limits; `still` joints rest."""
+    ) -> Demand:
+        """What is asked of the law for a twist, inside the position limits; `still` joints rest."""
         controller = self._controller
         lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
         if still is not None:
@@ -211,10 +221,7 @@ class KnotFinder:
         if exact is not None and exact.of_twist is not None:
             D = exact.of_twist
             exact = exact.demanding(np.where(D.any(axis=1), D.dot(twist), exact.b))
-        demand = Demand(seen.sighting.J, twist, seen.root, lower, upper, exact, posture, row_rank=controller.row_rank)
-        if exact is None or self._stops:
-            return solve(self._law, demand).velocity
-        return self._passing(demand, exact, seen.rows, seen.part)
+        return Demand(seen.sighting.J, twist, seen.root, lower, upper, exact, posture, row_rank=controller.row_rank)
 
     def _passing(self, demand: Demand, exact: ExactRows, rows: Array, part: Array) -> Array:
         """The law's answer (m,) where exact rows need not be met; in the measure they are `rows`."""
@@ -229,6 +236,12 @@ class KnotFinder:
         weighted = demand.root.dot(part + REST * (np.eye(6) - part))
         x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
         return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x
+
+
+def _ratio(seen: Way) -> float:
+    """The smallest singular value of the measured joint twists over the largest."""
+    sigma = np.linalg.svd(seen.root.dot(seen.sighting.J), compute_uv=False)
+    return float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0
 
 
 def _joint_rows(exact: ExactRows) -> ExactRows | None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.curve import Curve, piece_of
+from invariantqp.control.curve import Poses, piece_of
 from invariantqp.control.joint_path import AT_LIMIT, SHORTEST
 from invariantqp.control.path_knot import Knot
 from invariantqp.control.path_speed import drivable, smooth_speed, top_speed
@@ -67,10 +67,10 @@ class PathPlan(NamedTuple):
         """Where it ends."""
         return self.at[-1]
 
-    def leaves(self, at: float, reachable: float) -> bool:
-        """Whether the tool is farther off the path than `reachable` on the piece at a place."""
+    def leaves(self, at: float, most: float) -> bool:
+        """Whether the tool is farther off the path than `most` on the piece at a place."""
         i = self.piece(at)
-        return max(self.off[i], self.off[i + 1]) > reachable
+        return max(self.off[i], self.off[i + 1]) > most
 
     def piece(self, at: float) -> int:
         """The number of the piece at a place."""
@@ -143,7 +143,7 @@ class PathPlan(NamedTuple):
 
 def plan_of(
     controller: Controller,
-    curve: Curve,
+    curve: Poses,
     knots: list[Knot],
     blocked: str,
     fastest: float = inf,
@@ -200,7 +200,7 @@ def accelerations_of(controller: Controller) -> Array:
 
 
 def _top(
-    controller: Controller, curve: Curve, at: Array, q: Array, slopes: Array, acceleration: Array
+    controller: Controller, curve: Poses, at: Array, q: Array, slopes: Array, acceleration: Array
 ) -> tuple[Array, list[str]]:
     """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
     robot, names = controller.robot, controller.robot.names

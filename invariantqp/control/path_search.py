@@ -5,8 +5,10 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
+import numpy as np
+
 from invariantqp.control.controller import Controller
-from invariantqp.control.curve import Curve
+from invariantqp.control.curve import Curve, Poses
 from invariantqp.control.joint_path import SHORTEST, JointPath
 from invariantqp.control.path_plan import PathPlan, plan_of
 from invariantqp.geometry.arrays import Array
@@ -16,29 +18,50 @@ from invariantqp.geometry.arrays import Array
 KEPT, WORTH, FAR = 3, 20, 1e-3
 
 
-class Backward(NamedTuple):
-    """A curve the other way round, by the distance from a place on it.
+class Held(NamedTuple):
+    """A curve whose ends go on for ever.
 
     Attributes:
-        curve: forward.
-        place: where to begin.
+        curve: between its ends.
     """
 
     curve: Curve
-    place: float
 
     @property
     def end(self) -> float:
-        """The distance to the curve's first knot."""
-        return self.place - self.curve.knots[0]
+        """Where it comes to rest."""
+        return self.curve.end
+
+    def pose(self, at: float) -> Array:
+        """(4, 4) the pose at a place."""
+        return self.curve.pose(min(max(at, self.curve.knots[0]), self.curve.end))
+
+    def tangent(self, at: float) -> Array:
+        """(6,) the twist per unit of the parameter at a place, base frame."""
+        inside = self.curve.knots[0] <= at <= self.curve.end
+        return self.curve.tangent(at) if inside else np.zeros(6)
+
+
+class Backward(NamedTuple):
+    """A path the other way round, by the distance from a place on it.
+
+    Attributes:
+        path: forward.
+        end: the distance to its start.
+        place: where to begin.
+    """
+
+    path: Poses
+    end: float
+    place: float
 
     def pose(self, at: float) -> Array:
         """(4, 4) the pose at a distance."""
-        return self.curve.pose(self.place - at)
+        return self.path.pose(self.place - at)
 
     def tangent(self, at: float) -> Array:
         """(6,) the twist per unit of the distance, base frame."""
-        return -self.curve.tangent(self.place - at)
+        return -self.path.tangent(self.place - at)
 
 
 class PathSearch:
@@ -69,13 +92,15 @@ class PathSearch:
         self._grows = scale is not None
         self._planned = 0.0
         self._controller = controller
-        self._curve = curve
+        self._path: Poses = curve if self._grows else Held(curve)
         self._place = place
         self._scale = scale = curve.end if scale is None else scale
-        self._ahead = JointPath(controller, curve, q, place, rate=rate, stops=stops, scale=scale)
+        self._ahead = JointPath(controller, self._path, q, place, rate=rate, stops=stops, scale=scale)
         self._behind: JointPath | None = None
-        if place - curve.knots[0] > SHORTEST * scale:
-            self._behind = JointPath(controller, Backward(curve, place), q, rate=rate, stops=stops, scale=scale)
+        left = place - curve.knots[0]
+        if left > SHORTEST * scale:
+            back = Backward(self._path, left, place)
+            self._behind = JointPath(controller, back, q, rate=rate, stops=stops, scale=scale)
 
     @property
     def done(self) -> bool:
@@ -109,11 +134,11 @@ class PathSearch:
         if self._behind is not None:
             back = self._behind.knots[:0:-1]
             knots = [k._replace(at=self._place - k.at, slope=-k.slope) for k in back] + knots
-        return plan_of(self._controller, self._curve, knots, self._ahead.blocked, fastest, smooth)
+        return plan_of(self._controller, self._path, knots, self._ahead.blocked, fastest, smooth)
 
     def grow(self, curve: Curve, place: float) -> None:
         """Go on along a curve that is the old one as far as that goes, and forget what lies behind a place."""
-        self._curve = self._ahead.curve = curve
+        self._path = self._ahead.curve = curve
         knots = self._ahead.knots
         while len(knots) > KEPT and knots[KEPT - 1].at < place:
             del knots[0]

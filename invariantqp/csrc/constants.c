@@ -68,6 +68,7 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", PENALTY_MARGIN),
     ONE("pose.error", DIFFERENCE),
     ONE("control.joint_path", OFF_PATH),
+    ONE("control.beside", ASIDE),
     ONE("control.path_rate", TICK_SHARE),
     ONE("control.path_rate", EASY_SHARE),
     ONE("control.path_rate", FULL_SHARE),

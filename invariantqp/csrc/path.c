@@ -21,7 +21,7 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
     Pose tool, home, target;
     double p[3], root[6][6], V[6][6], error[6], tangent[6], ahead[6], behind[6], expected = state->place;
     int m = course->m, i = piece_at(course, expected);
-    if (fmax(course->off[i], course->off[i + 1]) > OFF_PATH * loop->length)
+    if (fmax(course->off[i], course->off[i + 1]) > ASIDE * loop->length)
         return HAND_BACK;
     if (isnan(state->tangent[0]))
         curve_tangent(course, expected, tangent);

@@ -84,6 +84,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
               Progress *progress);
 
 #define OFF_PATH 1e-5
+#define ASIDE 1e-7
 #define TICK_SHARE 0.985
 #define EASY_SHARE 0.9
 #define FULL_SHARE 0.9995

@@ -300,6 +300,48 @@ def test_it_leaves_the_path_by_the_least(name, exact, where):
     assert (ours - least).max() < 5e-3 * length
 
 
+@pytest.mark.parametrize(("name", "joint"), [("z1", 2), ("so101", 1), ("so101", 3)])
+def test_a_path_that_comes_back_into_reach_just_before_its_end_is_done(name, joint):
+    robot = iq.load_robot(name)
+    low, high = robot.position_lower, robot.position_upper
+    q, limit = 0.5 * (low + high), high[joint]
+    # Beyond the limit from the middle on, back inside for the last hundredth.
+    over = CubicSpline([0.0, 0.5, 0.8, 0.99, 1.0], [-0.3, 0.0, 0.2, 0.0, -0.01])
+
+    def pose(u):
+        x = q + 0.2 * u
+        x[joint] = limit + over(u)
+        return robot.pose(x)
+
+    follower = follower_on(robot, pose, dt=0.01, blocked="leave")
+    start = q.copy()
+    start[joint] = limit - 0.3
+    follower.prepare(start)
+    solutions, positions, x = drive(follower, start, 2000)
+    assert "left" in {s.status for s in solutions}
+    assert solutions[-1].status == "done"
+    assert solutions[-1].place == 1.0
+    assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
+    assert (np.abs(x) <= robot.velocity_limit + 1e-9).all()
+    assert acceleration_share(robot, x, 0.01) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize(("name", "seed"), [("ur5", 1), ("panda", 2), ("z1", 3)])
+@pytest.mark.parametrize("exact", [None, "position"])
+def test_a_path_that_can_be_had_is_not_left(name, seed, exact):
+    robot = iq.load_robot(name)
+    joints = joint_path(robot, seed)
+    follower = follower_on(
+        robot, lambda u: robot.pose(joints(u)), dt=0.01, options={"exact": exact}, rate=0.2, blocked="leave"
+    )
+    follower.prepare(joints(0.0))
+    assert max(follower.plan.off) < 1e-9
+    solutions, _, _ = drive(follower, joints(0.0))
+    assert solutions[-1].status == "done"
+    assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
+    assert max(s.across for s in solutions) < MM
+
+
 def test_a_start_out_of_reach_is_left_by_the_least():
     robot = iq.load_robot("ur5")
     q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
