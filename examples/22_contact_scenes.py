@@ -108,8 +108,8 @@ def run(name, robot, q, scene, physics, seconds):
         said[solution.status] = said.get(solution.status, 0) + 1
         plant.command(solution.velocity)
         k += 1
-    if solution.status == "overload" or not force:
-        off = force = [np.nan]  # it has left
+    if solution.status in ("overload", "fault") or not (off and force):
+        off = force = [np.nan]  # it has left, or stands: nothing was done that errors could count of
     rms, most = np.sqrt(np.mean(np.square(force))), np.abs(force).max()
     shares = ", ".join(f"{name} {100.0 * n / k:.0f} %" for name, n in said.items())
     return max(off), rms, most, max(first), np.nan if touched is None else touched, change, shares

@@ -11,7 +11,6 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 
 from __future__ import annotations
 
-from collections import deque
 from copy import deepcopy
 from math import hypot, inf, pi
 from typing import Any
@@ -23,11 +22,12 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.agreement import answer_of
+from invariantqp.force.beyond import Beyond
 from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.lag import led
+from invariantqp.force.kept_split import KeptSplit, contact_now
 from invariantqp.force.normal import NormalEstimate
 from invariantqp.force.place import load_at, moved_between, way_out, weakest
-from invariantqp.force.push import SLOW_SHARE, Stand, force_rows, gains_of, pressed_by, push
+from invariantqp.force.push import SLOW_SHARE, Stand, force_rows, gains_of, pressed_by, push, retreat
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
@@ -36,6 +36,7 @@ from invariantqp.force.split import Split
 from invariantqp.force.two_presses import TwoPresses
 from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
 from invariantqp.force.watch import Felt, Watch, overload_of
+from invariantqp.force.ways import Ways
 from invariantqp.force.wrench import WrenchSensor, cleaned
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -46,8 +47,6 @@ from invariantqp.velocity.measure import length_at
 
 # The longest dead time for which ways are remembered.
 MOST_TICKS = 10_000
-# How far a grip may be from where the compliance was taken, as a share of the contact's size.
-NEAR = 0.2
 
 
 class HybridController:
@@ -58,6 +57,7 @@ class HybridController:
         loop: the `Controller` that follows the twist of each tick inside the limits.
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
         order: of plain numbers where there is no sensor.
+        splits: the task's split for the contact of a tick.
         force_first: whether the force part of the twist is met exactly, so that limits slow the motion down before
             they change the force.
     """
@@ -113,8 +113,7 @@ class HybridController:
         self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self.reset()
-        self._split = task.split(contact.kind)
-        self._grip: Array | None = None  # for which that is
+        self.splits = KeptSplit(task, contact.kind)
 
     @property
     def stiffness(self) -> float | None:
@@ -133,8 +132,8 @@ class HybridController:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._tool: Array | None = None
         self._regulation = Regulation(presses=TwoPresses() if self.task.two_presses else None)
-        self._watch, self._normal, self._stand = Watch(), NormalEstimate(), Stand()
-        self._ways = led(deque(), np.zeros(3), self._delay, self.loop.dt)
+        self._watch, self._normal, self._stand, self._beyond = Watch(), NormalEstimate(), Stand(), Beyond()
+        self._ways = Ways(self._delay, self.loop.dt)
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
@@ -171,12 +170,11 @@ class HybridController:
         sighting = robot.sight(positions, target)
         s = tracking_twist(sighting.error, loop.gain, feedforward)
         tool = robot.pose(positions)
-        if contact is None:
-            contact = self.task.contact_at(tool)
-        elif not isinstance(contact, Contact):
-            raise BadInput("contact", excerpt(contact), "a Contact")
-        split = self._split_for(contact, tool)
-        contact, told = self._turned(contact)
+        given = contact_now(self.task, tool, contact)
+        split, (contact, told) = self.splits.at(given, tool), self._turned(given)
+        # What is held stays where it is: the arm is looked at where it will be when this command acts.
+        held = self._delay > 0.0 and given.kind.presses == 0
+        then = robot.sight(self._ways.coming(positions), target) if held else sighting
         asked = (self.task.wrench,) if wanted is None else (wanted_of(wanted, "wanted"), "wanted")
         exert = self._regulation.share * split.wanted(*asked)
         raw, measured, smoothing = cleaned(self.sensor, reading, tool, self._smoothing)
@@ -186,35 +184,49 @@ class HybridController:
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
         out = way_out(contact, A)
-        felt = self._felt(reading, raw, contact, tool, (A, out), (B.dot(exert), B.dot(error)))
+        felt = self._felt(reading, raw, contact, split, tool, (A, out), (B.dot(exert), B.dot(error)))
         watch = self._watch.after(self.task, felt, loop.dt)
         late = self._late, self._delay, watch.lag.beyond(self._late)
-        regulation = self._regulated(felt, watch, late)
+        regulation = self._regulated(felt, watch, late, split, A.T.dot(raw))
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
         answer = verdict(watch, self.task, contact)
         press = None if felt.press is None else felt.press[1]
         gains = gains_of(self.task, split, regulation, press, late, touching=watch.touching or press is None)
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
-        pushed = push(self.task, contact, A, split, gains, exert, error, regulation.integral, motion, slow=slow)
+        pushed = push(
+            self.task,
+            contact,
+            A,
+            split,
+            gains,
+            exert,
+            error,
+            regulation.integral,
+            motion,
+            slow=slow,
+            joints=len(positions),
+        )
         force, where = pushed.twist, contact.point if self._at_contact else None
         if answer.action == HOLD:
             motion = force = np.zeros(6)
             inner = loop.rest(positions, "", velocity, sighting)
         else:
             if answer.action == RETREAT:
-                speed = min(self.task.retreat_speed, (self.task.retreat_distance - watch.left) / loop.dt)
-                motion, force = np.zeros(6), speed * A.dot(np.asarray(contact.kind.out))
+                motion, force = np.zeros(6), retreat(self.task, contact, A, watch.left, loop.dt)
             elif waits:
-                force = np.zeros(6)
-            rows = force_rows(contact, sighting.J, motion + force) if self.force_first else None
-            inner = loop.follow(positions, motion + force, velocity, rows, sighting, where, posture)
+                force = self._beyond.twist(self.task, contact, A, loop.dt) if answer.beyond else np.zeros(6)
+            rows = force_rows(contact, then.J, motion + force) if self.force_first else None
+            inner = loop.follow(positions, motion + force, velocity, rows, then, where, posture)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
-        twist, self._normal = sighting.J.dot(inner.velocity), self._found(told, watch, felt, regulation)
-        self._ways = led(self._ways, loop.dt * velocity_at(twist, contact.point), self._delay + late[2], loop.dt)
-        self._watch, self._smoothing, self._tool, self._stand, self._regulation = (
-            watch.after_motion(out.dot(self._ways[-1]), answer.beyond),
+        twist, k = then.J.dot(inner.velocity), regulation.known(self.task.stiffness)
+        way, shown = loop.dt * velocity_at(twist, contact.point), self._ways.place[0]
+        self._normal = self._normal.found(self.task, told, shown, felt.press, k, touching=watch.touching)
+        self._ways.add(loop.dt * inner.velocity, way, loop.dt * split.unit[1].dot(B.T.dot(twist)), late[2])
+        self._watch, self._smoothing, self._beyond, self._tool, self._stand, self._regulation = (
+            watch.after_motion(out.dot(way), answer.beyond),
             smoothing,
+            self._beyond.after(contact.point, out.dot(way), beyond=answer.beyond),
             tool,
             self._stand.after(self.task, contact, motion, twist, loop.dt, joints=sighting.J.shape[1]),
             regulation.after(error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0),
@@ -247,6 +259,7 @@ class HybridController:
         reading: Array,
         raw: Array,
         contact: Contact,
+        split: Split,
         tool: Array,
         at: tuple[Array, Array],
         wanted: tuple[Array, Array],
@@ -254,23 +267,28 @@ class HybridController:
         """What a reading tells; `at` is the contact's adjoint and way out, wanted is W_d and what is missing of it."""
         (A, out), (exert, missing) = at, wanted
         noise = max(self._noise, self._watch.noise.found)
-        press = weakest(self._split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
-        force, moment = map(max, self._split.load, load_at(exert, contact.point))
+        press = weakest(split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
+        force, moment = map(max, split.load, load_at(exert, contact.point))
         most = overload_of(self.task, force, moment, noise)
         grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
-        way, answer = self._ways[0], answer_of(self.task.stiffness, self._regulation.shown)
+        way, answer = self._ways.place[0], answer_of(self.task.stiffness, self._regulation.shown)
         along, came = -out.dot(way), -float(out.dot(moved_between(self._tool, tool, contact.point)))
         moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
         lacks = max(size / most for size, most in zip(load_at(missing, contact.point, grip), most, strict=True))
         return Felt(reading, press, *load, lacks, most, noise, moved, answer, came)
 
-    def _regulated(self, felt: Felt, watch: Watch, late: tuple[float, float, float]) -> Regulation:
-        """What the force law knows of the stiffness, and its caution."""
+    def _regulated(
+        self, felt: Felt, watch: Watch, late: tuple[float, float, float], split: Split, raw: Array
+    ) -> Regulation:
+        """What the force law knows of the stiffness, and its caution; the raw wrench in the contact's frame."""
         regulation = self._regulation
-        if felt.press is not None and self._split.kind.presses == 1:
+        if felt.press is not None and split.kind.presses == 1:
             if watch.health.unchanged:
                 return regulation.waiting(felt.way)
             regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch)
+        elif not watch.status:
+            parts = split.unit[0].dot(raw)
+            regulation = regulation.swung(parts, self._ways.shown(len(parts)), self.loop.dt, self._late)
         rests = hypot(*felt.way[1:].tolist()) <= SLOW_SHARE * self.task.approach_speed * self.loop.dt
         return regulation.slower() if self.task.adapts and watch.settling.unstable(rests=rests) else regulation
 
@@ -280,21 +298,3 @@ class HybridController:
             return contact, np.zeros(3)
         told = way_out(contact, se3.adjoint(contact.pose, check=False))
         return self._normal.applied(contact, told), told
-
-    def _found(self, told: Array, watch: Watch, felt: Felt, regulation: Regulation) -> NormalEstimate:
-        """The normal found, from the last way whose effect has been measured; in the air it is forgotten."""
-        bound, k = self.task.normal_within, regulation.known(self.task.stiffness)
-        if bound is None or k is None or felt.press is None or not watch.touching:
-            return NormalEstimate()
-        return self._normal.after(told, self._ways[0], felt.press, k, self.task.size, bound)
-
-    def _split_for(self, contact: Contact, tool: Array) -> Split:
-        """The task's split for the kind of this contact, kept while the kind is the same and the grip near."""
-        task, kind = self.task, contact.kind
-        if task.compliance is None and kind.presses == 0:
-            grip = se3.inverse(contact.pose, check=False).dot(tool.dot([*task.grip, 1.0]))[:3]
-            if self._grip is None or kind != self._split.kind or hypot(*(grip - self._grip)) > NEAR * task.size:
-                self._split, self._grip = task.split(kind, grip), grip
-        elif kind is not self._split.kind:
-            self._split = task.split(kind)
-        return self._split

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.errors import written
+from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import TINY
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -94,6 +95,21 @@ class NormalEstimate(NamedTuple):
         if length > most:
             return NormalEstimate(most / length * t, np.zeros(3), felt, squares, rises, bound)
         return NormalEstimate(t, np.zeros(3), felt, squares, rises)
+
+    def found(
+        self,
+        task: HybridTask,
+        normal: Array,
+        way: Array,
+        press: tuple[float, float] | None,
+        stiffness: float | None,
+        *,
+        touching: bool,
+    ) -> NormalEstimate:
+        """As `after`, where the task asks for it and enough is known; in the air what was found is forgotten."""
+        if task.normal_within is None or stiffness is None or press is None or not touching:
+            return NormalEstimate()
+        return self.after(normal, way, press, stiffness, task.size, task.normal_within)
 
     def trouble(self) -> str:
         """What is wrong, in words, "" for nothing."""

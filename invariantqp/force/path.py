@@ -30,10 +30,10 @@ from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_state import PathState, at_rest
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid import HybridController
+from invariantqp.force.kept_split import contact_now
 from invariantqp.force.path_solution import HybridPathSolution
 from invariantqp.force.reading import Wrench
 from invariantqp.force.solution import HybridSolution
-from invariantqp.force.split import Split
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
@@ -111,7 +111,6 @@ class HybridFollower:
         self._path: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=rate is not None)
         self._search: PathSearch | None = None
         self._touching = False
-        self._split: Split | None = None
         self._state: PathState = at_rest(0.0, np.zeros(len(loop.robot.names)))
 
     def prepare(self, q: ArrayLike) -> None:
@@ -155,10 +154,9 @@ class HybridFollower:
         loop, robot = hybrid.loop, hybrid.robot
         positions = arrays.vector(q, len(robot.names), "q")
         before = self._state.velocity if velocity is None else velocity
-        if not (contact is None or isinstance(contact, Contact)):
-            raise BadInput("contact", excerpt(contact), "a Contact")
-        here = hybrid.task.contact_at(robot.pose(positions)) if contact is None else contact
-        beside = self._beside(positions, here)
+        tool = robot.pose(positions)
+        here = contact_now(hybrid.task, tool, contact)
+        beside = self._beside(positions, tool, here)
         far = beside.off > PUSHED * loop.measure.length or beside.strayed > DISPLACED
         again = far and self._state.place > 0.0
         plan = self.plan
@@ -225,14 +223,12 @@ class HybridFollower:
         there = self._at_end(plan) and off <= AT_END * loop.measure.length
         return there and stands(loop, state.velocity)
 
-    def _beside(self, q: Array, contact: Contact) -> _Beside:
+    def _beside(self, q: Array, tool: Array, contact: Contact) -> _Beside:
         """Where the tool is; without a plan, beside the place where it is expected."""
         loop, curve, expected = self.hybrid.loop, self._path.curve, self._state.place
         target = loop.robot.target(curve.pose(expected))
         way = way_to(loop, q, target)
-        if self._split is None or self._split.kind is not contact.kind:
-            self._split = self.hybrid.task.split(contact.kind)
-        P = self._split.projectors.motion
+        P = self.hybrid.splits.at(contact, tool).projectors.motion
         A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
         R = way.rows.dot(A).dot(P).dot(B.T)
         plan = self.plan

@@ -106,7 +106,8 @@ def gains_of(
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))
     k = regulation.known(task.stiffness) if task.adapts else task.stiffness
-    return Gains(factor, factor * split.compliance * k if k is not None and touching else None, gentle, most)
+    answer = regulation.swing.most if k is None else split.compliance * k
+    return Gains(factor, factor * answer if answer > 0.0 and touching else None, gentle, most)
 
 
 def push(
@@ -121,6 +122,7 @@ def push(
     motion: Array,
     *,
     slow: bool,
+    joints: int,
 ) -> Push:
     """The force part of the twist.
 
@@ -135,6 +137,7 @@ def push(
         integral: (6,) likewise.
         motion: (6,) the other part of the twist, base frame: a slope may ask for as much speed inwards.
         slow: whether contact is looked for.
+        joints: of the arm: too few cannot bring every error to zero, and its integral would only grow.
     """
     twist = gains.factor * A.dot(split.admittance.dot(error + integral))
     speed = task.approach_speed
@@ -146,14 +149,25 @@ def push(
     inwards = velocity_at(twist, contact.point).dot(way_out(contact, A)) < 0.0
     most = speed if slow else gains.most + speed_at(contact, motion, task.size) if inwards else inf
     share = min(1.0, most / speed_at(contact, twist, task.size))
-    return Push(np.asarray(share * twist), not slow and share == 1.0)
+    free = not slow and share == 1.0 and can_yield(contact, joints)
+    return Push(np.asarray(share * twist), free)
+
+
+def retreat(task: HybridTask, contact: Contact, A: Array, left: float, dt: float) -> Array:
+    """(6,) the way out, base frame, after `left` [length] of it; A (6, 6) is the adjoint of the contact's pose."""
+    speed = min(task.retreat_speed, (task.retreat_distance - left) / dt)
+    return np.asarray(speed * A.dot(np.asarray(contact.kind.out)))
+
+
+def can_yield(contact: Contact, joints: int) -> bool:
+    """Whether so many joints can move against every constraint, and still in two ways more if they are under six."""
+    return bool(joints >= 6 or len(contact.constraints.T) <= joints - 2)
 
 
 def force_rows(contact: Contact, J: Array, twist: Array) -> ExactRows | None:
     """W'J x = W'twist where that leaves the arm at least two degrees of freedom, else None."""
-    D, m = contact.constraints.T, J.shape[1]
-    n = len(D)
-    if n == 0 or (m < 6 and n > m - 2):
+    D = contact.constraints.T
+    if not (len(D) and can_yield(contact, J.shape[1])):
         return None
     return ExactRows.of(J, D, D.dot(twist))
 
@@ -169,8 +183,7 @@ def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J:
         J: (6, m) joint twists.
         motion: (6,) twist along S.
     """
-    n, m = contact.constraints.shape[1], J.shape[1]
-    if m >= 6 or n <= m - 2:  # as `force_rows` has it
+    if can_yield(contact, J.shape[1]):
         return ""
     root = root_at(tool[:3, :3].dot(task.grip) + tool[:3, 3], task.size)
     asked = root.dot(motion)
@@ -185,4 +198,4 @@ def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J:
     if share < PRESSED:
         return ""
     part = f"{written(100.0 * share, 2)} % of the motion presses"
-    return f"{m} joints cannot move the tool along this {contact.name}: {part}"
+    return f"{J.shape[1]} joints cannot move the tool along this contact ({contact.name}): {part}"

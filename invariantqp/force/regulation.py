@@ -5,9 +5,10 @@
 On a contact of stiffness k the loop is a first-order lag of rate c k, stable with dead time d below c k d = pi / 2. The
 rate is at most RATE, and a quarter of 1 / (dt + delay + time constant of the low-pass), from which on no overshoot is
 visible. Until the stiffness is known it is supposed: at least the rise of the press over the way into the surface, and
-softer and softer until the press is felt. A normal told wrong moves the surface at constant speed, and the integral
-leaves no error of that. Critical damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through.
-Without k there is no integral, since a too fast one oscillates.
+softer and softer until the press is felt. Where there is not one press, all constraints together show how stiff it is
+at least. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
+damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral,
+since a too fast one oscillates.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.errors import written
+from invariantqp.force.constraint_stiffness import ConstraintStiffness
 from invariantqp.force.place import TINY
 from invariantqp.force.rise import Rise
 from invariantqp.force.stiffness import StiffnessEstimate
@@ -68,6 +70,7 @@ class Regulation(NamedTuple):
         rise: what the first readings of touches showed of it.
         reached: whether a good share of the press has been felt since the touch.
         unread: (4,) way since the last reading that was a new one.
+        swing: what all constraints together show, where there is not one press.
     """
 
     estimate: StiffnessEstimate = StiffnessEstimate()
@@ -78,6 +81,7 @@ class Regulation(NamedTuple):
     rise: Rise = Rise()
     reached: bool = False
     unread: Array = np.zeros(4)
+    swing: ConstraintStiffness = ConstraintStiffness()
 
     @property
     def share(self) -> float:
@@ -89,8 +93,11 @@ class Regulation(NamedTuple):
         return self.caution * min(RATE, LATE_SHARE / late)
 
     def factor(self, compliance: float, stiffness: float | None, late: float) -> float:
-        """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told."""
-        return self.rate(late) / (compliance * (self.known(stiffness) or self.supposed))
+        """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told.
+
+        Where all constraints together have shown a larger stiffness, it is for that.
+        """
+        return self.rate(late) / max(compliance * (self.known(stiffness) or self.supposed), self.swing.most)
 
     def approach_speed(self, press: float, stiffness: float | None, late: float, delay: float, more: float) -> float:
         """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness.
@@ -168,6 +175,10 @@ class Regulation(NamedTuple):
         reached = self.reached or felt >= REACHED * wanted
         softer = 1.0 if reached else exp(-dt * rate / SOFTENING)
         return now._replace(supposed=max(softer * self.supposed, now.rise.least, SOFTEST), reached=reached)
+
+    def swung(self, wrench: Array, moved: Array, dt: float, late: float) -> Regulation:
+        """The same after one more reading of a contact without a press or with several; see `ConstraintStiffness`."""
+        return self._replace(swing=self.swing.after(wrench, moved, dt, late)) if len(wrench) else self
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
         """The integral after a tick.

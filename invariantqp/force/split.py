@@ -28,6 +28,7 @@ class Split(NamedTuple):
         intensities: (6-k, 6), from a wrench to its parts in the constraints.
         compliance: of the press, the first constraint: W_1'C W_1 [length/s/force]; 0 without constraints.
         load: force and moment about the place of contact of the task's own wanted wrench [force, force length].
+        unit: (6-k, 6) twice, L'b of a wrench Wb and L^-1 W' of a twist, with W'C W = L L'.
     """
 
     kind: ContactKind
@@ -36,6 +37,7 @@ class Split(NamedTuple):
     intensities: Array
     compliance: float
     load: tuple[float, float] = (0.0, 0.0)
+    unit: tuple[Array, Array] = (np.zeros((0, 6)), np.zeros((0, 6)))
 
     def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
         """(6,) W_d in S*, from parts in the constraints or from a wrench.
@@ -93,7 +95,10 @@ def split_of(
     press = float(W[:, 0].dot(C).dot(W[:, 0])) if W.shape[1] else 0.0
     if compliance is None and kind.presses == 0 and W.shape[1]:
         press = UNKNOWN  # of a force through the grip
-    split = Split(kind, projectors, F.T.dot(C).dot(F), parts, press)
+    L: Array = np.linalg.cholesky(W.T.dot(C).dot(W))
+    split = Split(
+        kind, projectors, F.T.dot(C).dot(F), parts, press, unit=(L.T.dot(parts), np.asarray(np.linalg.solve(L, W.T)))
+    )
     return split._replace(load=load_at(split.wanted(wrench), np.asarray(kind.origin)))
 
 

@@ -150,4 +150,5 @@ def screw_kind(pitch: float) -> ContactKind:
     W[2, 4] = -pitch  # m + pitch f = 0 along the axis
     if isinf(pitch):
         W[:, 4] = E[2]
-    return ContactKind("hinge", helical([0.0, 0.0, 1.0], pitch=pitch), W)
+    name = "slide" if isinf(pitch) else "screw" if pitch else "hinge"
+    return ContactKind(name, helical([0.0, 0.0, 1.0], pitch=pitch), W)

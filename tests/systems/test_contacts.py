@@ -140,6 +140,11 @@ def test_a_face_stays_on_its_plane():
     np.testing.assert_allclose(np.cross(turn[:3], n), 0.0, atol=1e-15)
 
 
+@pytest.mark.parametrize(("name", "pitch"), [("hinge", 0.0), ("screw", -0.02), ("slide", np.inf), ("slide", -np.inf)])
+def test_a_screw_is_called_what_it_is(name, pitch):
+    assert iq.contacts.hinge([0.1, 0.2, 0.3], [0, 1, 1], pitch).name == name
+
+
 @pytest.mark.parametrize(("name", "pitch"), [("hinge", 0.0), ("bolt", 0.02), ("drawer", np.inf)])
 def test_a_hinge_is_one_screw(name, pitch):
     (screw,) = ALL[name][0].freedoms.T

@@ -1,0 +1,97 @@
+"""Stiff hinges, screws and corners whose stiffness nobody told: the swing is found from all constraints at once."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.spring_plane import PANDA, SO101
+
+import invariantqp as iq
+from invariantqp.force.constraint_stiffness import ConstraintStiffness
+
+SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"))
+DT = 0.002
+
+
+def shown(stiffness, noise, delay=0, seconds=0.4, others=0.0):
+    """What a law too slow to swing shows of (n, n) stiffness, with commands that show `delay` ticks late."""
+    random, n = np.random.default_rng(0), len(stiffness)
+    place, sums, ways = np.zeros(n), ConstraintStiffness(), [np.zeros(n)] * 9
+    for k in range(round(seconds / DT)):
+        wrench = stiffness @ place + random.normal(0.0, noise, n) + others * np.sin(300.0 * DT * k)
+        moved = 1e-5 * random.normal(size=n)
+        sums = sums.after(wrench, np.array([ways[-8], ways[-4], ways[-1]]), DT, 0.02)
+        ways.append(moved)
+        place = place + ways[-1 - delay]
+    return sums.most
+
+
+@pytest.mark.parametrize("delay", [0, 3, 7])
+def test_the_stiffness_of_all_constraints_is_found_behind_any_part_of_the_delay(delay):
+    assert shown(1e5 * np.eye(5), 1e-3, delay) == pytest.approx(1e5, rel=0.1)  # the largest of all ticks
+
+
+def test_it_lies_between_the_softest_and_the_stiffest():
+    assert 1e4 < shown(np.diag([1e4, 1e5]), 0.0) < 1e5
+
+
+@pytest.mark.parametrize(("noise", "others"), [(1.0, 0.0), (0.0, 1.0)])
+def test_what_is_not_in_step_with_the_motion_shows_no_stiffness(noise, others):
+    assert shown(np.zeros((5, 5)), noise, others=others) == 0.0
+
+
+def run(robot, q, scene, seconds, starts=0.5, delay=0.0):
+    """(Status, reason), force and moment at the tool of each tick, on springs with 0.1 N of noise; commands late."""
+    random = np.random.default_rng(0)
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.1)
+    exact = "position" if len(q) < 6 else None
+    task = iq.HybridTask(scene.told, scene.wanted, **scene.options)
+    loop, seen = iq.HybridController(robot, task, dt=DT, sensor=sensor, exact=exact, delay=delay), []
+    late = [np.zeros(len(q))] * round(delay / DT)
+    for k in range(round(seconds / DT)):
+        tool, (target, ahead) = robot.pose(q), scene.path(max(0.0, DT * k - starts))
+        pushes = scene.world(tool, np.zeros(6))
+        reading = iq.coadjoint(iq.inverse(tool)) @ pushes + np.concatenate((np.zeros(3), random.normal(0.0, 0.1, 3)))
+        solution = loop.step(q, target, reading, ahead)
+        late.append(solution.velocity)
+        q = q + DT * late.pop(0)
+        moment = np.linalg.norm(pushes[:3] - np.cross(tool[:3, 3], pushes[3:]))
+        seen.append(((solution.status, solution.reason), np.linalg.norm(pushes[3:]), moment))
+    return zip(*seen, strict=True)
+
+
+@pytest.mark.parametrize("stiffness", [3e5, 1e6])
+@pytest.mark.parametrize("name", ["door", "screw"])
+def test_a_stiff_hinge_that_is_not_told_does_not_swing(name, stiffness):
+    robot = iq.load_robot("panda")
+    start = robot.pose(PANDA)
+    z, post = -start[:3, 2], start[:3, 3] + 0.3 * start[:3, 1]
+    pitch, axis = (0.01, start[:3, 3]) if name == "screw" else (0.0, post)
+    screw, turn = iq.se3.helical(z, axis, pitch), 1.0 if name == "screw" else 0.2
+    told = iq.contacts.hinge(axis, z, pitch)
+    scene = SHARED["grip"](start, screw, lambda _: told, SHARED["along"](start, turn * screw), stiffness=stiffness)
+    said, forces, moments = run(robot, PANDA, scene, 2.0)
+    assert {status for status, _ in said} == {"ok"}
+    assert max(forces) < 4.0
+    assert max(moments) < 0.3
+
+
+def test_five_joints_wind_up_no_integral_against_a_screw_that_they_cannot_follow():
+    robot = iq.load_robot("so101")
+    scene = SHARED["scenes"](robot.pose(SO101), 0.015)["screw, 63 mm a turn"]
+    said, forces, _ = run(robot, SO101, scene, 4.0)
+    assert {status for status, _ in said} == {"ok", "degraded"}
+    assert max(forces) < 4.0
+
+
+def test_a_turn_handed_from_a_joint_at_its_limit_to_others_presses_little_behind_a_delay():
+    """Joint 7 brakes, joints 1 and 3 take the turn at 2.2 rad/s; measured 32 ms ago, they would press with 30 N."""
+    robot, q = iq.load_robot("panda"), np.array([*PANDA[:6], 2.0])
+    start = robot.pose(q)
+    bolt = iq.se3.helical(-start[:3, 2], start[:3, 3], 0.01)
+    told = iq.contacts.hinge(start[:3, 3], -start[:3, 2], 0.01)
+    scene = SHARED["grip"](start, bolt, lambda _: told, SHARED["along"](start, -1.5 * bolt))
+    said, forces, _ = run(robot, q, scene, 2.8, delay=0.032)
+    assert {status for status, _ in said} == {"ok"}
+    assert max(forces) < 4.0
