@@ -21,7 +21,7 @@ from invariantqp.geometry.arrays import Array
 MEMORY = 5.0
 # The share of the wrench's variation that the motion explains, from which on it shows a stiffness, and the least number
 # of readings for that. What is explained by chance is less, since each way is the sum of many readings' noise.
-EXPLAINED = 0.6
+EXPLAINED = 0.5
 FEWEST = 4.0
 
 
