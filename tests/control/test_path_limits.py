@@ -152,6 +152,23 @@ def test_how_far_an_exact_point_is_off_hangs_on_no_orientation(name, q, turn):
     assert solutions[-1].status == "done"
 
 
+def test_an_exact_height_is_kept_by_a_tool_that_strays_far_from_the_rest():
+    arm, plane = iq.load_robot("so101"), iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1])
+    q = np.array([-0.33641766, 0.70922652, -0.50926223, -0.7215866, 1.50639779])
+    home = arm.pose(q)
+    way, side = home[:3, 3] / np.linalg.norm(home[:3, 3]), np.array([-0.09791569, -0.66596279, -0.73953098])
+
+    def pose(u):  # out of reach, but for the height over the plane
+        return iq.transform(home[:3, :3], home[:3, 3] + 0.64 * np.sin(0.5 * np.pi * u) * way + 0.09 * u * side)
+
+    follower = follower_of(arm, pose, 0.01, 0.2, exact=plane)
+    follower.prepare(q)
+    solutions, _ = drive(follower, q, 10.0)
+    assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
+    assert solutions[-1].status == "done"
+    assert max(s.across for s in solutions) < LEAST
+
+
 def test_a_tool_back_at_the_start_rests():
     robot = iq.load_robot("ur5")
     q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
