@@ -185,6 +185,7 @@ class Controller:
         memory = Memory.of(self.kept)
         before = memory.now(velocity)
         positions = arrays.vector(q, len(self._middle), "q")
+        target = self.robot.target(target)
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, memory.turn)
         s = tracking_twist(error, self.gain, feedforward)

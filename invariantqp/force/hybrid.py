@@ -169,7 +169,7 @@ class HybridController:
         velocity = None if velocity is None else arrays.vector(velocity, len(robot.names), "velocity")
         sighting = robot.sight(positions, target)
         s = tracking_twist(sighting.error, loop.gain, feedforward)
-        tool = robot.pose(positions)
+        tool = sighting.pose if isinstance(sighting.pose, np.ndarray) else robot.pose(positions)
         given = contact_now(self.task, tool, contact)
         split, (contact, told) = self.splits.at(given, tool), self._turned(given)
         # What is held stays where it is: the arm is looked at where it will be when this command acts.

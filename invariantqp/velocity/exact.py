@@ -191,9 +191,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
         rank: how many independent rows this arm can keep in its best state; None is all.
         s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
     """
-    whitened, wanted, contrary = exact.A, exact.b, 0.0
-    if exact.of_twist is not None and exact.of_twist.any():
-        whitened, wanted, contrary = _whitened(exact, exact.of_twist, root, np.zeros(6) if s is None else s)
+    whitened, wanted, contrary = _whitened(exact, root, s)
     svd = lapack.dgesdd if len(whitened) else np.linalg.svd  # LAPACK's own takes no empty matrix
     U, sigma, Vt = svd(whitened)[:3]
     r = rank_of(sigma, ROW_TOLERANCE)
@@ -215,22 +213,32 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
     )
 
 
-def _whitened(exact: ExactRows, of_twist: Array, root: Array, s: Array) -> tuple[Array, Array, float]:
+def _whitened(exact: ExactRows, root: Array, s: Array | None) -> tuple[Array, Array, float]:
     """Those rows, their demands, and the share of the demands in which rows of one twist contradict each other."""
-    D: Array = lapack.dgesv(root.T, of_twist.T)[2].T
+    C, e, D = exact.A, exact.b, exact.of_twist
+    if D is None or np.count_nonzero(D) == 0:
+        return C, e, 0.0
     twist = D.any(axis=1)
-    sizes = np.sqrt(np.where(twist, (D * D).sum(axis=1), (exact.A * exact.A).sum(axis=1)))
-    sizes[sizes == 0.0] = 1.0
-    C, e = exact.A / sizes[:, None], exact.b / sizes
-    U, sigma = lapack.dgesdd(D[twist] / sizes[twist, None])[:2]
+    if twist.all():
+        return _orthonormal(C, e, D, root, s)
+    parts, demands, contrary = _orthonormal(C[twist], e[twist], D[twist], root, s)
+    C, e = C[~twist], e[~twist]
+    sizes = np.sqrt((C * C).sum(axis=1))
+    scale = (sqrt(float((parts * parts).sum())) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
+    return np.vstack((parts, scale[:, None] * C)), np.concatenate((demands, scale * e)), contrary
+
+
+def _orthonormal(C: Array, e: Array, D: Array, root: Array, s: Array | None) -> tuple[Array, Array, float]:
+    """The same of rows that are all parts of the twist, C = D J."""
+    measured: Array = lapack.dgesv(root.T, D.T)[2].T
+    sizes = np.sqrt((measured * measured).sum(axis=1))
+    U, sigma = lapack.dgesdd(measured / sizes[:, None])[:2]
     r = rank_of(sigma, ROW_TOLERANCE)
-    demands = e[twist].dot(U)
-    parts = U[:, :r].T.dot(C[twist]) / sigma[:r, None]
-    terms = TERMS * norm((np.abs(of_twist).dot(np.abs(s)) / sizes)[twist])
-    contrary = norm(demands[r:]) / max(norm(demands), terms, TINY)
-    length = sqrt(float((parts * parts).sum())) or 1.0
-    rows = np.vstack((parts, length * C[~twist]))
-    return rows, np.concatenate((demands[:r] / sigma[:r], length * e[~twist])), contrary
+    demands, mix, contrary = (e / sizes).dot(U), U[:, :r] / sigma[:r], 0.0
+    if r < len(e):
+        terms = 0.0 if s is None else TERMS * norm(np.abs(D).dot(np.abs(s)) / sizes)
+        contrary = norm(demands[r:]) / max(norm(demands), terms, TINY)
+    return (mix / sizes[:, None]).T.dot(C), demands[:r] / sigma[:r], contrary
 
 
 def _share(part: Array, whole: Array) -> float:
