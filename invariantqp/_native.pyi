@@ -1,6 +1,9 @@
 # The compiled core; its sources are in csrc/.
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Policy
@@ -9,7 +12,6 @@ from invariantqp.velocity.solution import VelocitySolution
 CONSTANTS: dict[str, float]
 MOST_JOINTS: int
 MOST_ROWS: int
-TOLD: int
 RECORD: int
 
 def answer_as(kind: type[VelocitySolution], /) -> None: ...
@@ -35,12 +37,17 @@ def ticks(
     lower: Array,
     upper: Array,
     posture: Array | None,
-    policy: Policy,
-    metric: tuple[Array | None, Array | None] | None,
     velocity: Array,
     residual: Array,
-    told: Array,
+    kind: NDArray[np.int8],
+    method: NDArray[np.str_],
+    status: NDArray[np.str_],
+    numbers: Array,
     records: Array,
+    policy: Policy,
+    metric: tuple[Array | None, Array | None] | None,
+    parts: NDArray[np.int32],
+    size: int,
     /,
 ) -> None: ...
 def solution(record: Array, /) -> VelocitySolution: ...

@@ -3,14 +3,17 @@
 #include "boundary.h"
 #include <stdarg.h>
 
+typedef enum { OK, SCALED, GUARDED, DEGRADED } Status;
+/* In the order of Method and Status. */
+static const char *const METHOD[] = {"closed-form", "damped", "qp"};
+static const char *const STATUS[] = {"ok", "scaled", "guarded", "degraded"};
+
 /* The type of answers, and what many of them share; made once. */
 static PyTypeObject *ANSWER;
 static PyObject *METHODS[3], *STATUSES[4], *NATIVE, *NOTHING, *NONE_ACTIVE, *ZERO, *ONE;
 
 bool words_made(void)
 {
-    static const char *const METHOD[] = {"closed-form", "damped", "qp"}; /* in the order of Method and Status */
-    static const char *const STATUS[] = {"ok", "scaled", "guarded", "degraded"};
     bool good = true;
     for (int i = 0; i < 3; i++)
         good = (METHODS[i] = PyUnicode_InternFromString(METHOD[i])) != NULL && good;
@@ -84,14 +87,14 @@ static bool add(char *words, const char *text, double number, char code, int dig
 /* Begin another part of the reason. */
 static void say(char *words, const char *text) { put(words, "%s%s", words[0] != 0 ? "; " : "", text); }
 
-/* Write "joint 3" or "joints 0, 2", after `between`; how many they are. */
-static int name(char *words, const char *between, const char *what, int n, const bool *which)
+/* Write "joint 3" or "joints 0, 2", after `lead`; how many they are. */
+static int name(char *words, const char *lead, const char *what, int n, const bool *which)
 {
     int count = 0, told = 0;
     for (int j = 0; j < n; j++)
         count += which[j];
     if (count > 0)
-        put(words, "%s%s%s ", between, what, count > 1 ? "s" : "");
+        put(words, "%s%s%s ", lead, what, count > 1 ? "s" : "");
     for (int j = 0; j < n; j++)
         if (which[j])
             put(words, "%s%d", told++ > 0 ? ", " : "", j);
@@ -157,12 +160,16 @@ static PyObject *joints(int m, const bool *active)
     return named(&PyTuple_Type, count, found);
 }
 
-Status status(const Solution *solution)
+static Status status(const Solution *solution)
 {
     if (solution->stuck || solution->lost)
         return DEGRADED;
     return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : OK;
 }
+
+const char *method_word(const Solution *solution) { return METHOD[solution->method]; }
+
+const char *status_word(const Solution *solution) { return STATUS[status(solution)]; }
 
 /* A VelocitySolution, its fields in their order. */
 PyObject *fields(int m, const Solution *solution)

@@ -1,6 +1,22 @@
 /* Many ticks at once, and what is told of each. */
 
 #include "boundary.h"
+#if defined(_MSC_VER)
+#include <intrin.h>
+#endif
+
+/* geometry/sizes.py: bounds of |J|^2 of a row. */
+static const double SMALLEST_SQUARE = 1e-60, LARGEST_SQUARE = 1e60;
+
+/* The number of another part that no thread has yet. */
+static npy_int32 another(npy_int32 *parts)
+{
+#if defined(_MSC_VER)
+    return _InterlockedExchangeAdd((long volatile *)parts, 1);
+#else
+    return __atomic_fetch_add(parts, 1, __ATOMIC_RELAXED);
+#endif
+}
 
 /* velocity/problem.py: whether a joint only slides. */
 static bool is_prismatic(int m, const Row J[6])
@@ -17,73 +33,123 @@ static bool is_prismatic(int m, const Row J[6])
     return false;
 }
 
-/* ticks(J, s, roots, lower, upper, posture, POLICY, (T, its inverse) or None, velocity, residual, told, records): N rows,
-   each a tick without dt. Written of each: velocity and residual; whether it is a closed form and no more (PLAIN), more
-   than that (RECORDED, and then its record) or Python's (0), as a row with a prismatic joint and no metric is, which has
-   a metric of its own there; method, status, scale, damping, guard. */
+/* velocity/batch.py, check: whether it has nothing to refuse of a row; `solve` looks at the posture. */
+static bool is_sound(const Demand *demand)
+{
+    double square = 0.0;
+    bool sound = true;
+    for (int i = 0; i < 6; i++) {
+        square += dot(demand->m, demand->J[i], demand->J[i]);
+        sound = sound && fabs(demand->s[i]) <= LARGEST_SPEED;
+    }
+    for (int j = 0; j < demand->m; j++)
+        sound = sound && demand->lower[j] <= demand->upper[j] && demand->lower[j] < INFINITY && demand->upper[j] > -INFINITY;
+    return sound && square >= SMALLEST_SQUARE && square <= LARGEST_SQUARE;
+}
+
+/* A word into one row of an array of NumPy's text. */
+static void spell(PyArrayObject *texts, npy_intp row, int letters, const char *word)
+{
+    npy_ucs4 *into = (npy_ucs4 *)PyArray_DATA(texts) + row * letters;
+    int i = 0;
+    for (; word[i] != 0; i++)
+        into[i] = (npy_ucs4)word[i];
+    for (; i < letters; i++)
+        into[i] = 0;
+}
+
+/* What a row of an argument is. */
+typedef struct {
+    int type, dimensions;
+    enum { SIX, OF_JOINTS, THREE, WHOLE_RECORD, LETTERS } width; /* of the last dimension, (N,) has none */
+    int letters;
+} Expected;
+
+static bool is_as(const Expected *expected, PyArrayObject *array, npy_intp n, npy_intp m, bool written)
+{
+    static const npy_intp WIDTHS[] = {[SIX] = 6, [THREE] = 3, [WHOLE_RECORD] = RECORD};
+    if (!PyArray_Check(array) || PyArray_TYPE(array) != expected->type || PyArray_NDIM(array) != expected->dimensions ||
+        !(written ? PyArray_ISCARRAY(array) : PyArray_ISBEHAVED_RO(array)) || PyArray_DIM(array, 0) != n)
+        return false;
+    if (expected->dimensions == 1)
+        return expected->letters == 0 || PyArray_ITEMSIZE(array) == expected->letters * (int)sizeof(npy_ucs4);
+    return PyArray_DIM(array, expected->dimensions - 1) == (expected->width == OF_JOINTS ? m : WIDTHS[expected->width]) &&
+           (expected->dimensions == 2 || PyArray_DIM(array, 1) == 6);
+}
+
+/* ticks(J, s, roots, lower, upper, posture, velocity, residual, kind, method, status, numbers, records, POLICY, (T, its
+   inverse) or None, parts, size): N rows, each a tick without dt, by as many threads as call this with the same `parts`,
+   which counts how many parts of `size` rows are taken. Written of each row: velocity and residual; whether it is a closed
+   form and no more (PLAIN), more than that (RECORDED, and then its record) or Python's (0), as a row with a prismatic joint
+   and no metric is, which has a metric of its own there; method and status in words; scale, damping, guard. */
 enum { PLAIN = 1, RECORDED = 2 };
 
 PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, OF_LAW, METRIC, VELOCITY, RESIDUAL, TOLD_ROWS, RECORDS, COUNT };
-    static const int DIMENSIONS[COUNT] = {3, 2, 3, 2, 2, 2, 0, 0, 2, 2, 2, 2};
+    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, VELOCITY, RESIDUAL, KIND, METHOD, STATUS, NUMBERS, RECORDS, ARRAYS };
+    enum { OF_LAW = ARRAYS, METRIC, PARTS, SIZE, COUNT };
+    static const Expected EXPECTED[ARRAYS] = {
+        [J] = {NPY_DOUBLE, 3, OF_JOINTS, 0},         [TWIST] = {NPY_DOUBLE, 2, SIX, 0},
+        [ROOT] = {NPY_DOUBLE, 3, SIX, 0},         [LOWER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
+        [UPPER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},     [POSTURE] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
+        [VELOCITY] = {NPY_DOUBLE, 2, OF_JOINTS, 0},  [RESIDUAL] = {NPY_DOUBLE, 2, SIX, 0},
+        [KIND] = {NPY_INT8, 1, LETTERS, 0},       [METHOD] = {NPY_UNICODE, 1, LETTERS, METHOD_LETTERS},
+        [NUMBERS] = {NPY_DOUBLE, 2, THREE, 0},    [STATUS] = {NPY_UNICODE, 1, LETTERS, STATUS_LETTERS},
+        [RECORDS] = {NPY_DOUBLE, 2, WHOLE_RECORD, 0},
+    };
     Demand shared = {.posture = {0.0}};
     Form form;
     Metric measure;
-    PyArrayObject *arrays[COUNT];
-    bool good = count == COUNT && policy(arguments[OF_LAW], &shared, &form);
-    npy_intp n = 0, m = 0;
-    for (int i = 0; good && i < COUNT; i++) {
-        arrays[i] = NULL;
-        if (i == OF_LAW || i == METRIC || (i == POSTURE && arguments[i] == Py_None))
-            continue;
-        good = PyArray_Check(arguments[i]);
-        arrays[i] = (PyArrayObject *)arguments[i];
-        good = good && PyArray_TYPE(arrays[i]) == NPY_DOUBLE && PyArray_NDIM(arrays[i]) == DIMENSIONS[i] &&
-               (i < VELOCITY ? PyArray_ISBEHAVED_RO(arrays[i]) : PyArray_ISCARRAY(arrays[i]));
-        if (good && i == J) {
-            n = PyArray_DIM(arrays[J], 0);
-            m = PyArray_DIM(arrays[J], 2);
+    PyArrayObject *arrays[ARRAYS] = {NULL}, *first = count == COUNT ? (PyArrayObject *)arguments[J] : NULL;
+    bool good = first != NULL && PyArray_Check(first) && PyArray_NDIM(first) == 3 && policy(arguments[OF_LAW], &shared, &form);
+    npy_intp n = good ? PyArray_DIM(first, 0) : 0, m = good ? PyArray_DIM(first, 2) : 0;
+    for (int i = 0; good && i < ARRAYS; i++)
+        if (i != POSTURE || arguments[i] != Py_None) {
+            arrays[i] = (PyArrayObject *)arguments[i];
+            good = is_as(&EXPECTED[i], arrays[i], n, m, i >= VELOCITY);
         }
-        npy_intp width = i == TWIST || i == ROOT || i == RESIDUAL ? 6 : i == TOLD_ROWS ? TOLD : i == RECORDS ? RECORD : m;
-        good = good && PyArray_DIM(arrays[i], 0) == n && PyArray_DIM(arrays[i], DIMENSIONS[i] - 1) == width &&
-               (DIMENSIONS[i] == 2 || PyArray_DIM(arrays[i], 1) == 6);
-    }
     good = good && m >= 1 && m <= MOST && (arguments[METRIC] == Py_None || metric(arguments[METRIC], (int)m, &measure));
-    if (!good)
-        return refused("ticks(J, s, roots, lower, upper, posture, " POLICY ", (T, inverse) or None, velocity, residual, "
-                       "told, records)");
+    PyArrayObject *parts = good ? (PyArrayObject *)arguments[PARTS] : NULL;
+    good = good && PyArray_Check(parts) && PyArray_TYPE(parts) == NPY_INT32 && PyArray_ISCARRAY(parts) &&
+           PyArray_NDIM(parts) == 1 && PyArray_DIM(parts, 0) == 1;
+    npy_intp size = good ? (npy_intp)PyLong_AsSsize_t(arguments[SIZE]) : 0;
+    if (size < 1)
+        return refused("ticks(J, s, roots, lower, upper, posture, velocity, residual, kind, method, status, numbers, "
+                       "records, " POLICY ", (T, inverse) or None, parts, size)");
     shared.m = (int)m;
     shared.has_posture = arrays[POSTURE] != NULL;
     shared.metric = arguments[METRIC] != Py_None ? &measure : NULL;
+    npy_int32 *taken = (npy_int32 *)PyArray_DATA(parts);
+    npy_int8 *kind = (npy_int8 *)PyArray_DATA(arrays[KIND]);
     Py_BEGIN_ALLOW_THREADS
     Demand demand = shared;
     Solution solution;
-    for (npy_intp row = 0; row < n; row++) {
-        double *told = (double *)PyArray_DATA(arrays[TOLD_ROWS]) + row * TOLD;
-        copied(arrays[J], row, 6, shared.m, MOST, demand.J[0]);
-        copied(arrays[TWIST], row, 1, 6, 6, demand.s);
-        copied(arrays[ROOT], row, 6, 6, 6, demand.root[0]);
-        copied(arrays[LOWER], row, 1, shared.m, MOST, demand.lower);
-        copied(arrays[UPPER], row, 1, shared.m, MOST, demand.upper);
-        if (shared.has_posture)
-            copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
-        told[0] = 0.0;
-        if ((shared.metric == NULL && is_prismatic(shared.m, (const Row *)demand.J)) ||
-            solve(&demand, &solution) == HAND_BACK)
-            continue;
-        memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));
-        memcpy((double *)PyArray_DATA(arrays[RESIDUAL]) + row * 6, solution.residual, 6 * sizeof(double));
-        told[0] = is_plain(&solution) ? PLAIN : RECORDED;
-        told[1] = solution.method;
-        told[2] = status(&solution);
-        told[3] = solution.scale;
-        told[4] = solution.damping;
-        told[5] = solution.blended;
-        if (told[0] == RECORDED)
-            memcpy((double *)PyArray_DATA(arrays[RECORDS]) + row * RECORD, &solution, sizeof solution);
-    }
+    for (npy_intp begin = another(taken) * size; begin < n; begin = another(taken) * size)
+        for (npy_intp row = begin; row < n && row < begin + size; row++) {
+            double *numbers = (double *)PyArray_DATA(arrays[NUMBERS]) + row * 3;
+            copied(arrays[J], row, 6, shared.m, MOST, demand.J[0]);
+            copied(arrays[TWIST], row, 1, 6, 6, demand.s);
+            copied(arrays[ROOT], row, 6, 6, 6, demand.root[0]);
+            copied(arrays[LOWER], row, 1, shared.m, MOST, demand.lower);
+            copied(arrays[UPPER], row, 1, shared.m, MOST, demand.upper);
+            if (shared.has_posture)
+                copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
+            kind[row] = 0;
+            if (!is_sound(&demand) || (shared.metric == NULL && is_prismatic(shared.m, (const Row *)demand.J)) ||
+                solve(&demand, &solution) == HAND_BACK)
+                continue;
+            memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));
+            memcpy((double *)PyArray_DATA(arrays[RESIDUAL]) + row * 6, solution.residual, 6 * sizeof(double));
+            spell(arrays[METHOD], row, METHOD_LETTERS, method_word(&solution));
+            spell(arrays[STATUS], row, STATUS_LETTERS, status_word(&solution));
+            numbers[0] = solution.scale;
+            numbers[1] = solution.damping;
+            numbers[2] = solution.blended;
+            kind[row] = is_plain(&solution) ? PLAIN : RECORDED;
+            if (kind[row] == RECORDED)
+                memcpy((double *)PyArray_DATA(arrays[RECORDS]) + row * RECORD, &solution, sizeof solution);
+        }
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;
 }

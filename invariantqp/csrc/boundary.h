@@ -40,19 +40,20 @@ bool limits(PyObject *tuple, Demand *demand);
 bool metric(PyObject *tuple, int m, Metric *into);
 int joints_of(PyObject *J);
 
-/* batch.c; numbers told of a row, and of its record */
-#define TOLD 6
+/* batch.c; numbers of a row's record */
 #define RECORD ((npy_intp)(sizeof(Solution) / sizeof(double)))
 PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
-/* answer.c */
-typedef enum { OK, SCALED, GUARDED, DEGRADED } Status;
+/* answer.c; letters of the longest method and status */
+#define METHOD_LETTERS 11
+#define STATUS_LETTERS 8
 bool words_made(void);
 PyObject *answer_as(PyObject *module, PyObject *type);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution);
-Status status(const Solution *solution);
+const char *method_word(const Solution *solution);
+const char *status_word(const Solution *solution);
 bool is_plain(const Solution *solution);
 
 /* search.c */

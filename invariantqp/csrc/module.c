@@ -232,7 +232,7 @@ PyMODINIT_FUNC PyInit__native(void)
         Py_DECREF(value);
     }
     if (PyModule_AddIntConstant(module, "MOST_JOINTS", MOST) < 0 || PyModule_AddIntConstant(module, "MOST_ROWS", MOST_ROWS) < 0 ||
-        PyModule_AddIntConstant(module, "TOLD", TOLD) < 0 || PyModule_AddIntConstant(module, "RECORD", (long)RECORD) < 0)
+        PyModule_AddIntConstant(module, "RECORD", (long)RECORD) < 0)
         return NULL;
     return PyModule_AddObject(module, "CONSTANTS", constants) < 0 ? NULL : module;
 }

@@ -108,14 +108,20 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     """
     batch = _checked(J, twist, options)
     rows = Rows(batch.written())
+    if rows.left:
+        batch.check()
     for i in rows.left:
         rows.put(i, batch.solution(i))
-    scale, damping, guard = rows.numbers
-    return VelocitySolutions(rows.velocity, rows.method, rows.status, rows.residual, scale, damping, guard, rows)
+    velocity, residual, _, method, status, numbers, _ = rows.written
+    scale, damping, guard = numbers.T
+    return VelocitySolutions(velocity, method, status, residual, scale, damping, guard, rows)
 
 
 class _Batch(NamedTuple):
-    """The checked arguments of N rows; `points` and `posture` are None where none are given."""
+    """The arguments of N rows; `points` and `posture` are None where none are given.
+
+    Shapes and options are checked. Of numbers, the core leaves rows that `check` would refuse.
+    """
 
     laws: tuple[VelocityLaw, VelocityLaw]  # of rows with a joint that no limit bounds, and of all others
     limited: NDArray[np.bool_]  # (N,) which of them
@@ -145,13 +151,25 @@ class _Batch(NamedTuple):
         written = compiled_rows(law, twists, s, roots, box, posture)
         if written is not None:
             return written
+        self.check()
         with np.errstate(all="ignore"):  # rows that overflow are not done
             A, b = np.matmul(roots, twists), np.matmul(roots, s[:, :, None])[:, :, 0]
             done, x = free_rows(law, A, b, box, posture)
-        told = np.tile([PLAIN, 0.0, 0.0, 1.0, 0.0, 0.0], (len(s), 1))
         own = law.metric is None and prismatic(twists, 1.0).any(axis=1)  # a metric of its own in each such row
-        told[~done | own, 0] = LEFT
-        return Written(x, s - np.einsum("nij,nj->ni", twists, x), told, np.empty((len(s), 0)))
+        written = Written.empty(len(x), x.shape[1], 0)._replace(
+            velocity=x, residual=s - np.einsum("nij,nj->ni", twists, x)
+        )
+        written.kind[:] = np.where(~done | own, LEFT, PLAIN)
+        written.method[:], written.status[:], written.numbers[:] = "closed-form", "ok", (1.0, 0.0, 0.0)
+        return written
+
+    def check(self) -> None:
+        """Look at all numbers.
+
+        Raises:
+            BadInput: NaN, sizes that cannot be computed with, crossed bounds.
+        """
+        _check(self.twists, self.s, self.lower, self.upper, self.posture)
 
     def solution(self, i: int) -> VelocitySolution:
         """Row i by itself."""
@@ -169,14 +187,14 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
             raise BadInput(name, "given for a batch", "None", "Solve these rows one by one with solve_velocity.")
     twists = _stack(J)
     n, _, m = twists.shape
-    s = sizes.not_too_fast(_rows(twist, (n, 6), "twist", "one twist a Jacobian"))
+    s = _rows(twist, (n, 6), "twist", "one twist a Jacobian")
     box = _box(options.get("bounds"), n, m)
     posture, point, length = options.get("posture"), options.get("point"), options.get("length")
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
     form = form_of(options.get("form"))
     points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
     if points is not None:
-        sizes.not_too_far(points)
+        sizes.not_too_far(_finite(points[: 1 if points.strides[0] == 0 else n], "point"))
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
     where = point if isinstance(point, str) else np.zeros(3)
     first = measure_of(np.eye(6), np.zeros(6), form, where, 1.0 if length is None else length)
@@ -194,6 +212,8 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     if isinstance(form, CarriedMetric):
         roots = np.broadcast_to(first.root, (n, 6, 6))
     else:
+        if points is None or length is None:
+            _check(twists, s, lower, upper, wanted)
         roots = measures(twists, s, points, None if length is None else float(length))
     return _Batch(
         laws=(replace(law, damping=damping_of(damping, limited=False)), law),
@@ -215,14 +235,26 @@ def _stack(J: ArrayLike) -> Array:
     if a.ndim != 3 or a.shape[1] != 6 or a.shape[2] == 0:
         remedy = "One Jacobian is for solve_velocity." if a.ndim == 2 else ""
         raise BadInput("J", f"shape {a.shape}", expected, remedy)
-    return sizes.usual_rows(_finite(a, "J"))
+    return a
+
+
+def _check(J: Array, s: Array, lower: Array, upper: Array, posture: Array | None) -> None:
+    sizes.usual_rows(_finite(J, "J"))
+    sizes.not_too_fast(_finite(s, "twist"))
+    if posture is not None:
+        _finite(posture, "posture")
+    wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN is not below anything either
+    if wrong.any():
+        i, j = (int(k) for k in np.argwhere(wrong)[0])
+        found = f"lower {lower[i, j]:g} and upper {upper[i, j]:g} in row {i}, joint {j}"
+        raise BadInput("bounds", found, "lower <= upper, -inf and inf where there is no limit")
 
 
 def _rows(value: ArrayLike, shape: tuple[int, int], argument: str, expected: str) -> Array:
     a = arrays.array(value, argument, f"shape {shape}, {expected}")
     if a.shape not in (shape, shape[1:]):
         raise BadInput(argument, f"shape {a.shape}", f"shape {shape}, {expected}, or {shape[1:]} for all")
-    return np.broadcast_to(_finite(a.reshape(-1, shape[1]), argument), shape)
+    return np.broadcast_to(a.reshape(-1, shape[1]), shape)
 
 
 def _finite(a: Array, argument: str) -> Array:
@@ -250,9 +282,4 @@ def _box(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, n: int, m: int) ->
             raise BadInput(name, f"shape {a.shape}", f"shape {(n, m)}, one row a Jacobian")
         sides.append(a)
     low, high = sides
-    wrong = ~(low <= high) | (low == np.inf) | (high == -np.inf)  # NaN is not below anything either
-    if wrong.any():
-        i, j = (int(k) for k in np.argwhere(wrong)[0])
-        found = f"lower {low[i, j]:g} and upper {high[i, j]:g} in row {i}, joint {j}"
-        raise BadInput("bounds", found, "lower <= upper, -inf and inf where there is no limit")
     return low, high

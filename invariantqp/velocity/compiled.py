@@ -5,12 +5,13 @@ The core answers what this package's own Python would, or hands the tick back.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from os import cpu_count
-from threading import Thread
-from typing import NamedTuple
+import os
+from _thread import LockType, allocate_lock, start_new_thread
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
@@ -21,12 +22,10 @@ from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
 from invariantqp.velocity.solution import VelocitySolution
 
-# Rows below which a thread is not worth its start, and the least that one takes at a time.
-ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 32
-# What the core calls by number: methods, statuses, and rows that are Python's, a closed form and no more, or recorded.
-METHODS = np.array(["closed-form", "damped", "qp"], dtype="U11")
-STATUSES = np.array(["ok", "scaled", "guarded", "degraded"], dtype="U8")
-LEFT, PLAIN, RECORDED = 0.0, 1.0, 2.0
+# Rows below which a thread is not worth its start, and those that one takes at a time.
+ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 16
+# Rows that are Python's, a closed form and no more, or recorded.
+LEFT, PLAIN, RECORDED = 0, 1, 2
 if core is not None:
     core.answer_as(VelocitySolution)
 
@@ -55,45 +54,53 @@ class Written(NamedTuple):
     Attributes:
         velocity: (N, m).
         residual: (N, 6).
-        told: (N, 6) kind of answer, method, status, scale, damping, guard.
+        kind: (N,) `LEFT`, `PLAIN` or `RECORDED`.
+        method: (N,) strings, as in VelocitySolution.
+        status: likewise.
+        numbers: (N, 3) scale, damping, guard.
         records: (N, r) for `core.solution`.
     """
 
     velocity: Array
     residual: Array
-    told: Array
+    kind: NDArray[np.int8]
+    method: NDArray[np.str_]
+    status: NDArray[np.str_]
+    numbers: Array
     records: Array
+
+    @classmethod
+    def empty(cls, n: int, m: int, record: int) -> Written:
+        """To be written for n ticks of m joints, with `record` numbers a record."""
+        words = np.empty(n, "U11"), np.empty(n, "U8")
+        return cls(
+            np.empty((n, m)), np.empty((n, 6)), np.empty(n, np.int8), *words, np.empty((n, 3)), np.empty((n, record))
+        )
 
 
 class Rows(Mapping[int, VelocitySolution]):
     """The answers to many ticks; those that are more than a closed form by their row, made when asked for.
 
     Attributes:
-        velocity: (N, m).
-        residual: (N, 6).
+        written: of all rows.
         left: rows that are still to be solved, for `put`.
-        method: (N,) strings, as in VelocitySolution.
-        status: likewise.
-        numbers: (3, N) scale, damping, guard.
     """
 
     def __init__(self, written: Written) -> None:
         """What is told of answers."""
-        self.velocity, self.residual, told, records = written
-        self.left: list[int] = np.flatnonzero(told[:, 0] == LEFT).tolist()
-        self.method = METHODS[told[:, 1].astype(np.intp)]
-        self.status = STATUSES[told[:, 2].astype(np.intp)]
-        self.numbers: Array = told[:, 3:].T.copy()
-        rows = np.flatnonzero(told[:, 0] == RECORDED)
-        self._records = records if len(rows) == len(records) else records[rows]
+        self.written = written
+        self.left: list[int] = np.flatnonzero(written.kind == LEFT).tolist()
+        rows = np.flatnonzero(written.kind == RECORDED)
+        self._records = written.records if len(rows) == len(written.kind) else written.records[rows]
         self._place = dict(zip(rows.tolist(), range(len(rows)), strict=True))
         self._made: dict[int, VelocitySolution] = {}
 
     def put(self, row: int, solution: VelocitySolution) -> None:
         """The answer to a row that was solved by itself."""
-        self.velocity[row], self.residual[row] = solution.velocity, solution.residual
-        self.method[row], self.status[row] = solution.method, solution.status
-        self.numbers[:, row] = solution.scale, solution.damping, solution.guard
+        velocity, residual, _, method, status, numbers, _ = self.written
+        velocity[row], residual[row] = solution.velocity, solution.residual
+        method[row], status[row] = solution.method, solution.status
+        numbers[row] = solution.scale, solution.damping, solution.guard
         self._place[row], self._made[row] = -1, solution
 
     def __len__(self) -> int:
@@ -132,36 +139,34 @@ def compiled_rows(
     policy, metric = law.compiled, _metric(law)
     if core is None or policy is None or m > core.MOST_JOINTS:
         return None
-    ticks = core.ticks
-    written = Written(np.empty((n, m)), np.empty((n, 6)), np.zeros((n, core.TOLD)), np.empty((n, core.RECORD)))
-    threads = max(1, min(n // ROWS_A_THREAD, cpu_count() or 1))
-    parts = iter(_parts(n, threads))
-
-    def work() -> None:
-        for rows in parts:  # the next one for whichever thread asks
-            arrays = [J[rows], s[rows], roots[rows], box[0][rows], box[1][rows]]
-            wanted = None if posture is None else posture[rows]
-            ticks(*arrays, wanted, policy, metric, *[array[rows] for array in written])
-
-    helpers = [Thread(target=work) for _ in range(threads - 1)]
+    written = Written.empty(n, m, core.RECORD)
+    arguments = J, s, roots, *box, posture, *written, policy, metric, np.zeros(1, np.int32), ROWS_AT_A_TIME
+    threads = max(1, min(n // ROWS_A_THREAD, cpu_count()))
+    helpers = [_started(core.ticks, arguments) for _ in range(threads - 1)]
+    core.ticks(*arguments)
     for helper in helpers:
-        helper.start()
-    work()
-    for helper in helpers:
-        helper.join()
+        helper.acquire()
     return written
 
 
-def _parts(n: int, threads: int) -> list[slice]:
-    """n rows in parts that become smaller, so that all threads end together: half of an even share of what is left."""
-    if threads == 1:
-        return [slice(n)]
-    parts, begin = [], 0
-    while begin < n:
-        end = begin + max((n - begin) // (2 * threads), ROWS_AT_A_TIME)
-        parts.append(slice(begin, end))
-        begin = end
-    return parts
+def cpu_count() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType:
+    """A thread for `ticks`, and a lock that it releases at its end; `threading` would wait until it has begun."""
+    done = allocate_lock()
+    done.acquire()
+
+    def work() -> None:
+        try:
+            ticks(*arguments)
+        finally:
+            done.release()
+
+    start_new_thread(work, ())
+    return done
 
 
 def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
