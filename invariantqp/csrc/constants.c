@@ -22,6 +22,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.qp.primal", PARALLEL),
     ONE("velocity.qp.primal", STEPS),
     ONE("velocity.qp.polytope", ACTIVE_TOLERANCE),
+    ONE("velocity.solution", SLOWEST),
     ONE("velocity.report", MET_TOLERANCE),
     ONE("velocity.report", PRODUCT_ROUNDING),
     ONE("velocity.report", LOSS_TOLERANCE),

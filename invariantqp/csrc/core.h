@@ -326,6 +326,7 @@ extern const Constant CONSTANTS[];
 #define DEPENDENT 1e-12
 #define STEPS 10
 #define ACTIVE_TOLERANCE 1e-6
+#define SLOWEST 1e-6
 #define MET_TOLERANCE 1e-9
 #define PRODUCT_ROUNDING 1e-14
 #define LOSS_TOLERANCE 1e-6

@@ -61,7 +61,7 @@ static void clipped(const Demand *demand, const Row x, Solution *solution)
 {
     for (int j = 0; j < demand->m; j++) {
         double lower = demand->lower[j], upper = demand->upper[j], value = between(x[j], lower, upper);
-        double margin = ACTIVE_TOLERANCE * fmax(1.0, fabs(value));
+        double margin = ACTIVE_TOLERANCE * fmax(SLOWEST, fabs(value));
         solution->velocity[j] = value;
         solution->active[j] = value <= lower + margin || value >= upper - margin;
     }

@@ -18,9 +18,9 @@ from invariantqp.velocity.damping import Adaptive, Fixed
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.measure import length_at, own_point
 from invariantqp.velocity.objective import NULL_RATIO
-from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
 from invariantqp.velocity.regular import ACCURATE_SHARE
 from invariantqp.velocity.report import MET_TOLERANCE, PROGRESS_SHARE
+from invariantqp.velocity.solution import at_bounds
 
 Mask = NDArray[np.bool_]
 
@@ -53,7 +53,7 @@ def free_rows(
         lower, upper = box
         part = posture if posture is None else posture[rest]
         settled, found = _spectral(law.damping, A[rest], b[rest], part)
-        settled &= inside(found, (lower[rest], upper[rest])) & ~_at(found, (lower[rest], upper[rest])).any(axis=1)
+        settled &= inside(found, (lower[rest], upper[rest])) & ~at_bounds(found, lower[rest], upper[rest]).any(axis=1)
         found[~settled] = 0.0
         done[rest], x[rest] = settled, found
     return done, x
@@ -63,12 +63,6 @@ def inside(x: Array, box: tuple[Array, Array]) -> Mask:
     """Whether clipping a row changes no bit."""
     clipped = np.minimum(np.maximum(x, box[0]), box[1])
     return np.asarray((clipped.view(np.int64) == np.ascontiguousarray(x).view(np.int64)).all(axis=1))
-
-
-def _at(x: Array, box: tuple[Array, Array]) -> Mask:
-    """Which joints of which rows are at a bound, as in `clipped`."""
-    margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
-    return np.asarray((x <= box[0] + margin) | (x >= box[1] - margin))
 
 
 def measures(J: Array, s: Array, point: Array | None, length: float | None) -> Array:

@@ -5,11 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import compared
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
+
+# A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
+# rest is rounding of an arm that stands still.
+SLOWEST = 1e-6
 
 
 @compared
@@ -50,9 +55,13 @@ class VelocitySolution(NamedTuple):
 def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
     """The velocity without rounding past its bounds, and the joints at them."""
     x = np.minimum(np.maximum(x, demand.lower), demand.upper)
-    margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(x))
-    at = (x <= demand.lower + margin) | (x >= demand.upper - margin)
-    return x, tuple(at.nonzero()[0].tolist())
+    return x, tuple(at_bounds(x, demand.lower, demand.upper).nonzero()[0].tolist())
+
+
+def at_bounds(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
+    """(..., m) which joints of x (..., m) are at a bound."""
+    margin = ACTIVE_TOLERANCE * np.maximum(SLOWEST, np.abs(x))
+    return np.asarray((x <= lower + margin) | (x >= upper - margin))
 
 
 def with_trouble(solution: VelocitySolution, trouble: str) -> VelocitySolution:

@@ -193,3 +193,20 @@ def test_a_range_too_short_for_its_margin_keeps_its_middle():
     assert solution.status != "held"
     solution.velocity[:] = 99.0  # the loop has a memory of its own
     assert (np.abs(Memory.of(loop.kept).velocity) <= robot.velocity_limit).all()
+
+
+@pytest.mark.parametrize("speed", [1.0, 1e-4, 1e-7])
+def test_a_slow_joint_is_at_a_bound_where_a_fast_one_is(speed):
+    rng = np.random.default_rng(9)
+    options = {"point": np.zeros(3), "length": 1.0}
+    counts = set()
+    for _ in range(40):
+        J, s, reach = rng.normal(size=(6, 7)), rng.normal(size=6), rng.uniform(0.2, 2.0, 7)
+        reach[rng.integers(7)] = 0.0  # a joint at its position limit, say
+        fast = iq.solve_velocity(J, s, bounds=iq.Bounds(-reach, reach), **options)
+        slow = iq.solve_velocity(J, speed * s, bounds=iq.Bounds(-speed * reach, speed * reach), **options)
+        rows = iq.solve_velocities(J[None], speed * s, bounds=iq.Bounds(-speed * reach, speed * reach), **options)
+        at = np.abs(np.abs(slow.velocity) - speed * reach) <= 1e-9 * speed
+        assert fast.active == slow.active == rows.active[0] == tuple(np.flatnonzero(at))
+        counts.add(len(slow.active))
+    assert len(counts) > 2
