@@ -11,7 +11,7 @@
 #endif
 #include <numpy/arrayobject.h>
 
-#include "core.h"
+#include "loop.h"
 
 /* arrays.c */
 PyObject *refused(const char *use);

@@ -3,7 +3,7 @@
 
        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room */
 
-#include "core.h"
+#include "loop.h"
 
 /* approach.py: both numbers of its Adaptive */
 #define DISTANCE_DAMPING 0.1

@@ -1,6 +1,7 @@
 /* The constants of the twins, for the test that compares them with Python's. */
 
 #include "path.h"
+#include "pose.h"
 
 #define ONE(file, name) {file "." #name, name}
 

@@ -146,63 +146,6 @@ typedef struct {
     double R[3][3], p[3];
 } Pose;
 
-/* control/demands.py: a point or a direction of the tool, the direction of a plane's normal, or a row on the joints */
-typedef enum { POINT, AXIS, PLANE, JOINTS } Kind;
-typedef struct {
-    double kind, point[3], direction[3], speed;
-    Row row;
-} Wanted;
-
-/* control/controller.py: what does not change from tick to tick. Numbers alone, so that an array carries it. */
-typedef struct {
-    double joints, dt, gain, length, slowness, has_posture;
-    double row_rank, speed_limit, has_braking;
-    double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
-    double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
-    double time, delay;                /* of the way to a position limit, and until a command shows, with braking */
-    double threshold, ceiling, fixed, speed;
-    double point[3];                   /* of the tool, where the error is measured */
-    double fast[3];                    /* of the tool, a point whose speed is limited */
-    double home[16];
-    Row screws[6];
-    Row low, high, fastest; /* position limits / time, and the velocity limit */
-    Row middle, pull;       /* of the posture */
-    Row position_lower, position_upper, acceleration;
-    Wanted exact[MOST_ROWS];
-    Row G[MOST], least, most;
-    Metric metric;
-    Form form;
-    double root[6][6]; /* of the carried metric */
-} Loop;
-
-/* pose/arm.py: an arm as pose searches see it. Numbers alone, as in a Loop. */
-typedef struct {
-    double joints, length, wanted; /* how many exact demands */
-    double point[3];               /* of the tool, where positions are compared */
-    double home[16];
-    Row screws[6];
-    Row lower, upper, turn, whole; /* limits; whole turns of hinges, and whether the range holds one */
-    Wanted exact[MOST_ROWS];
-} Arm;
-
-#define STALLED 6
-/* pose/newton.py: where one try is; one that is `going` goes on from what it knows */
-typedef struct {
-    Row q;
-    double f, unmet, merit;
-    struct {
-        double steps, damping, penalty, past[STALLED + 1];
-    } known;
-    bool met, at_rest, going;
-} Try;
-
-/* control/memory.py and convergence.py: what a loop keeps from tick to tick. Numbers alone, as in a Loop; `expected` and
-   `turn` are NaN before the first tick. */
-typedef struct {
-    double promised, achieved, speed, size, ticks, expected[6], turn[3];
-    Row velocity;
-} Memory;
-
 /* Two sums, which do not wait for each other. */
 static inline double dot(int n, const double *a, const double *b)
 {
@@ -287,19 +230,6 @@ Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
 void turn_to(const Pose *target, const Pose *tool, double w[3]);
 Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Row inside, Row z);
 Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z);
-void misses(const Arm *arm, const Pose *target, const double *q, double *position, double *orientation);
-Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found);
-void root_at(const double p[3], double length, double root[6][6]);
-Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
-                const double *feedforward, Demand *demand);
-Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
-double share_within(const Loop *loop, const Row distance);
-Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
-Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
-Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
-             Memory *memory, Solution *solution);
-bool has_trouble(const Memory *memory);
-bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 
 /* The constants of the twins, by the names of their Python files; a test compares the two. */
 typedef struct {
@@ -342,33 +272,8 @@ extern const Constant CONSTANTS[];
 #define CONE_TOLERANCE 1e-9
 #define FIXED_TOLERANCE 1e-13
 #define MOST_SHARE 1e8
-#define MEMORY 50
-#define KEPT_SHARE 0.2
-#define FAST_SHARE 0.02
 #define LARGEST_SPEED 1e12
 #define SLIDING 1e-9
-#define STRAIN_TOLERANCE 1e-9
-#define OUTSIDE 1e-3
-#define BOUNDLESS 1e30
-#define BRAKING_SHARE 0.5
-#define DAMPING 0.1
-#define EASED 0.5
-#define STIFFENED 4.0
-#define LEAST 1e-3
-#define FLOOR 1e-13
-#define QP_FLOOR 1e-8
-#define FINISHED 3
-#define LONGEST 100
-#define PATIENCE 1000
-#define AT_A_TIME 25
-#define STIFFEST 1e8
-#define AT_REST 1e-12
-#define DIFFERENCE 1e-7
-#define EXACT_ROW_TOLERANCE 1e-10
-#define ROW_FLOOR 1e-9
-#define AT_LIMIT 1e-9
-#define DEAREST 10.0
-#define PENALTY_MARGIN 2.0
 #define HALF_TURN (0.8 * 3.14159265358979323846)
 
 #endif

@@ -5,7 +5,7 @@
        PLANE    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      a point and the normal of its plane
        JOINTS   one row as it is */
 
-#include "core.h"
+#include "loop.h"
 #include <string.h>
 
 /* Directions that are nearly opposite: which way to turn is decided by rounding, or by Python's choice of an axis. */

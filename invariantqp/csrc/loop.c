@@ -2,7 +2,7 @@
 
        s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
 
-#include "core.h"
+#include "loop.h"
 #include <string.h>
 
 /* measure.py: [[L I, 0], [-[p]x, I]] */

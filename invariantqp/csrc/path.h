@@ -3,7 +3,7 @@
 #ifndef PATH_H
 #define PATH_H
 
-#include "core.h"
+#include "loop.h"
 
 /* given_path.py, path_plan.py and path_pace.py: what is fixed while the tool is driven; arrays lie row by row. */
 typedef struct {

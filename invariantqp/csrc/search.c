@@ -1,6 +1,7 @@
 /* What a pose search calls from Python. Nothing is computed here. */
 
 #include "boundary.h"
+#include "pose.h"
 
 static bool arm_of(PyObject *object, Arm *arm)
 {

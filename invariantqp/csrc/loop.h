@@ -1,0 +1,65 @@
+/* What the files of a controller's loop share. */
+
+#ifndef LOOP_H
+#define LOOP_H
+
+#include "core.h"
+
+/* control/demands.py: a point or a direction of the tool, the direction of a plane's normal, or a row on the joints */
+typedef enum { POINT, AXIS, PLANE, JOINTS } Kind;
+typedef struct {
+    double kind, point[3], direction[3], speed;
+    Row row;
+} Wanted;
+
+/* control/controller.py: what does not change from tick to tick. Numbers alone, so that an array carries it. */
+typedef struct {
+    double joints, dt, gain, length, slowness, has_posture;
+    double row_rank, speed_limit, has_braking;
+    double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
+    double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
+    double time, delay;                /* of the way to a position limit, and until a command shows, with braking */
+    double threshold, ceiling, fixed, speed;
+    double point[3];                   /* of the tool, where the error is measured */
+    double fast[3];                    /* of the tool, a point whose speed is limited */
+    double home[16];
+    Row screws[6];
+    Row low, high, fastest; /* position limits / time, and the velocity limit */
+    Row middle, pull;       /* of the posture */
+    Row position_lower, position_upper, acceleration;
+    Wanted exact[MOST_ROWS];
+    Row G[MOST], least, most;
+    Metric metric;
+    Form form;
+    double root[6][6]; /* of the carried metric */
+} Loop;
+
+/* control/memory.py and convergence.py: what a loop keeps from tick to tick. Numbers alone, as in a Loop; `expected` and
+   `turn` are NaN before the first tick. */
+typedef struct {
+    double promised, achieved, speed, size, ticks, expected[6], turn[3];
+    Row velocity;
+} Memory;
+
+/* braking.c, demands.c, loop.c */
+void root_at(const double p[3], double length, double root[6][6]);
+Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
+                const double *feedforward, Demand *demand);
+Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
+double share_within(const Loop *loop, const Row distance);
+Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
+Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
+Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
+             Memory *memory, Solution *solution);
+bool has_trouble(const Memory *memory);
+bool is_outside(const Loop *loop, const double *q, const Solution *solution);
+
+#define MEMORY 50
+#define KEPT_SHARE 0.2
+#define FAST_SHARE 0.02
+#define STRAIN_TOLERANCE 1e-9
+#define OUTSIDE 1e-3
+#define BOUNDLESS 1e30
+#define BRAKING_SHARE 0.5
+
+#endif
