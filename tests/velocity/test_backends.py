@@ -1,3 +1,4 @@
+import mpmath
 import numpy as np
 import pytest
 import qpsolvers
@@ -14,6 +15,7 @@ from support.velocity_reference import (
 import invariantqp as iq
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.qp import backends
+from invariantqp.velocity.qp.active import face_of
 from invariantqp.velocity.solve import solve
 
 # Relative to the largest joint velocity. A solver only says which limits are active; the numbers are ours.
@@ -233,3 +235,14 @@ def test_names_of_back_ends():
     assert "daqp" in caught.value.near
     with pytest.raises(iq.BadInput, match="backend: found int"):
         iq.solve_velocity(np.ones((6, 1)), np.ones(6), backend=3)
+
+
+def test_multipliers_keep_their_digits_where_some_directions_count_much_less_than_others():
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        N, b = rng.normal(size=(6, 8)) * np.geomspace(1.0, 1e5, 8), rng.normal(size=6)
+        face = face_of(N, np.full(6, -np.inf), b, np.ones(6, dtype=np.intp))
+        with mpmath.workdps(50):
+            exact = mpmath.matrix(N.tolist())
+            expected = np.array(mpmath.lu_solve(exact * exact.T, -mpmath.matrix(b.tolist())).tolist(), float).ravel()
+        np.testing.assert_allclose(face.multipliers(face.e), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())

@@ -83,12 +83,14 @@ def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
         return Face(at, np.empty(0, dtype=bool), np.empty((n, 0)), np.empty((0, 0)), np.zeros(n))
     if k > n:
         raise np.linalg.LinAlgError("more active rows than unknowns")
-    packed, tau, _, _ = lapack.dgeqrf(N[at].T)
+    # The last direction first: it counts least, so its entries of N are the largest. A QR that meets large ones after
+    # small ones loses digits of the small ones (Powell & Reid 1969).
+    packed, tau, _, _ = lapack.dgeqrf(N[at, ::-1].T)
     R = packed[:k]
     sizes = [abs(size) for size in R.diagonal().tolist()]
     if min(sizes) <= DEPENDENT * max(sizes):
         raise np.linalg.LinAlgError("active rows depend on each other")
-    Q, _, _ = lapack.dorgqr(packed, tau)
+    Q = lapack.dorgqr(packed, tau)[0][::-1]
     above = side[at] > 0
     return Face(at, above, Q, R, _shortest(Q, R, np.where(above, upper[at], lower[at])))
 
