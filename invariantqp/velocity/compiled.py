@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from _thread import LockType, allocate_lock, start_new_thread
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,33 +87,34 @@ class Rows(Mapping[int, VelocitySolution]):
     """
 
     def __init__(self, written: Written) -> None:
-        """What is told of answers."""
-        self.written = written
+        """What is told of answers; of records, what is needed is kept."""
+        recorded = written.kind == RECORDED
+        many = 2 * np.count_nonzero(recorded) > len(recorded)
+        self.written = written if many else written._replace(records=written.records[recorded])
         self.left: list[int] = np.flatnonzero(written.kind == LEFT).tolist()
-        rows = np.flatnonzero(written.kind == RECORDED)
-        self._records = written.records if len(rows) == len(written.kind) else written.records[rows]
-        self._place = dict(zip(rows.tolist(), range(len(rows)), strict=True))
+        self._record = np.arange(len(recorded)) if many else np.cumsum(recorded) - 1
         self._made: dict[int, VelocitySolution] = {}
 
     def put(self, row: int, solution: VelocitySolution) -> None:
         """The answer to a row that was solved by itself."""
-        velocity, residual, _, method, status, numbers, _ = self.written
+        velocity, residual, kind, method, status, numbers, _ = self.written
         velocity[row], residual[row] = solution.velocity, solution.residual
         method[row], status[row] = solution.method, solution.status
         numbers[row] = solution.scale, solution.damping, solution.guard
-        self._place[row], self._made[row] = -1, solution
+        kind[row], self._made[row] = RECORDED, solution
 
     def __len__(self) -> int:
-        return len(self._place)
+        return int(np.count_nonzero(self.written.kind == RECORDED))
 
     def __iter__(self) -> Iterator[int]:
-        return iter(self._place)
+        return iter(np.flatnonzero(self.written.kind == RECORDED).tolist())
 
     def __getitem__(self, row: int) -> VelocitySolution:
         if row not in self._made:
-            if core is None or row not in self._place:
+            kind = self.written.kind
+            if core is None or not (isinstance(row, SupportsIndex) and 0 <= row < len(kind) and kind[row] == RECORDED):
                 raise KeyError(row)
-            self._made[row] = core.solution(self._records[self._place[row]])
+            self._made[row] = core.solution(self.written.records[self._record[row]])
         return self._made[row]
 
 
