@@ -8,13 +8,13 @@
 /* geometry/sizes.py: bounds of |J|^2 of a row. */
 static const double SMALLEST_SQUARE = 1e-60, LARGEST_SQUARE = 1e60;
 
-/* The number of another part that no thread has yet. */
-static npy_int32 another(npy_int32 *parts)
+/* A number that no other thread has yet. */
+static npy_int32 another(npy_int32 *taken)
 {
 #if defined(_MSC_VER)
-    return _InterlockedExchangeAdd((long volatile *)parts, 1);
+    return _InterlockedExchangeAdd((long volatile *)taken, 1);
 #else
-    return __atomic_fetch_add(parts, 1, __ATOMIC_RELAXED);
+    return __atomic_fetch_add(taken, 1, __ATOMIC_RELAXED);
 #endif
 }
 
@@ -77,25 +77,25 @@ static bool is_as(const Expected *expected, PyArrayObject *array, npy_intp n, np
            (expected->dimensions == 2 || PyArray_DIM(array, 1) == 6);
 }
 
-/* ticks(J, s, roots, lower, upper, posture, velocity, residual, kind, method, status, numbers, records, POLICY, (T, its
-   inverse) or None, parts, size): N rows, each a tick without dt, by as many threads as call this with the same `parts`,
-   which counts how many parts of `size` rows are taken. Written of each row: velocity and residual; whether it is a closed
-   form and no more (PLAIN), more than that (RECORDED, and then its record) or Python's (0), as a row with a prismatic joint
-   and no metric is, which has a metric of its own there; method and status in words; scale, damping, guard. */
-enum { PLAIN = 1, RECORDED = 2 };
+/* ticks(J, s, roots, lower, upper, posture, velocity, residual, record, method, status, numbers, records, POLICY, (T, its
+   inverse) or None, taken, size): N rows, each a tick without dt, by as many threads as call this with the same `taken`:
+   how many parts of `size` rows, and how many records. Written of each row: velocity and residual; the number of its
+   record, or that it is a closed form and no more (PLAIN), or Python's (LEFT), as a row with a prismatic joint and no
+   metric is, which has a metric of its own there; method and status in words; scale, damping, guard. */
+enum { PLAIN = -1, LEFT = -2 };
 
 PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, VELOCITY, RESIDUAL, KIND, METHOD, STATUS, NUMBERS, RECORDS, ARRAYS };
-    enum { OF_LAW = ARRAYS, METRIC, PARTS, SIZE, COUNT };
+    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, VELOCITY, RESIDUAL, NUMBER, METHOD, STATUS, NUMBERS, RECORDS, ARRAYS };
+    enum { OF_LAW = ARRAYS, METRIC, TAKEN, SIZE, COUNT };
     static const Expected EXPECTED[ARRAYS] = {
-        [J] = {NPY_DOUBLE, 3, OF_JOINTS, 0},         [TWIST] = {NPY_DOUBLE, 2, SIX, 0},
-        [ROOT] = {NPY_DOUBLE, 3, SIX, 0},         [LOWER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
-        [UPPER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},     [POSTURE] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
-        [VELOCITY] = {NPY_DOUBLE, 2, OF_JOINTS, 0},  [RESIDUAL] = {NPY_DOUBLE, 2, SIX, 0},
-        [KIND] = {NPY_INT8, 1, LETTERS, 0},       [METHOD] = {NPY_UNICODE, 1, LETTERS, METHOD_LETTERS},
-        [NUMBERS] = {NPY_DOUBLE, 2, THREE, 0},    [STATUS] = {NPY_UNICODE, 1, LETTERS, STATUS_LETTERS},
+        [J] = {NPY_DOUBLE, 3, OF_JOINTS, 0},        [TWIST] = {NPY_DOUBLE, 2, SIX, 0},
+        [ROOT] = {NPY_DOUBLE, 3, SIX, 0},           [LOWER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
+        [UPPER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},    [POSTURE] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
+        [VELOCITY] = {NPY_DOUBLE, 2, OF_JOINTS, 0}, [RESIDUAL] = {NPY_DOUBLE, 2, SIX, 0},
+        [NUMBER] = {NPY_INT32, 1, LETTERS, 0},      [METHOD] = {NPY_UNICODE, 1, LETTERS, METHOD_LETTERS},
+        [NUMBERS] = {NPY_DOUBLE, 2, THREE, 0},      [STATUS] = {NPY_UNICODE, 1, LETTERS, STATUS_LETTERS},
         [RECORDS] = {NPY_DOUBLE, 2, WHOLE_RECORD, 0},
     };
     Demand shared = {.posture = {0.0}};
@@ -110,18 +110,17 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             good = is_as(&EXPECTED[i], arrays[i], n, m, i >= VELOCITY);
         }
     good = good && m >= 1 && m <= MOST && (arguments[METRIC] == Py_None || metric(arguments[METRIC], (int)m, &measure));
-    PyArrayObject *parts = good ? (PyArrayObject *)arguments[PARTS] : NULL;
-    good = good && PyArray_Check(parts) && PyArray_TYPE(parts) == NPY_INT32 && PyArray_ISCARRAY(parts) &&
-           PyArray_NDIM(parts) == 1 && PyArray_DIM(parts, 0) == 1;
+    PyArrayObject *counts = good ? (PyArrayObject *)arguments[TAKEN] : NULL;
+    good = good && PyArray_Check(counts) && PyArray_TYPE(counts) == NPY_INT32 && PyArray_ISCARRAY(counts) &&
+           PyArray_NDIM(counts) == 1 && PyArray_DIM(counts, 0) == 2;
     npy_intp size = good ? (npy_intp)PyLong_AsSsize_t(arguments[SIZE]) : 0;
     if (size < 1)
-        return refused("ticks(J, s, roots, lower, upper, posture, velocity, residual, kind, method, status, numbers, "
-                       "records, " POLICY ", (T, inverse) or None, parts, size)");
+        return refused("ticks(J, s, roots, lower, upper, posture, velocity, residual, record, method, status, "
+                       "numbers, records, " POLICY ", (T, inverse) or None, taken, size)");
     shared.m = (int)m;
     shared.has_posture = arrays[POSTURE] != NULL;
     shared.metric = arguments[METRIC] != Py_None ? &measure : NULL;
-    npy_int32 *taken = (npy_int32 *)PyArray_DATA(parts);
-    npy_int8 *kind = (npy_int8 *)PyArray_DATA(arrays[KIND]);
+    npy_int32 *taken = (npy_int32 *)PyArray_DATA(counts), *record = (npy_int32 *)PyArray_DATA(arrays[NUMBER]);
     Py_BEGIN_ALLOW_THREADS
     Demand demand = shared;
     Solution solution;
@@ -135,7 +134,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             copied(arrays[UPPER], row, 1, shared.m, MOST, demand.upper);
             if (shared.has_posture)
                 copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
-            kind[row] = 0;
+            record[row] = LEFT;
             if (!is_sound(&demand) || (shared.metric == NULL && is_prismatic(shared.m, (const Row *)demand.J)) ||
                 solve(&demand, &solution) == HAND_BACK)
                 continue;
@@ -146,9 +145,9 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             numbers[0] = solution.scale;
             numbers[1] = solution.damping;
             numbers[2] = solution.blended;
-            kind[row] = is_plain(&solution) ? PLAIN : RECORDED;
-            if (kind[row] == RECORDED)
-                memcpy((double *)PyArray_DATA(arrays[RECORDS]) + row * RECORD, &solution, sizeof solution);
+            record[row] = is_plain(&solution) ? PLAIN : another(taken + 1);
+            if (record[row] >= 0 && record[row] < n)
+                memcpy((double *)PyArray_DATA(arrays[RECORDS]) + record[row] * RECORD, &solution, sizeof solution);
         }
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;

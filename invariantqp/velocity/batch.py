@@ -139,9 +139,8 @@ class _Batch(NamedTuple):
         if self.limited.all() or not self.limited.any():
             return self._under(self.laws[bool(self.limited.all())], slice(None))
         groups = [np.flatnonzero(self.limited == limited) for limited in (False, True)]
-        parts = [self._under(law, rows) for law, rows in zip(self.laws, groups, strict=True)]
-        order = np.argsort(np.concatenate(groups))
-        return Written(*(np.concatenate(one)[order] for one in zip(*parts, strict=True)))
+        first, second = (self._under(law, rows) for law, rows in zip(self.laws, groups, strict=True))
+        return first.and_others(second, np.argsort(np.concatenate(groups)))
 
     def _under(self, law: VelocityLaw, rows: slice | NDArray[np.intp]) -> Written:
         """Some rows under one law."""
@@ -159,7 +158,7 @@ class _Batch(NamedTuple):
         written = Written.empty(len(x), x.shape[1], 0)._replace(
             velocity=x, residual=s - np.einsum("nij,nj->ni", twists, x)
         )
-        written.kind[:] = np.where(~done | own, LEFT, PLAIN)
+        written.record[:] = np.where(~done | own, LEFT, PLAIN)
         written.method[:], written.status[:], written.numbers[:] = "closed-form", "ok", (1.0, 0.0, 0.0)
         return written
 

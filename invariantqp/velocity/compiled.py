@@ -24,8 +24,8 @@ from invariantqp.velocity.solution import VelocitySolution
 
 # Rows below which a thread is not worth its start, and those that one takes at a time.
 ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 16
-# Rows that are Python's, a closed form and no more, or recorded.
-LEFT, PLAIN, RECORDED = 0, 1, 2
+# In place of the number of a record: a row that is a closed form and no more, or Python's.
+PLAIN, LEFT = -1, -2
 if core is not None:
     core.answer_as(VelocitySolution)
 
@@ -54,28 +54,33 @@ class Written(NamedTuple):
     Attributes:
         velocity: (N, m).
         residual: (N, 6).
-        kind: (N,) `LEFT`, `PLAIN` or `RECORDED`.
+        record: (N,) the number of its record, or `PLAIN` or `LEFT`.
         method: (N,) strings, as in VelocitySolution.
         status: likewise.
         numbers: (N, 3) scale, damping, guard.
-        records: (N, r) for `core.solution`.
+        records: (k, r) for `core.solution`.
     """
 
     velocity: Array
     residual: Array
-    kind: NDArray[np.int8]
+    record: NDArray[np.int32]
     method: NDArray[np.str_]
     status: NDArray[np.str_]
     numbers: Array
     records: Array
 
     @classmethod
-    def empty(cls, n: int, m: int, record: int) -> Written:
-        """To be written for n ticks of m joints, with `record` numbers a record."""
-        words = np.empty(n, "U11"), np.empty(n, "U8")
-        return cls(
-            np.empty((n, m)), np.empty((n, 6)), np.empty(n, np.int8), *words, np.empty((n, 3)), np.empty((n, record))
-        )
+    def empty(cls, n: int, m: int, numbers: int) -> Written:
+        """To be written for n ticks of m joints, with so many numbers a record."""
+        records = np.empty(n, np.int32), np.empty(n, "U11"), np.empty(n, "U8"), np.empty((n, 3)), np.empty((n, numbers))
+        return cls(np.empty((n, m)), np.empty((n, 6)), *records)
+
+    def and_others(self, others: Written, order: NDArray[np.intp]) -> Written:
+        """These rows and others, row i of all being the one of number order[i]."""
+        further = np.where(others.record < 0, others.record, others.record + len(self.records))
+        pairs: Iterator[Any] = zip(self, others._replace(record=further), strict=True)
+        *rows, records = map(np.concatenate, pairs)
+        return Written._make([*(one[order] for one in rows), records])
 
 
 class Rows(Mapping[int, VelocitySolution]):
@@ -87,34 +92,31 @@ class Rows(Mapping[int, VelocitySolution]):
     """
 
     def __init__(self, written: Written) -> None:
-        """What is told of answers; of records, what is needed is kept."""
-        recorded = written.kind == RECORDED
-        many = 2 * np.count_nonzero(recorded) > len(recorded)
-        self.written = written if many else written._replace(records=written.records[recorded])
-        self.left: list[int] = np.flatnonzero(written.kind == LEFT).tolist()
-        self._record = np.arange(len(recorded)) if many else np.cumsum(recorded) - 1
+        """What is told of answers."""
+        self.written = written
+        self.left: list[int] = np.flatnonzero(written.record == LEFT).tolist()
         self._made: dict[int, VelocitySolution] = {}
 
     def put(self, row: int, solution: VelocitySolution) -> None:
         """The answer to a row that was solved by itself."""
-        velocity, residual, kind, method, status, numbers, _ = self.written
+        velocity, residual, record, method, status, numbers, records = self.written
         velocity[row], residual[row] = solution.velocity, solution.residual
         method[row], status[row] = solution.method, solution.status
         numbers[row] = solution.scale, solution.damping, solution.guard
-        kind[row], self._made[row] = RECORDED, solution
+        record[row], self._made[row] = len(records), solution
 
     def __len__(self) -> int:
-        return int(np.count_nonzero(self.written.kind == RECORDED))
+        return int(np.count_nonzero(self.written.record >= 0))
 
     def __iter__(self) -> Iterator[int]:
-        return iter(np.flatnonzero(self.written.kind == RECORDED).tolist())
+        return iter(np.flatnonzero(self.written.record >= 0).tolist())
 
     def __getitem__(self, row: int) -> VelocitySolution:
         if row not in self._made:
-            kind = self.written.kind
-            if core is None or not (isinstance(row, SupportsIndex) and 0 <= row < len(kind) and kind[row] == RECORDED):
+            record = self.written.record
+            if core is None or not (isinstance(row, SupportsIndex) and 0 <= row < len(record) and record[row] >= 0):
                 raise KeyError(row)
-            self._made[row] = core.solution(self.written.records[self._record[row]])
+            self._made[row] = core.solution(self.written.records[record[row]])
         return self._made[row]
 
 
@@ -141,13 +143,14 @@ def compiled_rows(
     if core is None or policy is None or m > core.MOST_JOINTS:
         return None
     written = Written.empty(n, m, core.RECORD)
-    arguments = J, s, roots, *box, posture, *written, policy, metric, np.zeros(1, np.int32), ROWS_AT_A_TIME
+    taken = np.zeros(2, np.int32)
+    arguments = J, s, roots, *box, posture, *written, policy, metric, taken, ROWS_AT_A_TIME
     threads = max(1, min(n // ROWS_A_THREAD, cpu_count()))
     helpers = [_started(core.ticks, arguments) for _ in range(threads - 1)]
     core.ticks(*arguments)
     for helper in helpers:
         helper.acquire()
-    return written
+    return written._replace(records=written.records[: taken[1]])
 
 
 def cpu_count() -> int:
