@@ -99,9 +99,13 @@ class ExactRows(Value):
         made.__attrs_init__(A, b, D)
         return made
 
-    def demanding(self, b: Array) -> ExactRows:
-        """The same rows with other demands (k,), finite ones."""
-        return self._made(self.A, b, self.of_twist)
+    def demanding(self, b: ArrayLike) -> ExactRows:
+        """The same rows with other demands (k,).
+
+        Raises:
+            BadInput: another number of demands, NaN.
+        """
+        return self._made(self.A, arrays.vector(b, len(self.A), "b"), self.of_twist)
 
     def on(self, to_joint: Array | None) -> ExactRows:
         """The same rows on y, x = T y."""
