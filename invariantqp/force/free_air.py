@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from invariantqp.errors import written
 from invariantqp.force.reading import Order
@@ -93,6 +92,8 @@ def _fit(order: Order, moments: Array, forces: Array, gravity: Array) -> FreeAir
     left = float(np.vdot(f - a * g, f - a * g)) / scale if scale > n * NOTHING**2 else np.inf
     turn, mean = 0.0, gravity.mean(axis=0)
     if left >= EXPLAINED and np.isfinite(left):  # perhaps the sensor is not mounted as it was said
+        from scipy.spatial.transform import Rotation  # a tenth of a second to import, for this alone
+
         for sign in (1.0, -1.0):
             R, _ = Rotation.align_vectors(f, sign * (gravity - gravity.mean(axis=0)))
             turned = (gravity - gravity.mean(axis=0)).dot(R.as_matrix().T)
