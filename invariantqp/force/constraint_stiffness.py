@@ -53,8 +53,8 @@ class ConstraintStiffness(NamedTuple):
         """
         s, n = moved.shape
         before = self
-        if self.ways.shape != (s, n):
-            before = ConstraintStiffness(0.0, np.zeros((s, n)), np.zeros(n), np.zeros((3, s)), self.most)
+        if self.ways.shape != (s, n):  # another contact
+            before = ConstraintStiffness(0.0, np.zeros((s, n)), np.zeros(n), np.zeros((3, s)))
         kept = exp(-dt / (MEMORY * late))
         shift = before.weight * moved
         moments = np.array(

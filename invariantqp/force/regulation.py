@@ -166,7 +166,7 @@ class Regulation(NamedTuple):
             k = presses.stiffness(noise)
             if k is not None:  # and stays until contact is lost
                 estimate = StiffnessEstimate(k, True, inf)
-        now = self._replace(estimate=estimate, presses=presses, unread=np.zeros(4))
+        now = self._replace(estimate=estimate, presses=presses, unread=np.zeros(4), swing=ConstraintStiffness())
         if not estimate.fresh:
             rise = self.rise.after(press, way, noise, touch, (delay + more) / dt, known=estimate.value is not None)
             now = now._replace(rise=rise)

@@ -9,6 +9,8 @@ from support.spring_plane import PANDA, SO101
 
 import invariantqp as iq
 from invariantqp.force.constraint_stiffness import ConstraintStiffness
+from invariantqp.force.regulation import Regulation
+from invariantqp.force.touch import Touch
 
 SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"))
 DT = 0.002
@@ -39,6 +41,14 @@ def test_it_lies_between_the_softest_and_the_stiffest():
 @pytest.mark.parametrize(("noise", "others"), [(1.0, 0.0), (0.0, 1.0)])
 def test_what_is_not_in_step_with_the_motion_shows_no_stiffness(noise, others):
     assert shown(np.zeros((5, 5)), noise, others=others) == 0.0
+
+
+def test_another_contact_is_as_soft_as_it_is():
+    """A stiff hinge, then a contact with fewer constraints, or with one press."""
+    hinge = Regulation(swing=ConstraintStiffness().after(np.ones(5), np.zeros((1, 5)), DT, 0.02)._replace(most=1e6))
+    assert hinge.swung(np.ones(2), np.zeros((1, 2)), DT, 0.02).swing.most == 0.0
+    assert hinge.felt((0.0, 1.0), np.zeros(4), 0.1, DT, (0.01, 0.0, 0.0), Touch()).swing.most == 0.0
+    assert hinge.swung(np.ones(5), np.zeros((1, 5)), DT, 0.02).swing.most >= 1e6
 
 
 def run(robot, q, scene, seconds, starts=0.5, delay=0.0):
