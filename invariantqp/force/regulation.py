@@ -37,6 +37,9 @@ OVERDAMPED = 5.0
 # arm, for the gain a smaller one. On a stiffer contact the press grows so fast that it is known within a few ticks.
 STIFF = 1e5
 USUAL = 2e4
+# How much faster the law may be against all constraints together: a third of the rate from which on it would swing for
+# ever. What a swing shows is the most that any share of the delay makes of it (MuJoCo: 2e5 N/m of 1e5).
+SWINGS = 2.0
 # How much more a delay counts at the touch than a low-pass, which raw readings of an overload do not wait for.
 DELAYED = 0.5
 # No contact is supposed to be softer [N/m].
@@ -95,9 +98,9 @@ class Regulation(NamedTuple):
     def factor(self, compliance: float, stiffness: float | None, late: float) -> float:
         """By how much the compliance [length/s/force] is multiplied for that rate; None is no stiffness told.
 
-        Where all constraints together have shown a larger stiffness, it is for that.
+        Where all constraints together have shown a larger stiffness, it is for that, and SWINGS times as fast.
         """
-        return self.rate(late) / max(compliance * (self.known(stiffness) or self.supposed), self.swing.most)
+        return self.rate(late) / max(compliance * (self.known(stiffness) or self.supposed), self.swing.most / SWINGS)
 
     def approach_speed(self, press: float, stiffness: float | None, late: float, delay: float, more: float) -> float:
         """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness.
