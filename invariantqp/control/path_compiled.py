@@ -14,9 +14,10 @@ import numpy as np
 from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
 from invariantqp.control.joint_path import OFF_PATH
+from invariantqp.control.path_orders import PAUSE, TURN
 from invariantqp.control.path_pace import ASTRAY, ON_TIME, OVERRIDDEN, Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import BACK, ENDED, PAUSE, SETTLING, TURN
+from invariantqp.control.path_report import BACK, ENDED, SETTLING
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array

@@ -94,10 +94,9 @@ def drive(
         back: whether it is to go backward, once at rest.
     """
     dt, place = controller.dt, here.place
-    away = max(here.off / (AWAY * controller.measure.length), 1.0)
     astray = here.joints - q
     strayed = float(np.abs(astray).max()) / STRAYED
-    near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed, 1.0))
+    near = share_near(here.off / controller.measure.length, strayed)
     speed, possible, ruling = pace.speed(plan, state, place, near=near, override=override, stop=stop)
     rate = possible_rate(controller, plan, state, place, -speed if state.back else speed, possible)
     middle = min(max(place + 0.5 * dt * rate, plan.start), plan.end)
@@ -138,22 +137,16 @@ def drive(
                 answer, kept = slower, slower.scale
     went = _went(slope, answer.velocity, kept * rate, rate)
     rate *= kept
-    v = abs(rate)
-    acceleration = (v - state.speed) / dt
-    turned = back != state.back and v * dt <= STANDING * plan.end
-    if turned:
-        v = acceleration = 0.0
-    after = PathState(
-        place=place + dt * rate,
-        speed=v,
-        acceleration=acceleration,
-        back=back if turned else state.back,
-        along=went * slope,
-        velocity=answer.velocity.copy(),
-        tangent=tangent,
-        ticks=state.ticks + 1,
+    after = state.after(
+        place, rate, dt, STANDING * plan.end, back=back, along=went * slope, velocity=answer.velocity.copy()
     )
-    return Driven(answer, after, here, rate, ruling)
+    return Driven(answer, after._replace(tangent=tangent), here, rate, ruling)
+
+
+def share_near(off: float, strayed: float) -> float:
+    """The share of its speed for a tool so far off its path, relative, and joints so many STRAYED off the plan."""
+    away = max(off / AWAY, 1.0)
+    return min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed, 1.0))
 
 
 def possible_rate(

@@ -11,7 +11,6 @@ where it was and looks along the path again from there, with the joints as they 
 from __future__ import annotations
 
 from copy import deepcopy
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,9 +22,10 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
 from invariantqp.control.path_compiled import Course, compiled_drive, course_of
 from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
+from invariantqp.control.path_orders import TURN, Pausable, override_of
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import PAUSE, TURN, reported, stands
+from invariantqp.control.path_report import reported, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
@@ -35,8 +35,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.solution import VelocitySolution
 
-# Largest speed override.
-FASTEST = 1.5
 # Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
 STEPS = 1500.0
 # The tool is at a place, to look along the path from there or as its end, within this, relative to the measure.
@@ -49,7 +47,7 @@ PUSHED, DISPLACED = AWAY * AWAY_STOP, 0.2
 PATIENCE, STUCK = 1.0, 0.1
 
 
-class PathDriver:
+class PathDriver(Pausable):
     """Drives the tool of a controller along a path; `step` is one tick.
 
     Attributes:
@@ -86,12 +84,7 @@ class PathDriver:
             raise BadInput("controller", "one with PaperLambda", "another damping", "That one keeps no bounds.")
         self.controller = controller
         self.plan: PathPlan | None = None
-        fast = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
-        most = inf
-        if acceleration is not None:
-            most = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
-        smooth = None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True)
-        self._pace = Pace(controller.dt, fast, most, smooth)
+        self._pace = Pace.of(controller.dt, rate, acceleration, jerk)
         self._stops = stops
         self._tolerance = AT_PLACE * controller.measure.length
         if tolerance is not None:
@@ -103,8 +96,7 @@ class PathDriver:
         # On the way to the path: how far off it is, and for how long it gets no nearer [s].
         self._off = 0.0
         self._stood = 0.0
-        self._paused = False
-        self._wants_back = False
+        super().__init__()
         self._kept: Array = at_rest(0.0, np.zeros(len(controller.robot.names))).numbers
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -122,14 +114,6 @@ class PathDriver:
     @_state.setter
     def _state(self, state: PathState) -> None:
         self._kept[:] = state.numbers
-
-    def pause(self) -> None:
-        """Come to rest on the path, and stay."""
-        self._paused = True
-
-    def resume(self) -> None:
-        """Go on after a pause."""
-        self._paused = False
 
     def step(self, q: ArrayLike, velocity: ArrayLike | None = None, override: float = 1.0) -> PathSolution:
         """One tick: the joint velocity to command until the next.
@@ -151,9 +135,7 @@ class PathDriver:
         m = len(self.controller.robot.names)
         positions, state = arrays.vector(q, m, "q"), self._state
         before = state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
-        part = arrays.not_negative(override, "override", "a share of the speed, 0 to 1.5")
-        if part > FASTEST:
-            raise BadInput("override", f"{part:g}", f"a share of the speed, 0 to {FASTEST:g}")
+        part = override_of(override)
         if self.plan is not None and self._path is not None:
             if self._search is not None and not self._search.done:  # the path has grown
                 self._look_on(self._search)
@@ -202,7 +184,7 @@ class PathDriver:
     ) -> PathSolution:
         """A tick on the path."""
         back = self._wants_back
-        stop = PAUSE if self._paused else TURN if back != state.back else ""
+        stop = self._stop(back=state.back)
         driven = drive(
             self.controller, path.curve, plan, state, here, q, self._pace, override=override, stop=stop, back=back
         )
@@ -256,7 +238,5 @@ class PathDriver:
             search.extend()
             if search.ready:
                 self._search = search
-                self.plan = search.plan(
-                    inf if self._pace.rate is None else FASTEST * self._pace.rate, self._pace.smooth
-                )
+                self.plan = search.plan(self._pace.fastest, self._pace.smooth)
                 return

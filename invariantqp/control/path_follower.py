@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath, given_path
 from invariantqp.control.path_driver import PathDriver
+from invariantqp.control.path_orders import Reversible
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
 
-class PathFollower(PathDriver):
+class PathFollower(PathDriver, Reversible):
     """Drives the tool of a controller along a path; `step` is one tick.
 
     Attributes:
@@ -71,10 +72,6 @@ class PathFollower(PathDriver):
             BadInput: not a number.
         """
         return self._given.pose(arrays.number(place, "place", "the path's parameter"))
-
-    def reverse(self) -> None:
-        """Come to rest and drive the path in the other direction."""
-        self._wants_back = not self._wants_back
 
     def prepare(self, q: ArrayLike) -> None:
         """Find the joint motion along the path now, from joint positions near its start.

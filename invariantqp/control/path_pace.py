@@ -7,13 +7,16 @@ With a jerk, the speed follows an S-curve (`time_law`).
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.control.path_orders import FASTEST
 from invariantqp.control.path_plan import EASY_SHARE, PathPlan
 from invariantqp.control.path_state import PathState
 from invariantqp.control.time_law import Ramp
+from invariantqp.geometry import arrays
 
 # An S-curve stays below this share of what limits allow: at their edge joint accelerations leave no choice of speed.
 SMOOTH_SHARE = 0.95
@@ -37,6 +40,24 @@ class Pace(NamedTuple):
     rate: float | None
     acceleration: float
     jerk: float | None
+
+    @classmethod
+    def of(cls, dt: float, rate: float | None, acceleration: float | None, jerk: float | None) -> Pace:
+        """As a caller gives it.
+
+        Raises:
+            BadInput: a number that is not positive.
+        """
+        fast = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
+        most = inf
+        if acceleration is not None:
+            most = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
+        return cls(dt, fast, most, None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True))
+
+    @property
+    def fastest(self) -> float:
+        """The largest speed that will be asked for, inf where that is limits' affair."""
+        return inf if self.rate is None else FASTEST * self.rate
 
     @property
     def smooth(self) -> float | None:

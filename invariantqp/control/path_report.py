@@ -8,16 +8,16 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.given_path import GivenPath
 from invariantqp.control.joint_path import OFF_PATH
 from invariantqp.control.path_drive import STANDING, Driven
+from invariantqp.control.path_orders import PAUSE
 from invariantqp.control.path_pace import ON_TIME, Pace
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_solution import PathSolution
+from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
 
 # The end is reached within this share of the path, by joints slower than this share of their limits; what blocks the
 # path is reached within a larger one: at the edge of its reach an arm moves much for little.
 ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
-# Why a tool comes to rest that was told to.
-PAUSE, TURN = "a pause", "the turn"
 # What rules at the end of the path, before the joints are at rest and after.
 SETTLING, ENDED = "settling", "the path's end"
 # What rules where the path is driven backward and the tool is back where it set out.
@@ -58,18 +58,36 @@ def reported(
         status, reason = "waiting", "; ".join(filter(None, ("on the way to the path's start", reason)))
     elif plan.off[i] > reachable:
         status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
-    elif stop == PAUSE and abs(rate) * dt <= STANDING * path.curve.end:
-        status = "paused"
-    elif still and after.back and after.place - plan.start <= near:
-        status, ruling = "paused", BACK
-    elif not stop and plan.end - after.place <= near:
-        ruling = SETTLING
-    elif ruling != ON_TIME:
-        status = "slowed"
+    else:
+        stands_now = abs(rate) * dt <= STANDING * path.curve.end
+        status, ruling = on_the_path(plan, after, ruling, near, stop=stop, stands=stands_now, still=still)
     lag = None if pace.rate is None else after.ticks * dt - at / pace.rate
     return PathSolution(
         answer.velocity, status, reason, at, (at - path.place(here.place)) / dt, ruling, lag, here.off, answer
     )
+
+
+def on_the_path(
+    plan: PathPlan, after: PathState, ruling: str, near: float, *, stop: str, stands: bool, still: bool
+) -> tuple[str, str]:
+    """Status and ruling of a tick that is neither "done" nor in trouble.
+
+    Args:
+        plan: the joint motion along the path.
+        after: after the tick.
+        ruling: what ruled its speed.
+        near: how near its ends the path is driven to them.
+        stop: why the tool was to come to rest, "" where it was not.
+        stands: whether the tool stands on the path.
+        still: whether it was not to come to rest, and joints are.
+    """
+    if stop == PAUSE and stands:
+        return "paused", ruling
+    if still and after.back and after.place - plan.start <= near:
+        return "paused", BACK
+    if not stop and plan.end - after.place <= near:
+        return "moving", SETTLING
+    return "moving" if ruling == ON_TIME else "slowed", ruling
 
 
 def stands(controller: Controller, velocity: Array) -> bool:

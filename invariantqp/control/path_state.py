@@ -48,6 +48,32 @@ class PathState(NamedTuple):
         head = self.place, self.speed, self.acceleration, self.back, self.ticks
         return np.concatenate((head, tangent, self.along, self.velocity))
 
+    def after(
+        self, place: float, rate: float, dt: float, standing: float, *, back: bool, along: Array, velocity: Array
+    ) -> PathState:
+        """After a tick of dt [s] at a rate from a place on.
+
+        Args:
+            place: where the tool was.
+            rate: of the place, negative backward.
+            dt: tick [s].
+            standing: a tick that drives no farther is at rest: there the drive may turn.
+            back: whether it is to go backward.
+            along: (m,) joint velocity along the path.
+            velocity: (m,) and all of it.
+        """
+        v = abs(rate)
+        turned = back != self.back and v * dt <= standing
+        return self._replace(
+            place=place + dt * rate,
+            speed=0.0 if turned else v,
+            acceleration=0.0 if turned else (v - self.speed) / dt,
+            back=back if turned else self.back,
+            along=along,
+            velocity=velocity,
+            ticks=self.ticks + 1,
+        )
+
 
 def at_rest(place: float, velocity: Array, ticks: int = 0, *, back: bool = False) -> PathState:
     """A tool that is about to set out from a place, its joints at `velocity` (m,)."""

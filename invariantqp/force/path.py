@@ -12,29 +12,29 @@ along again with the joints as they are then.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.asked import way_to
-from invariantqp.control.beside import nearest
 from invariantqp.control.given_path import GivenPath, given_path
-from invariantqp.control.path_drive import AWAY, AWAY_STOP, JOINT_GAIN, STRAYED, possible_rate
+from invariantqp.control.path_drive import JOINT_GAIN, STANDING, STRAYED, possible_rate, share_near
 from invariantqp.control.path_driver import DISPLACED, PUSHED
-from invariantqp.control.path_pace import Pace
+from invariantqp.control.path_orders import TURN, Reversible, override_of
+from invariantqp.control.path_pace import ON_TIME, OVERRIDDEN, Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import ARRIVED, SETTLING, stands
+from invariantqp.control.path_report import ARRIVED, ENDED, SETTLING, STOPPED, on_the_path, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_state import PathState, at_rest
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid import HybridController
 from invariantqp.force.kept_split import contact_now
+from invariantqp.force.path_beside import look_along
 from invariantqp.force.path_solution import HybridPathSolution
+from invariantqp.force.path_stall import Stall
 from invariantqp.force.reading import Wrench
 from invariantqp.force.solution import HybridSolution
-from invariantqp.geometry import arrays, se3
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 
@@ -42,29 +42,11 @@ from invariantqp.systems.contacts import Contact
 TOUCH = 0.5
 # How near the end a tool is that is there, along S, relative to the measure's length.
 AT_END = 1e-4
+NO_TOUCH = "no contact"
 NO_CONTACT = ("lost", "overload", "fault")
-# A singular value below this share of the largest moves no tool: joints are free to move along it.
-STILL = 1e-3
 
 
-class _Beside(NamedTuple):
-    """Where the tool is beside its path.
-
-    Attributes:
-        place: nearest it along S.
-        off: how far it is from there, along S.
-        strayed: how far a joint is off the plan by motion that leaves the tool where it is [rad, length], 0 where that
-            is less than STRAYED.
-        astray: (m,) the way back of the joints to the plan, there.
-    """
-
-    place: float
-    off: float
-    strayed: float
-    astray: Array
-
-
-class HybridFollower:
+class HybridFollower(Reversible):
     """Drives a tool in contact along a path; `step` is one tick.
 
     Attributes:
@@ -99,18 +81,15 @@ class HybridFollower:
         """
         if not isinstance(hybrid, HybridController):
             raise BadInput("hybrid", excerpt(hybrid), "a HybridController")
+        super().__init__()
         self.hybrid = hybrid
         self.plan: PathPlan | None = None
         loop = hybrid.loop
-        most = inf
-        if acceleration is not None:
-            most = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
-        smooth = None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True)
-        fast = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
-        self._pace = Pace(loop.dt, fast, most, smooth)
+        self._pace = Pace.of(loop.dt, rate, acceleration, jerk)
         self._path: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=rate is not None)
         self._search: PathSearch | None = None
         self._touching = False
+        self._stall = Stall()
         self._state: PathState = at_rest(0.0, np.zeros(len(loop.robot.names)))
 
     def prepare(self, q: ArrayLike) -> None:
@@ -133,6 +112,7 @@ class HybridFollower:
         velocity: ArrayLike | None = None,
         contact: Contact | None = None,
         wanted: ArrayLike | Wrench | None = None,
+        override: float = 1.0,
     ) -> HybridPathSolution:
         """One tick: the joint velocity to command until the next.
 
@@ -142,55 +122,61 @@ class HybridFollower:
             velocity: (m,) joint velocity now; None is the one commanded last.
             contact: the contact now; None takes the task's.
             wanted: what to exert in this tick; None takes the task's.
+            override: share of the speed asked for, 0 to 1.5, as in `PathFollower.step`; the force does not change.
 
         Returns:
             HybridPathSolution: "waiting" until the tool touches, where contact is lost, and on the way back
                 from a push.
 
         Raises:
-            BadInput: NaN or wrong shapes; the follower is as it was.
+            BadInput: NaN, wrong shapes, an override out of its range; the follower is as it was.
         """
         hybrid, curve = self.hybrid, self._path.curve
         loop, robot = hybrid.loop, hybrid.robot
-        positions = arrays.vector(q, len(robot.names), "q")
-        before = self._state.velocity if velocity is None else velocity
+        positions, part = arrays.vector(q, len(robot.names), "q"), override_of(override)
+        state, plan = self._state, self.plan
+        before = state.velocity if velocity is None else velocity
         tool = robot.pose(positions)
         here = contact_now(hybrid.task, tool, contact)
-        beside = self._beside(positions, tool, here)
+        beside = look_along(hybrid, self._path, plan, positions, tool, here, state.place)
         far = beside.off > PUSHED * loop.measure.length or beside.strayed > DISPLACED
-        again = far and self._state.place > 0.0
-        plan = self.plan
+        again = far and state.place > 0.0
         if plan is None or again:
-            answer = hybrid.step(positions, curve.pose(self._state.place), wrench, None, here, before, wanted)
+            answer = hybrid.step(positions, curve.pose(state.place), wrench, None, here, before, wanted)
             if again:
                 self.plan, self._search = None, None
             return self._waiting(answer, positions, beside.off)
         place, off, strayed, astray = beside
-        rate, slope, ruling = self._pace_at(plan, place, off, strayed)
-        middle = min(place + 0.5 * loop.dt * rate, plan.end)
-        posture = rate * slope + JOINT_GAIN * astray
+        stop = self._stop(back=state.back) if self._touching else NO_TOUCH
+        if stop and state.speed == 0.0:  # it stands there, pushed along or not
+            place = state.place
+        # Before what blocks the path, at the edge of its reach, a pressed tool never has the plan's joints: they rest.
+        there = bool(plan.blocked) and not state.back and plan.end - place <= STOPPED * curve.end
+        part = 0.0 if there else part
+        near = share_near(off / loop.measure.length, strayed / STRAYED)
+        speed, possible, ruling = self._pace.speed(plan, state, place, near=near, override=part, stop=stop)
+        rate = possible_rate(loop, plan, state, place, -speed if state.back else speed, possible)
+        middle = min(max(place + 0.5 * loop.dt * rate, plan.start), plan.end)
+        slope = plan.slope(middle)
+        posture = rate * slope + (0.0 if there else JOINT_GAIN) * astray
         ahead = rate * curve.tangent(middle)
         answer = hybrid.step(positions, curve.pose(place), wrench, ahead, here, before, wanted, posture)
-        waits, state = not self._touching, self._state
         self._touching = self._touches(answer)
-        self._state = state._replace(
-            place=place + loop.dt * rate,
-            speed=rate,
-            acceleration=(rate - state.speed) / loop.dt,
+        self._state = state.after(
+            place,
+            rate,
+            loop.dt,
+            STANDING * plan.end,
+            back=self._wants_back,
             along=rate * slope,
             velocity=answer.velocity,
-            ticks=state.ticks + 1,
         )
-        if not waits and self._at_end(plan):
-            ruling = SETTLING
-        status, reason = "moving" if ruling in ("the rate asked for", SETTLING) else "slowed", answer.reason
-        if waits:
-            status, reason = "waiting", answer.reason or "no contact"
-        elif self._arrived(plan, off):
-            status, reason = "done", ""
-            if plan.blocked:
-                status, reason = "blocked", plan.blocked
-        return self._told(answer, status, reason, rate, ruling, off)
+        if stop == TURN and self._state.back != state.back:
+            stop = ""
+        self._stall = self._stall.after(
+            place, rate, loop.dt, curve.end, waits=bool(stop) or part == 0.0, asked=ruling in (ON_TIME, OVERRIDDEN)
+        )
+        return self._told_along(answer, plan, rate, ruling, off, stop=stop)
 
     def _waiting(self, answer: HybridSolution, q: Array, off: float) -> HybridPathSolution:
         """What is told of a tick without a plan: on the way back to the path, or looking along it."""
@@ -200,49 +186,29 @@ class HybridFollower:
         if self._search is not None or not pushed or off <= AT_END * self.hybrid.loop.measure.length:
             reason = "looking along the path"
             self._look_on(q)
-        self._state = at_rest(state.place, answer.velocity, state.ticks + 1 if pushed else 0)
+        self._state = at_rest(state.place, answer.velocity, state.ticks + 1 if pushed else 0, back=state.back)
         return self._told(answer, "waiting", reason, 0.0, "a push" if pushed else "the start", off)
 
-    def _pace_at(self, plan: PathPlan, place: float, off: float, strayed: float) -> tuple[float, Array, str]:
-        """The rate of this tick, the slope of the joint motion along it, and what rules it."""
-        loop, state = self.hybrid.loop, self._state
-        away = max(off / (AWAY * loop.measure.length), 1.0)
-        near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(strayed / STRAYED, 1.0))
-        stop = "" if self._touching else "no contact"
-        speed, possible, ruling = self._pace.speed(plan, state, place, near=near, override=1.0, stop=stop)
-        rate = possible_rate(loop, plan, state, place, speed, possible)
-        return rate, plan.slope(place + 0.5 * loop.dt * rate), ruling
-
-    def _at_end(self, plan: PathPlan) -> bool:
-        """Whether all of the path has been driven."""
-        return plan.end - self._state.place <= ARRIVED * self._path.curve.end
-
-    def _arrived(self, plan: PathPlan, off: float) -> bool:
-        """Whether the tool rests at the end of the path."""
-        loop, state = self.hybrid.loop, self._state
-        there = self._at_end(plan) and off <= AT_END * loop.measure.length
-        return there and stands(loop, state.velocity)
-
-    def _beside(self, q: Array, tool: Array, contact: Contact) -> _Beside:
-        """Where the tool is; without a plan, beside the place where it is expected."""
-        loop, curve, expected = self.hybrid.loop, self._path.curve, self._state.place
-        target = loop.robot.target(curve.pose(expected))
-        way = way_to(loop, q, target)
-        P = self.hybrid.splits.at(contact, tool).projectors.motion
-        A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
-        R = way.rows.dot(A).dot(P).dot(B.T)
-        plan = self.plan
-        if plan is None:
-            return _Beside(expected, float(np.linalg.norm(R.dot(way.error))), 0.0, np.zeros(len(q)))
-        ahead, error = R.dot(curve.tangent(expected)), R.dot(way.error)
-        place, rest = nearest(self._path, plan, expected, ahead, error)
-        astray, off = plan.joints(place) - q, sqrt(float(rest.dot(rest)))
-        if float(astray.dot(astray)) <= STRAYED * STRAYED:  # nor is any part of it more
-            return _Beside(place, off, 0.0, astray)
-        _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)
-        moving = Vt[sigma > STILL * sigma[0]]
-        free = astray - moving.T.dot(moving.dot(astray))
-        return _Beside(place, off, float(np.abs(free).max()), astray)
+    def _told_along(
+        self, answer: HybridSolution, plan: PathPlan, rate: float, ruling: str, off: float, *, stop: str
+    ) -> HybridPathSolution:
+        """What is told of a tick along the path."""
+        loop, after, end = self.hybrid.loop, self._state, self._path.curve.end
+        if stop == NO_TOUCH:
+            return self._told(answer, "waiting", answer.reason or NO_TOUCH, rate, ruling, off)
+        near = (STOPPED if plan.blocked else ARRIVED) * end
+        still = not stop and stands(loop, answer.velocity)
+        if still and plan.end - after.place <= near and off <= AT_END * loop.measure.length:
+            if plan.blocked:
+                return self._told(answer, "blocked", plan.blocked, rate, SETTLING, off)
+            return self._told(answer, "done", "", rate, ENDED, off)
+        if self._stall.lasts:
+            at = f"the tool comes no farther than {self._path.place(after.place - loop.dt * rate):.6g}"
+            why = "; ".join(filter(None, (at, plan.blocked, answer.reason)))
+            return self._told(answer, "blocked", why, rate, ruling, off)
+        standing = abs(rate) * loop.dt <= STANDING * end
+        status, ruling = on_the_path(plan, after, ruling, near, stop=stop, stands=standing, still=still)
+        return self._told(answer, status, answer.reason, rate, ruling, off)
 
     def _touches(self, answer: HybridSolution) -> bool:
         """Whether the tool is in contact."""
@@ -261,7 +227,7 @@ class HybridFollower:
             self._search = PathSearch(self.hybrid.loop, curve, q, place, rate=self._pace.rate, stops=True)
         self._search.extend()
         if self._search.done:
-            self.plan = self._search.plan(inf if self._pace.rate is None else self._pace.rate, self._pace.smooth)
+            self.plan = self._search.plan(self._pace.fastest, self._pace.smooth)
 
     def _told(
         self, answer: HybridSolution, status: str, reason: str, speed: float, ruling: str, off: float

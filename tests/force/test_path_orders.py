@@ -1,0 +1,138 @@
+"""A path in contact is paused, turned round and sped up while it is driven, and the force goes on."""
+
+import numpy as np
+import pytest
+from force.test_path import DT, PERIOD, off_circle, prepared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+SETTLED = 150
+
+
+class Drive:
+    """A follower on half a circle, the solutions so far, and how far off the circle the tool was."""
+
+    def __init__(self, yields=0.0, **given):
+        self.bench, _, self.follower = prepared(yields=yields, **given)
+        self.told, self.off = [], []
+
+    def tick(self, count=1, **more):
+        for _ in range(count):
+            self.told.append(self.follower.step(self.bench.q, self.bench.wrench(), **more))
+            self.bench.q = self.bench.q + DT * self.told[-1].velocity
+            self.off.append(off_circle(self.bench))
+        return self.told[-1]
+
+    def until(self, *statuses, most=4000, **more):
+        for _ in range(most):
+            if self.tick(**more).status in statuses:
+                return self.told[-1]
+        raise AssertionError(self.told[-1])
+
+    def tip(self):
+        return self.bench.robot.pose(self.bench.q)[:3, 3]
+
+    def check(self, force=0.02):
+        """Limits are kept all the time; once settled the force is, and the tool is on the circle."""
+        velocity = np.array([s.velocity for s in self.told])
+        assert (np.abs(velocity) <= self.bench.robot.velocity_limit + 1e-9).all()
+        jumps = np.abs(np.diff(velocity, axis=0, prepend=np.zeros((1, 7)))) / DT
+        assert jumps.max() <= 5.0 * (1.0 + 1e-9)
+        first = next(k for k, s in enumerate(self.told) if s.status != "waiting") + SETTLED
+        assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in self.told[first:]) < force
+        assert max(self.off[first:]) < 5e-5
+
+
+def test_a_pause_stands_under_the_force_and_goes_on():
+    drive = Drive()
+    drive.tick(500)
+    drive.follower.pause()
+    told = drive.until("paused", most=100)
+    assert told.ruling == "a pause"
+    at, place = drive.tip(), told.place
+    for _ in range(500):  # a second
+        told = drive.tick()
+        assert told.status == "paused"
+        assert told.speed == 0.0
+    assert np.linalg.norm((drive.tip() - at)[:2]) < 1e-5
+    assert abs(told.place - place) < 1e-5 * PERIOD
+    drive.follower.resume()
+    assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
+    drive.check()
+
+
+def test_back_to_the_start_and_forward_to_the_end():
+    drive = Drive()
+    drive.tick(200)
+    start = drive.bench.start[:2, 3]
+    drive.tick(400)
+    drive.follower.reverse()
+    told = drive.until("paused")
+    assert min(s.speed for s in drive.told) < 0.0
+    assert told.ruling == "the start"
+    assert told.place < 1e-6 * PERIOD
+    assert np.linalg.norm(drive.tip()[:2] - start) < 1e-4
+    assert drive.tick(50).status == "paused"
+    drive.follower.reverse()
+    assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
+    drive.follower.reverse()  # from its end, too
+    assert drive.until("paused").place < 1e-6 * PERIOD
+    drive.check()
+
+
+def test_an_override_of_zero_stands_and_of_a_half_is_half_as_fast():
+    drive = Drive(rate=0.02)  # slow enough for half as much again
+    drive.tick(300)
+    fast = {part: drive.tick(300, override=part).speed / 0.02 for part in (0.0, 0.5, 1.0, 1.5)}
+    assert fast == pytest.approx({0.0: 0.0, 0.5: 0.5, 1.0: 1.0, 1.5: 1.5}, rel=1e-9, abs=1e-12)
+    assert drive.told[-1].status == "moving"
+    drive.check()
+
+
+def test_without_a_rate_an_override_slows_and_never_hastens():
+    ticks = {}
+    for part in (0.5, 1.0, 1.5):
+        drive = Drive()
+        drive.until("done", override=part)
+        drive.check()
+        ticks[part] = len(drive.told)
+    assert ticks[1.5] == ticks[1.0] < ticks[0.5]
+
+
+def test_contact_lost_in_a_pause_is_found_again_and_the_pause_goes_on():
+    drive = Drive(yields=0.02)
+    drive.tick(400)
+    drive.follower.pause()
+    place = drive.until("paused").place
+    drive.bench.height -= 5e-3
+    assert drive.until("waiting").ruling in ("no contact", "a pause")
+    assert drive.until("paused").ruling == "a pause"
+    told = drive.tick(200)
+    assert told.status == "paused"
+    assert abs(told.place - place) < 1e-4 * PERIOD
+    assert abs(told.hybrid.intensities[0] / 5.0 - 1.0) < 0.02
+    drive.follower.resume()
+    assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
+
+
+@settings(max_examples=5, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["pause", "resume", "reverse", ""]), st.floats(0.0, 1.5), st.integers(1, 60)),
+        min_size=3,
+        max_size=8,
+    ),
+    st.sampled_from([{}, {"rate": 0.2}, {"jerk": 50.0, "rate": 0.2}]),
+)
+def test_whatever_it_is_told_it_stays_on_its_path_under_its_force(orders, options):
+    drive = Drive(**options)
+    drive.tick(300)
+    for order, part, ticks in orders:
+        if order:
+            getattr(drive.follower, order)()
+        drive.tick(ticks, override=part)
+    drive.follower.resume()
+    if drive.follower._wants_back:
+        drive.follower.reverse()
+    assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
+    drive.check()
