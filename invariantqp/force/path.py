@@ -203,7 +203,7 @@ class HybridFollower(Reversible):
                 return self._told(answer, "blocked", plan.blocked, rate, SETTLING, off)
             return self._told(answer, "done", "", rate, ENDED, off)
         if self._stall.lasts:
-            at = f"the tool comes no farther than {self._path.place(after.place - loop.dt * rate):.6g}"
+            at = f"the tool comes no farther than {self._path.place(after.place - loop.dt * rate):.4g}"
             why = "; ".join(filter(None, (at, plan.blocked, answer.reason)))
             return self._told(answer, "blocked", why, rate, ruling, off)
         standing = abs(rate) * loop.dt <= STANDING * end

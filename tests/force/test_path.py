@@ -3,37 +3,9 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from support.spring_plane import PANDA, Bench, circle, pen
+from support.drawing import DT, PERIOD, off_circle, prepared, slow_bench
 
 import invariantqp as iq
-
-DT, RADIUS, PERIOD = 2e-3, 0.03, 0.4
-
-
-def slow_bench(share=1.0 / 15.0, dt=DT, **task):
-    """A Panda at a fifteenth of its speed, with a pen on paper."""
-    robot = iq.load_robot("panda")
-    limits = (robot.position_lower, robot.position_upper, share * robot.velocity_limit)
-    return Bench(
-        iq.robots.Chain(robot.screws, robot.home, robot.names, *limits),
-        PANDA,
-        pen(**task),
-        dt=dt,
-        acceleration_limit=5.0,
-    )
-
-
-def prepared(yields=0.0, **given):
-    """That bench, half a circle on the paper, and a follower that has looked along it."""
-    bench = slow_bench(yields=yields)
-    path = circle(bench.start, RADIUS, PERIOD)
-    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2, **given)
-    follower.prepare(bench.q)
-    return bench, path, follower
-
-
-def off_circle(bench):
-    return abs(np.linalg.norm(bench.robot.pose(bench.q)[:2, 3] - bench.start[:2, 3] + [RADIUS, 0.0]) - RADIUS)
 
 
 def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
@@ -149,6 +121,31 @@ def test_in_long_ticks_joints_rest_when_the_tool_is_there(seed):
     assert sum(s.ruling == "settling" for s in told) < 5
 
 
+def blocked(seed, dt):
+    """Solutions on a line on the paper from which the arm is kept, at a third of its speed."""
+    rng = np.random.default_rng(seed)
+    bench, turn, length = slow_bench(share=1.0 / 3.0, dt=dt), rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.4, 0.9)
+    way = length * np.array([np.cos(turn), np.sin(turn), 0.0])
+    told = driven(bench, lambda u: iq.transform(bench.start[:3, :3], bench.start[:3, 3] + u * way), round(6.0 / dt))
+    assert told[-1].status == "blocked"
+    return told
+
+
+@pytest.mark.parametrize("seed", [3, 28])
+def test_what_blocks_the_path_is_told_once_the_joints_have_braked(seed):
+    told = blocked(seed, 2e-3)  # where reach ends: joints went on for 400 to 600 ticks towards where they cannot be
+    assert told[-1].reason.startswith("it is out of reach")
+    assert sum(s.ruling == "settling" for s in told) < 60
+    assert (np.abs(told[-1].velocity) < 1e-3).all()
+
+
+def test_a_pressed_tool_that_comes_no_farther_than_its_joint_is_blocked():
+    told = blocked(39, 0.01)  # deeper than planned, where the joint ends before the path does: "slowed" for ever
+    assert told[-1].reason.startswith("the tool comes no farther than 0.6169; joint 1 (panda_joint2) is at its lower")
+    assert sum(abs(s.place - told[-1].place) < 1e-4 for s in told) < 130
+    assert abs(told[-1].hybrid.intensities[0] / 5.0 - 1.0) < 0.02
+
+
 def test_a_refused_tick_leaves_the_follower_as_it_was():
     bench, _, follower = prepared()
     for _ in range(200):
@@ -161,6 +158,7 @@ def test_a_refused_tick_leaves_the_follower_as_it_was():
             (bench.wrench(), {"wanted": [-1.0]}),
             (bench.wrench(), {"velocity": np.full(7, np.inf)}),
             (bench.wrench(), {"contact": "a table"}),
+            (bench.wrench(), {"override": 1.6}),
         ):
             with pytest.raises(iq.BadInput):
                 follower.step(q, wrench, **more)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from force.test_path import DT, PERIOD, off_circle, prepared
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.drawing import DT, PERIOD, off_circle, prepared
 
 SETTLED = 150
 

@@ -292,7 +292,7 @@ CONTROL = {
     "HybridFollower.prepare": lambda: (in_contact().prepare, {"q": Q}),
     "HybridFollower.step": lambda: (
         in_contact().step,
-        {"q": Q, "wrench": TWIST, "velocity": Q, "contact": contact(), "wanted": [5.0]},
+        {"q": Q, "wrench": TWIST, "velocity": Q, "contact": contact(), "wanted": [5.0], "override": 1.0},
     ),
     "WrenchSensor": lambda: (
         iq.WrenchSensor,
