@@ -51,7 +51,13 @@ class Course(NamedTuple):
 
 
 def course_of(
-    controller: Controller, path: GivenPath, plan: PathPlan, pace: Pace, tolerance: float, state: Array
+    controller: Controller,
+    path: GivenPath,
+    plan: PathPlan,
+    pace: Pace,
+    overrides: tuple[float, float],
+    tolerance: float,
+    state: Array,
 ) -> Course | None:
     """A drive as the compiled core takes it; None for one that it does not have.
 
@@ -60,6 +66,7 @@ def course_of(
         path: the path.
         plan: the joint motion along it.
         pace: how fast it is meant to be driven.
+        overrides: above and up to which ones the plan is for.
         tolerance: how far from the path's end a tool that is there may be.
         state: (11 + 2 m,) of the drive, which ticks write.
     """
@@ -71,5 +78,5 @@ def course_of(
     asked = pace.rate or 0.0, pace.acceleration, pace.jerk or 0.0, tolerance
     knots = plan.at, plan.forward, plan.backward, plan.off, plan.ratio, plan.q.ravel(), plan.slopes.ravel()
     poses = curve.at, path.places, curve.poses.ravel(), curve.cubics.ravel()
-    numbers = np.concatenate(((*sizes, path.slow, *asked, plan.braking, cut), *knots, *poses))
+    numbers = np.concatenate(((*sizes, path.slow, *asked, plan.braking, cut, *overrides), *knots, *poses))
     return Course(controller.compiled, controller.kept, state, numbers, (*plan.ruling, *RULINGS))

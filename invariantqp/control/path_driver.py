@@ -85,6 +85,7 @@ class PathDriver(Pausable):
         self.controller = controller
         self.plan: PathPlan | None = None
         self._pace = Pace.of(controller.dt, rate, acceleration, jerk)
+        self._overrides = self._pace.overrides(1.0)  # for which the plan is
         self._stops = stops
         self._tolerance = AT_PLACE * controller.measure.length
         if tolerance is not None:
@@ -137,8 +138,10 @@ class PathDriver(Pausable):
         before = state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
         part = override_of(override)
         if self.plan is not None and self._path is not None:
-            if self._search is not None and not self._search.done:  # the path has grown
-                self._look_on(self._search)
+            if self._search is not None and self._search.done:
+                self._drive_by(self._search, part)
+            elif self._search is not None:  # the path has grown
+                self._look_on(self._search, part)
             state = state._replace(velocity=before)
             tangent = self._path.curve.tangent(state.place) if state.tangent is None else state.tangent
             here = look(self.controller, self._path, self.plan, positions, state.place, tangent)
@@ -151,7 +154,9 @@ class PathDriver(Pausable):
         """What the core drives along; None where Python has to."""
         search, path, plan = self._search, self._path, self.plan
         if path is not None and plan is not None and (search is None or search.done):
-            self._course = course_of(self.controller, path, plan, self._pace, self._tolerance, self._kept)
+            self._course = course_of(
+                self.controller, path, plan, self._pace, self._overrides, self._tolerance, self._kept
+            )
         return self._course
 
     def _told(self, answer: PathSolution, q: ArrayLike) -> PathSolution:
@@ -232,11 +237,17 @@ class PathDriver(Pausable):
     def _search_from(self, path: GivenPath, q: Array, place: float) -> PathSearch:
         return PathSearch(self.controller, path.curve, q, place, rate=self._pace.rate, stops=self._stops)
 
-    def _look_on(self, search: PathSearch) -> None:
+    def _look_on(self, search: PathSearch, override: float = 1.0) -> None:
         """Look a little farther; once enough is seen, drive by it."""
         for _ in range(max(round(STEPS * self.controller.dt), 1)):
             search.extend()
             if search.ready:
                 self._search = search
-                self.plan = search.plan(self._pace.fastest, self._pace.smooth)
+                self._drive_by(search, override)
                 return
+
+    def _drive_by(self, search: PathSearch, override: float) -> None:
+        """Drive by what was found; not faster than was asked for, which limits ahead could not undo."""
+        plan = search.plan(self._pace.fastest(override), self._pace.smooth)
+        if plan is not self.plan:
+            self.plan, self._overrides = plan, self._pace.overrides(override)

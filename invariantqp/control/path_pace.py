@@ -22,6 +22,8 @@ from invariantqp.geometry import arrays
 SMOOTH_SHARE = 0.95
 # Of the speed that its jerk allows to a tool at rest for a single tick, the share below which it is at rest.
 RESTING = 1e-3
+# A plan is for so much more than the rate: rounding must not rule it.
+ABOVE_RATE = 1.0001
 # What rules a tick where limits do not.
 ON_TIME, OVERRIDDEN, ASTRAY = "the rate asked for", "the override", "the arm is off its path"
 
@@ -54,10 +56,15 @@ class Pace(NamedTuple):
             most = arrays.number(acceleration, "acceleration", "an acceleration", positive=True)
         return cls(dt, fast, most, None if jerk is None else arrays.number(jerk, "jerk", "a jerk", positive=True))
 
-    @property
-    def fastest(self) -> float:
-        """The largest speed that will be asked for, inf where that is limits' affair."""
-        return inf if self.rate is None else FASTEST * self.rate
+    def overrides(self, override: float) -> tuple[float, float]:
+        """Above and up to which overrides a plan is that suits one of them."""
+        if self.rate is None:
+            return -1.0, FASTEST
+        return (1.0, FASTEST) if override > 1.0 else (-1.0, 1.0)
+
+    def fastest(self, override: float) -> float:
+        """The largest speed of such a plan, inf where that is limits' affair."""
+        return inf if self.rate is None else ABOVE_RATE * self.overrides(override)[1] * self.rate
 
     @property
     def smooth(self) -> float | None:

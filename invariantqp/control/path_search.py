@@ -91,6 +91,7 @@ class PathSearch:
         """
         self._grows = scale is not None
         self._planned = 0.0
+        self._plans: dict[float, PathPlan] = {}
         self._controller = controller
         self._path: Poses = curve if self._grows else Held(curve)
         self._place = place
@@ -117,6 +118,7 @@ class PathSearch:
 
     def extend(self) -> None:
         """One step."""
+        self._plans.clear()
         if not self._ahead.done:
             self._ahead.extend()
         elif self._behind is not None and not self._behind.done:
@@ -126,18 +128,23 @@ class PathSearch:
         """The plan of what is found; the tool stops at its ends.
 
         Args:
-            fastest: the largest speed that will be asked for.
-            smooth: as in `plan_of`.
+            fastest: the largest speed that will be asked for; the plan for it is kept.
+            smooth: as in `plan_of`, the same for all.
         """
+        if fastest in self._plans:
+            return self._plans[fastest]
         knots = self._ahead.knots
         self._planned = knots[-1].at
         if self._behind is not None:
             back = self._behind.knots[:0:-1]
             knots = [k._replace(at=self._place - k.at, slope=-k.slope) for k in back] + knots
-        return plan_of(self._controller, self._path, knots, self._ahead.blocked, fastest, smooth)
+        plan = plan_of(self._controller, self._path, knots, self._ahead.blocked, fastest, smooth)
+        self._plans[fastest] = plan
+        return plan
 
     def grow(self, curve: Curve, place: float) -> None:
         """Go on along a curve that is the old one as far as that goes, and forget what lies behind a place."""
+        self._plans.clear()
         self._path = self._ahead.curve = curve
         knots = self._ahead.knots
         while len(knots) > KEPT and knots[KEPT - 1].at < place:

@@ -90,7 +90,6 @@ const Constant CONSTANTS[] = {
     ONE("control.path_report", STOPPED),
     {"control.path_report.AT_REST", SLOW_JOINT},
     ONE("control.path_driver", DISPLACED),
-    ONE("control.path_driver", FASTEST),
     ONE("control.path_pace", SMOOTH_SHARE),
     {"control.path_pace.EASY_SHARE", SLOWEST_SHARE},
     ONE("control.time_law", CANDIDATES),

@@ -27,7 +27,7 @@ PyObject *tell_as(PyObject *module, PyObject *type)
 /* Read a course: joints, knots of the plan, knots of the curve, and so on, then the arrays one by one. */
 static bool course_of(PyObject *object, Course *course)
 {
-    enum { FIRST = 10, MOST_KNOTS = 1000000 };
+    enum { FIRST = 12, MOST_KNOTS = 1000000 };
     if (!PyArray_Check(object))
         return false;
     PyArrayObject *array = (PyArrayObject *)object;
@@ -46,6 +46,8 @@ static bool course_of(PyObject *object, Course *course)
     course->tolerance = numbers[7];
     course->braking = numbers[8];
     course->cut = numbers[9] != 0.0;
+    course->above = numbers[10];
+    course->up_to = numbers[11];
     course->at = numbers + FIRST;
     course->forward = course->at + n;
     course->backward = course->forward + n;
@@ -126,9 +128,9 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     Order order = {.override = number ? PyFloat_AsDouble(arguments[3]) : -1.0,
                    .paused = arguments[4] == Py_True,
                    .back = arguments[5] == Py_True};
-    bool good = order.override >= 0.0 && order.override <= FASTEST && vector(arguments[1], m, q) && all_finite(m, q) &&
-                isfinite(before.place) && (arguments[2] == Py_None || vector(arguments[2], m, before.velocity)) &&
-                all_finite(m, before.velocity);
+    bool good = order.override >= 0.0 && order.override > course.above && order.override <= course.up_to &&
+                vector(arguments[1], m, q) && all_finite(m, q) && isfinite(before.place) &&
+                (arguments[2] == Py_None || vector(arguments[2], m, before.velocity)) && all_finite(m, before.velocity);
     if (PyErr_Occurred()) {
         PyErr_Clear(); /* Python says what is wrong */
         good = false;

@@ -9,6 +9,7 @@
 typedef struct {
     int m, knots, poses;
     double slow, rate, most, jerk, tolerance, braking; /* a rate or jerk of 0 is none */
+    double above, up_to;                               /* overrides that the plan is for */
     bool cut;                           /* the plan ends before the path does, or the path's end is out of reach */
     const double *at, *forward, *backward, *off, *ratio, *q, *slopes;
     const double *curve_at, *places, *pose, *cubics;
@@ -104,7 +105,6 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
 #define STOPPED 2e-5
 #define SLOW_JOINT 1e-3
 #define DISPLACED 0.2
-#define FASTEST 1.5
 #define SMOOTH_SHARE 0.95
 #define SLOWEST_SHARE 0.7
 #define CANDIDATES 9

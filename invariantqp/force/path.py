@@ -134,6 +134,8 @@ class HybridFollower(Reversible):
         hybrid, curve = self.hybrid, self._path.curve
         loop, robot = hybrid.loop, hybrid.robot
         positions, part = arrays.vector(q, len(robot.names), "q"), override_of(override)
+        if self.plan is not None and self._search is not None:
+            self.plan = self._search.plan(self._pace.fastest(part), self._pace.smooth)
         state, plan = self._state, self.plan
         before = state.velocity if velocity is None else velocity
         tool = robot.pose(positions)
@@ -227,7 +229,7 @@ class HybridFollower(Reversible):
             self._search = PathSearch(self.hybrid.loop, curve, q, place, rate=self._pace.rate, stops=True)
         self._search.extend()
         if self._search.done:
-            self.plan = self._search.plan(self._pace.fastest, self._pace.smooth)
+            self.plan = self._search.plan(self._pace.fastest(1.0), self._pace.smooth)
 
     def _told(
         self, answer: HybridSolution, status: str, reason: str, speed: float, ruling: str, off: float

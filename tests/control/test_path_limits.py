@@ -169,6 +169,36 @@ def test_an_exact_height_is_kept_by_a_tool_that_strays_far_from_the_rest():
     assert max(s.across for s in solutions) < LEAST
 
 
+@pytest.mark.parametrize(
+    ("override", "turns"), [(1.0, bool), (1.5, lambda _: True), (1.3, lambda tick: tick % 100 >= 50)]
+)
+def test_no_limit_makes_the_tool_faster_than_was_asked_for(override, turns):
+    """Joints that cannot brake as soon as the timing asks for brake before that; the path would have to go faster."""
+    robot = iq.load_robot("ur5")
+    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    start = robot.pose(q)
+
+    def pose(u):  # a circle of 0.2 m that begins and ends at rest, the tool rocking
+        a = 2.0 * np.pi * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+        rock = iq.exp([0.4 * np.sin(a), 0.0, 0.0, 0.0, 0.0, 0.0])[:3, :3]
+        return iq.transform(rock @ start[:3, :3], start[:3, 3] + [0.0, 0.2 * (1.0 - np.cos(a)), 0.2 * np.sin(a)])
+
+    loop = iq.Controller(robot, dt=0.002, acceleration_limit=10.0)
+    follower, fastest, solutions = iq.PathFollower(loop, pose, rate=1.0 / 1.2), 0.0, []
+    follower.prepare(q)
+    for tick in range(2000):
+        part = override if turns(tick) else 1.0
+        solutions.append(follower.step(q, override=part))
+        q = q + 0.002 * solutions[-1].velocity
+        if tick % 50 > 30:  # what was faster before has come down
+            fastest = max(fastest, 1.2 * solutions[-1].speed / part)
+        if solutions[-1].status == "done":
+            break
+    assert solutions[-1].status == "done"
+    assert fastest < 1.001
+    assert max(s.across for s in solutions) < LEAST
+
+
 def test_a_tool_back_at_the_start_rests():
     robot = iq.load_robot("ur5")
     q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
