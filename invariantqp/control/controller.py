@@ -184,8 +184,7 @@ class Controller:
             return Memory.of(self.kept).judged(self.told(answer, q)) if more else answer
         memory = Memory.of(self.kept)
         before = memory.now(velocity)
-        positions = arrays.vector(q, len(self._middle), "q")
-        target = self.robot.target(target)
+        positions, target = arrays.vector(q, len(self._middle), "q"), self.robot.target(target)
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, memory.turn)
         s = tracking_twist(error, self.gain, feedforward)
