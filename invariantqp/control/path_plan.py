@@ -101,7 +101,9 @@ class PathPlan(NamedTuple):
 
     def speeds(self, at: Array, *, back: bool = False) -> Array:
         """The largest speeds at places (k,); zero beyond the ends."""
-        return np.array([self._limit(x, back=back) for x in at.tolist()])
+        squares = np.interp(at, self.at, self.backward if back else self.forward, left=0.0, right=0.0)
+        speeds: Array = np.sqrt(squares)
+        return speeds
 
     def speed(self, at: float, dt: float, share: float = 1.0, *, back: bool = False) -> float:
         """The largest speed for a tick of dt [s] from a place on: what it lands on and its middle allow it.

@@ -7,13 +7,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import NamedTuple
 
-import numpy as np
-
 from invariantqp.errors import written
-from invariantqp.geometry.arrays import Array
 
 # The tool follows where it has come this share of the way.
 FOLLOWS = 0.5
@@ -80,12 +76,3 @@ class Lag(NamedTuple):
         """What is wrong, in words, "" for nothing."""
         more = self.beyond(late)
         return f"commands act {written(1e3 * more, 3)} ms later than told: tell delay=" if more else ""
-
-
-def led(ways: deque[Array], way: Array, delay: float, dt: float) -> deque[Array]:
-    """The ways (3,) of the last commands with one more, from the one that shows in the next measurement on."""
-    ticks = 1 + round(delay / dt)
-    if ticks > len(ways):
-        ways = deque([*[np.zeros(3)] * (ticks - len(ways)), *ways], maxlen=ticks)
-    ways.append(way)
-    return ways

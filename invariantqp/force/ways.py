@@ -6,7 +6,6 @@ from collections import deque
 
 import numpy as np
 
-from invariantqp.force.lag import led
 from invariantqp.geometry.arrays import Array
 
 # Shares of the told delay that an arm may have in a quick swing.
@@ -27,14 +26,17 @@ class Ways:
         self._time = delay, dt
         ticks = 1 + round(delay / dt)
         self.joints: deque[Array] = deque(maxlen=ticks - 1)
-        self.place: deque[Array] = led(deque(), np.zeros(3), delay, dt)
+        self.place: deque[Array] = deque([np.zeros(3)] * ticks, maxlen=ticks)
         self.against: deque[Array] = deque([np.zeros(0)] * ticks, maxlen=ticks)
 
     def add(self, joints: Array, place: Array, against: Array, later: float) -> None:
         """One more command's ways; the place shows later than was told [s]."""
         delay, dt = self._time
+        ticks = 1 + round((delay + later) / dt)
+        if ticks > len(self.place):
+            self.place = deque([*[np.zeros(3)] * (ticks - len(self.place)), *self.place], maxlen=ticks)
         self.joints.append(joints)
-        self.place = led(self.place, place, delay + later, dt)
+        self.place.append(place)
         self.against.append(against)
 
     def coming(self, q: Array) -> Array:
