@@ -21,7 +21,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import norm
+from invariantqp.geometry.se3 import cross, norm
 from invariantqp.systems.span import TINY, rank_of
 from invariantqp.velocity.measure import root_at
 
@@ -129,8 +129,8 @@ class ExactRows(Value):
             BadInput: a zero axis.
         """
         a = arrays.direction(axis, "axis")
-        first = arrays.direction(np.cross(a, np.eye(3)[np.abs(a).argmin()]), "axis")
-        across = np.array((first, np.cross(a, first)))
+        first = arrays.direction(cross(a, np.eye(3)[np.abs(a).argmin()]), "axis")
+        across = np.array((first, cross(a, first)))
         D = np.hstack((across, np.zeros((2, 3))))
         return cls.of(J, D, across.dot(arrays.vector(omega, 3, "omega")))
 
