@@ -150,12 +150,21 @@ def share_near(off: float, strayed: float) -> float:
 
 
 def possible_rate(
-    controller: Controller, plan: PathPlan, state: PathState, place: float, wanted: float, possible: float
+    controller: Controller,
+    plan: PathPlan,
+    state: PathState,
+    place: float,
+    wanted: float,
+    possible: float,
+    room: float = 1.0,
 ) -> float:
-    """The rate nearest the wanted one inside the joints' limits and the ends of the plan, never the other way."""
+    """The rate nearest the wanted one inside the joints' limits and the ends of the plan, never the other way.
+
+    `room` is the share of the joints' acceleration that is left to the path.
+    """
     dt, rate = controller.dt, wanted
     if controller.braking is not None:
-        step, limit, kept = dt * controller.braking.acceleration, controller.robot.velocity_limit, 0.0
+        step, limit, kept = room * dt * controller.braking.acceleration, controller.robot.velocity_limit, 0.0
         for _ in range(PASSES):  # with the slope where the rate before leads
             slope, before = plan.slope(place + 0.5 * dt * rate), rate
             rate = rate_inside(slope, wanted, possible, state.along, step, limit)

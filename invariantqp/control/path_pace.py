@@ -7,7 +7,7 @@ With a jerk, the speed follows an S-curve (`time_law`).
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +72,15 @@ class Pace(NamedTuple):
         return None if self.jerk is None else self.acceleration
 
     def speed(
-        self, plan: PathPlan, state: PathState, place: float, *, near: float, override: float, stop: str
+        self,
+        plan: PathPlan,
+        state: PathState,
+        place: float,
+        *,
+        near: float,
+        override: float,
+        stop: str,
+        room: float = 1.0,
     ) -> tuple[float, float, str]:
         """The speed of this tick, not negative, the largest that limits allow, and what rules it.
 
@@ -83,15 +91,17 @@ class Pace(NamedTuple):
             near: share of the speed for an arm this near its path, 0 to 1.
             override: share of the speed asked for.
             stop: why the tool is to come to rest, "" where it is not.
+            room: share of the joints' acceleration that is left to the path.
         """
+        slow = sqrt(room)
         dt, back = self.dt, state.back
-        part = min(1.0, override) if self.rate is None else 1.0
-        most_now = plan.speed(place, dt, back=back)
-        possible = most_now if part == 1.0 else plan.speed(place, dt, part, back=back)
+        part = slow * (min(1.0, override) if self.rate is None else 1.0)
+        most_now = plan.speed(place, dt, slow, back=back)
+        possible = most_now if part == slow else plan.speed(place, dt, part, back=back)
         wanted, ruling = possible, plan.ruling[plan.nearest(place)]
         if self.rate is not None and self.rate * override <= wanted:
             wanted, ruling = self.rate * override, ON_TIME
-        elif part < 1.0:
+        elif part < slow:
             ruling = OVERRIDDEN
         if near < 1.0:
             wanted, ruling = near * wanted, ASTRAY
@@ -101,7 +111,7 @@ class Pace(NamedTuple):
             most = state.speed + self.acceleration * dt
             least = max(state.speed - self.acceleration * dt, 0.0) if wanted < possible else 0.0
             return max(min(wanted, most), min(least, possible)), most_now, ruling
-        ramp = Ramp(min(self.acceleration, EASY_SHARE * plan.braking), self.jerk)
+        ramp = Ramp(min(self.acceleration, EASY_SHARE * room * plan.braking), self.jerk)
         sign, part = -1.0 if back else 1.0, SMOOTH_SHARE * part
         a = ramp.next(
             state.speed,

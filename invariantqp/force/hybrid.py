@@ -12,7 +12,7 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.l
 from __future__ import annotations
 
 from copy import deepcopy
-from math import hypot, inf, pi
+from math import hypot, inf
 from typing import Any
 
 import numpy as np
@@ -21,21 +21,23 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.agreement import answer_of
 from invariantqp.force.beyond import Beyond
+from invariantqp.force.felt import Felt, felt_of
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.kept_split import KeptSplit, contact_now
+from invariantqp.force.lag import Lag
 from invariantqp.force.normal import NormalEstimate
-from invariantqp.force.place import load_at, moved_between, way_out, weakest
+from invariantqp.force.place import way_out
 from invariantqp.force.push import SLOW_SHARE, Stand, force_rows, gains_of, pressed_by, push, retreat
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.smoothing import Smoothing
 from invariantqp.force.solution import HybridSolution
 from invariantqp.force.split import Split
+from invariantqp.force.tremble import MOST, doubt, trembling
 from invariantqp.force.two_presses import TwoPresses
 from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
-from invariantqp.force.watch import Felt, Watch, overload_of
+from invariantqp.force.watch import Watch
 from invariantqp.force.ways import Ways
 from invariantqp.force.wrench import WrenchSensor, cleaned
 from invariantqp.geometry import arrays, se3
@@ -58,6 +60,7 @@ class HybridController:
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
         order: of plain numbers where there is no sensor.
         splits: the task's split for the contact of a tick.
+        room: share of the joints' acceleration that noise in the force leaves to the motion.
         force_first: whether the force part of the twist is met exactly, so that limits slow the motion down before
             they change the force.
     """
@@ -107,10 +110,10 @@ class HybridController:
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
         cutoff, self._noise = (inf, 0.0) if sensor is None else (sensor.cutoff, sensor.noise)
-        self._delay: float = options.get("delay", 0.0)
-        if self._delay > MOST_TICKS * self.loop.dt:
-            raise BadInput("delay", f"{self._delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
-        self._late = self.loop.dt + self._delay + 1.0 / (2.0 * pi * cutoff)
+        delay: float = options.get("delay", 0.0)
+        if delay > MOST_TICKS * self.loop.dt:
+            raise BadInput("delay", f"{delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
+        self._timing = self.loop.dt, delay, cutoff
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self.reset()
         self.splits = KeptSplit(task, contact.kind)
@@ -131,9 +134,10 @@ class HybridController:
     def reset(self) -> None:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._tool: Array | None = None
+        self.room: float = 1.0
         self._regulation = Regulation(presses=TwoPresses() if self.task.two_presses else None)
         self._watch, self._normal, self._stand, self._beyond = Watch(), NormalEstimate(), Stand(), Beyond()
-        self._ways = Ways(self._delay, self.loop.dt)
+        self._ways, self._lag = Ways(self._timing[1], self.loop.dt), Lag(*self._timing)
         self._smoothing = self._smoothing._replace(value=None)
 
     def step(
@@ -163,17 +167,17 @@ class HybridController:
         Raises:
             BadInput: NaN or wrong shapes; the controller's state is as it was.
         """
-        robot, loop = self.loop.robot, self.loop
+        robot, loop, lag = self.loop.robot, self.loop, self._lag
         positions = arrays.vector(q, len(robot.names), "q")
         reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
         velocity = None if velocity is None else arrays.vector(velocity, len(robot.names), "velocity")
         sighting = robot.sight(positions, target)
-        s = tracking_twist(sighting.error, loop.gain, feedforward)
+        s = tracking_twist(sighting.error, lag.gain(loop.gain), feedforward)
         tool = sighting.pose if isinstance(sighting.pose, np.ndarray) else robot.pose(positions)
         given = contact_now(self.task, tool, contact)
         split, (contact, told) = self.splits.at(given, tool), self._turned(given)
         # What is held stays where it is: the arm is looked at where it will be when this command acts.
-        held = self._delay > 0.0 and given.kind.presses == 0
+        held = self._ways.joints and given.kind.presses == 0
         then = robot.sight(self._ways.coming(positions), target) if held else sighting
         asked = (self.task.wrench,) if wanted is None else (wanted_of(wanted, "wanted"), "wanted")
         exert = self._regulation.share * split.wanted(*asked)
@@ -184,15 +188,29 @@ class HybridController:
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
         out = way_out(contact, A)
-        felt = self._felt(reading, raw, contact, split, tool, (A, out), (B.dot(exert), B.dot(error)))
+        felt = felt_of(
+            self.task,
+            contact,
+            split,
+            (reading, raw),
+            (B.dot(exert), B.dot(error)),
+            (self._tool, tool),
+            (out, self._ways.place[0]),
+            noise=max(self._noise, self._watch.noise.found),
+            shown=self._regulation.shown,
+        )
         watch = self._watch.after(self.task, felt, loop.dt)
-        late = self._late, self._delay, watch.lag.beyond(self._late)
+        late = lag.sums
         regulation = self._regulated(felt, watch, late, split, A.T.dot(raw))
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
         answer = verdict(watch, self.task, contact)
-        press = None if felt.press is None else felt.press[1]
-        gains = gains_of(self.task, split, regulation, press, late, touching=watch.touching or press is None)
+        trembles = trembling(
+            loop, sighting.J, A.dot(split.admittance), contact.point, self.task.size, felt.noise, smoothing.share
+        )
+        gains = gains_of(
+            self.task, split, regulation, felt.wanted, late, trembles, touching=watch.touching or felt.press is None
+        )
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
         pushed = push(
             self.task,
@@ -222,17 +240,21 @@ class HybridController:
         twist, k = then.J.dot(inner.velocity), regulation.known(self.task.stiffness)
         way, shown = loop.dt * velocity_at(twist, contact.point), self._ways.place[0]
         self._normal = self._normal.found(self.task, told, shown, felt.press, k, touching=watch.touching)
+        lag.after(positions, loop.dt * inner.velocity, sighting.J, contact.point, self.task.size)
         self._ways.add(loop.dt * inner.velocity, way, loop.dt * split.unit[1].dot(B.T.dot(twist)), late[2])
-        self._watch, self._smoothing, self._beyond, self._tool, self._stand, self._regulation = (
+        self._watch, self._smoothing, self._beyond, self._tool, self._stand, self._regulation, self.room = (
             watch.after_motion(out.dot(way), answer.beyond),
             smoothing,
             self._beyond.after(contact.point, out.dot(way), beyond=answer.beyond),
             tool,
             self._stand.after(self.task, contact, motion, twist, loop.dt, joints=sighting.J.shape[1]),
             regulation.after(error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0),
+            max(1.0 - gains.noise, 1.0 - MOST),
         )
         doubts = (
-            *watch.doubts(press, self._noise, self._late, lost=bool(answer.status)),
+            *watch.doubts(felt.wanted, self._noise, late[0] + late[2], lost=bool(answer.status)),
+            lag.trouble(loop.gain),
+            doubt(gains.kept, felt.noise) if watch.touching else "",
             self._stand.trouble(),
             pressed_by(self.task, split, contact, tool, sighting.J, motion),
             self._normal.trouble(),
@@ -254,29 +276,6 @@ class HybridController:
             J=sighting.J,
         )
 
-    def _felt(
-        self,
-        reading: Array,
-        raw: Array,
-        contact: Contact,
-        split: Split,
-        tool: Array,
-        at: tuple[Array, Array],
-        wanted: tuple[Array, Array],
-    ) -> Felt:
-        """What a reading tells; `at` is the contact's adjoint and way out, wanted is W_d and what is missing of it."""
-        (A, out), (exert, missing) = at, wanted
-        noise = max(self._noise, self._watch.noise.found)
-        press = weakest(split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
-        force, moment = map(max, split.load, load_at(exert, contact.point))
-        most = overload_of(self.task, force, moment, noise)
-        grip = tool[:3, :3].dot(self.task.grip) + tool[:3, 3]
-        way, answer = self._ways.place[0], answer_of(self.task.stiffness, self._regulation.shown)
-        along, came = -out.dot(way), -float(out.dot(moved_between(self._tool, tool, contact.point)))
-        moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
-        lacks = max(size / most for size, most in zip(load_at(missing, contact.point, grip), most, strict=True))
-        return Felt(reading, press, *load, lacks, most, noise, moved, answer, came)
-
     def _regulated(
         self, felt: Felt, watch: Watch, late: tuple[float, float, float], split: Split, raw: Array
     ) -> Regulation:
@@ -288,7 +287,7 @@ class HybridController:
             regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch)
         elif not watch.status:
             parts = split.unit[0].dot(raw)
-            regulation = regulation.swung(parts, self._ways.shown(len(parts)), self.loop.dt, self._late)
+            regulation = regulation.swung(parts, self._ways.shown(len(parts)), self.loop.dt, late[0])
         rests = hypot(*felt.way[1:].tolist()) <= SLOW_SHARE * self.task.approach_speed * self.loop.dt
         return regulation.slower() if self.task.adapts and watch.settling.unstable(rests=rests) else regulation
 

@@ -1,78 +1,118 @@
-"""How much later than told commands act, from how far the tool is behind them when an approach begins in the air.
+"""How much later than told commands act, from how the joints answer the first of them.
 
-    behind = speed late + share way          judged once, over the way in which the way commanded triples
+    q(t) - q(0) = share * (way commanded until t - late)        the lateness that fits best, over all joints
 
 `share` is what an arm leaves out of all commands, and no delay. What is late in the readings cannot be seen so.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from math import pi
 
+import numpy as np
+
+from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.measure import root_at
 
-# The tool follows where it has come this share of the way.
-FOLLOWS = 0.5
-# The least way from which on it is judged, and by how much it is behind at least, in sizes of the contact: less are
-# rounding of joint positions.
-LEAST_WAY = 0.01
-LEAST_BEHIND = 0.006
-# A delay counts where it is this multiple of what is late by what was told: from then on a force swings visibly.
+# The longest delay beyond the told one that is looked for [s].
+LONGEST = 0.25
+# An arm that follows moves by such shares of what it is told.
+LEAST_SHARE, MOST_SHARE = 0.5, 1.2
+# A delay is found where it leaves less than this share of the motion unexplained, and of what the told one does.
+UNEXPLAINED = 0.1
+# It has to have passed so often since the first command, and so many ticks more.
+PASSED, MORE_TICKS = 2, 10
+# It is looked for until the place of contact was told to go this way, in sizes of the contact.
+ENOUGH = 2.0
+# A delay counts for the force where it is this multiple of what is late by what was told: from then on one swings.
 LATE = 2.0
+# It counts for the motion where its gain times the delay is this much: from then on the tool goes to and fro.
+RINGS = 1.0
+# Squares below this share of the whole are rounding.
+ROUNDING = 1e-12
 
 
-class Lag(NamedTuple):
-    """What is remembered of the approach since it began.
+class Lag:
+    """What is remembered of commands and of the joints' answers; `after` is called once in every tick.
 
     Attributes:
-        led: way that was commanded, and the way come [length].
-        came: likewise.
-        since: the way commanded from which on it is judged; 0 before.
-        halves: sums over both halves of that: readings, how far behind [length], ways in them [length].
-        late: by how much later than told commands act [s]; None before that is known.
+        told: sum of tick, delay and low-pass [s].
+        delay: that was told [s].
+        late: by how much later commands act [s]; None before that is known.
     """
 
-    led: float = 0.0
-    came: float = 0.0
-    since: float = 0.0
-    halves: tuple[tuple[int, float, float], tuple[int, float, float]] = ((0, 0.0, 0.0), (0, 0.0, 0.0))
-    late: float | None = None
+    def __init__(self, dt: float, delay: float, cutoff: float) -> None:
+        """Nothing yet, for ticks of dt [s], a told delay [s] and the cut-off of the sensor [Hz]."""
+        self.told: float = dt + delay + 1.0 / (2.0 * pi * cutoff)
+        self.delay, self._dt = delay, dt
+        self.late: float | None = None
+        self._first: Array | None = None
+        self._ticks, self._way = 0, 0.0
 
-    def after(self, told: float, came: float, size: float, dt: float) -> Lag:
-        """What is remembered after a tick in the air.
+    def after(self, q: Array, way: Array, J: Array, place: Array, size: float) -> None:
+        """After a tick with joint positions q (m,) at its beginning and a commanded way (m,).
 
         Args:
-            told: way commanded, of commands that can have acted by what was told [length].
-            came: way come since the last tick [length].
-            size: of the contact [length].
-            dt: tick [s].
+            q: [rad, length].
+            way: likewise.
+            J: (6, m) joint twists.
+            place: (3,) of contact, base frame [length].
+            size: of the contact [length]: a turn by an angle counts as so much times the angle.
         """
         if self.late is not None:
-            return self
-        now = self._replace(led=self.led + told, came=self.came + came)
-        if not self.since:
-            begins = now.led > LEAST_WAY * size and now.came > FOLLOWS * now.led
-            return now._replace(since=now.led) if begins else now
-        if now.led > 3.0 * self.since:
-            return now._replace(late=self._judged(size, dt))
-        first, second = self.halves
-        n, behind, way = second if now.led > 2.0 * self.since else first
-        half = (n + 1, behind + now.led - now.came, way + told)
-        return now._replace(halves=(first, half) if now.led > 2.0 * self.since else (half, second))
+            return
+        if self._first is None:
+            moved = root_at(place, size).dot(J)
+            self._first, self._weights = q.copy(), np.sqrt((moved * moved).sum(axis=0))
+            rows = 2 + round((self.delay + LONGEST) / self._dt)
+            self._led = np.zeros((rows, len(q)))  # by delay in ticks: the way commanded that can show
+            self._sums = np.zeros((2, rows))
+            self._came = 0.0
+        came, led = self._weights * (q - self._first), self._led
+        self._came += float(came.dot(came))
+        self._sums += led.dot(came), np.einsum("ij,ij->i", led, led)
+        self._ticks += self._ticks > 0 or bool(way.any())
+        step = self._weights * way
+        self._way += float(np.sqrt(step.dot(step)))
+        self.late = self._found()
+        led[1:] = led[:-1].copy()
+        led[0] += step
+        if self.late is None and self._way > ENOUGH * size and self._ticks > PASSED * len(led):
+            self.late = 0.0
 
-    def _judged(self, size: float, dt: float) -> float:
-        """The delay: what the tool would be behind by where nothing had been commanded yet, at the speed it had."""
-        (n, early, way), (m, later, more) = self.halves
-        if not n or not m:
-            return 0.0
-        behind = 2.5 * early / n - 1.5 * later / m  # means at 1.5 and 2.5 of the way, drawn out to 0
-        return behind * (n + m) * dt / (way + more) if behind > LEAST_BEHIND * size else 0.0
+    def _found(self) -> float | None:
+        (product, square), whole = self._sums, self._came
+        if whole == 0.0:
+            return None
+        share = np.clip(product / np.maximum(square, ROUNDING * whole), LEAST_SHARE, MOST_SHARE)
+        left = whole - share * (2.0 * product - share * square)
+        best, told = int(np.argmin(left)), round(self.delay / self._dt)
+        least = UNEXPLAINED * min(whole, float(left[told])) - ROUNDING * whole
+        if left[best] < least and best > told and self._ticks > PASSED * best + MORE_TICKS:
+            return (best - told) * self._dt
+        return None
 
-    def beyond(self, late: float) -> float:
-        """The delay beside the sum `late` of tick, delay and low-pass that was told [s]; 0 where it does not count."""
-        return self.late if self.late is not None and self.late > LATE * late else 0.0
+    @property
+    def beyond(self) -> float:
+        """The delay that counts for the force beside what was told [s]; 0 where none does."""
+        return self.late if self.late is not None and self.late > LATE * self.told else 0.0
 
-    def trouble(self, late: float) -> str:
-        """What is wrong, in words, "" for nothing."""
-        more = self.beyond(late)
-        return f"commands act {written(1e3 * more, 3)} ms later than told: tell delay=" if more else ""
+    @property
+    def sums(self) -> tuple[float, float, float]:
+        """What was told in all, the delay told, and what counts beside it [s]."""
+        return self.told, self.delay, self.beyond
+
+    def gain(self, asked: float) -> float:
+        """The motion's gain [1/s]: the one asked for, or less where with the delay found the tool goes to and fro."""
+        late = self.late or 0.0
+        return min(asked, DELAY_SHARE / (self.delay + late)) if asked * late > RINGS else asked
+
+    def trouble(self, asked: float) -> str:
+        """What is wrong, in words, "" for nothing; with the motion's gain that was asked for [1/s]."""
+        gain = self.gain(asked)
+        if not self.late or (gain == asked and not self.beyond):
+            return ""
+        slower = f", the motion's gain is {written(gain, 3)} instead of {written(asked, 3)} 1/s" if gain < asked else ""
+        return f"commands act {written(1e3 * self.late, 3)} ms later than told: tell delay={slower}"

@@ -156,8 +156,10 @@ class HybridFollower(Reversible):
         there = bool(plan.blocked) and not state.back and plan.end - place <= STOPPED * curve.end
         part = 0.0 if there else part
         near = share_near(off / loop.measure.length, strayed / STRAYED)
-        speed, possible, ruling = self._pace.speed(plan, state, place, near=near, override=part, stop=stop)
-        rate = possible_rate(loop, plan, state, place, -speed if state.back else speed, possible)
+        speed, possible, ruling = self._pace.speed(
+            plan, state, place, near=near, override=part, stop=stop, room=hybrid.room
+        )
+        rate = possible_rate(loop, plan, state, place, -speed if state.back else speed, possible, hybrid.room)
         middle = min(max(place + 0.5 * loop.dt * rate, plan.start), plan.end)
         slope = plan.slope(middle)
         posture = rate * slope + (0.0 if there else JOINT_GAIN) * astray

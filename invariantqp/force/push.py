@@ -16,6 +16,7 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import speed_at, way_out
 from invariantqp.force.regulation import USUAL, Regulation
 from invariantqp.force.split import Split
+from invariantqp.force.tremble import kept_of
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
@@ -40,12 +41,16 @@ class Gains(NamedTuple):
         rate: of the integral [1/s]; None without one.
         gentle: speed at which contact is looked for [length/s]; None where the force error says it.
         most: largest speed into the contact [length/s], beside what sliding asks for.
+        kept: share of the factor that noise leaves.
+        noise: share of the joints' acceleration that noise takes.
     """
 
     factor: float
     rate: float | None
     gentle: float | None
     most: float = inf
+    kept: float = 1.0
+    noise: float = 0.0
 
 
 class Push(NamedTuple):
@@ -84,6 +89,7 @@ def gains_of(
     regulation: Regulation,
     press: float | None,
     late: tuple[float, float, float],
+    trembles: float,
     *,
     touching: bool,
 ) -> Gains:
@@ -95,11 +101,14 @@ def gains_of(
         regulation: what is known.
         press: wanted [force]; None where the contact cannot be lost.
         late: sum of tick, delay and low-pass, the delay alone, and the one that was not told beside them [s].
+        trembles: share of the joints' acceleration that noise takes for each unit of the factor.
         touching: whether there is contact.
     """
-    factor, gentle, most = 1.0, None, inf
+    factor, gentle, most, kept = 1.0, None, inf, 1.0
     if task.adapts and split.compliance > 0.0:
         factor = regulation.factor(split.compliance, task.stiffness, late[0] + late[2])
+        kept = kept_of(factor, trembles)
+        factor *= kept
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
             most = task.approach_speed
@@ -107,7 +116,8 @@ def gains_of(
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))
     k = regulation.known(task.stiffness) if task.adapts else task.stiffness
     answer = regulation.swing.most if k is None else split.compliance * k
-    return Gains(factor, factor * answer if answer > 0.0 and touching else None, gentle, most)
+    rate = factor * answer if answer > 0.0 and touching else None
+    return Gains(factor, rate, gentle, most, kept, factor * trembles)
 
 
 def push(

@@ -15,55 +15,22 @@ from math import exp, inf
 from typing import NamedTuple
 
 from invariantqp.errors import written
-from invariantqp.force.agreement import Agreement, Answer, ways_in
+from invariantqp.force.agreement import Agreement, ways_in
+from invariantqp.force.felt import OVERLOAD, Felt
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.lag import Lag
 from invariantqp.force.noise import Noise
 from invariantqp.force.settling import Settling
 from invariantqp.force.touch import LEAST_NOISE, Touch, loss_limit
-from invariantqp.geometry.arrays import Array
 
-# The overload without another word: a multiple of the wanted force, or this force where none is wanted [N].
-OVERLOAD = 2.0
-NO_FORCE = 20.0
 # A larger press that was wanted before is still expected for this long [s], and while it falls.
 LET_GO = 1.0
-# Readings of a force stay within so many standard deviations of a component.
-ABOVE_NOISE = 8.0
 # Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which
 # share it has to come at least, and of which it has moved at all: something holds it.
 LED = 0.5
 JUDGED = 1.0 - exp(-1.0)
 FOLLOWED = 0.2
 MOVED = 0.02
-
-
-class Felt(NamedTuple):
-    """What a tick tells of the contact, raw: not smoothed.
-
-    Attributes:
-        reading: (6,) as it came.
-        press: felt and wanted [force]; None where the contact cannot be lost.
-        force, moment: about the place of contact.
-        missing: from the wanted wrench, smoothed, its force or its moment, as a share of an overload.
-        most: force and moment that are an overload of what is wanted now.
-        noise: standard deviation of a force component [force].
-        way: (4,) of the last motion whose effect is felt, along the press and across it (3) [length].
-        answer: what the press owes for a way in.
-        came: how far the place of contact has come nearer since the last tick, by the joints [length].
-    """
-
-    reading: Array
-    press: tuple[float, float] | None
-    force: float
-    moment: float
-    missing: float
-    most: tuple[float, float]
-    noise: float
-    way: Array
-    answer: Answer
-    came: float = 0.0
 
 
 class Watch(NamedTuple):
@@ -80,7 +47,6 @@ class Watch(NamedTuple):
         waited: for how long it has not been felt [s].
         led: how far it was commanded nearer since then, of commands that can have acted, and how far it came, both
             with what was longer ago than LED forgotten [length].
-        lag: of commands, as the first approach shows it.
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
         left: how far it has retreated [length].
@@ -95,7 +61,6 @@ class Watch(NamedTuple):
     approached: float = 0.0
     waited: float = 0.0
     led: tuple[float, float] = (0.0, 0.0)
-    lag: Lag = Lag()
     leaving: str = ""
     status: str = ""
     left: float = 0.0
@@ -140,22 +105,21 @@ class Watch(NamedTuple):
         watch = watch._replace(
             waited=self.waited + dt,
             led=_followed(self.led, felt, LED * task.retreat_distance),
-            lag=self.lag.after(float(felt.way[0]), felt.came, task.size, dt),
         )
         status, why = _given_up(task, watch)
         return watch._replace(status=status, leaving=why, left=0.0)
 
     def doubts(self, press: float | None, noise: float, late: float, *, lost: bool) -> tuple[str, ...]:
-        """What is wrong with noise, delay and press, in words, "" for nothing.
+        """What is wrong with noise and press, in words, "" for nothing.
 
         Args:
             press: wanted [force]; None where contact cannot be lost.
             noise: as it was told [force].
-            late: sum of tick, delay and low-pass, as it was told [s].
+            late: sum of tick, delay and low-pass [s].
             lost: whether contact is, so that no press settles.
         """
-        unsettled = "" if lost else self.settling.trouble(press, late + self.lag.beyond(late))
-        return self.noise.trouble(noise), self.lag.trouble(late), unsettled
+        unsettled = "" if lost else self.settling.trouble(press, late)
+        return self.noise.trouble(noise), unsettled
 
     def _noisier(self, felt: Felt, limit: float) -> Noise:
         """The noise after a reading, learnt from in the air alone: in touch the press changes, too."""
@@ -170,23 +134,6 @@ class Watch(NamedTuple):
         if beyond:  # where the surface is, is to be found again
             return self._replace(agreement=Agreement())
         return self._replace(approached=self.approached + (0.0 if self.touching else max(0.0, -out)))
-
-
-def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
-    """The force and the moment that are an overload, for the size of the wanted ones.
-
-    Args:
-        task: says them, or leaves them to what is wanted.
-        force: wanted [N].
-        moment: wanted, about the place of contact [N length].
-        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
-    """
-    most, turning = task.max_force, task.max_moment
-    if most is None:
-        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
-    if turning is None:
-        turning = max(OVERLOAD * moment, moment + task.size * most)
-    return most, turning
 
 
 def _let_go(

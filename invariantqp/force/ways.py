@@ -35,6 +35,7 @@ class Ways:
         ticks = 1 + round((delay + later) / dt)
         if ticks > len(self.place):
             self.place = deque([*[np.zeros(3)] * (ticks - len(self.place)), *self.place], maxlen=ticks)
+            self.joints = deque(self.joints, maxlen=ticks - 1)
         self.joints.append(joints)
         self.place.append(place)
         self.against.append(against)

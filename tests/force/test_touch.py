@@ -8,7 +8,6 @@ from support.noisy_plane import press_on_plane
 from support.spring_plane import gantry, pen
 
 import invariantqp as iq
-from invariantqp.force.lag import Lag
 from invariantqp.force.noise import Noise
 from invariantqp.force.regulation import Regulation
 from invariantqp.force.rise import Rise
@@ -188,17 +187,6 @@ def test_a_delay_that_was_not_told_is_found_in_the_air(stiffness, most):
     assert "ok" not in run.statuses(touch)
     if stiffness == 1e4:
         assert run.press[-200:] == pytest.approx(10.0, rel=0.05)
-
-
-@pytest.mark.parametrize("delay", [0, 25])
-@pytest.mark.parametrize("gain", [0.8, 1.0, 1.05])
-def test_an_arm_that_leaves_out_a_part_of_commands_is_not_late(gain, delay):
-    rng, lag, last = np.random.default_rng(0), Lag(), 0.0
-    for k in range(400):
-        place = gain * 4e-5 * max(0, k - delay) + 3e-5 * rng.normal()
-        lag, last = lag.after(4e-5, place - last, 0.05, 0.002), place
-    assert lag.late == pytest.approx(0.002 * delay * gain, abs=5e-3)
-    assert bool(lag.trouble(0.005)) == (delay > 0)
 
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e4])
