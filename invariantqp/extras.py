@@ -8,11 +8,7 @@ from invariantqp.errors import MissingExtra
 
 
 def require(extra: str, *packages: str) -> None:
-    """Refuse to begin what cannot be finished.
-
-    Args:
-        extra: the extra of this package that installs them.
-        packages: what is needed, as it is imported.
+    """Refuse to begin what cannot be finished without these packages, which an extra of this one installs.
 
     Raises:
         MissingExtra: one of them is not installed.

@@ -13,15 +13,7 @@ from invariantqp.extras import require
 
 
 def fill_template(package: str, template: str, values: Mapping[str, Any]) -> str:
-    """The text of a template with its values.
-
-    Args:
-        package: the package that has the template as a file.
-        template: the name of the file, in Jinja's syntax.
-        values: by name; escaped, unless the template marks them as `safe`.
-
-    Returns:
-        The page.
+    """The text of a package's template in Jinja's syntax with its values: escaped, unless it marks them as `safe`.
 
     Raises:
         MissingExtra: without Jinja.

@@ -26,22 +26,15 @@ ROUNDING = 1e-12
 
 
 def can_do(A: Array) -> Array:
-    """(6, k) orthonormal: the measured twists that the joints can do, without those that the law damps.
-
-    Args:
-        A: (6, m) measured joint twists.
-    """
+    """(6, k) orthonormal: the twists that the measured joints A (6, m) can do, without those that the law damps."""
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
     return np.asarray(U[:, sigma >= max(DEFAULT_THRESHOLD * sigma[0], np.finfo(float).tiny)])
 
 
 def projector_norm(U: Array, inverse_root: Array, h: float) -> float:
-    """|P_h| in the measure: 1 where the joints can do every twist, inf where h has no projector.
+    """|P_h| in the measure: 1 where the joints can do every twist, inf where h [length/rad] has no projector.
 
-    Args:
-        U: (6, k) what the joints can do, orthonormal.
-        inverse_root: (6, 6) of the measure's root.
-        h: pitch [length/rad].
+    U (6, k) is what the joints can do, orthonormal; (6, 6) the inverse of the measure's root.
     """
     if U.shape[1] in (0, 6):
         return 1.0

@@ -90,14 +90,7 @@ def _pass(xp: Namespace, problem: Problem, here: Boxed) -> Boxed:
 
 
 def free_least_squares(xp: Namespace, K: Rows, right: Rows, free: Rows) -> tuple[Rows, Rows]:
-    """argmin |K_F u_F - right| over the free joints, 0 for the others; and right - K u.
-
-    Args:
-        xp: namespace.
-        K: (m, m, ...).
-        right: (m, ...).
-        free: (m, ...) which joints.
-    """
+    """argmin |K_F u_F - right| over free joints, 0 for the others; and right - K u, K (m, m, ...), others (m, ...)."""
     R, z, left = triangular(xp, xp.where(free[None], K, xp.zeros_like(K)), right)
     return _back(xp, R, z), left
 

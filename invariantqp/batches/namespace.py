@@ -23,11 +23,7 @@ Namespace = Any
 def together(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> tuple[Namespace, list[Rows]]:
     """The namespace of several arguments, and each as a floating array of it, on one device, in one precision.
 
-    The first argument that is an array of a library decides for all.
-
-    Args:
-        needed: arguments by name.
-        optional: likewise; None stays None.
+    The first argument that is an array of a library decides for all; an optional one that is None stays None.
 
     Raises:
         BadInput: not real numbers, or arrays of two libraries.

@@ -63,14 +63,7 @@ def cells(
     quick: bool = False,
     only: Sequence[str] | None = None,
 ) -> list[Cell]:
-    """The cells of a sweep, with those that run alone at the end.
-
-    Args:
-        tasks: names or files of tasks.
-        methods: names of methods.
-        seed: seed of everything that is random.
-        quick: whether to measure a few states instead of many.
-        only: names of measurements; None is all of them.
+    """The cells of a sweep, with those that run alone at the end; `only` names measurements, None is all of them.
 
     Raises:
         UnknownName: `only` has a name that is no measurement.

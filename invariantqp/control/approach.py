@@ -29,22 +29,17 @@ HALF_TURN = 0.8 * pi
 
 
 def distances(A: Array, error: Array) -> Array:
-    """(n,) joint displacements for the whole error, damped near singularities: no joint travels long ones there.
+    """(n,) joint displacements for the whole error (6,), by measured joint twists A (6, n).
 
-    Args:
-        A: (6, n) measured joint twists.
-        error: (6,) measured twist that takes the tool to its target in unit time.
+    They are damped: near singularities no joint travels long ones.
     """
     return least_squares(spectrum_of(A), error, None, DISTANCE_DAMPING).centre()
 
 
 def braking_share(distance: Array, acceleration: Array, gain: float) -> float:
-    """b in (0, 1]: the share of gain e from which the joints can still brake before the target.
+    """b in (0, 1]: the share of gain e [1/s] from which the joints can still brake before the target.
 
-    Args:
-        distance: (m,) joint displacements for the whole error [rad, length].
-        acceleration: (m,) limits [rad/s^2, length/s^2], inf where there is none.
-        gain: [1/s].
+    Distances (m,) are those for the whole error [rad, length]; accelerations (m,) inf where there is no limit.
     """
     d, a = np.abs(distance), BRAKING_SHARE * acceleration
     knee = a / (gain * gain)
@@ -57,15 +52,7 @@ def braking_share(distance: Array, acceleration: Array, gain: float) -> float:
 
 
 def share_of_gain(law: VelocityLaw, braking: BrakingBox, gain: float, A: Array, error: Array) -> float:
-    """b for a law, 1 where its damping is [DS]'s.
-
-    Args:
-        law: of the loop.
-        braking: its acceleration limits.
-        gain: [1/s].
-        A: (6, m) measured joint twists.
-        error: (6,) measured twist that takes the tool to its target in unit time.
-    """
+    """b for a law and its acceleration limits, 1 where its damping is [DS]'s; A (6, m) and error (6,) are measured."""
     if isinstance(law.damping, PaperLambda):
         return 1.0
     T = law.to_joint
@@ -74,12 +61,7 @@ def share_of_gain(law: VelocityLaw, braking: BrakingBox, gain: float, A: Array, 
 
 
 def same_turn(error: Array, before: Array | None) -> Array:
-    """The logarithm of the displacement that turns in the same direction as that of the tick before.
-
-    Args:
-        error: (6,) twist that takes the tool to its target in unit time, of the shorter turn.
-        before: (3,) rotation vector of the tick before, or None.
-    """
+    """The logarithm (6,) of a displacement that turns as `before` does, the (3,) rotation vector of the tick before."""
     if before is None:
         return error
     w = error[:3]

@@ -67,15 +67,10 @@ def way_to(controller: Controller, q: Array, target: Any) -> Way:
 
 
 def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
-    """(k, 6) R, orthonormal rows in the measure.
+    """(k, 6) R, orthonormal rows in the measure, whose root (6, 6) is given.
 
     With exact demands it is their part of the twist; the rest is least squares, and may stray. Fewer than six joints
     are asked for the twists that they can do.
-
-    Args:
-        controller: with the demands.
-        sighting: the arm now.
-        root: (6, 6) of the measure.
     """
     if controller.exact:
         view = View(controller.robot, sighting, sighting.pose, 0.0, AT_REST)
@@ -88,12 +83,7 @@ def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
 
 
 def asked_part(rows: Array, root: Array) -> Array:
-    """(6, 6) the projector on the part of a twist that orthonormal rows (k, 6) ask for; the rest is orthogonal to it.
-
-    Args:
-        rows: from `asked`.
-        root: (6, 6) of the measure.
-    """
+    """(6, 6) the projector on the part of a twist that rows of `asked` (k, 6) ask for; the rest is orthogonal to it."""
     part: Array = np.linalg.solve(root, np.linalg.solve(root.T, rows.T)).dot(rows)
     return part
 

@@ -52,15 +52,9 @@ class Beside(NamedTuple):
 
 
 def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expected: float, tangent: Array) -> Beside:
-    """Where the tool is.
+    """Where the tool of an arm at q (m,) is, expected at a place of the path with tangent (6,).
 
-    Args:
-        controller: with the arm.
-        path: the path.
-        plan: where it cannot be had, its joint motion is the path.
-        q: (m,) joint positions.
-        expected: the place where the tool is expected.
-        tangent: (6,) of the path about there.
+    Where the path cannot be had, the plan's joint motion is the path.
     """
     robot = controller.robot
     left = plan.leaves(expected, ASIDE * controller.measure.length)
@@ -72,14 +66,10 @@ def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expe
 
 
 def nearest(path: GivenPath, plan: PathPlan, expected: float, ahead: Array, error: Array) -> tuple[float, Array]:
-    """The place on the path nearest the tool, and what it is off there.
+    """The place on the path nearest the tool, between the plan's ends, and what it is off there.
 
-    Args:
-        path: the path.
-        plan: beyond whose ends there is no place.
-        expected: the place where the tool is expected.
-        ahead: (k,) the path's tangent there, measured in what is asked.
-        error: (k,) likewise from the tool to there.
+    `ahead` (k,) is the path's tangent at the expected place and `error` (k,) the way from the tool to it, both measured
+    in what is asked.
     """
     short = float(error.dot(error)) / path.curve.end**2
     shift = float(ahead.dot(error)) / (float(ahead.dot(ahead)) + path.slow * path.slow + short)

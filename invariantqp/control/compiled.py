@@ -88,15 +88,7 @@ def compiled_loop(
 
 
 def compiled_demands(exact: tuple[Exact, ...], m: int) -> Array | None:
-    """The demands as the core takes them, rows on the joints one by one: kind, point, direction, speed, row.
-
-    Args:
-        exact: the demands.
-        m: joints.
-
-    Returns:
-        (k, 8 + m), or None where one is of another kind.
-    """
+    """(k, 8 + m) the demands as the core takes them: kind, point, direction, speed, row; None for another kind."""
     found, nothing, still = [], np.zeros(3), np.zeros(m)
     for demand in exact:
         if type(demand) is ExactPoint:

@@ -57,13 +57,7 @@ class Convergence(NamedTuple):
         )
 
     def commanded(self, error: Array, change: Array, slowness: float) -> Convergence:
-        """With the velocity commanded in this tick.
-
-        Args:
-            error: (6,) in the measure.
-            change: (6,) its predicted change until the next tick.
-            slowness: 1 / |change| of a tick at full speed.
-        """
+        """With this tick's velocity, which changes the measured error (6,) by `change` (6,); `slowness` as below."""
         share = 1.0 / MEMORY
         speed = (1.0 - share) * self.speed + share * slowness * norm(change)
         return self._replace(expected=error + change, size=norm(error), speed=speed)
@@ -82,12 +76,7 @@ class Convergence(NamedTuple):
 
 
 def slowness(A: Array, limits: Array) -> float:
-    """1 / |v|, v the measured twist of all joints at full speed; 0 where one has no limit or none moves the tool.
-
-    Args:
-        A: (6, m) measured joint twists.
-        limits: (m,) joint speeds [rad/s, length/s], inf where there is none.
-    """
+    """1 / |A v|, v (m,) the joint speed limits and A (6, m) measured: 0 where one is inf or none moves the tool."""
     each = np.sqrt((A * A).sum(axis=0))
     moving = each > 0.0
     speed = float(np.linalg.norm(each[moving] * limits[moving]))

@@ -98,13 +98,7 @@ def piece_of(knots: list[float], at: float) -> int:
 
 
 def curve_through(at: Array, poses: Array, tangents: Array) -> Curve:
-    """The curve with given poses and tangents at its knots.
-
-    Args:
-        at: (n + 1,) increasing.
-        poses: (n + 1, 4, 4).
-        tangents: (n + 1, 6) twists per unit of the parameter, base frame.
-    """
+    """The curve with poses (n + 1, 4, 4) and tangents (n + 1, 6), base frame, at increasing parameters (n + 1,)."""
     cubics = np.empty((len(at) - 1, 3, 6))
     for i, h in enumerate(np.diff(at).tolist()):
         d = se3.log(poses[i + 1].dot(se3.inverse(poses[i], check=False)), check=False)
@@ -135,11 +129,7 @@ def curve_of_samples(at: Array, poses: Array) -> Curve:
 def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
     """The curve of a function on [0, end], as close to it as SHAPE says.
 
-    Args:
-        pose: the pose (4, 4) at a place.
-        end: of its range.
-        size: how large a twist (6,) of a tool at a pose (4, 4) is, in the measure.
-        length: L of the measure.
+    `size` is how large a twist (6,) of a tool at a pose (4, 4) is in the measure, whose L is `length`.
     """
     step, finest, tolerance = DIFFERENCE * end, FINEST * end, SHAPE * length
     knots: dict[float, tuple[Array, Array]] = {}
@@ -165,13 +155,9 @@ def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
 
 
 def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
-    """The same curve with its length in the measure as parameter, and the old parameter at its knots.
+    """The same curve with its length, by `size` as in `curve_of`, as parameter; and the old parameter at its knots.
 
     Pieces on which the tool stands still are left out.
-
-    Args:
-        curve: with any parameter.
-        size: as in `curve_of`.
     """
     tangents = np.array([curve.tangent(t) for t in curve.knots])
     speed = np.array([size(s, T) for s, T in zip(tangents, curve.poses, strict=True)])

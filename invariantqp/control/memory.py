@@ -59,13 +59,9 @@ class Memory(NamedTuple):
         return self.velocity if velocity is None else arrays.vector(velocity, len(self.velocity), "velocity")
 
     def followed(self, error: Array, change: Array, root: Array, slowness: float) -> Memory:
-        """After a tick towards a target.
+        """After a tick with an error (6,), its `change` (6,) until the next tick, and the measure's root (6, 6).
 
-        Args:
-            error: (6,) twist to the target.
-            change: (6,) what the commanded velocity changes of it until the next tick.
-            root: (6, 6) of the measure.
-            slowness: 1 / |change| of a tick at full speed.
+        `slowness` is 1 / |change| of a tick at full speed.
         """
         measured = root.dot(error)
         watch = self.convergence.seen(measured).commanded(measured, root.dot(change), slowness)

@@ -108,15 +108,7 @@ class KnotFinder:
         self._speed = np.where(np.isfinite(speed), speed, 1.0)
 
     def knot(self, curve: Poses, at: float, q: Array, before: Knot | None, step: float) -> Knot:
-        """The arm at a place.
-
-        Args:
-            curve: the path.
-            at: the place.
-            q: (m,) joint positions near it.
-            before: the knot before it, or None.
-            step: for which the slope has to stay inside the position limits.
-        """
+        """The arm at a place, from q (m,) near it; for `step` the slope has to stay inside the position limits."""
         controller = self._controller
         robot, box = controller.robot, controller.box
         q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
@@ -163,16 +155,10 @@ class KnotFinder:
         return (q, seen, size) if self._stops or size <= ON_PATH * self._length else given
 
     def _bent(self, curve: Poses, at: float, q: Array, slope: Array, here: Array) -> Array:
-        """The slope (m,) at which the least error is kept, from the one that least squares give for the tangent.
+        """The slope (m,) at which the least error is kept, from the one (m,) that least squares give for the tangent.
 
-        Where part of an error stays, its size times the bend of the tool's motion counts too.
-
-        Args:
-            curve: the path.
-            at: the place.
-            q: (m,) joint positions there.
-            slope: (m,) of least squares.
-            here: (m,) the correction there.
+        Where part of an error stays, its size times the bend of the tool's motion counts too; `here` (m,) is the
+        correction at the place.
         """
         ahead = PROBE * self._longest
         if at + ahead > curve.end:

@@ -108,11 +108,7 @@ class PathPlan(NamedTuple):
     def speed(self, at: float, dt: float, share: float = 1.0, *, back: bool = False) -> float:
         """The largest speed for a tick of dt [s] from a place on: what it lands on and its middle allow it.
 
-        Args:
-            at: the place.
-            dt: tick [s].
-            share: of that speed.
-            back: whether the path is driven backward.
+        Of that speed `share` is driven.
         """
         knots, squares, sign = (self.at, self.backward, -1.0) if back else (self.at, self.forward, 1.0)
         i, passed, part = self.piece(at), inf, share * share

@@ -15,17 +15,10 @@ FULL_SHARE = 0.9995
 
 
 def rate_inside(slope: Array, rate: float, possible: float, before: Array, step: Array, limit: Array) -> float:
-    """The rate v nearest the wanted one with |q' v - before| <= step and |q' v| <= limit.
+    """The rate v nearest the wanted one with |q' v - before| <= step and |q' v| <= limit, all (m,), inf for no limit.
 
-    Where no rate keeps all joints' steps, it is the one that breaks them by the least squares.
-
-    Args:
-        slope: (m,) q'.
-        rate: wanted.
-        possible: the largest speed that the path allows; below it a smaller share of the step is enough.
-        before: (m,) joint velocity along the path in the tick before.
-        step: (m,) positive, inf where there is no limit.
-        limit: (m,) of the joint velocity.
+    Where no rate keeps all joints' steps, it is the one that breaks them by the least squares. `possible` is the
+    largest speed that the path allows; below it a smaller share of the step is enough.
     """
     # Of a handful of joints plain numbers are faster than arrays.
     joints = zip(slope.tolist(), before.tolist(), step.tolist(), limit.tolist(), strict=True)

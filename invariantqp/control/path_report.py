@@ -27,16 +27,9 @@ BACK = "the start"
 def reported(
     controller: Controller, path: GivenPath, plan: PathPlan, driven: Driven, pace: Pace, *, tolerance: float, stop: str
 ) -> PathSolution:
-    """The solution of a tick along a path.
+    """The solution of a tick along a path; `stop` says why the tool was to come to rest, "" where it was not.
 
-    Args:
-        controller: whose law answered.
-        path: the path.
-        plan: the joint motion along it.
-        driven: the tick.
-        pace: how fast the path is meant to be driven.
-        tolerance: how far from the path's end a tool that is there may be, in the measure.
-        stop: why the tool was to come to rest, "" where it was not.
+    How far from the path's end a tool that is there may be, `tolerance`, is in the measure.
     """
     answer, after, here, rate, ruling = driven
     dt = controller.dt

@@ -125,12 +125,7 @@ class PathSearch:
             self._behind.extend()
 
     def plan(self, fastest: float = inf, smooth: float | None = None) -> PathPlan:
-        """The plan of what is found; the tool stops at its ends.
-
-        Args:
-            fastest: the largest speed that will be asked for; the plan for it is kept.
-            smooth: as in `plan_of`, the same for all.
-        """
+        """The plan of what is found, for `fastest` and `smooth` of `plan_of`; the tool stops at its ends."""
         if fastest in self._plans:
             return self._plans[fastest]
         knots = self._ahead.knots

@@ -22,11 +22,9 @@ BOUNDLESS = 1e30
 
 
 def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.intp]]:
-    """(n,) the largest v with |q'_i v| <= limits_i at each knot, inf at rest; and (n,) the joint that rules.
+    """(n,) the largest v with |q'_i v| <= limits_i for (n, m) slopes q', inf at rest; and (n,) the joint that rules.
 
-    Args:
-        slopes: (n, m) q'.
-        limits: (n, m), or one number, positive or zero.
+    Limits are (n, m), or one number, positive or zero.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         speed = np.where(slopes != 0.0, limits / np.abs(slopes), np.inf)

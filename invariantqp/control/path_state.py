@@ -51,16 +51,10 @@ class PathState(NamedTuple):
     def after(
         self, place: float, rate: float, dt: float, standing: float, *, back: bool, along: Array, velocity: Array
     ) -> PathState:
-        """After a tick of dt [s] at a rate from a place on.
+        """After a tick of dt [s] from a place on, at a rate that is negative backward.
 
-        Args:
-            place: where the tool was.
-            rate: of the place, negative backward.
-            dt: tick [s].
-            standing: a tick that drives no farther is at rest: there the drive may turn.
-            back: whether it is to go backward.
-            along: (m,) joint velocity along the path.
-            velocity: (m,) and all of it.
+        Joint velocities (m,) are `along` the path and in all. A tick that drives no farther is at rest where `standing`
+        says so: there the drive may turn, to go `back`.
         """
         v = abs(rate)
         turned = back != self.back and v * dt <= standing

@@ -23,12 +23,7 @@ DELAY_SHARE = 0.25
 
 
 def tracking_gain(gain: float | None, dt: float, delay: float = 0.0) -> float:
-    """The gain [1/s]; None is a tenth of the error in a tick, or less where there is a delay.
-
-    Args:
-        gain: [1/s], or None.
-        dt: tick [s].
-        delay: dead time beyond one tick [s].
+    """The gain [1/s]; None is a tenth of the error in a tick, or less where there is a delay [s] beyond one tick.
 
     Raises:
         BadInput: not positive, or above 1/dt.
@@ -43,12 +38,7 @@ def tracking_gain(gain: float | None, dt: float, delay: float = 0.0) -> float:
 
 
 def tracking_twist(error: Array, gain: float | Array, feedforward: ArrayLike | None = None) -> Array:
-    """(6,) twist to ask for, base frame [rad/s; length/s].
-
-    Args:
-        error: (6,) the twist that takes the tool to its target in one unit of time, base frame.
-        gain: [1/s], or (6,) of them.
-        feedforward: (6,) twist of the target, base frame; None is a target at rest.
+    """(6,) twist to ask for, base frame [rad/s; length/s]: one gain or (6,) times the error, and the feedforward.
 
     Raises:
         BadInput: a feedforward that is no twist; a target with NaN or with numbers beyond any scale.

@@ -29,15 +29,7 @@ SHOWN = 2.0
 
 
 def contact_picture(trace: Trace, contact: ContactTrace, path: Path | str) -> Path:
-    """Write force, path error and the curve drawn to a file.
-
-    Args:
-        trace: a run in contact.
-        contact: its record of the contact.
-        path: a .png, .svg or .pdf file.
-
-    Returns:
-        The file.
+    """Write force, path error and the curve drawn in a run to a .png, .svg or .pdf file.
 
     Raises:
         BadInput: Matplotlib cannot write a file with this ending, or the file cannot be written.

@@ -60,10 +60,7 @@ def is_text(source: str) -> bool:
 
 
 def read_xml(source: Path | str) -> tuple[str, ET.Element]:
-    """What to call a robot in messages, and the root element of its description.
-
-    Args:
-        source: the path of a file, or its text.
+    """What to call a robot in messages, and the root element of its description: the path of a file, or its text.
 
     Raises:
         RobotModelError: a file that cannot be read, no XML, or XML with a document type.
@@ -79,11 +76,7 @@ def read_xml(source: Path | str) -> tuple[str, ET.Element]:
 
 
 def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
-    """The joints of a URDF, in its order.
-
-    Args:
-        name: what to call the robot in messages.
-        root: its element <robot>.
+    """The joints of a URDF's root element, in its order; `name` is what messages call the robot.
 
     Raises:
         RobotModelError: no URDF, or joints that are not what URDF says.

@@ -50,14 +50,10 @@ class ContactTrace:
 def contact_trace(
     scene: ContactScene, contacts: Sequence[Contact], after: Sequence[PlantState], read: Array, wanted: Array
 ) -> ContactTrace:
-    """What happened at a contact.
+    """What happened at a contact in n ticks.
 
-    Args:
-        scene: what was touched.
-        contacts: n, believed in at the poses of `after`.
-        after: n, the plant after each tick.
-        read: (n, 6) wrenches as the controller read them.
-        wanted: (n, 4, 4) poses that were asked for after each tick.
+    `contacts` are those believed in at the poses of `after`, the plant after each tick; `read` (n, 6) the wrenches as
+    the controller read them; `wanted` (n, 4, 4) the poses that were asked for.
     """
     exerted = np.array([-state.wrench for state in after])
     press, error = np.array([scene.force(c, W) for c, W in zip(contacts, exerted, strict=True)]).T

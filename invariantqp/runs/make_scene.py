@@ -56,10 +56,7 @@ class _Touched(NamedTuple):
 def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
     """The contact of a task whose tool starts at pose T (4, 4); None where the tool touches nothing.
 
-    Args:
-        task: with [contact], or without.
-        T: of the tool at the start.
-        noise: standard deviation of a force component of the plant's sensor [N].
+    `noise` is the standard deviation of a force component of the plant's sensor [N].
 
     Raises:
         BadInput, NoProjectors: a contact that cannot be, or a complement Z that does not split it.

@@ -67,13 +67,7 @@ class ElasticPilot(Pilot):
     """A path follower: it stays on the path, and is late where limits bind."""
 
     def __init__(self, loop: Controller, brief: Brief, q: Array) -> None:
-        """The loop's fixed part.
-
-        Args:
-            loop: the velocity controller.
-            brief: with the path and its timing.
-            q: (m,) joint positions at the start.
-        """
+        """Along the path of a brief, from joint positions q (m,)."""
         n = len(brief.poses)
         kept = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
         self.follower: PathFollower = PathFollower(loop, brief.poses[kept], times=brief.time[kept], rate=1.0)
@@ -110,13 +104,7 @@ class OperatorPilot(Pilot):
     """An operator who moves the tool on a plane, leaving it now and then, and the robot that keeps it there."""
 
     def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
-        """The loop's fixed part.
-
-        Args:
-            loop: the velocity controller.
-            operator: what the operator does.
-            point: (3,) of the tool frame, about which the robot levels the tool [m].
-        """
+        """Beside an operator; the robot levels the tool about a point (3,) of its frame [m]."""
         plane = face_contact((0.0, 0.0, 0.0), operator.normal)
         lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
         ours = se3.adjoint(plane.pose).dot(np.hstack((lift, tilts)))
@@ -138,11 +126,7 @@ class OperatorPilot(Pilot):
 
 
 def pilot_of(brief: Brief, controller: MakeController | None = None) -> Pilot:
-    """What steers a plant by a brief.
-
-    Args:
-        brief: what to do.
-        controller: makes the velocity controller; None is ours.
+    """What steers a plant by a brief; `controller` makes its velocity controller, None is ours.
 
     Raises:
         BadInput: a controller for a task in contact, which needs a hybrid one.

@@ -44,13 +44,9 @@ TABLES = (
 
 
 def draft(content: Mapping[str, Any]) -> str:
-    """A task file with comments.
+    """A task file with comments, as TOML, from the keys that are given.
 
-    Args:
-        content: the keys of a task that are given, tables as mappings.
-
-    Returns:
-        TOML. Each table that is given is there with all of its keys, those that are not given as comments.
+    Each table that is given is there with all of its keys, those that are not given as comments.
     """
     lines = [*_keys({name: Task.model_fields[name] for name in ("name", "about")}, content)]
     for header, kind, section in TABLES:

@@ -79,14 +79,7 @@ def run_task(
 
 
 def run(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer: Observer | None = None) -> Trace:
-    """Run a setup under a pilot; `run_task` with what it prepares in the caller's hands.
-
-    Args:
-        setup: from `prepare`; its plant moves.
-        pilot: from `pilot_of`, or another `Pilot`.
-        progress: as in `run_task`.
-        observer: as in `run_task`.
-    """
+    """Run a setup from `prepare`, whose plant moves, under a pilot; the others as in `run_task`."""
     return _trace(setup, pilot, _loop(setup, pilot, progress, observer))
 
 

@@ -245,12 +245,7 @@ def load_task(path_or_name: str | FilePath) -> Task:
 
 
 def task_from(content: dict[str, Any], source: str, folder: FilePath | None = None) -> Task:
-    """A task from decoded TOML.
-
-    Args:
-        content: the file's tables.
-        source: what error messages call the file.
-        folder: where relative URDF paths are looked up.
+    """A task from decoded TOML; errors call the file `source`, relative URDF paths are looked up in `folder`.
 
     Raises:
         TaskFileError: every problem with its path.

@@ -49,10 +49,8 @@ class Resting(NamedTuple):
 def resting_point(twists: Array, tolerance: float = PARALLEL_TOLERANCE, longest: float = LENGTH_LIMIT) -> Resting:
     """The least-norm minimiser of |v + omega x p|_F over p, for checked (6, m) twists.
 
-    Args:
-        twists: (6, m).
-        tolerance: share of the largest stiffness of |J_v(p)|^2 against p below which a direction is free.
-        longest: |J_v| / |J_omega| above which no joint turns: the point is the origin, and free.
+    A direction is free where the stiffness of |J_v(p)|^2 against p is below the share `tolerance` of the largest. With
+    |J_v| / |J_omega| above `longest` no joint turns: the point is the origin, and free.
     """
     w, v = twists[:3], twists[3:]
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = w.dot(v.T).tolist()

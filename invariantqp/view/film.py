@@ -152,11 +152,7 @@ def _scale(vectors: Array, least: float) -> tuple[float, float]:
 
 
 def film_of(trace: Trace, frames: int = FRAMES) -> Film:
-    """A run as frames.
-
-    Args:
-        trace: from `run_task`.
-        frames: how many, at most.
+    """A run from `run_task` as `frames` frames at most.
 
     Raises:
         RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.

@@ -58,12 +58,7 @@ class Look(NamedTuple):
 
 
 def look_of(task: Task, names: Iterable[str]) -> Look:
-    """What a task's robot looks like.
-
-    Args:
-        task: its robot is a name or a URDF, else it has no look.
-        names: of the arm's joints; others are held where the arm holds them.
-    """
+    """What a task's robot looks like, if it is a name or a URDF; joints not among `names` are held."""
     try:
         file = task.urdf()
     except (BadInput, RobotModelError):  # joint screws alone

@@ -47,12 +47,8 @@ WHOLE_TWIST = 1e3
 def least_squares(
     *, told_length: bool = False, calm: bool = False, dampers: bool = False
 ) -> Callable[[Setting], Solve]:
-    """A maker of least squares inside the limits.
-
-    Args:
-        told_length: whether twists are measured at the told point with the told length.
-        calm: whether mu grows with what is missed; it is zero otherwise.
-        dampers: whether velocity bounds shrink in proportion to the distance from position limits.
+    """A maker of least squares inside the limits: measured at the told point with the told length; with a mu that grows
+    with what is missed; with bounds that shrink near position limits.
     """
 
     def make(setting: Setting) -> Solve:

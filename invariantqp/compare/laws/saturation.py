@@ -50,17 +50,8 @@ def saturate(
 ) -> Saturated:
     """The velocity inside the limits that achieves alpha s, with alpha as large as the method finds it.
 
-    Args:
-        J: (6, m) joint twists.
-        s: (6,) wanted twist, same frame.
-        lower: (m,) least joint velocities.
-        upper: (m,) largest joint velocities.
-        rest: (m,) joint velocity wanted in the null space; None is zero.
-        optimal: whether joints are let go again where that brings the velocity nearer to `rest`.
-
-    Returns:
-        The velocity and alpha. If the bounds exclude zero velocity, alpha may be 0; the velocity
-        is then zero clipped to the bounds.
+    `rest` (m,) is the joint velocity wanted in the null space, None for zero. Where the bounds exclude zero velocity,
+    alpha may be 0; the velocity is then zero clipped to the bounds.
     """
     m = J.shape[1]
     free = np.ones(m, dtype=bool)

@@ -64,12 +64,7 @@ class Textbook(Pilot):
     """Raibert and Craig's controller as a pilot, for the contact of a task file."""
 
     def __init__(self, setup: Setup, tool: Array | None = None) -> None:
-        """For a run described in displaced frames.
-
-        Args:
-            setup: of the run; of the displaced frames it knows the tool's and the sensor's.
-            tool: (4, 4) displacement of the tool frame, by which its task frame finds the surface; None is none.
-        """
+        """For a run in displaced frames, of which it knows the sensor's, and the tool's by its (4, 4) displacement."""
         brief, scene = setup.brief, setup.scene
         if scene is None or brief.sensor is None:
             raise BadInput("setup", "a task without contact", "one with [contact] and [force]")

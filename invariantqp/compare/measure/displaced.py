@@ -24,13 +24,7 @@ def displaced(
     sensor: ArrayLike | None = None,
     contact: ArrayLike | None = None,
 ) -> Setup:
-    """The setup of a run with displaced frames.
-
-    Args:
-        setup: from `prepare`; its plant is the new one's too.
-        tool: (4, 4) displacement of the tool frame in itself; None is none.
-        sensor: (4, 4) displacement of the frame in which wrenches are read, in itself.
-        contact: (4, 4) displacement of the frame in which the contact is expressed, in itself.
+    """The setup of a run with frames displaced in themselves, (4, 4) or None each; its plant is the new one's too.
 
     Raises:
         BadInput: not finite (4, 4) rigid motions.

@@ -44,14 +44,7 @@ NEAREST, FARTHEST = -4.0, -1.5
 
 
 def questions(robot: Robot, sort: str, count: int, seed: int) -> list[Question]:
-    """Random ticks of one sort, in the tool frame.
-
-    Args:
-        robot: the arm.
-        sort: one of SORTS.
-        count: how many; fewer if regular states are too rare.
-        seed: seed of positions and twists.
-    """
+    """Random ticks of one of SORTS, in the tool frame; fewer than `count` if regular states are too rare."""
     rng = np.random.default_rng([seed, SORTS.index(sort)])
     low, high = joint_ranges(robot)
     found: list[Question] = []

@@ -78,13 +78,7 @@ def _tick(loop: Controls, inputs: list[tuple[Array, Any, Array]], i: int) -> obj
 
 
 def interleaved(calls: Mapping[str, Callable[[int], object]], count: int, rounds: int) -> dict[str, Array]:
-    """Times [us] of call(i) for i in 0..count-1, with each call made `rounds` times: {name: (rounds * count,)}.
-
-    Args:
-        calls: functions of the index of a state, by name.
-        count: number of states.
-        rounds: how often each function is timed in each state.
-    """
+    """Times [us] of call(i) for i in 0..count-1, with each call made `rounds` times: {name: (rounds * count,)}."""
     taken: dict[str, list[int]] = {name: [] for name in calls}
     before = gc.isenabled()
     gc.disable()

@@ -27,15 +27,7 @@ ABOUT = {
 
 
 def write_report(results: Results, out: Path) -> list[Path]:
-    """Write report.html and the chart into a folder.
-
-    Args:
-        results: from `sweep` or `load_results`.
-        out: the folder, which exists.
-
-    Returns:
-        The files: the report, then the chart if there is one.
-    """
+    """Write report.html and the chart into a folder that exists: the files, the report first, then the chart if any."""
     drawn = []
     if {"loop", "tick"} <= kinds_in(results):
         drawn.append(out / "speed_and_accuracy.svg")

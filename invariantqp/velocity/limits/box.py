@@ -124,14 +124,9 @@ class JointBox(Value):
     def __init__(
         self, position_lower: Array, position_upper: Array, velocity_limit: Array, dt: float, margin: float = 0.0
     ) -> None:
-        """From limits that are already checked.
+        """From limits (m,) that are already checked [rad, length; 1/s], inf where there is none, for ticks of dt [s].
 
-        Args:
-            position_lower: (m,) [rad, length], -inf where there is none.
-            position_upper: (m,).
-            velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
-            dt: [s].
-            margin: distance kept from position limits [rad, length]; a range too short for it shrinks to its middle.
+        `margin` is kept from position limits; a range too short for it shrinks to its middle.
         """
         low, high = position_lower, position_upper
         if margin:

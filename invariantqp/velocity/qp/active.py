@@ -65,13 +65,7 @@ class Face(NamedTuple):
 
 
 def face_of(N: Array, lower: Array, upper: Array, side: Sides) -> Face:
-    """The face on which the limits with a side are active.
-
-    Args:
-        N: (r, n) rows.
-        lower: (r,).
-        upper: (r,).
-        side: (r,) 1 for limits active above, -1 for those below, 0 for the others.
+    """The face of limits on N (r, n) that are active: side 1 for those above, -1 for those below, 0 for the others.
 
     Raises:
         numpy.linalg.LinAlgError: the active rows depend on each other.

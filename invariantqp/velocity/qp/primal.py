@@ -24,16 +24,10 @@ PARALLEL = 1e-9
 def from_inside(
     N: Array, lower: Array, upper: Array, e: Array, slow: Slow | None = None
 ) -> tuple[Array, Face | None, Array, float]:
-    """The shortest e with lower <= N e <= upper, its face, its multipliers, and that of the speed limit.
+    """The shortest e with lower <= N e <= upper, its face, its multipliers, and that of the speed limit `slow`.
 
-    Where nearly dependent rows meet, or steps run out, it is the e reached by then, with no face.
-
-    Args:
-        N: (r, n) rows.
-        lower: (r,).
-        upper: (r,).
-        e: (n,) inside, but for rounding.
-        slow: a speed limit beside them.
+    N is (r, n); e (n,) begins inside, but for rounding. Where nearly dependent rows meet, or steps run out, it is the e
+    reached by then, with no face.
     """
     nu = 0.0
     side: NDArray[np.intp] = np.zeros(len(lower), dtype=np.intp)

@@ -43,12 +43,7 @@ class Scaled(NamedTuple):
 def scaled(K: Array, A: Array | None, length: Array, lower: Array, upper: Array) -> Scaled:
     """1/2 |K d|^2 inside lower <= A d <= upper, where d = 0 is outside, in units of how far outside it is.
 
-    Args:
-        K: (n, n) root.
-        A: (r, n) rows, or None for the identity.
-        length: (r,) of the rows, none of them zero.
-        lower: (r,).
-        upper: (r,).
+    K (n, n) is a root, A (r, n) rows or None for the identity, `length` (r,) that of the rows, none zero.
     """
     low, high = lower / length, upper / length
     size = float(np.maximum(low, -high).max(initial=0.0)) or 1.0
