@@ -28,8 +28,6 @@ TOP = {
     "what is caught": "InvariantQPError BadInput NoPseudoinverse NoProjectors BlindSystem",
     "more": "__version__ native",
 }
-# What no example and no line of the README shows, and why.
-NOT_SHOWN = {"a warning that is on its way out": "UnitsMixed"}
 
 
 def words(table):
@@ -87,5 +85,4 @@ def test_every_name_is_shown_in_the_readme_or_an_example():
     text = "\n".join(file.read_text(encoding="utf-8") for file in files)
     seen = set(re.findall(r"\w+", text))
     names = {name for names in PUBLIC.values() for name in names}
-    assert sorted(names - seen - words(NOT_SHOWN)) == []
-    assert sorted(words(NOT_SHOWN) & seen) == []
+    assert sorted(names - seen) == []

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.warm import Warm
 
 import invariantqp as iq
 from invariantqp import cli
@@ -54,29 +55,36 @@ def refused(tmp_path):
     return file
 
 
-def started(*words, **options):
-    """A command line as a process; its standard output is buffered, as it is for most users."""
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": BUFFERED, **options}
-    return subprocess.run([sys.executable, "-m", "invariantqp", *map(str, words)], check=False, **options)
+@pytest.fixture(scope="module")
+def started():
+    """A command line as a process."""
+    warm = Warm()
+    yield warm
+    warm.close()
 
 
-def test_not_accepted(refused):
+def test_not_accepted(started, refused):
     """The statuses of a run that is, and of bad input, are below and in test_run.test_as_a_process."""
     assert started("run", refused).returncode == NOT_ACCEPTED
 
 
-def gone(command):
+@pytest.fixture
+def gone(started):
     """The status and standard error of a command whose reader goes away before it is written."""
-    reading, writing = os.pipe()
-    os.close(reading)
-    done = started(*command, stdout=writing)
-    os.close(writing)
-    return done.returncode, done.stderr
+
+    def call(command):
+        reading, writing = os.pipe()
+        os.close(reading)
+        done = started(*command, stdout=writing)
+        os.close(writing)
+        return done.returncode, done.stderr
+
+    return call
 
 
 @posix
 @pytest.mark.parametrize("command", [["run", "{refused}"], ["run", "--help"], ["tasks"], ["inspect", "planar_3r"]])
-def test_a_reader_that_is_gone_is_not_a_refusal(refused, command):
+def test_a_reader_that_is_gone_is_not_a_refusal(gone, refused, command):
     """A run that is accepted is below."""
     status, said = gone([word.format(refused=refused) for word in command])
     assert status == NOT_WRITTEN
@@ -85,7 +93,7 @@ def test_a_reader_that_is_gone_is_not_a_refusal(refused, command):
 
 
 @posix
-def test_what_a_run_is_to_write_is_written_though_nobody_reads_what_it_prints(task, tmp_path):
+def test_what_a_run_is_to_write_is_written_though_nobody_reads_what_it_prints(gone, task, tmp_path):
     figures = tmp_path / "run.json"
     status, said = gone(["run", task, "--json", figures])
     assert status == NOT_WRITTEN
@@ -105,7 +113,7 @@ def test_the_first_line_of_a_passing_run(task):
 
 @needs_full
 @pytest.mark.parametrize("command", [["run", "{task}"], ["inspect", "planar_3r"]])
-def test_a_full_disk(task, command):
+def test_a_full_disk(started, task, command):
     done = started(*(word.format(task=task) for word in command), "--json", FULL)
     assert (done.returncode, done.stderr) == (
         NOT_WRITTEN,
@@ -118,13 +126,13 @@ def test_a_full_disk(task, command):
 
 
 @needs_full
-def test_a_full_disk_that_nobody_can_be_told_of(task):
+def test_a_full_disk_that_nobody_can_be_told_of(started, task):
     with FULL.open("w") as full:
         assert started("run", task, stdout=full, stderr=full).returncode == NOT_WRITTEN
 
 
 @needs_full
-def test_bad_input_though_nobody_can_be_told():
+def test_bad_input_though_nobody_can_be_told(started):
     with FULL.open("w") as full:
         assert started("run", "nowhere", stderr=full).returncode == BAD_INPUT
 
