@@ -322,6 +322,6 @@ def test_rows_that_say_the_same_twice_do_not_stop_a_tool_at_rest():
     bench = Bench(iq.load_robot("so101"), SO101, pen(stiffness=1e4), dt=2e-3, depth=-1e-4, exact="position")
     target = bench.start.copy()
     target[:3, 3] += [0.002, -0.003, 0.0]
-    told = bench.run(3000, lambda t: (target, None))
+    told = bench.run(1500, lambda t: (target, None))
     assert not any("cannot keep the direction" in s.reason for s in told[100:])
     assert bench.wrench()[5] == pytest.approx(-5.0, rel=1e-11)

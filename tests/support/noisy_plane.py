@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 import invariantqp as iq
-from support.spring_plane import PANDA, circle, exerted
+from support.spring_plane import PANDA, circle, exerted, in_tool
 from support.wrist import wrist
 
+EACH = np.repeat((0.03, 1.0), 3)  # noise of a moment and a force beside each other
 STOPPED = ("overload", "fault")  # the tool stands still or retreats until reset
 
 
@@ -88,7 +89,7 @@ def press_on_plane(
     for k in range(round(seconds / dt)):
         t, pose = k * dt, robot.pose(q)
         exerts = exerted([pose[:3, 3]], start[2, 3] - gap - (0.05 if t >= removed else 0.0), stiffness)
-        reading = -iq.coadjoint(iq.inverse(pose)) @ exerts + noise * rng.normal(size=6) * np.repeat((0.03, 1.0), 3)
+        reading = noise * rng.normal(size=6) * EACH - in_tool(pose, exerts)
         if fault is not None and t >= since:
             reading = fault(reading, pose[:3, :3].T @ [0.0, 0.0, 1.0])
         target, ahead = path(t)

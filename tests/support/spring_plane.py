@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from math import cos, sin
+
 import numpy as np
 
 import invariantqp as iq
+from invariantqp.geometry.se3 import cross
 
 UP = np.array([0.0, 0.0, 1.0])
 PANDA = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
@@ -14,10 +17,17 @@ DT = 1e-3
 
 def exerted(points, height, stiffness):
     """The wrench (m; f), base frame, that a tool exerts with its corners (n, 3) on the plane z = height."""
-    wrench = np.zeros(6)
-    for x, y, z in points:
-        wrench += -stiffness * max(0.0, height - z) * np.array([y, -x, 0.0, 0.0, 0.0, 1.0])
-    return wrench
+    turn_x = turn_y = force = 0.0  # in floats: worlds are a good part of these tests' time
+    for x, y, z in np.asarray(points).tolist():
+        push = -stiffness * max(0.0, height - z)
+        turn_x, turn_y, force = turn_x + push * y, turn_y - push * x, force + push
+    return np.array((turn_x, turn_y, 0.0, 0.0, 0.0, force))
+
+
+def in_tool(pose, wrench):
+    """A wrench of the base frame in that of the tool, unchecked."""
+    R, f = pose[:3, :3].T, wrench[3:]
+    return np.concatenate((R.dot(wrench[:3] - cross(pose[:3, 3], f)), R.dot(f)))
 
 
 def corners(pose, half):
@@ -29,11 +39,11 @@ def circle(start, radius, period):
     """A target that goes round a horizontal circle from `start`, and its twist, as functions of time."""
 
     def at(t):
-        a = 2 * np.pi * t / period
+        a, rate = 2 * np.pi * t / period, 2 * np.pi / period * radius
+        sine, cosine = sin(a), cos(a)
         T = start.copy()
-        T[:3, 3] += [radius * (np.cos(a) - 1.0), radius * np.sin(a), 0.0]
-        v = 2 * np.pi / period * radius * np.array([-np.sin(a), np.cos(a), 0.0])
-        return T, np.concatenate((np.zeros(3), v))
+        T[:2, 3] += (radius * (cosine - 1.0), radius * sine)
+        return T, np.array((0.0, 0.0, 0.0, -rate * sine, rate * cosine, 0.0))
 
     return at
 
