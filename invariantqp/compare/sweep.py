@@ -134,7 +134,7 @@ def sweep(
     Raises:
         BadInput, UnknownName: there is no such task, method or measurement, or a method is not installed.
         MissingExtra: the model of a task's robot is not installed.
-        ReferenceFailure: two computations of one exact answer disagree.
+        ReferenceFailure: an exact answer cannot be computed.
     """
     table = chosen(methods)
     if quick and methods is None:
@@ -220,7 +220,7 @@ def conditions(cell: Cell) -> str:
 def attempt(measure: Any, cell: Cell, known: str) -> tuple[Cell, dict[str, Result] | str]:
     """A cell and what `measure(cell, known)` finds; a message instead if the sweep has to end.
 
-    Whatever a method raises is its result, but references that disagree end the sweep. Only results of cells without
+    Whatever a method raises is its result, but a reference that fails ends the sweep. Only results of cells without
     an exception are kept on disk: a failed one is tried again in the next sweep.
     """
     try:

@@ -224,7 +224,6 @@ def test_the_command_writes_everything(small_run):
     assert ours["limited"]["error"] < 1e-11
     assert theirs["free"]["error"] < 1e-12
     assert theirs["limited"]["error"] > 1e-3
-    assert all(sort["agreement"] <= 1e-12 for sort in ours.values())
     assert all(0.0 < t["median_us"] <= t["p99_us"] for t in times.values())
     mine, other = (loops["so101_line", name] for name in ("invariantqp", "Moore-Penrose"))
     assert mine["frame"] < 1e-11

@@ -1,4 +1,4 @@
-"""Exact answers to the problems that the methods solve, each computed in two independent ways."""
+"""Exact answers to the problems that the methods solve."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from invariantqp.errors import InvariantQPError
 
 
 class ReferenceFailure(InvariantQPError):
-    """An exact answer cannot be computed, or two computations of it disagree: no error can be measured against it."""
+    """An exact answer cannot be computed: no error can be measured against it."""
 
 
 class NoReference(ReferenceFailure):

@@ -6,13 +6,12 @@
 One solve is the twist inside the limits alone: no posture and no exact rows. Joint positions are uniformly distributed
 over the joint range and twists are random; one seed determines them all.
 
-Results: {"free": {"error", "error_max", "failed", "agreement"}, "limited": {...}, "singular": {...}}.
+Results: {"free": {"error", "error_max", "failed"}, "limited": {...}, "singular": {...}}.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -28,6 +27,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import load_task
 
+Exact = Callable[[Method, str, int], Array | None]
 SORTS = ("free", "limited", "singular")
 # States of each sort of a full run, and of a quick one.
 COUNT, QUICK_COUNT = 20, 4
@@ -89,16 +89,16 @@ def clipped_answer(solve: Solve, question: Question) -> Array | None:
 
 def errors(cell: Cell) -> dict[str, Result]:
     """The error of every method; methods with the same problem share its exact answers."""
-    from invariantqp.compare.exact.references import Reference, reference
+    from invariantqp.compare.exact.references import reference
 
     task = load_task(cell.task)
     robot = task.load_robot()
     setting = setting_of(robot, task.law)
     count = QUICK_COUNT if cell.quick else COUNT
     drawn = {sort: questions(robot, sort, count, cell.seed) for sort in SORTS}
-    kept: dict[tuple[str, str, int], Reference | None] = {}
+    kept: dict[tuple[str, str, int], Array | None] = {}
 
-    def exact(method: Method, sort: str, i: int) -> Reference | None:
+    def exact(method: Method, sort: str, i: int) -> Array | None:
         key = (method.problem, sort, i)
         if key not in kept:
             try:
@@ -114,24 +114,25 @@ def errors(cell: Cell) -> dict[str, Result]:
 
 
 def _error(
-    method: Method, sort: str, drawn: list[Question], setting: Setting, exact: Callable[[Method, str, int], Any]
+    method: Method,
+    sort: str,
+    drawn: list[Question],
+    setting: Setting,
+    exact: Callable[[Method, str, int], Array | None],
 ) -> Result:
     make = method.make
-    found, agreements, failed = [], [], 0
+    found, failed = [], 0
     solve = make(setting) if make is not None else None
     for i, question in enumerate(drawn):
         truth = exact(method, sort, i)
         x = None if solve is None else clipped_answer(solve, question)
         failed += x is None
-        if truth is not None:
-            agreements.append(truth.agreement)
-            if x is not None:
-                found.append(float(np.linalg.norm(x - truth.x) / np.linalg.norm(truth.x)))
+        if truth is not None and x is not None:
+            found.append(float(np.linalg.norm(x - truth) / np.linalg.norm(truth)))
     return {
         "error": float(np.median(found)) if found else None,
         "error_max": max(found) if found else None,
         "failed": failed / max(1, len(drawn)),
-        "agreement": max(agreements) if agreements else None,
     }
 
 
