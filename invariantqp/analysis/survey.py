@@ -112,14 +112,7 @@ def joint_ranges(robot: Robot) -> tuple[Array, Array]:
 
 
 def survey(robot: Robot, q: Array, *, jobs: int = 1, progress: Progress | None = None) -> Survey:
-    """Describe the arm in each of (n, m) states.
-
-    Args:
-        robot: the arm.
-        q: (n, m) joint positions.
-        jobs: processes, from a few thousand states on; -1 is one a core.
-        progress: called with (states done, states in all).
-    """
+    """Describe the arm in each of (n, m) states, from a few thousand on in several processes; -1 is one a core."""
     n = len(q)
     twists = [np.array([robot.jacobian(state) for state in q[i : i + CHUNK]]) for i in range(0, n, CHUNK)]
     parts: list[_Described] = []

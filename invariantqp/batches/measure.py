@@ -42,13 +42,8 @@ def at_point(xp: Namespace, twists: Rows, point: Rows) -> Rows:
 def reaches(xp: Namespace, J: Rows, s: Rows, size: Rows) -> Rows:
     """(...) L for joint twists (..., 6, m) and a wanted twist (..., 6), both taken at the point.
 
-    The arm's reach; where no axis is away from the point, |v| / |omega| of the turning joints, or of s, or 1.
-
-    Args:
-        xp: namespace.
-        J: at the point.
-        s: likewise.
-        size: (...) of the coordinates that they were computed from, whose rounding a reach must exceed.
+    The arm's reach; where no axis is away from the point, |v| / |omega| of the turning joints, or of s, or 1. A reach
+    has to exceed the rounding of the coordinates that the twists were computed from, of which `size` (...) is the size.
     """
     here = xp.zeros_like(J[..., :3, 0])
     total = speeds = rates = xp.zeros_like(J[..., 0, 0])

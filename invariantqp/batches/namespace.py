@@ -128,16 +128,10 @@ def carries_derivatives(*values: Rows) -> bool:
 
 
 def settled(step: Callable[[Any, Any], Any], problem: Any, state: Any, times: int) -> Any:
-    """The state of all rows after steps until each is `settled`, `times` at most.
+    """The state of all rows after steps of (problem, state) until each is `settled` (N,), `times` at most.
 
-    Under JAX it is one traced loop. Elsewhere rows that are settled take no part any more once they are half of all;
-    a device is asked each time how many are left.
-
-    Args:
-        step: the next state of (problem, state).
-        problem: a named tuple of arrays with the rows last.
-        state: likewise, with a field `settled` (N,).
-        times: how many steps at most.
+    Problem and state are named tuples of arrays with the rows last. Under JAX it is one traced loop. Elsewhere rows
+    that are settled take no part any more once they are half of all; a device is asked each time how many are left.
     """
     import array_api_compat as api
 

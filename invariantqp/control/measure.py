@@ -33,11 +33,8 @@ class ToolMeasure:
     ) -> None:
         """Choose once, in the middle of the joint range.
 
-        Args:
-            robot: the arm.
-            point: (3,) in the tool frame; None is its origin, "own" the arm's own point.
-            length: L; None is the arm's reach to the point.
-            carried: a metric carried by a body, or by the tool.
+        The point is (3,) in the tool frame, None its origin, "own" the arm's own point; the length L, None the arm's
+        reach to it; or a metric is carried by a body, or by the tool.
 
         Raises:
             BadInput: not a point, or not a positive length.

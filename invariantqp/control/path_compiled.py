@@ -61,14 +61,8 @@ def course_of(
 ) -> Course | None:
     """A drive as the compiled core takes it; None for one that it does not have.
 
-    Args:
-        controller: whose law answers.
-        path: the path.
-        plan: the joint motion along it.
-        pace: how fast it is meant to be driven.
-        overrides: above and up to which ones the plan is for.
-        tolerance: how far from the path's end a tool that is there may be.
-        state: (11 + 2 m,) of the drive, which ticks write.
+    The plan is for overrides above the first and up to the second of `overrides`. `tolerance` is how far from the
+    path's end a tool that is there may be; ticks write `state` (11 + 2 m,) of the drive.
     """
     if core is None or controller.compiled is None or controller.measure.carried is not None:
         return None

@@ -83,14 +83,10 @@ class KnotFinder:
     def __init__(
         self, controller: Controller, scale: float, longest: float, *, rate: float | None = None, stops: bool = True
     ) -> None:
-        """What all knots have in common.
+        """What all knots have in common: steps of `longest` at most, and the rate [1/s] of the drive or None.
 
-        Args:
-            controller: whose law chooses.
-            scale: of the path's parameter, of which lengths along the path are shares.
-            longest: step between knots.
-            rate: of the parameter [1/s] at which the path is meant to be driven; None is as fast as limits allow.
-            stops: whether a knot has to be on the path; otherwise it is as near as the law goes.
+        Lengths along the path are shares of `scale` of its parameter. With `stops` a knot has to be on the path;
+        otherwise it is as near as the law goes.
         """
         self._controller = controller
         self._scale = scale

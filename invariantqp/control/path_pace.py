@@ -82,16 +82,11 @@ class Pace(NamedTuple):
         stop: str,
         room: float = 1.0,
     ) -> tuple[float, float, str]:
-        """The speed of this tick, not negative, the largest that limits allow, and what rules it.
+        """The speed of this tick at a place, not negative, the largest that limits allow, and what rules it.
 
-        Args:
-            plan: what limits allow.
-            state: of the drive.
-            place: where the tool is.
-            near: share of the speed for an arm this near its path, 0 to 1.
-            override: share of the speed asked for.
-            stop: why the tool is to come to rest, "" where it is not.
-            room: share of the joints' acceleration that is left to the path.
+        `near` is the share of the speed for an arm this near its path, 0 to 1, `override` that of the speed asked for,
+        `room` that of the joints' acceleration that is left to the path, and `stop` says why the tool is to come to
+        rest, "" where it is not.
         """
         slow = sqrt(room)
         dt, back = self.dt, state.back

@@ -63,16 +63,10 @@ def reported(
 def on_the_path(
     plan: PathPlan, after: PathState, ruling: str, near: float, *, stop: str, stands: bool, still: bool
 ) -> tuple[str, str]:
-    """Status and ruling of a tick that is neither "done" nor in trouble.
+    """Status and ruling of a tick, ruled by `ruling`, that is neither "done" nor in trouble.
 
-    Args:
-        plan: the joint motion along the path.
-        after: after the tick.
-        ruling: what ruled its speed.
-        near: how near its ends the path is driven to them.
-        stop: why the tool was to come to rest, "" where it was not.
-        stands: whether the tool stands on the path.
-        still: whether it was not to come to rest, and joints are.
+    `near` is how near its ends the path is driven to them, `stop` why the tool was to come to rest, "" where it was
+    not; `stands` whether it stands on the path; `still` whether it was not to come to rest, and joints are.
     """
     if stop == PAUSE and stands:
         return "paused", ruling

@@ -78,17 +78,7 @@ class PathSearch:
         stops: bool,
         scale: float | None = None,
     ) -> None:
-        """Nothing is found yet.
-
-        Args:
-            controller: whose law chooses.
-            curve: the path.
-            q: (m,) joint positions near the place.
-            place: where to begin.
-            rate: as in `JointPath`, and so are the others.
-            stops: whether to end before what cannot be reached.
-            scale: of which steps are shares, on a path that grows.
-        """
+        """Nothing is found yet; it begins at a place, from q (m,) near it. All else is as in `JointPath`."""
         self._grows = scale is not None
         self._planned = 0.0
         self._plans: dict[float, PathPlan] = {}

@@ -46,12 +46,7 @@ def smooth_speed(at: Array, positions: Array, slopes: Array, acceleration: Array
 
         |q'' v^2| + |q' along| <= a
 
-    Args:
-        at: as in `drivable`, and so are the others.
-        positions: (n, m).
-        slopes: (n, m).
-        acceleration: (m,) of the joints.
-        along: of the path, at most acceleration / |slopes| anywhere.
+    `along` is at most acceleration / |slopes| anywhere; the others are as in `drivable`.
     """
     first, last = np.abs(bends(at, positions, slopes))
     most = np.zeros_like(slopes)
@@ -62,15 +57,10 @@ def smooth_speed(at: Array, positions: Array, slopes: Array, acceleration: Array
 
 
 def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array, final: float = 0.0) -> Array:
-    """(n,) the largest v^2 at each knot from which all later ones can be driven.
+    """(n,) the largest v^2 at each knot from which all later ones can be driven, at most `final` at the last.
 
-    Args:
-        at: (n,) the parameter at the knots.
-        positions: (n, m) q there.
-        slopes: (n, m) q' there.
-        top: (n,) top speed.
-        acceleration: (m,) of the joints, inf where there is none.
-        final: largest v at the last knot.
+    Parameters and top speeds (n,), joint positions and slopes q' (n, m), acceleration limits (m,), inf where there is
+    none.
     """
     n = len(at)
     h = np.diff(at)

@@ -25,13 +25,9 @@ except ImportError as error:
 def figure_file(
     file: Path | str, size: tuple[float, float], style: Mapping[str, Any], *, dots: int = 120
 ) -> Iterator[Figure]:
-    """An empty figure to draw on; it is written to the file when the block ends without an error.
+    """An empty figure of a size [inches] to draw on; it is written to the file when the block ends without an error.
 
-    Args:
-        file: ends in .png, .svg, .pdf or another format that Matplotlib can write.
-        size: width and height [inches].
-        style: Matplotlib's rcParams that hold inside the block.
-        dots: resolution [dots per inch].
+    `style` has Matplotlib's rcParams that hold inside the block, `dots` is the resolution [dots per inch].
 
     Raises:
         BadInput: Matplotlib cannot write this format, or the file cannot be written.

@@ -92,16 +92,10 @@ def descend(
     turning: bool = True,
     patient: bool = False,
 ) -> Try:
-    """Steps from a start inside the limits until the goal is met or no step gains anything.
+    """Steps from a start (m,) inside the limits until |r| and |b| together meet the goal or no step gains anything.
 
-    Args:
-        error: the measure to minimise.
-        space: the joint limits.
-        start: (m,) inside them.
-        goal: the target counts as met where |r| and |b| together are below this.
-        deadline: of `time.perf_counter` [s].
-        turning: whether a joint may leave its limits and be shifted back by whole turns.
-        patient: whether to go on to the last digit where the target cannot be met.
+    They end at the deadline of `time.perf_counter` [s]. With `turning` a joint may leave its limits and is shifted back
+    by whole turns; a `patient` search goes on to the last digit where the target cannot be met.
     """
     found = _compiled(error, start, goal, deadline, turning=turning, patient=patient)
     if found is not None:

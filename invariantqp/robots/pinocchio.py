@@ -43,13 +43,8 @@ def model_of(
 ) -> pin.Model:
     """A `pinocchio.Model` without masses whose joints have given screws; at zero their frames are at their places.
 
-    Args:
-        screws: (6, m) unit twists at q = 0 in the base frame.
-        places: (m, 3) a point of each axis.
-        home: (4, 4) tool pose at q = 0.
-        names: of the joints.
-        limits: lower and upper position limits and velocity limits, (m,) each.
-        tool: name of the tool frame.
+    Unit twists (6, m) at q = 0 in the base frame, places (m, 3) on their axes, the tool at `home` (4, 4) at q = 0;
+    limits are lower and upper position limits and velocity limits, (m,) each.
 
     Raises:
         BadInput: a screw that is not of unit size.

@@ -55,14 +55,7 @@ def chain_to_link(joints: Sequence[TreeJoint], name: str, tool: str | None, chos
 
 
 def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
-    """Those joints that move the tool and are chosen, base first.
-
-    Args:
-        name: what to call the robot in messages.
-        tool: name of the tool frame.
-        can: the joints that move it, base first.
-        known: all joints.
-        chosen: some of them; None is all.
+    """Those joints that move the tool, `can`, and are chosen, base first; None chooses all. `name` is for messages.
 
     Raises:
         RobotModelError: nothing moves the tool.

@@ -50,17 +50,7 @@ class Setup:
 
 
 def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
-    """A task made ready to run.
-
-    Args:
-        task: from `load_task`.
-        physics: the plant: "ideal", or "mujoco" with friction, lag and noise (extra `sim`).
-        overrides: keys of the task's [law] to change.
-
-    Raises:
-        BadInput: no task, no such override or plant, shapes that do not fit, a run of no ticks or of far too many.
-        RobotModelError, UnknownName, MissingExtra: the robot or the plant cannot be had.
-    """
+    """A task made ready to run; arguments and errors are those of `run_task`."""
     if not isinstance(task, Task):
         raise BadInput("task", repr(task), "a Task, such as load_task returns")
     law = overridden(task.law, overrides)

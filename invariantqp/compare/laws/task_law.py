@@ -38,19 +38,11 @@ class TaskLaw:
         lm_damping: float = 0.0,
         **options: Any,
     ) -> None:
-        """Set up the tasks.
+        """Set up a library's tasks with its `Configuration` of the robot; dt, gain, posture, exact and point are used.
 
-        Args:
-            robot: the arm.
-            law: dt, gain, posture, exact and point are used.
-            library: the module.
-            configuration: its `Configuration` of the robot.
-            pose: makes its class of poses from (4, 4).
-            tool: the tool frame as its `FrameTask` takes it.
-            point: likewise a frame at the told point.
-            posture: what its `PostureTask` takes before the cost.
-            lm_damping: of the frame task.
-            options: of its `solve_ik`.
+        `pose` makes the library's poses from (4, 4); `tool` and `point` are the tool frame and one at the told point as
+        its `FrameTask` takes them, `posture` what its `PostureTask` takes before the cost, `options` go to its
+        `solve_ik`.
         """
         self._name, self._solve, self._options, self._pose = library.__name__, library.solve_ik, options, pose
         self._configuration, self._offset = configuration, at_point(law)

@@ -52,16 +52,9 @@ class MujocoPlant:
         sensor: SimulatedSensor | None = None,
         physics: Physics | None = None,
     ) -> None:
-        """The arm at rest at joint positions `start`.
+        """The arm of a URDF at rest at `start` (m,); `robot` says which joints move, and which frame is the tool's.
 
-        Args:
-            urdf: the file that `robot` was made from.
-            robot: says which joints move, and which frame is the tool's.
-            start: (m,) [rad, m].
-            dt: tick [s].
-            touch: what the tool touches.
-            sensor: the force sensor; None is at the tool frame, with nothing on it.
-            physics: friction, lag, dead time, noise.
+        Without a sensor there is one at the tool frame, with nothing on it.
 
         Raises:
             RobotModelError: MuJoCo cannot make a model of the arm.

@@ -81,15 +81,7 @@ def minimise_in_cone(
     inside: Array,
     near: Optimum | None = None,
 ) -> Optimum:
-    """The optimum inside limits and cone, both on z.
-
-    Args:
-        backend: the solver asked first.
-        problem: what is minimised.
-        limits: on z.
-        cone: likewise, or None.
-        inside: (n,) a z inside both.
-        near: the optimum of a problem like this one inside the same limits.
+    """The optimum inside limits and cone, both on z (n,), from one inside both; `near` is that of a like problem.
 
     Raises:
         SolverFailure: as `minimise`; `.infeasible` where exact rows alone are too fast.
