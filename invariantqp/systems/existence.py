@@ -46,7 +46,7 @@ class Existence(Value):
         angle: (ii) least angle between S and S^{perp h} [rad].
         pitch_distance: (iii) |h - h_i| to the nearest principal pitch, in units of |h| + the system's length; 0 where
             some translation is reciprocal to all of S, inf where every pitch works.
-        degenerate: whether (i), (ii) and (iii) hold.
+        degenerate: whether (i), (ii) and (iii) hold; they can differ only where their numbers are at the tolerance.
         certificate: (6,) z in S, h-reciprocal to all of S, which proves that there is no h-pseudoinverse; None where
             (i) does not hold.
     """
@@ -65,11 +65,6 @@ class Existence(Value):
     def exists(self) -> bool:
         """Whether S has an h-pseudoinverse that can be computed to three digits; the same as `has_pseudoinverse`."""
         return self.condition <= LARGEST_CONDITION
-
-    @property
-    def agree(self) -> bool:
-        """Whether all three conditions hold, or none; they can differ only where their numbers are at the tolerance."""
-        return len(set(self.degenerate)) == 1
 
 
 def existence(J: ArrayLike, h: float) -> Existence:

@@ -47,11 +47,6 @@ class PenroseConditions(Value):
         first, second, third, fourth = (self.residuals <= limit).tolist()
         return first, second, third, fourth
 
-    @property
-    def all_met(self) -> bool:
-        """Whether X is the h-pseudoinverse."""
-        return all(self.met)
-
 
 def penrose_conditions(
     J: ArrayLike,

@@ -59,16 +59,6 @@ class DualProjectors(Value):
     norm: float
     unit: float
 
-    @property
-    def power_leak(self) -> float:
-        """The largest |W'Ps| over |W||P||s|, lengths in `unit`: zero up to rounding, whatever S and Z are."""
-        if not self.freedoms.shape[1] or not self.constraints.shape[1]:
-            return 0.0
-        scale = lengths(self.unit)
-        W, P = self.constraints * scale, self.motion / scale * scale.T
-        size = np.linalg.norm(W, axis=0).reshape(-1, 1) * np.linalg.norm(P)
-        return float((np.abs(W.T.dot(P)) / size).max())
-
     def moved(self, pose: ArrayLike) -> DualProjectors:
         """The projectors of the moved system: Ad P Ad^-1, and Ad* P* Ad*^-1 with the coadjoint.
 
