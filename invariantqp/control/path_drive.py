@@ -79,19 +79,10 @@ def drive(
     stop: str,
     back: bool,
 ) -> Driven:
-    """One tick.
+    """One tick of the drive from its state after the tick before, with the joint velocity now; the tool is `here`.
 
-    Args:
-        controller: whose law answers.
-        curve: the path.
-        plan: the joint motion along it, and how fast it may be driven.
-        state: after the tick before, with the joint velocity now.
-        here: where the tool is.
-        q: (m,) joint positions.
-        pace: how fast it is meant to be driven.
-        override: share of the speed asked for.
-        stop: why the tool is to come to rest, "" where it is not.
-        back: whether it is to go backward, once at rest.
+    `override` is the share of the speed asked for. `stop` says why the tool is to come to rest, "" where it is not;
+    `back` whether it is to go backward, once at rest.
     """
     dt, place = controller.dt, here.place
     astray = here.joints - q

@@ -73,7 +73,8 @@ def load_robot(
         tool: name of the tool frame: a link, or of MuJoCo a site or a body; None is the robot's usual one, for a URDF
             or a model the link that the last joint of its longest chain moves. With screws: the (4, 4) tool pose at
             q = 0.
-        joints: names of the joints that move; None is all between base and tool. With screws: their names.
+        joints: names of the joints that move; None is all between base and tool. The rest are held at zero, or at the
+            limit nearest to it. With screws: their names.
         offset: (4, 4) pose in that frame of what is to be moved: a tool, a camera, a grasped object; None is the frame.
         base: what the arm stands on: a (4, 4) pose of its base, or a chain whose joints then come first, a
             `robots.rail`, a `robots.mobile_base` or another arm; None is the arm's own base frame.

@@ -26,13 +26,8 @@ TANGENT = {FREE: 6, BALL: 3}
 def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np.intp]]:
     """The joints of a `mujoco.MjModel` that move a frame, as screws from q = 0, and their tangent indices.
 
-    A free joint or a ball is as many screws as it has degrees of freedom, without limits. A MuJoCo model has no
-    velocity limits.
-
-    Args:
-        model: the model.
-        frame: name or id of a body, geom or site.
-        kind: "body", "geom" or "site".
+    The frame is the name or id of a "body", "geom" or "site". A free joint or a ball is as many screws as it has
+    degrees of freedom, without limits. A MuJoCo model has no velocity limits.
 
     Raises:
         mink.InvalidFrame, mink.UnsupportedFrame: no such frame.

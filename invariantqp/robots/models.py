@@ -21,13 +21,7 @@ from invariantqp.robots.tree import NOT_SINGLE, cannot_move, selected
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
-    """The arm from a model's root to a tool frame; the model itself is left as it is.
-
-    Args:
-        model: a `pinocchio.Model`.
-        tool: name of a frame (link); None is the last link of the longest chain of moving joints.
-        joints: the joints that move, all between base and tool; None is every one of them. The rest are held at zero,
-            or at the limit nearest to it.
+    """The arm from the root of a `pinocchio.Model`, which is left as it is, to a frame; the rest is as in `load_robot`.
 
     Raises:
         RobotModelError: no joint moves the tool, or one that moves has not one degree of freedom.

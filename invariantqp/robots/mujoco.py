@@ -44,14 +44,10 @@ def read_mjcf(source: Path | str) -> Any:
 
 
 def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> Chain:
-    """The arm from the world of a MuJoCo model to a site or a body; the base frame is the world's.
+    """The arm from the world of a `mujoco.MjModel`, its base, to a site or, where no site is called so, a body.
 
-    Args:
-        model: a `mujoco.MjModel`.
-        tool: name of a site or, where no site is called so, of a body; None is the body at the end
-            of the longest chain of joints.
-        chosen: the joints that move, all between base and tool; None is every one of them. The rest are held at zero,
-            or at the limit nearest to it; free and ball joints as the model has them.
+    Tool and joints are as in `load_robot`; joints that are held and have no single coordinate are as the model has
+    them.
 
     Raises:
         RobotModelError: no joint moves the tool, or one that moves has not one coordinate of its own.

@@ -23,14 +23,7 @@ NOT_SINGLE = "({}) has no single coordinate; only revolute and prismatic joints 
 
 
 def chain_to_link(joints: Sequence[TreeJoint], name: str, tool: str | None, chosen: Sequence[str] | None) -> Chain:
-    """The arm from the root of a tree to a tool link.
-
-    Args:
-        joints: all of the tree.
-        name: what to call the robot in messages.
-        tool: name of a link, or of the joint that moves it; None is the link that the last joint of the longest
-            chain moves.
-        chosen: the joints that move, all between base and tool; None is every one of them. The rest are held.
+    """The arm from the root of a tree of joints to a link, or to the joint that moves it; all else as in `load_robot`.
 
     Raises:
         RobotModelError: no tree, no joint moves the tool, or one that moves has not one coordinate of its own.
