@@ -76,7 +76,7 @@ class Convergence(NamedTuple):
 
 
 def slowness(A: Array, limits: Array) -> float:
-    """1 / |A v|, v (m,) the joint speed limits and A (6, m) measured: 0 where one is inf or none moves the tool."""
+    """1 / |v|, v the measured twist of joints A (6, m) at full speed (m,); 0 where one has no limit or none moves."""
     each = np.sqrt((A * A).sum(axis=0))
     moving = each > 0.0
     speed = float(np.linalg.norm(each[moving] * limits[moving]))

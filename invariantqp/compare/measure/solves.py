@@ -113,13 +113,7 @@ def errors(cell: Cell) -> dict[str, Result]:
     }
 
 
-def _error(
-    method: Method,
-    sort: str,
-    drawn: list[Question],
-    setting: Setting,
-    exact: Callable[[Method, str, int], Array | None],
-) -> Result:
+def _error(method: Method, sort: str, drawn: list[Question], setting: Setting, exact: Exact) -> Result:
     make = method.make
     found, failed = [], 0
     solve = make(setting) if make is not None else None

@@ -124,7 +124,7 @@ class JointBox(Value):
     def __init__(
         self, position_lower: Array, position_upper: Array, velocity_limit: Array, dt: float, margin: float = 0.0
     ) -> None:
-        """From limits (m,) that are already checked [rad, length; 1/s], inf where there is none, for ticks of dt [s].
+        """From limits (m,) that are already checked [rad, length; per s], inf where there is none, for ticks of dt [s].
 
         `margin` is kept from position limits; a range too short for it shrinks to its middle.
         """
