@@ -7,9 +7,9 @@ the origin.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -18,6 +18,9 @@ from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLACK, BLUE, RULE, SHADE, SKY, VERMILION
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # A direction whose largest component is this close to 1 is called x, y or z.
 ALONG = 1e-9

@@ -7,9 +7,9 @@ whole joint range. The lower row shows how far each state is from a singularity.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from invariantqp.analysis.inspection import Inspection
 from invariantqp.analysis.survey import Survey, joint_ranges, survey
@@ -18,6 +18,9 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLUE, RULE, SKY, TEXT, VERMILION
 from invariantqp.robots.kinematics import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Points of a line: enough for a smooth curve at the width of a panel.
 SWEEP = 121

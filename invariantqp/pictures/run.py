@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from itertools import cycle
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.contact import contact_picture
@@ -19,6 +19,9 @@ from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import COLOURS, RULE, SHADE
 from invariantqp.runs.pathlog import PathTrace
 from invariantqp.runs.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def picture(trace: Trace, path: Path | str) -> Path:
