@@ -101,7 +101,7 @@ def curve_through(at: Array, poses: Array, tangents: Array) -> Curve:
     """The curve with poses (n + 1, 4, 4) and tangents (n + 1, 6), base frame, at increasing parameters (n + 1,)."""
     cubics = np.empty((len(at) - 1, 3, 6))
     for i, h in enumerate(np.diff(at).tolist()):
-        d = se3.log(poses[i + 1].dot(se3.inverse(poses[i], check=False)), check=False)
+        d = se3.displacement(poses[i], poses[i + 1])
         first, last = h * tangents[i], h * tangents[i + 1]
         # The inverse of the derivative of exp, at the far end of the piece.
         once = se3.lie(d, last)
@@ -114,7 +114,7 @@ def curve_of_samples(at: Array, poses: Array) -> Curve:
     """The curve through poses; the tangent at each is that of the parabola through it and its neighbours."""
     n = len(at)
     h = np.diff(at)
-    d = np.array([se3.log(poses[i + 1].dot(se3.inverse(poses[i], check=False)), check=False) for i in range(n - 1)])
+    d = np.array([se3.displacement(poses[i], poses[i + 1]) for i in range(n - 1)])
     mean = d / h[:, None]  # each piece's mean twist, which is that of its middle
     tangents = np.empty((n, 6))
     if n == 2:
@@ -146,7 +146,7 @@ def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
         middle = 0.5 * (a + b)
         truth = knot(middle)[0]
         guess = curve_through(np.array((a, b)), np.array((A, B)), np.array((s, t))).pose(middle)
-        off = se3.log(guess.dot(se3.inverse(truth, check=False)), check=False)
+        off = se3.displacement(truth, guess)
         if size(off, truth) > tolerance and b - a > finest:
             open_pieces += [(a, middle), (middle, b)]
     at = np.array(sorted(knots))
@@ -173,9 +173,7 @@ def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
     nearest = np.where(np.arange(len(speed)) < len(speed) - 1, 1, -1)
     for i in np.flatnonzero(slow & kept).tolist():
         j = min(max(i + int(nearest[i]), 0), len(speed) - 1)
-        tangents[i] = np.sign(nearest[i]) * se3.log(
-            curve.poses[j].dot(se3.inverse(curve.poses[i], check=False)), check=False
-        )
+        tangents[i] = np.sign(nearest[i]) * se3.displacement(curve.poses[i], curve.poses[j])
         speed[i] = size(tangents[i], curve.poses[i])
     tangents = tangents / np.where(speed > 0.0, speed, 1.0)[:, None]
     return curve_through(at, curve.poses[kept], tangents[kept]), curve.at[kept]
@@ -184,7 +182,7 @@ def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
 def _tangent(pose: PoseAt, t: float, step: float, end: float) -> Array:
     """(6,) the derivative of a function of poses, by differences of second order."""
     if t - step >= 0.0 and t + step <= end:
-        return se3.log(pose(t + step).dot(se3.inverse(pose(t - step), check=False)), check=False) / (2.0 * step)
+        return se3.displacement(pose(t - step), pose(t + step)) / (2.0 * step)
     if t + 2.0 * step > end:
         step = -step
     back = se3.inverse(pose(t), check=False)

@@ -197,6 +197,6 @@ class StreamedPath(PathDriver):
 
     def _way(self, a: Array, b: Array) -> tuple[Array, float]:
         """The twist (6,) from one pose to another, and its size in the measure."""
-        d = se3.log(b.dot(se3.inverse(a, check=False)), check=False)
+        d = se3.displacement(a, b)
         v = self.controller.measure.root_for(self._J, a).dot(d)
         return d, sqrt(float(v.dot(v)))

@@ -88,11 +88,15 @@ def inverse(pose: ArrayLike, *, check: bool = True) -> Array:
         BadInput: not a finite rigid motion.
     """
     T: Any = pose if check is False else arrays.pose(pose)
-    R_t = T[:3, :3].T
-    result = np.eye(4)
-    result[:3, :3] = R_t
-    result[:3, 3] = -R_t.dot(T[:3, 3])
-    return result
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
+    return np.array(
+        (
+            (a, d, g, -(a * x + d * y + g * z)),
+            (b, e, h, -(b * x + e * y + h * z)),
+            (c, f, i, -(c * x + f * y + i * z)),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+    )
 
 
 def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
@@ -222,17 +226,32 @@ def log(pose: ArrayLike, *, check: bool = True) -> Array:
         BadInput: not a finite rigid motion.
     """
     T: Any = pose if check is False else arrays.pose(pose)
-    w = rotation_vector(T[:3, :3])
-    p = T[:3, 3]
-    theta = sqrt(w.dot(w))
+    *rotation_rows, _ = T.tolist()
+    x, y, z = _rotation_vector(*(row[:3] for row in rotation_rows))
+    u, v, w = (row[3] for row in rotation_rows)
+    theta = sqrt(x * x + y * y + z * z)
     if theta < SMALL_ANGLE:
         t2 = theta * theta
         c = (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0  # (1 - t/2 cot(t/2)) / t^2
     else:
         c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
-    W = _cross(w)
-    Wp = W.dot(p)
-    return np.concatenate((w, p - 0.5 * Wp + c * W.dot(Wp)))
+    # p - W p / 2 + c W^2 p, W p being the vector product of axis times angle with p.
+    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
+    return np.array(
+        (
+            x,
+            y,
+            z,
+            u - 0.5 * i + c * (y * k - z * j),
+            v - 0.5 * j + c * (z * i - x * k),
+            w - 0.5 * k + c * (x * j - y * i),
+        )
+    )
+
+
+def displacement(start: Array, end: Array) -> Array:
+    """The (6,) twist whose unit-time motion takes one (4, 4) pose to another; neither is checked."""
+    return log(end.dot(inverse(start, check=False)), check=False)
 
 
 def rotation(vector: Array) -> Array:
@@ -248,7 +267,12 @@ def rotation_vector(R: Array) -> Array:
     (Shepperd's method), so that no angle loses digits. SciPy's `Rotation` does the same in 40 times as long: a third of
     a tick.
     """
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    return np.array(_rotation_vector(*R.tolist()))
+
+
+def _rotation_vector(first: list[float], second: list[float], third: list[float]) -> tuple[float, float, float]:
+    """`rotation_vector` of the rows of R, in floats."""
+    (a, b, c), (d, e, f), (g, h, i) = first, second, third
     trace = a + e + i
     largest = max(a, e, i, trace)
     if largest == trace:
@@ -261,9 +285,9 @@ def rotation_vector(R: Array) -> Array:
         w, x, y, z = d - b, c + g, f + h, 1.0 - a - e + i
     n = sqrt(x * x + y * y + z * z)
     if n == 0.0:
-        return np.zeros(3)
+        return 0.0, 0.0, 0.0
     share = copysign(2.0 * atan2(n, abs(w)) / n, w)  # (w; v) and -(w; v) are the same rotation
-    return np.array((share * x, share * y, share * z))
+    return share * x, share * y, share * z
 
 
 def velocity_at(twists: Array, point: Array) -> Array:

@@ -7,7 +7,7 @@ Reference: [DS] Sect. 2.2; Brockett's product of exponentials.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from math import hypot, inf
 from typing import Any, NamedTuple
@@ -17,12 +17,15 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.engine import core
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput, MissingExtra, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import axis
 from invariantqp.robots.kinematics import Sighting, joint_limits
+
+# How far Pinocchio's joint twists and tool pose may be from those of the screws, relative to the largest entry.
+SAME = 1e-13
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -119,7 +122,7 @@ class Chain(Value):
         wanted = self.target(target).pose
         J, T, error = self._seen(q, wanted)
         if error is None:
-            error = se3.log(wanted.dot(se3.inverse(T, check=False)), check=False)
+            error = se3.displacement(T, wanted)
         return Sighting(J, error, T)
 
     def points(self, sighting: Sighting, target: ArrayLike | Target, point: Array) -> tuple[Array, Array]:
@@ -170,6 +173,19 @@ class Chain(Value):
         return model_of(self.screws, self.places, self.home, self.names, limits, self.tool)
 
     @cached_property
+    def _eyes(self) -> Callable[[Array], tuple[Array, Array]]:
+        """Joint twists and tool pose without the compiled core: by Pinocchio where it is there and sees the same."""
+        try:
+            from invariantqp.robots.pinocchio import Eyes
+
+            eyes = Eyes(self.model)
+        except (MissingExtra, BadInput):
+            return self._kinematics
+        q = np.arange(1.0, len(self.names) + 1.0)
+        same = all(np.abs(a - b).max() <= SAME * np.abs(b).max() for a, b in zip(eyes(q), self._kinematics(q), strict=True))
+        return eyes if same else self._kinematics
+
+    @cached_property
     def powers(self) -> tuple[Array, Array]:
         """(m,) rates |omega| of the joints, 1 for slides, and (m, 3, 16) powers 1 to 3 of S / rate as 4x4 matrices."""
         rates = np.array([hypot(*s[:3].tolist()) or 1.0 for s in self.screws.T])
@@ -197,7 +213,7 @@ class Chain(Value):
         """Joint twists and tool pose at a checked q, and by the compiled core the error, None where it has none."""
         found: tuple[Array, Array, Array | None] | None
         found = None if core is None else core.sight(self.screws, self.home, q, wanted)
-        return (*self._kinematics(q), None) if found is None else found
+        return (*self._eyes(q), None) if found is None else found
 
     def _kinematics(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""

@@ -16,7 +16,7 @@ from invariantqp.errors import BadInput, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
-from invariantqp.robots.pinocchio import ANGULAR_FIRST, pin
+from invariantqp.robots.pinocchio import joint_twists, pin
 from invariantqp.robots.tree import NOT_SINGLE, cannot_move, selected
 
 
@@ -60,12 +60,6 @@ def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
     if not joints:
         raise RobotModelError(f"no joint moves the frame {frame!r}; choose one beyond the first joint")
     return _chain(model, pin.neutral(model), index, joints, ())
-
-
-def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:
-    """(6, nv) twists of all joints of a model at its configuration q, in the world frame."""
-    J: Array = pin.computeJointJacobians(model, data, q).take(ANGULAR_FIRST, axis=0)
-    return J if J.ndim == 2 else J.reshape(6, 1)  # Pinocchio leaves the second dimension out for one joint
 
 
 def _chain(
