@@ -61,12 +61,15 @@ def share_of_gain(law: VelocityLaw, braking: BrakingBox, gain: float, A: Array, 
 
 
 def same_turn(error: Array, before: Array | None) -> Array:
-    """The logarithm (6,) of a displacement that turns as `before` does, the (3,) rotation vector of the tick before."""
+    """The logarithm (6,) of a displacement that turns as `before` does, the (3,) rotation vector of the tick before.
+
+    `before` is NaN or None where there was none.
+    """
     if before is None:
         return error
     w = error[:3]
     angle = sqrt(float(w.dot(w)))
-    if angle < HALF_TURN or before.dot(w) >= 0.0:
+    if angle < HALF_TURN or not before.dot(w) < 0.0:
         return error
     # The same displacement turning in the other direction: same axis, same translation along it.
     axis, ratio = w / angle, (angle - 2.0 * pi) / angle

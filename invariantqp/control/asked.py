@@ -56,7 +56,7 @@ def way_to(controller: Controller, q: Array, target: Any) -> Way:
     """The way to a target from joint positions q (m,)."""
     robot = controller.robot
     sighting = robot.sight(q, target)
-    root, error = controller.measure.root(robot, sighting, target), sighting.error
+    root, error = controller.measure.root_for(sighting.J, sighting.pose), sighting.error
     if not controller.exact:
         return Way(sighting, root, None, asked(controller, sighting, root), np.eye(6), error)
     demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, AT_REST))

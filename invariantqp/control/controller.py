@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
+from math import nan
 from typing import Any, Literal
 
 import numpy as np
@@ -145,8 +146,8 @@ class Controller:
         self._pull = joint_gains(robot, self.posture_gain)
         self._limits = loop_limits(robot, self.dt, delay, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
-        self._slowness = slow = slowness(self.measure.root(robot, seen, seen.pose).dot(seen.J), robot.velocity_limit)
-        self.kept: Array = Memory(np.zeros(m), None, Convergence()).numbers  # from tick to tick
+        self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
+        self.kept: Array = Memory(np.zeros(m), np.full(3, nan), Convergence()).numbers  # from tick to tick
         self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
             robot, self.law, self.measure, self._limits, self.gain, mid, self._pull, slow, self.exact, self.row_rank
         )
@@ -188,8 +189,8 @@ class Controller:
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, memory.turn)
         s = tracking_twist(error, self.gain, feedforward)
-        ahead = np.zeros(6) if feedforward is None else s - self.gain * error
-        root = self.measure.root(self.robot, sighting, target)
+        ahead = np.zeros(6) if feedforward is None else arrays.array(feedforward, "feedforward", "numbers")
+        root = self.measure.root_for(sighting.J, sighting.pose)
         share = 1.0
         if self.braking is not None:
             share = share_of_gain(self.law, self.braking, self.gain, root.dot(sighting.J), root.dot(error))

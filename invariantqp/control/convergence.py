@@ -9,6 +9,7 @@ oscillates, or the robot does not follow its commands: a delay, a gain too high 
 
 from __future__ import annotations
 
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -31,36 +32,34 @@ class Convergence(NamedTuple):
         promised: predicted decrease of the error in a tick.
         achieved: measured decrease.
         speed: of the error under the commands, as a share of the arm's full speed.
-        expected: (6,) predicted error after the last tick, in the measure; None before the first.
-        size: of the error in the last tick.
-        ticks: number of ticks.
+        size: of the error in the last tick, in the measure.
+        ticks: number of ticks but the first.
+        expected: predicted size of the error after the last tick; NaN before the first.
     """
 
     promised: float = 0.0
     achieved: float = 0.0
     speed: float = 0.0
-    expected: Array | None = None
     size: float = 0.0
-    ticks: int = 0
+    ticks: float = 0.0
+    expected: float = nan
 
-    def seen(self, error: Array) -> Convergence:
-        """With the error (6,) of another tick."""
-        if self.expected is None:
-            return self
-        share = 1.0 / MEMORY
-        promised = self.size - norm(self.expected)
-        achieved = self.size - norm(error)
-        return self._replace(
-            promised=(1.0 - share) * self.promised + share * promised,
-            achieved=(1.0 - share) * self.achieved + share * achieved,
-            ticks=self.ticks + 1,
-        )
+    def followed(self, error: Array, change: Array, slowness: float) -> Convergence:
+        """After another tick.
 
-    def commanded(self, error: Array, change: Array, slowness: float) -> Convergence:
-        """With this tick's velocity, which changes the measured error (6,) by `change` (6,); `slowness` as below."""
-        share = 1.0 / MEMORY
-        speed = (1.0 - share) * self.speed + share * slowness * norm(change)
-        return self._replace(expected=error + change, size=norm(error), speed=speed)
+        Args:
+            error: (6,) in the measure.
+            change: (6,) its predicted change until the next tick, by the velocity commanded.
+            slowness: 1 / |change| of a tick at full speed.
+        """
+        share, size = 1.0 / MEMORY, norm(error)
+        promised, achieved, speed, before, ticks, expected = self
+        if not isnan(expected):
+            promised = (1.0 - share) * promised + share * (before - expected)
+            achieved = (1.0 - share) * achieved + share * (before - size)
+            ticks += 1.0
+        speed = (1.0 - share) * speed + share * slowness * norm(change)
+        return Convergence(promised, achieved, speed, size, ticks, norm(error + change))
 
     @property
     def trouble(self) -> str:

@@ -84,7 +84,9 @@ class LoopLimits(NamedTuple):
         """The solution, whose reason names joints that are `strained`, or outside their range and held by limits."""
         if strained:
             return with_trouble(solution, _named(strained, names))
-        far = self.box.outside(q, solution.active) if self.braking is None else ()
+        if not solution.active or self.braking is not None:
+            return solution
+        far = self.box.outside(q, solution.active)
         return solution._replace(reason=f"{_named(far, names)}; {solution.reason}") if far else solution
 
 

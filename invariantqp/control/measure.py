@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
+from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.velocity.forms import CarriedMetric
 from invariantqp.velocity.measure import length_at, own_point, root_at
 
@@ -52,19 +52,13 @@ class ToolMeasure:
         self.carried = carried
 
     def root_for(self, J: Array, pose: Any, at: Array | None = None) -> Array:
-        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) is another point."""
+        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,), base frame, replaces the point."""
         if self.carried is not None:
             return self.carried.root(_homogeneous(pose) if self.carried.follows_tool else None)
         if at is None and self.point is not None:
             T = _homogeneous(pose)
             at = T[:3, :3].dot(self.point) + T[:3, 3]
         return root_at(own_point(J) if at is None else at, self.length)
-
-    def root(self, robot: Robot, sighting: Sighting, target: Any, at: Array | None = None) -> Array:
-        """(6, 6) root of the metric in this tick; `at` (3,), base frame, replaces the controller's own point."""
-        if at is None and self.point is not None and self.carried is None:
-            at = robot.points(sighting, target, self.point)[0]
-        return self.root_for(sighting.J, sighting.pose, at)
 
 
 def tool_metric(robot: Robot, length: float | None = None) -> CarriedMetric:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -19,36 +18,27 @@ class Memory(NamedTuple):
 
     Attributes:
         velocity: (m,) commanded last [rad/s, length/s].
-        turn: (3,) rotation of the error in the tick before, or None.
+        turn: (3,) rotation of the error in the tick before, NaN before the first.
         convergence: how the error falls.
     """
 
     velocity: Array
-    turn: Array | None
+    turn: Array
     convergence: Convergence
 
     @classmethod
     def of(cls, numbers: Array) -> Memory:
         """As `numbers` gives it."""
-        promised, achieved, speed, size, ticks = numbers[:5].tolist()
-        before = not isnan(numbers[5])
-        watch = Convergence(promised, achieved, speed, numbers[5:11].copy() if before else None, size, int(ticks))
-        return cls(numbers[14:].copy(), numbers[11:14].copy() if before else None, watch)
+        return cls(numbers[9:].copy(), numbers[6:9].copy(), Convergence(*numbers[:6].tolist()))
 
     @property
     def numbers(self) -> Array:
-        """(14 + m,) all of it as the compiled core takes it, NaN for what there is not before the first tick."""
-        found = np.empty(14 + len(self.velocity))
-        found[14:] = self.velocity
-        self.write(found)
-        return found
+        """(9 + m,) all of it as the compiled core takes it."""
+        return np.concatenate((self.convergence, self.turn, self.velocity))
 
     def write(self, numbers: Array) -> None:
         """Into `numbers`, all but the velocity, which every tick writes there."""
-        promised, achieved, speed, expected, size, ticks = self.convergence
-        numbers[:5] = promised, achieved, speed, size, ticks
-        numbers[5:11] = nan if expected is None else expected
-        numbers[11:14] = nan if self.turn is None else self.turn
+        numbers[:6], numbers[6:9] = self.convergence, self.turn
 
     def now(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity now: as measured, or else the one commanded last.
@@ -63,9 +53,8 @@ class Memory(NamedTuple):
 
         `slowness` is 1 / |change| of a tick at full speed.
         """
-        measured = root.dot(error)
-        watch = self.convergence.seen(measured).commanded(measured, root.dot(change), slowness)
-        return self._replace(turn=error[:3].copy(), convergence=watch)
+        watch = self.convergence.followed(root.dot(error), root.dot(change), slowness)
+        return Memory(self.velocity, error[:3], watch)
 
     def judged(self, solution: VelocitySolution) -> VelocitySolution:
         """The solution of a tick; a loop that does not converge is trouble."""

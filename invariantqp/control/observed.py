@@ -45,4 +45,4 @@ def at_rest(
         sighting = robot.sight(positions, robot.target(robot.pose(positions)))
     elif not isinstance(sighting, Sighting):
         raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
-    return Observed(positions, sighting, sighting.pose, measure.root(robot, sighting, sighting.pose, at), before)
+    return Observed(positions, sighting, sighting.pose, measure.root_for(sighting.J, sighting.pose, at), before)

@@ -108,7 +108,7 @@ def drive(
         gain *= braking_share(astray, controller.braking.acceleration, gain)
     # What is least squares follows the planned motion: an error that stays changes its own least squares.
     if controller.exact:
-        root = controller.measure.root(controller.robot, sighting, here.target)
+        root = controller.measure.root_for(sighting.J, sighting.pose)
         part = asked_part(asked(controller, sighting, root), root)
         along, across = turning + part.dot(along - turning), home + part.dot(across - home)
     elif len(q) < 6:

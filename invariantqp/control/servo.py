@@ -105,7 +105,7 @@ class Servo:
         sighting = loop.robot.sight(
             positions, loop.robot.target(loop.robot.pose(positions)) if target is None else target
         )
-        root = loop.measure.root(loop.robot, sighting, sighting.pose)
+        root = loop.measure.root_for(sighting.J, sighting.pose)
         error, wanted = same_turn(sighting.error, self._turn), np.zeros(6)
         if not reason:
             wanted = self._approach(root, error) if held is None else held

@@ -56,13 +56,15 @@ static void box(const Loop *loop, const double *q, Row lower, Row upper)
 static void watched(const Loop *loop, const double error[6], const double change[6], Memory *memory)
 {
     double share = 1.0 / MEMORY, size = norm(6, error);
-    if (!isnan(memory->expected[0])) {
-        memory->promised = (1.0 - share) * memory->promised + share * (memory->size - norm(6, memory->expected));
+    if (!isnan(memory->expected)) {
+        memory->promised = (1.0 - share) * memory->promised + share * (memory->size - memory->expected);
         memory->achieved = (1.0 - share) * memory->achieved + share * (memory->size - size);
         memory->ticks++;
     }
+    double after[6];
     for (int i = 0; i < 6; i++)
-        memory->expected[i] = error[i] + change[i];
+        after[i] = error[i] + change[i];
+    memory->expected = norm(6, after);
     memory->speed = (1.0 - share) * memory->speed + share * loop->slowness / loop->dt * norm(6, change);
     memory->size = size;
 }

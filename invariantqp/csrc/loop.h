@@ -37,7 +37,7 @@ typedef struct {
 /* control/memory.py and convergence.py: what a loop keeps from tick to tick. Numbers alone, as in a Loop; `expected` and
    `turn` are NaN before the first tick. */
 typedef struct {
-    double promised, achieved, speed, size, ticks, expected[6], turn[3];
+    double promised, achieved, speed, size, ticks, expected, turn[3];
     Row velocity;
 } Memory;
 

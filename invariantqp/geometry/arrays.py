@@ -75,7 +75,8 @@ def vector(value: ArrayLike, size: int | None, argument: str) -> Array:
     a = array(value, argument, "numbers")
     if a.ndim != 1 or (size is not None and len(a) != size):
         raise BadInput(argument, f"shape {a.shape}", f"shape ({'n' if size is None else size},)")
-    return _finite(a, argument, "finite numbers")
+    # `hypot`, sooner than `_finite` for few numbers, overflows where a number or their length does.
+    return a if isfinite(hypot(*a.tolist())) else _finite(a, argument, "finite numbers")
 
 
 def direction(value: ArrayLike, argument: str) -> Array:

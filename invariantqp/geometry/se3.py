@@ -13,7 +13,8 @@ Euclidean group.
 
 from __future__ import annotations
 
-from math import atan2, copysign, sin, sqrt, tan
+from collections.abc import Sequence
+from math import atan2, copysign, hypot, sin, sqrt, tan
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ def _cross(a: Array) -> Array:
 
 def norm(v: Array) -> float:
     """The Euclidean length of a vector (n,): sooner than NumPy's where n is small."""
-    return sqrt(v.dot(v))
+    return hypot(*v.tolist())
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -89,14 +90,8 @@ def inverse(pose: ArrayLike, *, check: bool = True) -> Array:
     """
     T: Any = pose if check is False else arrays.pose(pose)
     (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
-    return np.array(
-        (
-            (a, d, g, -(a * x + d * y + g * z)),
-            (b, e, h, -(b * x + e * y + h * z)),
-            (c, f, i, -(c * x + f * y + i * z)),
-            (0.0, 0.0, 0.0, 1.0),
-        )
-    )
+    u, v, w = a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+    return np.array((a, d, g, -u, b, e, h, -v, c, f, i, -w, 0.0, 0.0, 0.0, 1.0)).reshape(4, 4)
 
 
 def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
@@ -226,32 +221,33 @@ def log(pose: ArrayLike, *, check: bool = True) -> Array:
         BadInput: not a finite rigid motion.
     """
     T: Any = pose if check is False else arrays.pose(pose)
-    *rotation_rows, _ = T.tolist()
-    x, y, z = _rotation_vector(*(row[:3] for row in rotation_rows))
-    u, v, w = (row[3] for row in rotation_rows)
+    return _log(*T.tolist()[:3])
+
+
+def displacement(start: Array, end: Array) -> Array:
+    """log(end start^-1), the (6,) twist whose unit-time motion takes one (4, 4) pose to another; neither is checked."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = start.tolist()
+    rows = []
+    for r, s, t, p in end.tolist()[:3]:
+        u, v, w = r * a + s * b + t * c, r * d + s * e + t * f, r * g + s * h + t * i
+        rows.append((u, v, w, p - (u * x + v * y + w * z)))
+    return _log(*rows)
+
+
+def _log(first: Sequence[float], second: Sequence[float], third: Sequence[float]) -> Array:
+    """`log` of three rows of a pose."""
+    (a, b, c, u), (d, e, f, v), (g, h, i, w) = first, second, third
+    x, y, z = _rotation_vector(a, b, c, d, e, f, g, h, i)
     theta = sqrt(x * x + y * y + z * z)
     if theta < SMALL_ANGLE:
         t2 = theta * theta
         c = (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0  # (1 - t/2 cot(t/2)) / t^2
     else:
         c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
-    # p - W p / 2 + c W^2 p, W p being the vector product of axis times angle with p.
+    # p - W p / 2 + c W^2 p, where W p is the vector product of the rotation vector with p = (u, v, w).
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
-    return np.array(
-        (
-            x,
-            y,
-            z,
-            u - 0.5 * i + c * (y * k - z * j),
-            v - 0.5 * j + c * (z * i - x * k),
-            w - 0.5 * k + c * (x * j - y * i),
-        )
-    )
-
-
-def displacement(start: Array, end: Array) -> Array:
-    """The (6,) twist whose unit-time motion takes one (4, 4) pose to another; neither is checked."""
-    return log(end.dot(inverse(start, check=False)), check=False)
+    p = u - 0.5 * i + c * (y * k - z * j), v - 0.5 * j + c * (z * i - x * k), w - 0.5 * k + c * (x * j - y * i)
+    return np.array((x, y, z, *p))
 
 
 def rotation(vector: Array) -> Array:
@@ -267,12 +263,13 @@ def rotation_vector(R: Array) -> Array:
     (Shepperd's method), so that no angle loses digits. SciPy's `Rotation` does the same in 40 times as long: a third of
     a tick.
     """
-    return np.array(_rotation_vector(*R.tolist()))
+    return np.array(_rotation_vector(*R.ravel().tolist()))
 
 
-def _rotation_vector(first: list[float], second: list[float], third: list[float]) -> tuple[float, float, float]:
-    """`rotation_vector` of the rows of R, in floats."""
-    (a, b, c), (d, e, f), (g, h, i) = first, second, third
+def _rotation_vector(
+    a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float
+) -> tuple[float, float, float]:
+    """`rotation_vector` of the entries of R, row by row."""
     trace = a + e + i
     largest = max(a, e, i, trace)
     if largest == trace:

@@ -28,7 +28,7 @@ class Sighting(NamedTuple):
     Attributes:
         J: (6, m) joint twists.
         error: (6,) twist that takes the tool to its target in unit time; the same whatever frame the tool has.
-        pose: the tool pose, in the form that `points` takes.
+        pose: the tool pose, (4, 4) or with such a `.homogeneous`, in the form that `points` takes.
     """
 
     J: Array

@@ -19,6 +19,7 @@ from math import sqrt
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
 
 # Measured on the stability problems and random tasks (`examples/14_defaults.py`): with 1 loops come to rest but slowly;
 # with 0.25 they come to rest too, and arrive as fast as without this damping.
@@ -42,12 +43,11 @@ def calm(A: Array, wanted: Array, achieved: Array, speed: float, dt: float, fact
         factor: in place of CALM.
     """
     size = sqrt(float(np.vdot(A, A)))
-    r = wanted - achieved
-    error = sqrt(float(r.dot(r))) + excess_deviation(A, wanted, speed, dt)
+    error = norm(wanted - achieved) + excess_deviation(A, wanted, speed, dt)
     return max(0.0, 0.5 * factor * dt * error * size - QUIET_SHARE * size * size)
 
 
 def excess_deviation(A: Array, wanted: Array, speed: float, dt: float) -> float:
     """How far the motion of a tick at `speed` deviates from A x beyond the size of the twist; 0 where it does not."""
     size = sqrt(float(np.vdot(A, A)))
-    return max(0.0, DEVIATION_SHARE * dt * size * speed * speed - sqrt(float(wanted.dot(wanted))))
+    return max(0.0, DEVIATION_SHARE * dt * size * speed * speed - norm(wanted))

@@ -13,6 +13,7 @@ from math import sqrt
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Posed
@@ -80,9 +81,8 @@ def damping_reason(objective: Objective) -> str:
 
 def is_met(A: Array, b: Array, x: Array) -> bool:
     """Whether A x = b but for rounding."""
-    r = b - A.dot(x)
-    square = float(r.dot(r))
-    return bool(square <= MET_TOLERANCE**2 * b.dot(b) or square <= PRODUCT_ROUNDING**2 * np.vdot(A, A) * x.dot(x))
+    left = norm(b - A.dot(x))
+    return left <= MET_TOLERANCE * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
 
 
 def _status(*, degraded: bool, slow: bool, guarded: bool) -> str:

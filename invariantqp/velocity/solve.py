@@ -13,11 +13,12 @@ first two cases compute its optimum without limits, which is the optimum of the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite, sqrt
+from math import isfinite
 
 import numpy as np
 
 from invariantqp.engine import core
+from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.calm import excess_deviation
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.damping import Damping, PaperLambda
@@ -71,7 +72,7 @@ def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySoluti
     x = regular_velocity(A, b, demand.posture, damping.threshold)
     if x is None or not (demand.allows(x) and demand.achieves(x) and is_met(A, b, x)):
         return None
-    if excess_deviation(A, b, sqrt(float(x.dot(x))), law.dt) > 0.0:
+    if excess_deviation(A, b, norm(x), law.dt) > 0.0:
         return None
     residual = demand.s - demand.J.dot(x)
     return VelocitySolution(x, "closed-form", "ok", "", (), residual, 1.0, 0.0, 0.0, "")

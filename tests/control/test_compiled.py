@@ -64,7 +64,7 @@ def rounding(controller, q, target):
     """How far rounding of the pose, and of what follows, may part two velocities for this target."""
     robot, law = controller.robot, controller.law
     seen = robot.sight(q, robot.target(target))
-    root = controller.measure.root(robot, seen, robot.target(target))
+    root = controller.measure.root_for(seen.J, seen.pose)
     s = root @ seen.error * controller.gain
     objective = least_squares(spectrum_of(root @ seen.J), s, None, law.damping)
     weakest = objective.weights[objective.weights > 0].min()
