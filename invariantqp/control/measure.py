@@ -52,7 +52,7 @@ class ToolMeasure:
         self.carried = carried
 
     def root_for(self, J: Array, pose: Any, at: Array | None = None) -> Array:
-        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,), base frame, replaces the point."""
+        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) replaces the point."""
         if self.carried is not None:
             return self.carried.root(_homogeneous(pose) if self.carried.follows_tool else None)
         if at is None and self.point is not None:

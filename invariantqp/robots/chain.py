@@ -182,7 +182,8 @@ class Chain(Value):
         except (MissingExtra, BadInput):
             return self._kinematics
         q = np.arange(1.0, len(self.names) + 1.0)
-        same = all(np.abs(a - b).max() <= SAME * np.abs(b).max() for a, b in zip(eyes(q), self._kinematics(q), strict=True))
+        pairs = zip(eyes(q), self._kinematics(q), strict=True)
+        same = all(np.abs(seen - right).max() <= SAME * np.abs(right).max() for seen, right in pairs)
         return eyes if same else self._kinematics
 
     @cached_property
