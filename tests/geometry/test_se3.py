@@ -88,6 +88,14 @@ def test_log_undoes_exp(angle):
         np.testing.assert_allclose(iq.log(iq.exp(s)), s, atol=1e-14, rtol=1e-14)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, 3.0])
+def test_a_displacement_is_the_logarithm_from_pose_to_pose(angle):
+    rng = np.random.default_rng(int(10 * angle))
+    start, axis = iq.exp(rng.normal(size=6)), rng.normal(size=3)
+    twist = np.concatenate((angle * axis / np.linalg.norm(axis), rng.normal(size=3)))
+    np.testing.assert_allclose(se3.displacement(start, iq.exp(twist) @ start), twist, rtol=0.0, atol=1e-13)
+
+
 @pytest.mark.parametrize("angle", [np.pi, *NEAR_PI])
 def test_near_half_a_turn_log_is_a_logarithm(angle):
     """The axis may flip there by rounding alone; the motion may not."""
