@@ -14,6 +14,7 @@ from invariantqp.compare.names import OURS, OURS_PYTHON
 from invariantqp.control.controller import Controller
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.engine import native
+from invariantqp.robots import chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec
@@ -38,11 +39,11 @@ class PythonAlone:
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick."""
-        core, tick.core = tick.core, None  # type: ignore[attr-defined]
+        core, chain.core, tick.core = tick.core, None, None  # type: ignore[attr-defined]
         try:
             return self._controller.step(q, target, feedforward)
         finally:
-            tick.core = core  # type: ignore[attr-defined]
+            chain.core = tick.core = core  # type: ignore[attr-defined]
 
 
 def pitch_of(robot: Robot, law: LawSpec) -> float:
