@@ -29,7 +29,7 @@ MORE = 0.8
 CREEP = 0.1
 # A rise by less than so many standard deviations is noise, and what is owed less than these may be.
 NOISE = 6.0
-LEAST_OWED = 3.0
+LEAST_OWED = 2.0
 # For how long a way out counts for a way back in, while it touches [s].
 MEMORY = 0.1
 # A contact of which nothing is known is supposed to be no softer [N/m]. That owes little: it is told as soon as noise
@@ -84,7 +84,9 @@ class Agreement(NamedTuple):
             return Agreement(min(0.0, owed) * exp(-dt / MEMORY), felt)
         return Agreement(owed, low)
 
-    def trouble(self, press: tuple[float, float], noise: float, answer: Answer, yields: float) -> str:
+    def trouble(
+        self, press: tuple[float, float], noise: float, answer: Answer, yields: float, highest: float | None
+    ) -> str:
         """What is wrong, in words, "" for nothing.
 
         Args:
@@ -94,7 +96,8 @@ class Agreement(NamedTuple):
             yields: how far the surface may give way [length].
         """
         felt, wanted = press
-        most = max(answer.owed * wanted, LEAST_OWED * noise)
+        scale = wanted if highest is None else min(wanted, highest)
+        most = max(answer.owed * scale, LEAST_OWED * noise)
         if self.owed - (felt - self.low) <= most + answer.least * yields:
             return ""
         return (

@@ -16,6 +16,7 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import speed_at, way_out
 from invariantqp.force.regulation import USUAL, Regulation
 from invariantqp.force.split import Split
+from invariantqp.force.touch import Touch
 from invariantqp.force.tremble import kept_of
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -90,8 +91,7 @@ def gains_of(
     press: float | None,
     late: tuple[float, float, float],
     trembles: float,
-    *,
-    touching: bool,
+    touch: Touch,
 ) -> Gains:
     """The gains for what is known of the stiffness.
 
@@ -102,7 +102,7 @@ def gains_of(
         press: wanted [force]; None where the contact cannot be lost.
         late: sum of tick, delay and low-pass, the delay alone, and the one that was not told beside them [s].
         trembles: share of the joints' acceleration that noise takes for each unit of the factor.
-        touching: whether there is contact.
+        touch: whether there is contact.
     """
     factor, gentle, most, kept = 1.0, None, inf, 1.0
     if task.adapts and split.compliance > 0.0:
@@ -111,12 +111,13 @@ def gains_of(
         factor *= kept
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
+            gentle *= touch.caution
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))
     k = regulation.known(task.stiffness) if task.adapts else task.stiffness
     answer = regulation.swing.most if k is None else split.compliance * k
-    rate = factor * answer if answer > 0.0 and touching else None
+    rate = factor * answer if answer > 0.0 and (press is None or touch.touching) else None
     return Gains(factor, rate, gentle, most, kept, factor * trembles)
 
 

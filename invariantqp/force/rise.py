@@ -20,26 +20,32 @@ LEFT_OUT = 0.25
 # No contact of an arm is stiffer [N/m].
 STIFFEST = 1e7
 # Share of a reading in the mean of the free air.
-AVERAGED = 0.1
+AVERAGED = 0.05
+# How far the mean of the free air may be off, in standard deviations of a reading.
+OF_AIR = 2.0
 
 
 class Rise(NamedTuple):
     """What is remembered since the last reading that is certainly of free air.
 
     Attributes:
-        air: the press that is read there [force]; inf before any.
+        mean: of the last presses [force]; inf before any.
+        air: the same there, or the press there where that is more; inf before any.
         way: into the surface since then, at most [length].
         sums: number of readings since then, of their presses [force], of the ways at them [length].
         least: what the stiffness is at least, where a good share of the press is left out [force/length].
         stiffest: the largest of these at any touch.
-        seen: the largest with noise alone left out, at any touch.
+        shows: the largest since then with noise alone left out.
+        seen: the largest of these at any touch.
     """
 
+    mean: float = inf
     air: float = inf
     way: float = 0.0
     sums: tuple[int, float, float] = (0, 0.0, 0.0)
     least: float = 0.0
     stiffest: float = 0.0
+    shows: float = 0.0
     seen: float = 0.0
 
     def after(
@@ -56,17 +62,18 @@ class Rise(NamedTuple):
             known: whether the stiffness is known from an earlier touch.
         """
         now, wanted = press
-        if touch.aloft:
-            air = now if self.air == inf else self.air + AVERAGED * (now - self.air)
-            return Rise(air, late * way, stiffest=self.stiffest, seen=self.seen)
+        mean = now if self.mean == inf else self.mean + AVERAGED * (now - self.mean)
+        if touch.aloft and (self.air == inf or now <= mean + max(OF_AIR * noise, 0.02 * wanted)):
+            return Rise(mean, max(mean, now - noise), late * way, stiffest=self.stiffest, seen=self.seen)
+        if touch.touching:
+            mean = inf
         way += self.way
         risen = now - self.air
         if risen - ABOVE_NOISE * noise > STIFFEST * way:
             way = inf  # the surface came to the tool: nothing is shown
         n, presses, ways = self.sums[0] + 1, self.sums[1] + now, self.sums[2] + way
         least = max(0.0, risen - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)) / max(way, TINY)
-        seen = self.seen
-        if touch.touching and not known:
-            mean = presses / n - self.air - ABOVE_NOISE * noise / sqrt(n)
-            seen = max(seen, mean / max(ways / n, TINY))
-        return Rise(self.air, way, (n, presses, ways), least, max(self.stiffest, least), seen)
+        above = presses / n - self.air - (ABOVE_NOISE / sqrt(n) + 1.0) * noise
+        shows = max(self.shows, above / max(ways / n, TINY))
+        seen = max(self.seen, shows) if touch.touching and not known else self.seen
+        return Rise(mean, self.air, way, (n, presses, ways), least, max(self.stiffest, least), shows, seen)
