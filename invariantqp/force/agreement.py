@@ -3,9 +3,10 @@
     owed <- owed + k/6 (way in - slope way across - given) - creep,     disagrees where owed - risen > 0.8 wanted/6
 
 k is the stiffness told, identified, or else what the touch showed at least; risen is by how much more is read than the
-least reading since something was owed, less noise. A reading that is stuck or saturated is thus pushed against by the
-wanted press once more, not by the whole of `approach_distance`, and a stiffness told too large by a factor of five is
-no fault. A contact that is suddenly felt no longer is looked for over the same way.
+least reading since something was owed, less noise. `wanted` is the highest press since the touch until that is more:
+what has shown little is trusted no further. A reading that is stuck or saturated is thus pushed against by the wanted
+press once more, not by the whole of `approach_distance`, and a stiffness told too large by a factor of five is no
+fault. A contact that is suddenly felt no longer is looked for over the same way.
 
 Reference: Page 1954 (cumulative sums).
 """
@@ -23,13 +24,16 @@ from invariantqp.geometry.arrays import Array
 SHARE = 1.0 / 6.0
 # How much a slope that is not known may add to the way into the surface, as a share of the way across it.
 SLOPE = 0.1
-# What is pushed in more than explained is told when it would press by this share of the wanted press.
+# What is pushed in more than explained is told when it would press by this share of the wanted press, or of the highest
+# since the touch, where that is less.
 MORE = 0.8
 # What a surface may give way by, in wanted presses a second.
 CREEP = 0.1
-# A rise by less than so many standard deviations is noise, and what is owed less than these may be.
+# A rise by less than so many standard deviations is noise, and what is owed less than these may be: by a stiffness that
+# is told, perhaps five times too large, or by one that was shown.
 NOISE = 6.0
-LEAST_OWED = 2.0
+LEAST_OWED = 3.0
+LEAST_SHOWN = 2.0
 # For how long a way out counts for a way back in, while it touches [s].
 MEMORY = 0.1
 # A contact of which nothing is known is supposed to be no softer [N/m]. That owes little: it is told as soon as noise
@@ -39,10 +43,13 @@ OWED_BY_SOFT = 0.05
 
 
 class Answer(NamedTuple):
-    """A rise with the `least` stiffness [force/length]; `owed`, of the wanted press, may be open."""
+    """A rise with the `least` stiffness [force/length]; of the wanted press or the highest `owed` may be open, and as
+    much as `noise` standard deviations.
+    """
 
     least: float
     owed: float
+    noise: float = LEAST_OWED
 
 
 class Agreement(NamedTuple):
@@ -94,10 +101,11 @@ class Agreement(NamedTuple):
             noise: standard deviation of the press [force].
             answer: as in `after`.
             yields: how far the surface may give way [length].
+            highest: press since the touch [force]; None in the air.
         """
         felt, wanted = press
         scale = wanted if highest is None else min(wanted, highest)
-        most = max(answer.owed * scale, LEAST_OWED * noise)
+        most = max(answer.owed * scale, answer.noise * noise)
         if self.owed - (felt - self.low) <= most + answer.least * yields:
             return ""
         return (
@@ -111,7 +119,9 @@ def answer_of(told: float | None, shown: float) -> Answer:
     """What a press owes where a stiffness is told, in any unit of length, or where touches showed one [N/m] or none."""
     if told is None and SHARE * shown <= SOFTEST:
         return Answer(SOFTEST, OWED_BY_SOFT)
-    return Answer(SHARE * (shown if told is None else told), MORE * SHARE)
+    if told is None:
+        return Answer(SHARE * shown, MORE * SHARE, LEAST_SHOWN)
+    return Answer(SHARE * told, MORE * SHARE)
 
 
 def ways_in(way: Array, within: float | None) -> tuple[float, float]:

@@ -35,6 +35,7 @@ class Health(NamedTuple):
         pull: evidence that the contact is read to pull.
         jumped: how long ago the press jumped [s].
         fault: what is wrong, in words, "" for nothing.
+        alive: whether a reading has changed, or need not; before that nothing is pushed.
     """
 
     reading: Array | None = None
@@ -43,11 +44,12 @@ class Health(NamedTuple):
     pull: float = -CERTAIN
     jumped: float = JUMP_MEMORY
     fault: str = ""
+    alive: bool = False
 
     @property
     def stale(self) -> bool:
         """Whether the reading is too old to press by."""
-        return self.unchanged > STALE_AFTER
+        return not self.alive or self.unchanged > STALE_AFTER
 
     def after(self, reading: Array, press: tuple[float, float] | None, limit: float, noise: float, dt: float) -> Health:
         """What is remembered after one more reading.
@@ -63,10 +65,11 @@ class Health(NamedTuple):
             return self
         same = self.reading is not None and noise > 0.0 and bool((reading == self.reading).all())
         unchanged = self.unchanged + dt if same else 0.0
+        alive = self.alive or noise == 0.0 or (self.reading is not None and not same)
         dead = f"the reading has not changed for {written(unchanged)} s: a dead sensor (one without noise: noise=0)"
         fault = dead if unchanged > DEAD_AFTER else ""
         if press is None or press[1] == 0.0:
-            return Health(reading, unchanged, fault=fault)
+            return Health(reading, unchanged, fault=fault, alive=alive)
         felt, wanted = press
         change = abs(felt - self.press) if self.reading is not None else 0.0
         jumped = 0.0 if change > max(PULL_SHARE * wanted, JUMP * noise) else self.jumped + dt
@@ -75,4 +78,4 @@ class Health(NamedTuple):
         if pull == CERTAIN and not fault:
             what = "the reading jumped and now" if jumped < JUMP_MEMORY else "the reading"
             fault = f"{what} says that the contact pulls with {written(-felt)} N: sign, order, weight or bias is wrong"
-        return Health(reading, unchanged, felt, pull, jumped, fault)
+        return Health(reading, unchanged, felt, pull, jumped, fault, alive)

@@ -282,7 +282,7 @@ class HybridController:
         if felt.press is not None and split.kind.presses == 1:
             if watch.health.unchanged:
                 return regulation.waiting(felt.way)
-            regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch)
+            regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch, felt.came)
         elif not watch.status:
             parts = split.unit[0].dot(raw)
             regulation = regulation.swung(parts, self._ways.shown(len(parts)), self.loop.dt, late[0])

@@ -146,6 +146,7 @@ class Regulation(NamedTuple):
         dt: float,
         late: tuple[float, float, float],
         touch: Touch,
+        came: float = 0.0,
     ) -> Regulation:
         """What is known of the stiffness after one more reading.
 
@@ -156,13 +157,14 @@ class Regulation(NamedTuple):
             dt: tick [s].
             late: sum of tick, delay and low-pass, the delay alone, and the one that was not told beside them [s].
             touch: whether there is contact.
+            came: way since the last tick by the joints: an arm that lags comes further than it is told [length].
         """
         felt, wanted = press
         (whole, delay), more = late[:2], late[2]
         rate = self.rate(whole + more)
         touching, moved = touch.touching, moved + self.unread
         estimate = self.estimate.after(felt, moved, noise, dt, touching=touching)
-        way = abs(float(moved[0])) + SLOPE * hypot(*moved[1:].tolist())
+        way = max(abs(float(moved[0])), came) + SLOPE * hypot(*moved[1:].tolist())
         presses = self.presses
         if presses is not None:
             presses = presses.after(felt, moved, dt * rate) if touching else TwoPresses()

@@ -21,16 +21,20 @@ LEFT_OUT = 0.25
 STIFFEST = 1e7
 # Share of a reading in the mean of the free air.
 AVERAGED = 0.05
-# How far the mean of the free air may be off, in standard deviations of a reading.
-OF_AIR = 2.0
+# A reading is certainly of free air where it is above that mean by so many standard deviations at most, or by this
+# share of the wanted press; one that sticks near the limit is not.
+NEAR = 2.0
+NEAR_SHARE = 0.02
+# What is left out besides, in standard deviations: what the press in free air may be off.
+OF_AIR = 1.0
 
 
 class Rise(NamedTuple):
     """What is remembered since the last reading that is certainly of free air.
 
     Attributes:
-        mean: of the last presses [force]; inf before any.
-        air: the same there, or the press there where that is more; inf before any.
+        mean: of the last presses in the air [force]; inf before any, and in touch.
+        air: the same there, or the press there less noise where that is more; inf before any.
         way: into the surface since then, at most [length].
         sums: number of readings since then, of their presses [force], of the ways at them [length].
         least: what the stiffness is at least, where a good share of the press is left out [force/length].
@@ -63,7 +67,7 @@ class Rise(NamedTuple):
         """
         now, wanted = press
         mean = now if self.mean == inf else self.mean + AVERAGED * (now - self.mean)
-        if touch.aloft and (self.air == inf or now <= mean + max(OF_AIR * noise, 0.02 * wanted)):
+        if touch.aloft and (self.air == inf or now <= mean + max(NEAR * noise, NEAR_SHARE * wanted)):
             return Rise(mean, max(mean, now - noise), late * way, stiffest=self.stiffest, seen=self.seen)
         if touch.touching:
             mean = inf
@@ -73,7 +77,7 @@ class Rise(NamedTuple):
             way = inf  # the surface came to the tool: nothing is shown
         n, presses, ways = self.sums[0] + 1, self.sums[1] + now, self.sums[2] + way
         least = max(0.0, risen - max(ABOVE_NOISE * noise, LEFT_OUT * wanted)) / max(way, TINY)
-        above = presses / n - self.air - (ABOVE_NOISE / sqrt(n) + 1.0) * noise
+        above = presses / n - self.air - (ABOVE_NOISE / sqrt(n) + OF_AIR) * noise
         shows = max(self.shows, above / max(ways / n, TINY))
         seen = max(self.seen, shows) if touch.touching and not known else self.seen
         return Rise(mean, self.air, way, (n, presses, ways), least, max(self.stiffest, least), shows, seen)

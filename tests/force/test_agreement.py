@@ -44,13 +44,24 @@ def test_a_reading_stuck_in_its_noise_presses_once_more_at_most(share, phase, st
     assert run.height[-1] > run.height[stop] + 1e-3  # and left
 
 
+@pytest.mark.parametrize("gap", [0.004, 0.00401, 0.00403])
+@pytest.mark.parametrize(("stiffness", "share"), [(2e4, 0.12), (2e4, 0.2), (1e5, 0.15), (1e5, 0.3)])
+def test_a_reading_stuck_in_the_very_tick_of_the_touch_or_soon_after(stiffness, share, gap):
+    """The jump alone shows how stiff the contact is; another 12 ms of the approach beside twice the press."""
+    touch = press_on_plane(PRESS, stiffness=stiffness, seconds=0.3, gap=gap).touch()
+    for tick in (touch, touch + 1, touch + 3):
+        run = stuck(share, stiffness=stiffness, since=0.002 * tick, seconds=1.3, gap=gap)
+        assert run.solutions[run.stopped()].status == "fault"
+        assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.012 * stiffness
+
+
 @pytest.mark.parametrize("stiffness", [2e4, 1e5])
 @pytest.mark.parametrize("share", [0.0, 0.12, 0.2])
-def test_a_reading_stuck_while_the_touch_is_being_decided(share, stiffness):
-    """From the tick on in which the press is above the loss limit by the noise; in the air where that is passed."""
-    touch = press_on_plane(PRESS, stiffness=stiffness, seconds=0.6, gap=0.01).touch()
-    reached = round(1.8 / (0.02 * 0.002 * stiffness))  # ticks until 1.8 N
-    for tick in (50, touch + reached + 1) if share else (touch + reached + 1,):
+def test_a_reading_stuck_once_a_touch_is_decided_or_in_the_air(share, stiffness):
+    """At 0 from 2 N on, above that in the air, too."""
+    press = press_on_plane(PRESS, stiffness=stiffness, seconds=0.7, gap=0.01).press
+    decided = int(np.argmax(press > 2.0)) + 1
+    for tick in (50, decided) if share else (decided,):
         run = stuck(share, stiffness=stiffness, since=0.002 * tick, seconds=1.6, gap=0.01)
         assert run.solutions[run.stopped()].status == "fault"
         assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.002 * stiffness
@@ -88,15 +99,15 @@ def test_a_contact_that_answers_is_never_doubted(seed):
     """Steps of the wanted press, a told stiffness off by up to five, noise of half the press, for 40 000 ticks."""
     random, dt = np.random.default_rng(seed), 0.002
     for told, noise in ((1.0, 0.0), (1.0, 2.5), (5.0, 0.5), (0.2, 2.5)):
-        k, x, agreement, touch, wanted = 1e4, 0.0, Agreement(), Touch(), 5.0
+        k, x, agreement, touch, wanted, highest = 1e4, 0.0, Agreement(), Touch(), 5.0, 0.0
         for tick in range(10_000):
             wanted = random.uniform(3.0, 6.0) if tick % 100 == 0 else wanted
             way = 80.0 * dt / (max(told, 1.0) * k) * (wanted - k * x - noise * random.normal())
             x += way
             felt = k * x + noise * random.normal()
-            touch = touch.after(felt, 0.5, noise, dt)
+            touch, highest = touch.after(felt, 0.5, noise, dt), max(highest, felt)
             agreement = agreement.after((felt, wanted), (way, 0.0), answer_of(told * k, 0.0), noise, dt, touch)
-            assert not agreement.trouble((felt, wanted), noise, answer_of(told * k, 0.0), 0.0)
+            assert not agreement.trouble((felt, wanted), noise, answer_of(told * k, 0.0), 0.0, highest)
 
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e5])

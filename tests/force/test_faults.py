@@ -22,6 +22,8 @@ def test_a_fault_is_told_and_nothing_presses_on(name, phase):
     assert set(run.statuses(stop)) == {status}
     assert run.press[-1] == 0.0  # left
     assert run.height[-1] > run.height[stop] + 1e-3
+    if said == "has not changed" and not since:  # dead from the first reading on: not pushed at all
+        assert np.ptp(run.height[:stop]) < 1e-5  # the circle leaves less than a micrometre
     assert "retreating" in run.solutions[-1].reason
 
 
