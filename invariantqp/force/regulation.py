@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.errors import written
+from invariantqp.force.agreement import SHARE
 from invariantqp.force.constraint_stiffness import ConstraintStiffness
 from invariantqp.force.place import TINY
 from invariantqp.force.rise import Rise
-from invariantqp.force.stiffness import StiffnessEstimate
+from invariantqp.force.stiffness import SLOPE, StiffnessEstimate
 from invariantqp.force.touch import Touch
 from invariantqp.force.two_presses import TwoPresses
 from invariantqp.geometry.arrays import Array
@@ -44,8 +45,6 @@ SWINGS = 2.0
 DELAYED = 0.5
 # No contact is supposed to be softer [N/m].
 SOFTEST = 100.0
-# How much a slope that is not known may add to the way into the surface, as a share of the way across it.
-SLOPE = 0.15
 # Until this share of the press is felt, the contact is supposed to be softer and softer, with this time constant in
 # units of that of the force law.
 REACHED = 0.5
@@ -115,8 +114,14 @@ class Regulation(NamedTuple):
         return press / max(max(STIFF, stiffest) * told, max(USUAL, stiffest) * all_of_it)
 
     def known(self, stiffness: float | None) -> float | None:
-        """The stiffness that was told, or that is known from the last touch."""
-        return self.estimate.value if stiffness is None else stiffness
+        """The stiffness that was told, less where the last touch shows less, or else that known from touches.
+
+        Not less than what agrees with the motion: a sensor that sticks shows less, too.
+        """
+        k = self.estimate.value
+        if stiffness is None or k is None or not self.estimate.of_touch:
+            return k if stiffness is None else stiffness
+        return min(stiffness, max(k, SHARE * stiffness))
 
     @property
     def shown(self) -> float:
@@ -163,7 +168,7 @@ class Regulation(NamedTuple):
         (whole, delay), more = late[:2], late[2]
         rate = self.rate(whole + more)
         touching, moved = touch.touching, moved + self.unread
-        estimate = self.estimate.after(felt, moved, noise, dt, touching=touching)
+        estimate = self.estimate.after(felt, moved, noise, dt, delay + more, touching=touching)
         way = max(abs(float(moved[0])), came) + SLOPE * hypot(*moved[1:].tolist())
         presses = self.presses
         if presses is not None:

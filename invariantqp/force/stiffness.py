@@ -22,9 +22,12 @@ SOON = 1.5
 # Standard errors of k from which on it is known, and the least number of readings.
 KNOWN = 8.0
 FEWEST = 20
-# The least relative spread of the ways across, and of the press, that counts, a thousandth as a way: smaller ones are
-# rounding.
+# The least relative spread of the press that counts, a thousandth as a way: smaller ones are rounding.
 RESOLVED = 1e-6
+# How much a slope that is not known may add to the way into the surface, as a share of the way across it; ways across
+# that can add no more than this share are left out: the press alone makes an arm yield across, in step with it.
+SLOPE = 0.15
+LEFT_OUT = 0.25
 
 
 class StiffnessEstimate(NamedTuple):
@@ -49,7 +52,9 @@ class StiffnessEstimate(NamedTuple):
         """Whether the touch shows it: known soon, or before the tool slid; else friction has a part in it."""
         return self.fresh and (self.time <= SOON * WINDOW or hypot(*self.way[1:].tolist()) <= abs(float(self.way[0])))
 
-    def after(self, press: float, moved: Array, noise: float, dt: float, *, touching: bool) -> StiffnessEstimate:
+    def after(
+        self, press: float, moved: Array, noise: float, dt: float, late: float = 0.0, *, touching: bool
+    ) -> StiffnessEstimate:
         """The estimate after one more reading.
 
         Args:
@@ -57,10 +62,13 @@ class StiffnessEstimate(NamedTuple):
             moved: (4,) way since the last reading, along the press and across it (3), in axes that stay [length].
             noise: standard deviation of the press [force].
             dt: tick [s].
+            late: the loop's delay [s]: a lag told as one shows the way in the air before the touch as one into it.
             touching: whether there is contact.
         """
         if not touching:
             return StiffnessEstimate(self.value)
+        if self.time < late:
+            return self._replace(time=self.time + dt)
         if self.time > WINDOW and self.fresh:
             return self
         way = self.way + moved
@@ -82,7 +90,7 @@ def _slope(sums: Array, noise: float) -> float | None:
     # What the way across explains is taken off the way along and the press.
     both, across = [0, 4], slice(1, 4)
     rest = spread[np.ix_(both, both)]
-    if spread[across, across].trace() > RESOLVED * spread[0, 0]:
+    if SLOPE**2 * spread[across, across].trace() > LEFT_OUT**2 * spread[0, 0]:
         explained = np.linalg.lstsq(spread[across, across], spread[across][:, both], rcond=RESOLVED)[0]
         rest = rest - spread[both][:, across].dot(explained)
     xx, xf, ff = float(rest[0, 0]), float(rest[0, 1]), float(rest[1, 1])

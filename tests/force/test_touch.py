@@ -294,6 +294,45 @@ def test_ways_across_that_are_next_to_nothing_say_nothing_of_stiffness():
     assert told.value == pytest.approx(1e4, rel=0.05)
 
 
+def test_an_arm_that_yields_across_in_step_with_its_press_shows_its_stiffness_all_the_same():
+    """By half of the way into the surface: a slope of 8 deg would have a share of 7 % in the press."""
+    rng, estimate, x = np.random.default_rng(0), StiffnessEstimate(), 0.0
+    for k in range(250):
+        step = 1e-6 * np.exp(-k / 60)
+        x += step
+        estimate = estimate.after(
+            1e5 * x + 0.1 * rng.normal(), step * np.array([1, 0.5, 0, 0]), 0.1, 0.002, touching=True
+        )
+    assert estimate.value == pytest.approx(1e5, rel=0.1)
+
+
+def test_the_way_in_the_air_that_a_lag_shows_late_is_no_part_of_the_stiffness():
+    """1e5 N/m, touched at 2 mm/s by motors that lag 10 ms because they yield: by that lag the press jumps at once.
+
+    The lag is told beside a dead time of 4 ms, 14 ms in all; counted from the touch on, the ways showed 1.6e4 N/m.
+    """
+    rng, estimate = np.random.default_rng(0), StiffnessEstimate()
+    press, coming, shown = 1e5 * 2e-3 * 0.01, [4e-6] * 2, [4e-6] * 7
+    for _ in range(250):
+        press += 1e5 * coming.pop(0)
+        felt = press + 0.05 * rng.normal()
+        estimate = estimate.after(felt, shown.pop(0) * np.eye(4)[0], 0.05, 0.002, 0.014, touching=True)
+        way = min(2e-3, 1e-4 * (3.0 - felt)) * 0.002
+        coming.append(way)
+        shown.append(way)
+    assert estimate.value == pytest.approx(1e5, rel=0.15)
+
+
+@pytest.mark.parametrize(("told", "reckoned"), [(5e3, 5e3), (2e4, 1e4), (1e5, 1e5 / 6.0), (None, 1e4)])
+def test_a_stiffness_told_too_large_is_taken_from_the_touch_as_far_as_it_agrees(told, reckoned):
+    """1e4 N/m shown. After a long slide it shows nothing of what is told."""
+    shown = StiffnessEstimate(1e4, fresh=True, time=0.4)
+    assert Regulation(shown).known(told) == pytest.approx(reckoned)
+    slid = shown._replace(time=2.0, way=np.array([1e-4, 1e-2, 0.0, 0.0]))
+    assert Regulation(slid).known(told) == (told or 1e4)
+    assert Regulation(StiffnessEstimate(1e4)).known(told) == (told or 1e4)  # in the air
+
+
 @pytest.mark.parametrize(("way", "shows"), [(1e-4, 4e4), (0.0, 0.0)])
 def test_a_touch_shows_how_stiff_a_contact_is_unless_the_surface_came_to_the_tool(way, shows):
     rise, air, touch = Rise(), Touch(), Touch(CERTAIN, touching=True, airborne=0.0)
