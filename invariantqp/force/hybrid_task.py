@@ -139,7 +139,7 @@ class HybridTask(Value):
             compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
                 in the contact's own frame. It is the force loop's gain: c k on a contact of stiffness k. None chooses
                 it by the stiffness, tick, delay and low-pass, as for 2e4 N/m until that is known, and takes it about
-                the grip in a contact that cannot be lost.
+                the grip, over twice the size, in a contact that cannot be lost.
             adapts: whether C is scaled by the stiffness; None is if no compliance is given.
             stiffness: of the contact along the press [force/length]; once known, the law has integral action. None
                 identifies it at each touch, unless a compliance is given; until then a usual one in N/m is supposed.

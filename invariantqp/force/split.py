@@ -16,6 +16,9 @@ from invariantqp.systems.projectors import DualProjectors, dual_projectors
 
 # The compliance that is scaled where none is given [length/s/force]; only its ratios matter.
 UNKNOWN = 1e-3
+# What holds a thing, fingers and arm, yields to moments as over this many sizes of the contact: one gain is for both,
+# and for what is stiffest. With one size a stiff hinge's moments slow down what yields to its forces.
+HELD = 2.0
 
 
 class Split(NamedTuple):
@@ -74,7 +77,7 @@ def split_of(
     Args:
         kind: of contact.
         wrench: what to exert, as `HybridTask` has it.
-        compliance: (6, 6) C; None is the same in all directions about the grip.
+        compliance: (6, 6) C; None is the same in all directions about the grip, over HELD sizes without a press.
         grip: (3,) [length].
         size: over what length the contact spreads [length].
         rule: h, complement (6, 6-k) and metric (6, 6), one of them or none: Z = C W then.
@@ -85,7 +88,7 @@ def split_of(
     W, C = np.asarray(kind.constraints), compliance
     if C is None:
         place = se3.adjoint(se3.transform(None, grip), check=False)
-        C = place.dot(compliance_of(UNKNOWN, size)).dot(place.T)
+        C = place.dot(compliance_of(UNKNOWN, size if kind.presses else HELD * size)).dot(place.T)
     h, complement, metric = rule
     if h is None and metric is None and complement is None:
         complement = C.dot(W)

@@ -27,7 +27,7 @@ RESOLVED = 1e-6
 # How much a slope that is not known may add to the way into the surface, as a share of the way across it; ways across
 # that can add no more than this share are left out: the press alone makes an arm yield across, in step with it.
 SLOPE = 0.15
-LEFT_OUT = 0.25
+LEFT_OUT = 0.1
 
 
 class StiffnessEstimate(NamedTuple):

@@ -285,3 +285,14 @@ def test_metal_that_is_told_without_the_arm_in_series_is_pressed_as_it_answers_a
     _, rms, most, touch, _, _, said = run
     assert (rms < 0.6, most < 1.0, touch < 0.5) == (True, True, True), run
     assert "degraded" in said
+
+
+def test_a_stiff_door_told_wrong_is_no_overload_behind_motors_that_yield(panda, example):
+    """Hinge told 10 mm off, 1e6 N/m: slowed down for the moments, as over one size of the contact, 20 N built up."""
+    start = panda.pose(PANDA)
+    x, z, post = start[:3, 0], -start[:3, 2], start[:3, 3] + 0.3 * start[:3, 1]
+    hinge, told = iq.revolute(z, post), iq.contacts.hinge(post + 0.01 * x, z)
+    scene = SHARED["grip"](start, hinge, lambda _: told, SHARED["along"](start, 0.3 * hinge), stiffness=1e6)
+    run = example["run"]("panda", panda, PANDA, scene, "mujoco", 5.5)
+    assert run[2] < 12.0, run
+    assert "overload" not in run[-1]

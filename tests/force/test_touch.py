@@ -295,7 +295,7 @@ def test_ways_across_that_are_next_to_nothing_say_nothing_of_stiffness():
 
 
 def test_an_arm_that_yields_across_in_step_with_its_press_shows_its_stiffness_all_the_same():
-    """By half of the way into the surface: a slope of 8 deg would have a share of 7 % in the press."""
+    """By half of the way into the surface: a slope of 8 deg would have a share of 7 % in that."""
     rng, estimate, x = np.random.default_rng(0), StiffnessEstimate(), 0.0
     for k in range(250):
         step = 1e-6 * np.exp(-k / 60)
