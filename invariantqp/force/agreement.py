@@ -44,19 +44,20 @@ OWED_BY_SOFT = 0.05
 
 class Answer(NamedTuple):
     """A rise with the `least` stiffness [force/length]; of the wanted press or the highest `owed` may be open, and as
-    much as `noise` standard deviations.
+    much as `noise` standard deviations. In the `air`, where the last reading was certainly of it, nothing is owed.
     """
 
     least: float
     owed: float
     noise: float = LEAST_OWED
+    air: bool = True
 
 
 class Agreement(NamedTuple):
     """What is remembered since the press last rose with the way in.
 
     Attributes:
-        owed: by how much the press should have risen at least [force]; -inf before a touch.
+        owed: by how much the press should have risen at least [force]; -inf before anything is felt.
         low: the least press since then [force].
     """
 
@@ -85,8 +86,9 @@ class Agreement(NamedTuple):
         felt, wanted = press
         low = min(self.low, felt)
         owed = self.owed + answer.least * (way[0] - way[1]) - SHARE * CREEP * wanted * dt
-        if self.owed == -inf:
-            return Agreement(0.0 if touch.touching else -inf, felt)
+        nothing = touch.airborne == inf and answer.air
+        if self.owed == -inf or nothing:
+            return Agreement(-inf if nothing else 0.0, felt)
         if touch.touching and owed <= max(0.0, felt - low - NOISE * noise):
             return Agreement(min(0.0, owed) * exp(-dt / MEMORY), felt)
         return Agreement(owed, low)
@@ -101,7 +103,7 @@ class Agreement(NamedTuple):
             noise: standard deviation of the press [force].
             answer: as in `after`.
             yields: how far the surface may give way [length].
-            highest: press since the touch [force]; None in the air.
+            highest: press since the touch [force], this one before it; None where contact is lost.
         """
         felt, wanted = press
         scale = wanted if highest is None else min(wanted, highest)
@@ -115,13 +117,13 @@ class Agreement(NamedTuple):
         )
 
 
-def answer_of(told: float | None, shown: float) -> Answer:
+def answer_of(told: float | None, shown: float, *, air: bool = True) -> Answer:
     """What a press owes where a stiffness is told, in any unit of length, or where touches showed one [N/m] or none."""
     if told is None and SHARE * shown <= SOFTEST:
-        return Answer(SOFTEST, OWED_BY_SOFT)
+        return Answer(SOFTEST, OWED_BY_SOFT, air=air)
     if told is None:
-        return Answer(SHARE * shown, MORE * SHARE, LEAST_SHOWN)
-    return Answer(SHARE * told, MORE * SHARE)
+        return Answer(SHARE * shown, MORE * SHARE, LEAST_SHOWN, air)
+    return Answer(SHARE * told, MORE * SHARE, air=air)
 
 
 def ways_in(way: Array, within: float | None) -> tuple[float, float]:

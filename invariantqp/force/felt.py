@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.force.agreement import Answer, answer_of
+from invariantqp.force.agreement import Answer
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import load_at, moved_between, weakest
 from invariantqp.force.split import Split
@@ -63,7 +63,7 @@ def felt_of(
     ways: tuple[Array, Array],
     *,
     noise: float,
-    shown: float,
+    answer: Answer,
 ) -> Felt:
     """What a reading tells.
 
@@ -76,7 +76,7 @@ def felt_of(
         tools: (4, 4) the tool's poses in the last tick and now.
         ways: (3,) the way out, and the last motion of the place of contact whose effect is felt [length].
         noise: standard deviation of a force component [force].
-        shown: what touches showed of the stiffness [force/length].
+        answer: what the press owes for a way in.
     """
     (reading, raw), (exert, missing), (before, tool), (out, way) = readings, wanted, tools, ways
     A = se3.adjoint(contact.pose, check=False)
@@ -87,7 +87,7 @@ def felt_of(
     along, came = -out.dot(way), -float(out.dot(moved_between(before, tool, contact.point)))
     moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
     lacks = max(size / most for size, most in zip(load_at(missing, contact.point, grip), most, strict=True))
-    return Felt(reading, press, *load, lacks, most, noise, moved, answer_of(task.stiffness, shown), came)
+    return Felt(reading, press, *load, lacks, most, noise, moved, answer, came)
 
 
 def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:

@@ -197,7 +197,7 @@ class HybridController:
             (self._tool, tool),
             (out, self._ways.place[0]),
             noise=max(self._noise, self._watch.noise.found),
-            shown=self._regulation.shown,
+            answer=self._regulation.answer(self.task.stiffness),
         )
         watch = self._watch.after(self.task, felt, loop.dt)
         late = lag.sums

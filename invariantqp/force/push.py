@@ -29,6 +29,8 @@ from invariantqp.velocity.measure import root_at
 # motion is faster than this share of the approach speed: slower ones are corrections.
 PRESSED = 1e-3
 SLOW_SHARE = 0.1
+# The share of its speed at which an approach goes on while it is not decided whether there is contact.
+IN_DOUBT = 0.3
 # A path stands where less than this share of such a motion has been done for longer than this [s].
 DONE = 0.1
 STANDING = 1.0
@@ -111,7 +113,7 @@ def gains_of(
         factor *= kept
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
-            gentle *= touch.caution
+            gentle *= 1.0 if touch.touching or regulation.rise.aloft else IN_DOUBT
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.errors import written
-from invariantqp.force.agreement import SHARE
+from invariantqp.force.agreement import SHARE, Answer, answer_of
 from invariantqp.force.constraint_stiffness import ConstraintStiffness
 from invariantqp.force.place import TINY
 from invariantqp.force.rise import Rise
@@ -123,11 +123,11 @@ class Regulation(NamedTuple):
             return k if stiffness is None else stiffness
         return min(stiffness, max(k, SHARE * stiffness))
 
-    @property
-    def shown(self) -> float:
-        """What touches showed of the stiffness [force/length]: a sensor that saturates makes one look softer."""
-        k, seen = self.estimate.value, self.rise.seen
-        return seen if k is None else max(k, min(seen, SOFTENED * k))
+    def answer(self, stiffness: float | None) -> Answer:
+        """What the press owes by the stiffness told, or what touches showed: a saturated sensor makes one look soft."""
+        k, seen = self.estimate.value, max(self.rise.seen, self.rise.shows)
+        shown = seen if k is None else max(k, min(seen, SOFTENED * k))
+        return answer_of(stiffness, shown, air=self.rise.aloft)
 
     def mistold(self, stiffness: float | None) -> str:
         """How the stiffness told disagrees with the last touch, in words, "" for not at all."""

@@ -19,14 +19,15 @@ ABOVE_NOISE = 4.0
 LEFT_OUT = 0.25
 # No contact of an arm is stiffer [N/m].
 STIFFEST = 1e7
-# Share of a reading in the mean of the free air.
+# Share of a reading in the mean of the free air, and in the one that follows what little is pressed there.
 AVERAGED = 0.05
+QUICK = 0.25
 # A reading is certainly of free air where it is above that mean by so many standard deviations at most, or by this
 # share of the wanted press; one that sticks near the limit is not.
 NEAR = 2.0
 NEAR_SHARE = 0.02
 # What is left out besides, in standard deviations: what the press in free air may be off.
-OF_AIR = 1.0
+OF_AIR = 1.5
 
 
 class Rise(NamedTuple):
@@ -34,7 +35,7 @@ class Rise(NamedTuple):
 
     Attributes:
         mean: of the last presses in the air [force]; inf before any, and in touch.
-        air: the same there, or the press there less noise where that is more; inf before any.
+        air: the same there, or the mean of the last few where that is more; inf before any.
         way: into the surface since then, at most [length].
         sums: number of readings since then, of their presses [force], of the ways at them [length].
         least: what the stiffness is at least, where a good share of the press is left out [force/length].
@@ -52,6 +53,11 @@ class Rise(NamedTuple):
     shows: float = 0.0
     seen: float = 0.0
 
+    @property
+    def aloft(self) -> bool:
+        """Whether the last reading was certainly of free air."""
+        return self.sums[0] == 0
+
     def after(
         self, press: tuple[float, float], way: float, noise: float, touch: Touch, late: float = 0.0, *, known: bool
     ) -> Rise:
@@ -68,9 +74,9 @@ class Rise(NamedTuple):
         now, wanted = press
         mean = now if self.mean == inf else self.mean + AVERAGED * (now - self.mean)
         if touch.aloft and (self.air == inf or now <= mean + max(NEAR * noise, NEAR_SHARE * wanted)):
-            return Rise(mean, max(mean, now - noise), late * way, stiffest=self.stiffest, seen=self.seen)
-        if touch.touching:
-            mean = inf
+            air = now if self.air == inf else max(mean, self.air + QUICK * (now - self.air))
+            return Rise(mean, air, late * way, stiffest=self.stiffest, seen=self.seen)
+        mean = inf if touch.touching else self.mean
         way += self.way
         risen = now - self.air
         if risen - ABOVE_NOISE * noise > STIFFEST * way:

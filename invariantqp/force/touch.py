@@ -24,9 +24,6 @@ APART = 0.5
 HALF = 0.5
 # Noise is taken to be at least this share of the limit: one tick then decides without noise.
 LEAST_NOISE = 0.25
-# How slow an approach becomes, as a share of its speed, while it is not decided whether there is contact, and how soon.
-SLOWEST = 0.3
-SOON = 3
 
 
 class Touch(NamedTuple):
@@ -46,11 +43,6 @@ class Touch(NamedTuple):
     def aloft(self) -> bool:
         """Whether it is certain that nothing is touched."""
         return self.evidence == -CERTAIN
-
-    @property
-    def caution(self) -> float:
-        """The share of its speed at which an approach goes on, so that a touch is decided within little way."""
-        return 1.0 if self.touching else max(SLOWEST, (min(0.0, self.evidence) / -CERTAIN) ** SOON)
 
     def after(self, press: float, limit: float, noise: float, dt: float) -> Touch:
         """What is known after one more reading.
