@@ -59,10 +59,12 @@ class Agreement(NamedTuple):
     Attributes:
         owed: by how much the press should have risen at least [force]; -inf before anything is felt.
         low: the least press since then [force].
+        touched: whether a touch has been decided.
     """
 
     owed: float = -inf
     low: float = inf
+    touched: bool = False
 
     def after(
         self,
@@ -86,12 +88,14 @@ class Agreement(NamedTuple):
         felt, wanted = press
         low = min(self.low, felt)
         owed = self.owed + answer.least * (way[0] - way[1]) - SHARE * CREEP * wanted * dt
-        nothing = touch.airborne == inf and answer.air
-        if self.owed == -inf or nothing:
-            return Agreement(-inf if nothing else 0.0, felt)
+        touched = self.touched or touch.touching
+        if answer.air and not touched:
+            return Agreement(-inf, felt)
+        if self.owed == -inf:
+            return Agreement(0.0, felt, touched)
         if touch.touching and owed <= max(0.0, felt - low - NOISE * noise):
-            return Agreement(min(0.0, owed) * exp(-dt / MEMORY), felt)
-        return Agreement(owed, low)
+            return Agreement(min(0.0, owed) * exp(-dt / MEMORY), felt, touched)
+        return Agreement(owed, low, touched)
 
     def trouble(
         self, press: tuple[float, float], noise: float, answer: Answer, yields: float, highest: float | None
@@ -117,13 +121,16 @@ class Agreement(NamedTuple):
         )
 
 
-def answer_of(told: float | None, shown: float, *, air: bool = True) -> Answer:
-    """What a press owes where a stiffness is told, in any unit of length, or where touches showed one [N/m] or none."""
-    if told is None and SHARE * shown <= SOFTEST:
+def answer_of(told: float | None, shown: float, doubtful: float = 0.0, *, air: bool = True) -> Answer:
+    """What a press owes where a stiffness is told, in any unit of length, or where touches showed one [N/m] or none.
+
+    `doubtful` [N/m] was shown by what may be a touch.
+    """
+    if told is not None:
+        return Answer(SHARE * told, MORE * SHARE, air=air)
+    if SHARE * max(shown, doubtful) <= SOFTEST:
         return Answer(SOFTEST, OWED_BY_SOFT, air=air)
-    if told is None:
-        return Answer(SHARE * shown, MORE * SHARE, LEAST_SHOWN, air)
-    return Answer(SHARE * told, MORE * SHARE, air=air)
+    return Answer(SHARE * max(shown, doubtful), MORE * SHARE, LEAST_OWED if doubtful > shown else LEAST_SHOWN, air)
 
 
 def ways_in(way: Array, within: float | None) -> tuple[float, float]:

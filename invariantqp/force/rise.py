@@ -27,7 +27,7 @@ QUICK = 0.25
 NEAR = 2.0
 NEAR_SHARE = 0.02
 # What is left out besides, in standard deviations: what the press in free air may be off.
-OF_AIR = 1.5
+OF_AIR = 1.0
 
 
 class Rise(NamedTuple):

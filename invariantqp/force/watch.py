@@ -97,7 +97,7 @@ class Watch(NamedTuple):
             agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touch)
             watch = watch._replace(agreement=agreement)
             if not (fault or health.unchanged):  # a late reading cannot have risen yet
-                highest = press if touch.airborne == inf else settling.highest
+                highest = settling.highest if agreement.touched else press
                 fault = agreement.trouble(now, felt.noise, felt.answer, task.yields, highest)
         if fault:
             return watch._replace(status="fault", leaving=fault, left=0.0)
