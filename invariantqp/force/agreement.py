@@ -92,7 +92,7 @@ class Agreement(NamedTuple):
         if answer.air and not touched:
             return Agreement(-inf, felt)
         if self.owed == -inf:
-            return Agreement(0.0, felt, touched)
+            return Agreement(0.0 if touched else -noise, felt, touched)
         if touch.touching and owed <= max(0.0, felt - low - NOISE * noise):
             return Agreement(min(0.0, owed) * exp(-dt / MEMORY), felt, touched)
         return Agreement(owed, low, touched)
@@ -121,16 +121,13 @@ class Agreement(NamedTuple):
         )
 
 
-def answer_of(told: float | None, shown: float, doubtful: float = 0.0, *, air: bool = True) -> Answer:
-    """What a press owes where a stiffness is told, in any unit of length, or where touches showed one [N/m] or none.
-
-    `doubtful` [N/m] was shown by what may be a touch.
-    """
+def answer_of(told: float | None, shown: float, *, air: bool = True) -> Answer:
+    """What a press owes where a stiffness is told, in any unit of length, or where touches showed one [N/m] or none."""
     if told is not None:
         return Answer(SHARE * told, MORE * SHARE, air=air)
-    if SHARE * max(shown, doubtful) <= SOFTEST:
+    if SHARE * shown <= SOFTEST:
         return Answer(SOFTEST, OWED_BY_SOFT, air=air)
-    return Answer(SHARE * max(shown, doubtful), MORE * SHARE, LEAST_OWED if doubtful > shown else LEAST_SHOWN, air)
+    return Answer(SHARE * shown, MORE * SHARE, LEAST_SHOWN, air)
 
 
 def ways_in(way: Array, within: float | None) -> tuple[float, float]:

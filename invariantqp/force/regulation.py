@@ -126,8 +126,8 @@ class Regulation(NamedTuple):
     def answer(self, stiffness: float | None) -> Answer:
         """What the press owes by the stiffness told, or what touches showed: a saturated sensor makes one look soft."""
         k, seen = self.estimate.value, self.rise.seen
-        shown = seen if k is None else max(k, min(seen, SOFTENED * k))
-        return answer_of(stiffness, shown, self.rise.shows if k is None else 0.0, air=self.rise.aloft)
+        shown = max(seen, self.rise.shows) if k is None else max(k, min(seen, SOFTENED * k))
+        return answer_of(stiffness, shown, air=self.rise.aloft)
 
     def mistold(self, stiffness: float | None) -> str:
         """How the stiffness told disagrees with the last touch, in words, "" for not at all."""
