@@ -60,6 +60,10 @@ class Left(NamedTuple):
         return cone if cone is None or self.basis is None else cone.on(self.origin, self.basis)
 
 
+# Without rows.
+EVERY = Left(None, np.empty(0))
+
+
 class Posed(NamedTuple):
     """The problem of one tick, for any share of the speed.
 
@@ -111,7 +115,7 @@ class Posed(NamedTuple):
     def left(self, share: float) -> Left:
         """What the exact rows leave at a share of the speed."""
         if self.reduction is None:
-            return Left(None, np.empty(0))
+            return EVERY
         return Left(self.reduction.basis, self.reduction.origin(share))
 
 

@@ -13,7 +13,7 @@ first two cases compute its optimum without limits, which is the optimum of the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:
 
 def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution | None:
     """The closed form by one Cholesky factor where nothing is damped and no limit is active; None elsewhere."""
-    if not demand.agrees():
+    if damping.threshold == inf or not demand.agrees():
         return None
     A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
     x = regular_velocity(A, b, demand.posture, damping.threshold)

@@ -154,7 +154,8 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
 def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     left = problem.left(share.value)
-    by = [named(share.held_by, problem.A.shape[1]), "the tool's speed" if share.fast else ""]
+    by = [named(share.held_by, problem.A.shape[1])] if share.held_by else []
+    by += ["the tool's speed"] if share.fast else []
     near = None if share.multipliers is None else Optimum(share.velocity, share.multipliers, law.backend.name)
     return Room(
         problem,
@@ -163,7 +164,7 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved:
         left.limits(limits.polytope),
         left.cone(limits.cone),
         left.free(share.velocity),
-        " and ".join(filter(None, by)),
+        " and ".join(by),
         moved,
         limits.troubles,
         near,

@@ -50,12 +50,14 @@ class Polytope:
         margin = ACTIVE_TOLERANCE * np.maximum(1.0, np.abs(value))
         return np.asarray((value >= self.upper - margin) | (value <= self.lower + margin))
 
+    def about(self, z: Array) -> tuple[Array, Array]:
+        """(lower, upper), each (k,), on A d for the z + d."""
+        value = self.value(z)
+        return self.lower - value, self.upper - value
+
     def on(self, origin: Array, basis: Array) -> Polytope:
         """The same limits on z, x = origin + basis z."""
-        if self.A is None:
-            return Polytope(basis, self.lower - origin, self.upper - origin)
-        start = self.A.dot(origin)
-        return Polytope(self.A.dot(basis), self.lower - start, self.upper - start)
+        return Polytope(basis if self.A is None else self.A.dot(basis), *self.about(origin))
 
     def rows(self) -> Array:
         """(k, n) A as a matrix."""
