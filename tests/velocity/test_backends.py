@@ -14,8 +14,9 @@ from support.velocity_reference import (
 
 import invariantqp as iq
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.qp import backends
+from invariantqp.velocity.qp import backends, quadratic
 from invariantqp.velocity.qp.active import face_of
+from invariantqp.velocity.qp.polytope import Polytope
 from invariantqp.velocity.solve import solve
 
 # Relative to the largest joint velocity. A solver only says which limits are active; the numbers are ours.
@@ -246,3 +247,21 @@ def test_multipliers_keep_their_digits_where_some_directions_count_much_less_tha
             exact = mpmath.matrix(N.tolist())
             expected = np.array(mpmath.lu_solve(exact * exact.T, -mpmath.matrix(b.tolist())).tolist(), float).ravel()
         np.testing.assert_allclose(face.multipliers(face.e), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_a_search_that_hardly_ends_is_not_begun(monkeypatch):
+    """Where many limits are exceeded, the solver is asked at once; where none is, no normals are computed."""
+    searched, turned = [], []
+    for name, calls in (("face_of", searched), ("_normals", turned)):
+        whole = getattr(quadratic, name)
+        monkeypatch.setattr(quadratic, name, lambda *a, whole=whole, calls=calls: calls.append(a) or whole(*a))
+    problem = quadratic.Quadratic.diagonal(np.ones(7), np.ones(7))
+    for exceeded in (0, 1, quadratic.FEW, quadratic.FEW + 1, 7):
+        searched.clear(), turned.clear()
+        upper = np.where(np.arange(7) < exceeded, 0.5, 2.0)
+        found = quadratic.minimise(backends.Daqp(), problem, Polytope(None, -upper, upper))
+        np.testing.assert_array_equal(found.z, np.minimum(upper, 1.0))
+        few = exceeded <= quadratic.FEW
+        assert found.backend == ("" if exceeded == 0 else quadratic.OWN if few else "daqp")
+        assert len(searched) == (0 if exceeded == 0 else exceeded + 1 if few else 1)
+        assert len(turned) == (exceeded > 0)
