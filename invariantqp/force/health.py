@@ -35,7 +35,7 @@ class Health(NamedTuple):
         pull: evidence that the contact is read to pull.
         jumped: how long ago the press jumped [s].
         fault: what is wrong, in words, "" for nothing.
-        alive: whether a reading has changed, or need not; before that nothing is pushed.
+        alive: whether a reading has changed, or need not; before that contact is not looked for.
     """
 
     reading: Array | None = None
@@ -65,7 +65,7 @@ class Health(NamedTuple):
             return self
         same = self.reading is not None and noise > 0.0 and bool((reading == self.reading).all())
         unchanged = self.unchanged + dt if same else 0.0
-        alive = self.alive or noise == 0.0 or (self.reading is not None and not same)
+        alive = self.alive or noise == 0.0 or press is None or (self.reading is not None and not same)
         dead = f"the reading has not changed for {written(unchanged)} s: a dead sensor (one without noise: noise=0)"
         fault = dead if unchanged > DEAD_AFTER else ""
         if press is None or press[1] == 0.0:
