@@ -113,7 +113,8 @@ def gains_of(
         factor *= kept
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
-            gentle *= 1.0 if touch.touching or regulation.rise.aloft else IN_DOUBT
+            if not touch.touching:
+                gentle *= IN_DOUBT if regulation.rise.doubtful else max(IN_DOUBT, touch.clear)
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))

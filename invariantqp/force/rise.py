@@ -58,6 +58,11 @@ class Rise(NamedTuple):
         """Whether the last reading was certainly of free air."""
         return self.sums[0] == 0
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether it is not certain for longer: one reading may be noise, and a stiff touch is shown by its way alone."""
+        return self.sums[0] > 1
+
     def after(
         self, press: tuple[float, float], way: float, noise: float, touch: Touch, late: float = 0.0, *, known: bool
     ) -> Rise:

@@ -24,6 +24,8 @@ APART = 0.5
 HALF = 0.5
 # Noise is taken to be at least this share of the limit: one tick then decides without noise.
 LEAST_NOISE = 0.25
+# The power of the evidence that says how clearly nothing is touched.
+SOON = 3
 
 
 class Touch(NamedTuple):
@@ -43,6 +45,11 @@ class Touch(NamedTuple):
     def aloft(self) -> bool:
         """Whether it is certain that nothing is touched."""
         return self.evidence == -CERTAIN
+
+    @property
+    def clear(self) -> float:
+        """How clearly nothing is touched, from 0 to 1; it falls soon, so that an approach slows down soon."""
+        return (min(0.0, self.evidence) / -CERTAIN) ** SOON
 
     def after(self, press: float, limit: float, noise: float, dt: float) -> Touch:
         """What is known after one more reading.
