@@ -113,7 +113,7 @@ def gains_of(
         factor *= kept
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
-            if not touch.touching:
+            if split.kind.presses == 1 and not touch.touching:
                 gentle *= IN_DOUBT if regulation.rise.doubtful else max(IN_DOUBT, touch.clear)
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:

@@ -35,7 +35,8 @@ class Rise(NamedTuple):
 
     Attributes:
         mean: of the last presses in the air [force]; inf before any, and in touch.
-        air: the same there, or the mean of the last few where that is more; inf before any.
+        quick: of the last few presses before a touch is decided [force]; likewise.
+        air: the larger of both at the last reading that is certainly of free air; inf before any.
         way: into the surface since then, at most [length].
         sums: number of readings since then, of their presses [force], of the ways at them [length].
         least: what the stiffness is at least, where a good share of the press is left out [force/length].
@@ -45,6 +46,7 @@ class Rise(NamedTuple):
     """
 
     mean: float = inf
+    quick: float = inf
     air: float = inf
     way: float = 0.0
     sums: tuple[int, float, float] = (0, 0.0, 0.0)
@@ -60,7 +62,7 @@ class Rise(NamedTuple):
 
     @property
     def doubtful(self) -> bool:
-        """Whether it is not certain for longer: one reading may be noise, and a stiff touch is shown by its way alone."""
+        """Whether more than one reading was not: one may be noise, and shows a stiff contact by a tick's whole way."""
         return self.sums[0] > 1
 
     def after(
@@ -77,11 +79,10 @@ class Rise(NamedTuple):
             known: whether the stiffness is known from an earlier touch.
         """
         now, wanted = press
-        mean = now if self.mean == inf else self.mean + AVERAGED * (now - self.mean)
+        mean, quick = averaged(self.mean, now, AVERAGED), averaged(self.quick, now, QUICK)
         if touch.aloft and (self.air == inf or now <= mean + max(NEAR * noise, NEAR_SHARE * wanted)):
-            air = now if self.air == inf else max(mean, self.air + QUICK * (now - self.air))
-            return Rise(mean, air, late * way, stiffest=self.stiffest, seen=self.seen)
-        mean = inf if touch.touching else self.mean
+            return Rise(mean, quick, max(mean, quick), late * way, stiffest=self.stiffest, seen=self.seen)
+        mean, quick = (inf, inf) if touch.touching else (self.mean, quick)
         way += self.way
         risen = now - self.air
         if risen - ABOVE_NOISE * noise > STIFFEST * way:
@@ -91,4 +92,9 @@ class Rise(NamedTuple):
         above = presses / n - self.air - (ABOVE_NOISE / sqrt(n) + OF_AIR) * noise
         shows = max(self.shows, above / max(ways / n, TINY))
         seen = max(self.seen, shows) if touch.touching and not known else self.seen
-        return Rise(mean, self.air, way, (n, presses, ways), least, max(self.stiffest, least), shows, seen)
+        return Rise(mean, quick, self.air, way, (n, presses, ways), least, max(self.stiffest, least), shows, seen)
+
+
+def averaged(mean: float, now: float, share: float) -> float:
+    """The mean after one more value, which has a share in it; inf is none yet."""
+    return now if mean == inf else mean + share * (now - mean)
