@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
-from math import nan
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import same_turn, share_of_gain
 from invariantqp.control.compiled import compiled_loop, compiled_tick
-from invariantqp.control.convergence import Convergence, slowness
+from invariantqp.control.convergence import slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.joint_rows import PinkLimit, Rows
 from invariantqp.control.loop_limits import loop_limits
@@ -147,7 +146,7 @@ class Controller:
         self._limits = loop_limits(robot, self.dt, delay, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
-        self.kept: Array = Memory(np.zeros(m), np.full(3, nan), Convergence()).numbers  # from tick to tick
+        self.kept: Array = Memory.at_first(m).numbers  # from tick to tick
         self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
             robot, self.law, self.measure, self._limits, self.gain, mid, self._pull, slow, self.exact, self.row_rank
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,11 @@ class Memory(NamedTuple):
     velocity: Array
     turn: Array
     convergence: Convergence
+
+    @classmethod
+    def at_first(cls, joints: int) -> Memory:
+        """Before the first tick."""
+        return cls(np.zeros(joints), np.full(3, nan), Convergence())
 
     @classmethod
     def of(cls, numbers: Array) -> Memory:
