@@ -83,8 +83,8 @@ def loops(robot, scene, physics):
         yield iq.HybridController(arm, its_task, dt=DT, sensor=its_sensor, exact=exact, delay=LATE[physics])
 
 
-def run(name, robot, q, scene, physics, seconds):
-    """Path error [mm], force error rms, most and at the touch [N], time of the touch [s], change by frames, said."""
+def run(name, robot, q, scene, physics, seconds, frames=False):
+    """Path error [mm], force error rms, most and at the touch [N], time of the touch [s], change by `frames`, said."""
     plant, (loop, other) = plant_of(physics, name, robot, q, scene), loops(robot, scene, physics)
     k, touched, begins, first, force, off, said, change = 0, None, np.inf, [0.0], [], [], {}, 0.0
     while k * DT < (LONGEST if touched is None else touched + seconds):
@@ -101,7 +101,7 @@ def run(name, robot, q, scene, physics, seconds):
             force += [] if missing is None else [missing]
         measured = plant.measure()
         solution = loop.step(measured.q, target, measured.wrench, ahead)
-        if physics == "mujoco":
+        if frames:
             displaced = iq.coadjoint(iq.inverse(OTHER[2])) @ measured.wrench
             there = other.step(measured.q, target @ OTHER[1], displaced, ahead)
             change = max(change, np.abs(there.velocity - solution.velocity).max())
@@ -134,6 +134,8 @@ for name in given.arms or ARMS:
         if given.physics == "mujoco" and scene.touch is None:
             print(f"{name:7s}{contact:26s}MuJoCo has no shape for it")
             continue
-        path, rms, most, first, touched, change, said = run(name, robot, start, scene, given.physics, given.seconds)
-        frames = f"{change:9.0e}" if given.physics == "mujoco" else ""
-        print(f"{name:7s}{contact:26s}{path:9.3f}{rms:14.3f}{most:8.2f}{first:8.2f}{touched:9.2f}{frames}  {said}")
+        frames = given.physics == "mujoco"
+        found = run(name, robot, start, scene, given.physics, given.seconds, frames)
+        path, rms, most, first, touched, change, said = found
+        shown = f"{change:9.0e}" if frames else ""
+        print(f"{name:7s}{contact:26s}{path:9.3f}{rms:14.3f}{most:8.2f}{first:8.2f}{touched:9.2f}{shown}  {said}")

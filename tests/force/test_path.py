@@ -11,14 +11,14 @@ import invariantqp as iq
 def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
     bench, path, follower = prepared(rate=1.0)
     told, off, jumps = [], [], []
-    for _ in range(2000):
+    for _ in range(1000):
         told.append(follower.step(bench.q, bench.wrench()))
         bench.q = bench.q + DT * told[-1].velocity
         off.append(off_circle(bench))
         if told[-1].status in ("done", "blocked"):
             break
     first = [s.status for s in told].index("slowed")
-    settled = first + 100
+    settled = first + 50
     assert {s.status for s in told[:first]} == {"waiting"}
     assert told[-1].status == "done"
     assert told[-1].lag > PERIOD
@@ -31,7 +31,7 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
     assert jumps.max() <= 5.0 * (1.0 + 1e-9)
 
     alone = slow_bench()  # the hybrid controller by itself keeps the timing, and leaves the circle
-    alone.run(100)
+    alone.run(50)
     worst = 0.0
     for k in range(round(PERIOD / 2 / DT)):
         alone.tick(*path(k * DT))
@@ -42,16 +42,16 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
 def test_the_path_waits_while_contact_is_lost():
     bench, _, follower = prepared(yields=0.02)
     places, statuses = [], []
-    for k in range(600):
-        if k == 200:
+    for k in range(300):
+        if k == 100:
             bench.height -= 1e-2
         told = follower.step(bench.q, bench.wrench())
         bench.q = bench.q + DT * told.velocity
         places.append(told.place)
         statuses.append(told.status)
-    lost = [k for k in range(200, 600) if statuses[k] == "waiting"]
-    assert len(lost) > 20
-    assert places[lost[-1]] - places[lost[0] + 20] < 1e-3 * PERIOD
+    lost = [k for k in range(100, 300) if statuses[k] == "waiting"]
+    assert len(lost) > 10
+    assert places[lost[-1]] - places[lost[0] + 10] < 1e-3 * PERIOD
     assert statuses[lost[-1] + 1] == "slowed"
     assert places[-1] > places[lost[-1]] + 0.01 * PERIOD
 
@@ -59,8 +59,8 @@ def test_the_path_waits_while_contact_is_lost():
 def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
     bench, _, follower = prepared()
     told, off = [], []
-    for k in range(3000):
-        if k == 200:  # 30 mm to the side, as deep in the paper as before
+    for k in range(1500):
+        if k == 100:  # 30 mm to the side, as deep in the paper as before
             J = iq.adjoint(iq.transform(translation=-bench.robot.pose(bench.q)[:3, 3])) @ bench.robot.jacobian(bench.q)
             bench.q = bench.q + np.linalg.pinv(J) @ [0.0, 0.0, 0.0, 0.0, -0.03, 0.0]
             bench.height = bench.robot.pose(bench.q)[2, 3] + 5e-4
@@ -70,17 +70,17 @@ def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
         if told[-1].status in ("done", "blocked"):
             break
     back = [k for k, s in enumerate(told) if "pushed off the path" in s.reason]
-    assert back[0] == 200
-    assert all(told[k].status == "waiting" and told[k].place == told[199].place for k in back)
-    assert max(abs(told[k].hybrid.intensities[0] / 5.0 - 1.0) for k in back[100:]) < 0.05
+    assert back[0] == 100
+    assert all(told[k].status == "waiting" and told[k].place == told[99].place for k in back)
+    assert max(abs(told[k].hybrid.intensities[0] / 5.0 - 1.0) for k in back[50:]) < 0.05
     assert told[-1].status == "done"
-    assert max(off[back[-1] + 50 :]) < 5e-5
+    assert max(off[back[-1] + 25 :]) < 5e-5
 
 
 def test_joints_off_their_plan_slow_the_path_down():
     bench, _, follower = prepared()
-    for k in range(230):
-        if k == 200:
+    for k in range(115):
+        if k == 100:
             J = bench.robot.jacobian(bench.q)
             bench.q = bench.q + 0.1 * np.linalg.svd(J)[2][-1]  # the tool stays where it is, but for 0.1 mm or so
         told = follower.step(bench.q, bench.wrench())
@@ -133,9 +133,9 @@ def blocked(seed, dt):
 
 @pytest.mark.parametrize("seed", [3, 28])
 def test_what_blocks_the_path_is_told_once_the_joints_have_braked(seed):
-    told = blocked(seed, 2e-3)  # where reach ends: joints went on for 400 to 600 ticks towards where they cannot be
+    told = blocked(seed, DT)  # where reach ends: joints went on for 1 s towards where they cannot be
     assert told[-1].reason.startswith("it is out of reach")
-    assert sum(s.ruling == "settling" for s in told) < 60
+    assert sum(s.ruling == "settling" for s in told) < 30
     assert (np.abs(told[-1].velocity) < 1e-3).all()
 
 
@@ -148,7 +148,7 @@ def test_a_pressed_tool_that_comes_no_farther_than_its_joint_is_blocked():
 
 def test_a_refused_tick_leaves_the_follower_as_it_was():
     bench, _, follower = prepared()
-    for _ in range(200):
+    for _ in range(100):
         bench.q = bench.q + DT * follower.step(bench.q, bench.wrench()).velocity
     plan, place = follower.plan, follower.step(bench.q, bench.wrench()).place
     aside = bench.q + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # from there the path is to be looked at again

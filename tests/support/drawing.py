@@ -5,7 +5,7 @@ import numpy as np
 import invariantqp as iq
 from support.spring_plane import PANDA, Bench, circle, pen
 
-DT, RADIUS, PERIOD = 2e-3, 0.03, 0.4
+DT, RADIUS, PERIOD = 4e-3, 0.03, 0.4
 
 
 def slow_bench(share=1.0 / 15.0, dt=DT, **task):

@@ -62,7 +62,7 @@ def press_on_plane(
     told_noise=None,
     dt=0.002,
     seconds=3.0,
-    gap=0.004,
+    gap=0.002,
     tilt=0.0,
     delay=0.0,
     told_delay=0.0,
