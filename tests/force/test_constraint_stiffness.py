@@ -81,7 +81,7 @@ def test_a_stiff_hinge_that_is_not_told_does_not_swing(name, stiffness):
     screw, turn = iq.se3.helical(z, axis, pitch), 1.0 if name == "screw" else 0.2
     told = iq.contacts.hinge(axis, z, pitch)
     scene = SHARED["grip"](start, screw, lambda _: told, SHARED["along"](start, turn * screw), stiffness=stiffness)
-    said, forces, moments = run(robot, PANDA, scene, 2.0)
+    said, forces, moments = run(robot, PANDA, scene, 1.4)
     assert {status for status, _ in said} == {"ok"}
     assert max(forces) < 4.0
     assert max(moments) < 0.3
@@ -103,7 +103,7 @@ def test_a_stiff_hinge_told_wrong_is_followed_as_quickly_as_it_does_not_swing(st
 def test_five_joints_wind_up_no_integral_against_a_screw_that_they_cannot_follow():
     robot = iq.load_robot("so101")
     scene = SHARED["scenes"](robot.pose(SO101), 0.015)["screw, 63 mm a turn"]
-    said, forces, _ = run(robot, SO101, scene, 4.0)
+    said, forces, _ = run(robot, SO101, scene, 2.5)
     assert {status for status, _ in said} == {"ok", "degraded"}
     assert max(forces) < 4.0
 

@@ -80,13 +80,12 @@ def test_a_delay_that_was_found_counts_for_where_the_joints_will_be():
 
 
 @pytest.mark.parametrize(("delay", "off"), [(0.04, 1e-3), (0.05, 1.5e-3)])
-@pytest.mark.parametrize("gain", [None, 50.0])
-def test_the_motion_of_an_arm_that_is_late_untold_does_not_swing(delay, off, gain):
+def test_the_motion_of_an_arm_that_is_late_untold_does_not_swing(delay, off):
     """A circle of 60 mm: with the gain for no delay the tool went to and fro by 38 to 78 mm, up to an overload."""
     robot, q = iq.load_robot("panda"), PANDA.copy()
     start, errors, presses, late = robot.pose(q), [], [], deque([np.zeros(7)] * round(delay / DT))
-    loop = iq.HybridController(robot, pen(10.0), dt=DT, order="moment first", gain=gain)
-    for k in range(1000):
+    loop = iq.HybridController(robot, pen(10.0), dt=DT, order="moment first")  # of gain 50/s
+    for k in range(800):
         tool, a = robot.pose(q), 2.0 * np.pi * k * DT / 3.0
         target, ahead = start.copy(), np.zeros(6)
         target[:3, 3] += 0.03 * np.array([np.cos(a) - 1.0, np.sin(a), 0.0])

@@ -1,5 +1,7 @@
 """Noise of the force at acceleration limits: a tool in contact stays on its path, driven as fast as it can be."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from support.spring_plane import PANDA, UP, exerted
@@ -11,6 +13,7 @@ from invariantqp.force.tremble import ABOVE, trembling
 DT = 0.002
 
 
+@cache
 def wiped(noise, acceleration, stiffness=1e4, cutoff=np.inf, told=None):
     """A circle of 120 mm, pressed with 5 N: off the path [mm], seconds, hybrid statuses, last answer."""
     rng, robot, q = np.random.default_rng(0), iq.load_robot("panda"), PANDA.copy()

@@ -251,9 +251,9 @@ def test_a_press_that_is_read_exactly_the_same_shows_no_stiffness():
 @pytest.mark.parametrize("on_loss", ["approach", "continue"])
 def test_an_approach_that_the_arm_does_not_follow_ends_and_says_so(follows, on_loss):
     task = pen(on_loss=on_loss, approach_distance=np.inf, approach_time=np.inf)
-    bench = Bench(gantry(), np.zeros(6), task, depth=-0.015, dt=0.004)
+    bench = Bench(gantry(), np.zeros(6), task, depth=-0.008, dt=0.004)
     said = []
-    for _ in range(700):
+    for _ in range(400):
         q = bench.q
         solution = bench.tick()
         bench.q = q + follows * (bench.q - q)

@@ -1,4 +1,4 @@
-"""Five figures of the comparison, simulated again with nothing of this library but its robots and the path asked for.
+"""Four figures of the comparison, simulated again with nothing of this library but its robots and the path asked for.
 
 Own loop, own logarithm, Pinocchio for the arm's own kinematics, DAQP called directly. To two digits.
 """
@@ -82,7 +82,6 @@ def largest_error(name, solve):
         ("compare/ur5_limits", "Moore-Penrose", gradient_projection),
         ("compare/panda", "DLS", damped),
         ("compare/so101_limits", "hand-written loop", least_squares_qp),
-        ("compare/ur5", "Moore-Penrose", gradient_projection),
     ],
 )
 def test_an_independent_simulation_finds_the_same(task, method, solve):

@@ -43,7 +43,7 @@ def test_noisy_moved_mixed_systems():
     rng = np.random.default_rng(20161)
     cases = [(key, False) for key in CLASSES] + [(key, True) for key in CLASSES if key[0] < 3]
     wrong = []
-    for i in range(repeats(10_000, 2500)):
+    for i in range(repeats(10_000, 1000)):
         key, upper = cases[i % len(cases)]
         J, values = sample(rng, key, upper=upper, noise=1e-9, extra=(i // len(cases)) % 3)
         kind = iq.gibson_hunt(J)
@@ -139,7 +139,7 @@ def name_at(J, kind, tolerance):
 def test_the_next_name_is_found_just_past_the_border():
     """Over noisy systems of every type: with the tolerance a hundredth past the nearest border, in the whole system."""
     rng = np.random.default_rng(1381)
-    near, systems = 0, repeats(3000, 1000)
+    near, systems = 0, repeats(3000, 500)
     for i in range(systems):
         key = CLASSES[i % len(CLASSES)]
         upper = key[0] < 3 and bool(rng.integers(2))

@@ -35,7 +35,7 @@ def tick():
     return VelocityLaw(dt=0.01), Demand(J, np.arange(6.0), np.eye(6), *WIDE)
 
 
-@settings(max_examples=repeats(5000, 700), deadline=None, derandomize=True)  # for other ticks there is two_laws.main
+@settings(max_examples=repeats(5000, 300), deadline=None, derandomize=True)  # for other ticks there is two_laws.main
 @given(st.integers(0, 2**63))
 @example(77015359)  # a form's velocity and least squares, apart by rounding of terms that are far larger than |A x|
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding

@@ -11,7 +11,7 @@ from support.repeats import repeats
 import invariantqp as iq
 
 AGREE = 1e-10
-SCENES = settings(max_examples=repeats(80, 40), deadline=None, derandomize=True)
+SCENES = settings(max_examples=repeats(80, 20), deadline=None, derandomize=True)
 
 
 def options_in(here, T, unit, told):
