@@ -83,7 +83,7 @@ def loops(robot, scene, physics):
         yield iq.HybridController(arm, its_task, dt=DT, sensor=its_sensor, exact=exact, delay=LATE[physics])
 
 
-def run(name, robot, q, scene, physics, seconds, frames=False):
+def run(name, robot, q, scene, physics, seconds, *, frames=False):
     """Path error [mm], force error rms, most and at the touch [N], time of the touch [s], change by `frames`, said."""
     plant, (loop, other) = plant_of(physics, name, robot, q, scene), loops(robot, scene, physics)
     k, touched, begins, first, force, off, said, change = 0, None, np.inf, [0.0], [], [], {}, 0.0
@@ -135,7 +135,7 @@ for name in given.arms or ARMS:
             print(f"{name:7s}{contact:26s}MuJoCo has no shape for it")
             continue
         frames = given.physics == "mujoco"
-        found = run(name, robot, start, scene, given.physics, given.seconds, frames)
+        found = run(name, robot, start, scene, given.physics, given.seconds, frames=frames)
         path, rms, most, first, touched, change, said = found
         shown = f"{change:9.0e}" if frames else ""
         print(f"{name:7s}{contact:26s}{path:9.3f}{rms:14.3f}{most:8.2f}{first:8.2f}{touched:9.2f}{shown}  {said}")

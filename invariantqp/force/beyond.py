@@ -30,18 +30,17 @@ class Beyond(NamedTuple):
     left: Array | None = None
     lift: float = 0.0
 
-    def twist(self, task: HybridTask, contact: Contact, A: Array, dt: float) -> Array:
+    def twist(self, task: HybridTask, contact: Contact, dt: float) -> Array:
         """(6,) of the tool beyond the edge, base frame; down no faster than contact is looked for.
 
         Args:
             task: its approach speed and size, and how wrong its normal may be.
             contact: in the base frame.
-            A: (6, 6) the adjoint of its pose.
             dt: tick [s].
         """
         if self.left is None or contact.kind.out is None:
             return np.zeros(6)
-        out, way = A.dot(np.asarray(contact.kind.out)), contact.point - self.left
+        out, way = contact.adjoint.dot(np.asarray(contact.kind.out)), contact.point - self.left
         slope = max(SLOPE, tan(task.normal_within or 0.0))
         speed = max((slope * sqrt(way.dot(way)) - self.lift) / dt, -task.approach_speed)
         return np.asarray(speed / speed_at(contact, out, task.size) * out)

@@ -10,7 +10,6 @@ from invariantqp.force.agreement import Answer
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.place import load_at, moved_between, weakest
 from invariantqp.force.split import Split
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 
@@ -79,13 +78,12 @@ def felt_of(
         answer: what the press owes for a way in.
     """
     (reading, raw), (exert, missing), (before, tool), (out, way) = readings, wanted, tools, ways
-    A = se3.adjoint(contact.pose, check=False)
-    press = weakest(split.intensities[: contact.kind.presses].dot(A.T), raw, exert)
+    press = weakest(split.intensities[: contact.kind.presses].dot(contact.adjoint.T), raw, exert)
     force, moment = map(max, split.load, load_at(exert, contact.point))
     most = overload_of(task, force, moment, noise)
     grip = tool[:3, :3].dot(task.grip) + tool[:3, 3]
     along, came = -out.dot(way), -float(out.dot(moved_between(before, tool, contact.point)))
-    moved, load = np.array([along, *(way + along * out)]), load_at(raw, contact.point, grip)
+    moved, load = np.array((along, *(way + along * out).tolist())), load_at(raw, contact.point, grip)
     lacks = max(size / most for size, most in zip(load_at(missing, contact.point, grip), most, strict=True))
     return Felt(reading, press, *load, lacks, most, noise, moved, answer, came)
 

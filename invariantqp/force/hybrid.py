@@ -40,7 +40,7 @@ from invariantqp.force.verdict import FOLLOW, HOLD, RETREAT, SLOW, verdict
 from invariantqp.force.watch import Watch
 from invariantqp.force.ways import Ways
 from invariantqp.force.wrench import WrenchSensor, cleaned
-from invariantqp.geometry import arrays, se3
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, middle, require_robot
@@ -184,10 +184,10 @@ class HybridController:
         raw, measured, smoothing = cleaned(self.sensor, reading, tool, self._smoothing)
 
         # From the contact frame to the base frame.
-        A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
+        A, B = contact.adjoint, contact.coadjoint
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
-        out = way_out(contact, A)
+        out = way_out(contact)
         felt = felt_of(
             self.task,
             contact,
@@ -213,7 +213,6 @@ class HybridController:
         pushed = push(
             self.task,
             contact,
-            A,
             split,
             gains,
             exert,
@@ -229,9 +228,9 @@ class HybridController:
             inner = loop.rest(positions, "", velocity, sighting)
         else:
             if answer.action == RETREAT:
-                motion, force = np.zeros(6), retreat(self.task, contact, A, watch.left, loop.dt)
+                motion, force = np.zeros(6), retreat(self.task, contact, watch.left, loop.dt)
             elif waits:
-                force = self._beyond.twist(self.task, contact, A, loop.dt) if answer.beyond else np.zeros(6)
+                force = self._beyond.twist(self.task, contact, loop.dt) if answer.beyond else np.zeros(6)
             rows = force_rows(contact, then.J, motion + force) if self.force_first else None
             inner = loop.follow(positions, motion + force, velocity, rows, then, where, posture)
         acts = pushed.free and inner.scale == 1.0 and answer.action == FOLLOW and not waits
@@ -293,5 +292,5 @@ class HybridController:
         """The told contact with the normal found, and its normal as told, zero where that is trusted."""
         if self.task.normal_within is None:
             return contact, np.zeros(3)
-        told = way_out(contact, se3.adjoint(contact.pose, check=False))
+        told = way_out(contact)
         return self._normal.applied(contact, told), told

@@ -53,5 +53,6 @@ class Noise(NamedTuple):
 
     def trouble(self, told: float) -> str:
         """What is wrong with the noise that was told [force], in words, "" for nothing."""
-        said = f"readings have {written(self.found, 2)} N of noise, {written(told, 2)} are told (noise=)"
-        return said if self.found else ""
+        if not self.found:
+            return ""
+        return f"readings have {written(self.found, 2)} N of noise, {written(told, 2)} are told (noise=)"

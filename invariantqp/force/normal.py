@@ -113,5 +113,7 @@ class NormalEstimate(NamedTuple):
 
     def trouble(self) -> str:
         """What is wrong, in words, "" for nothing."""
+        if not self.held:
+            return ""
         degrees = written(self.held * 180.0 / pi, 3)
-        return f"the normal is {degrees} deg off the told one, the most that normal_within allows" if self.held else ""
+        return f"the normal is {degrees} deg off the told one, the most that normal_within allows"

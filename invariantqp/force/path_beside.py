@@ -13,7 +13,6 @@ from invariantqp.control.given_path import GivenPath
 from invariantqp.control.path_drive import STRAYED
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.force.hybrid import HybridController
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 
@@ -61,7 +60,7 @@ def look_along(
     loop, curve = hybrid.loop, path.curve
     way = way_to(loop, q, loop.robot.target(curve.pose(expected)))
     P = hybrid.splits.at(contact, tool).projectors.motion
-    A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
+    A, B = contact.adjoint, contact.coadjoint
     R = way.rows.dot(A).dot(P).dot(B.T)
     error = R.dot(way.error)
     if plan is None:

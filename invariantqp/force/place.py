@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.contacts import Contact
@@ -16,9 +15,13 @@ TINY = float(np.finfo(float).tiny)
 
 def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
     """|f|, and |m| about that of the places where it is least: a handle is held far from its hinge."""
-    m, f = wrench[:3], wrench[3:]
-    moments = [m - se3.cross(place, f) for place in places]
-    return sqrt(f.dot(f)), sqrt(min(moment.dot(moment) for moment in moments))
+    a, b, c, u, v, w = wrench.tolist()
+    least = inf
+    for place in places:
+        x, y, z = place.tolist()
+        i, j, k = a - y * w + z * v, b - z * u + x * w, c - x * v + y * u
+        least = min(least, i * i + j * j + k * k)
+    return sqrt(u * u + v * v + w * w), sqrt(least)
 
 
 def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | None:
@@ -41,16 +44,11 @@ def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | No
     return least * float((here[pressed] / wanted[pressed]).min()), least
 
 
-def way_out(contact: Contact, A: Array) -> Array:
-    """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be.
-
-    Args:
-        contact: the contact.
-        A: (6, 6) the adjoint of its pose.
-    """
+def way_out(contact: Contact) -> Array:
+    """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be."""
     if contact.kind.out is None:
         return np.zeros(3)
-    out = velocity_at(A.dot(np.asarray(contact.kind.out)), contact.point)
+    out = velocity_at(contact.adjoint.dot(np.asarray(contact.kind.out)), contact.point)
     return out / max(sqrt(out.dot(out)), TINY)
 
 

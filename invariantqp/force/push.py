@@ -18,7 +18,6 @@ from invariantqp.force.regulation import USUAL, Regulation
 from invariantqp.force.split import Split
 from invariantqp.force.touch import Touch
 from invariantqp.force.tremble import kept_of
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.contacts import Contact
@@ -127,7 +126,6 @@ def gains_of(
 def push(
     task: HybridTask,
     contact: Contact,
-    A: Array,
     split: Split,
     gains: Gains,
     exert: Array,
@@ -143,7 +141,6 @@ def push(
     Args:
         task: its approach speed and size.
         contact: in the base frame.
-        A: (6, 6) the adjoint of its pose.
         split: of its kind.
         gains: of this tick.
         exert: (6,) W_d in the contact's frame.
@@ -153,6 +150,7 @@ def push(
         slow: whether contact is looked for.
         joints: of the arm: too few cannot bring every error to zero, and its integral would only grow.
     """
+    A = contact.adjoint
     twist = gains.factor * A.dot(split.admittance.dot(error + integral))
     speed = task.approach_speed
     if slow and gains.gentle is not None and split.kind.presses > 1:
@@ -160,17 +158,17 @@ def push(
     elif slow and gains.gentle is not None:
         ahead = A.dot(split.admittance.dot(split.projectors.force.dot(exert)))
         return Push(gains.gentle / speed_at(contact, ahead, task.size) * ahead, False)
-    inwards = velocity_at(twist, contact.point).dot(way_out(contact, A)) < 0.0
+    inwards = velocity_at(twist, contact.point).dot(way_out(contact)) < 0.0
     most = speed if slow else gains.most + speed_at(contact, motion, task.size) if inwards else inf
     share = min(1.0, most / speed_at(contact, twist, task.size))
     free = not slow and share == 1.0 and can_yield(contact, joints)
     return Push(np.asarray(share * twist), free)
 
 
-def retreat(task: HybridTask, contact: Contact, A: Array, left: float, dt: float) -> Array:
-    """(6,) the way out, base frame, after `left` [length] of it; A (6, 6) is the adjoint of the contact's pose."""
+def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array:
+    """(6,) the way out, base frame, after `left` [length] of it."""
     speed = min(task.retreat_speed, (task.retreat_distance - left) / dt)
-    return np.asarray(speed * A.dot(np.asarray(contact.kind.out)))
+    return np.asarray(speed * contact.adjoint.dot(np.asarray(contact.kind.out)))
 
 
 def can_yield(contact: Contact, joints: int) -> bool:
@@ -206,7 +204,7 @@ def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J:
         return ""
     R = root.dot(J)
     off = J.dot(np.linalg.lstsq(R, asked, rcond=None)[0]) - motion
-    A, B = se3.adjoint(contact.pose, check=False), se3.coadjoint(contact.pose, check=False)
+    A, B = contact.adjoint, contact.coadjoint
     rest = root.dot(off - A.dot(split.projectors.motion.dot(B.T.dot(off))))
     share = sqrt(rest.dot(rest)) / speed
     if share < PRESSED:

@@ -59,5 +59,7 @@ def kept_of(factor: float, share: float) -> float:
 
 def doubt(kept: float, noise: float) -> str:
     """What is wrong where a gain is lowered to this share of itself for noise [force], in words, "" for nothing."""
+    if kept >= LOWERED:
+        return ""
     said = f"{written(noise, 2)} N of noise would take the joints' acceleration: {written(kept, 2)} of the force gain"
-    return f"{said} is left; give the sensor a lower cutoff=" if kept < LOWERED else ""
+    return f"{said} is left; give the sensor a lower cutoff="

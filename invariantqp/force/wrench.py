@@ -144,7 +144,7 @@ class WrenchSensor(Value):
 
         The numbers come in the sensor's order, moment first where it has none.
         """
-        return ordered(_unloaded(self, arrays.pose(tool, "tool")), self.order)
+        return ordered(_unloaded(self, arrays.pose(tool, "tool").dot(self.mount)), self.order)
 
     def load(self, reading: Any, tool: ArrayLike) -> Array:
         """(6,) (m; f) the wrench that the tool exerts, in the sensor's frame: the reading without bias and weight.
@@ -152,7 +152,7 @@ class WrenchSensor(Value):
         Raises:
             BadInput: numbers without an order, NaN, shapes.
         """
-        return load_of(self, wrench_of(reading, self.order, "reading"), arrays.pose(tool, "tool"))
+        return load_of(self, wrench_of(reading, self.order, "reading"), arrays.pose(tool, "tool").dot(self.mount))
 
     def check(self, readings: ArrayLike, poses: ArrayLike) -> SensorCheck:
         """Find order, sign, weight and mount from readings with nothing touching the tool; compare with this sensor.
@@ -243,9 +243,9 @@ class WrenchSensor(Value):
         )
 
 
-def load_of(sensor: WrenchSensor, reading: Array, tool: Array) -> Array:
-    """`WrenchSensor.load` for a reading that is checked and moment first."""
-    load: Array = reading - _unloaded(sensor, tool)
+def load_of(sensor: WrenchSensor, reading: Array, pose: Array) -> Array:
+    """`WrenchSensor.load` for a reading that is checked and moment first, and the (4, 4) pose of the sensor."""
+    load: Array = reading - _unloaded(sensor, pose)
     return -load if sensor.reads == "reaction" else load
 
 
@@ -255,16 +255,18 @@ def cleaned(
     """The (6,) wrench that the tool exerts, base frame, raw and cleaned; and the low-pass after a reading."""
     if sensor is None:
         return reading, reading, smoothing
-    load = load_of(sensor, reading, tool)
+    pose = tool.dot(sensor.mount)
+    load = load_of(sensor, reading, pose)
     smooth, after = smoothing.after(load)
-    to_base = se3.coadjoint(tool.dot(sensor.mount), check=False)
+    to_base = se3.coadjoint(pose, check=False)
     return to_base.dot(load), to_base.dot(sensor.deadband(smooth)), after
 
 
-def _unloaded(sensor: WrenchSensor, tool: Array) -> Array:
-    """(6,) moment first, what the sensor reads with nothing touching the tool."""
-    R = tool[:3, :3].dot(sensor.mount[:3, :3])
-    f = sensor.mass * R.T.dot(sensor.gravity)
+def _unloaded(sensor: WrenchSensor, pose: Array) -> Array:
+    """(6,) moment first, what the sensor at a (4, 4) pose reads with nothing touching the tool."""
+    if sensor.mass == 0.0:
+        return sensor.bias.copy()
+    f = sensor.mass * pose[:3, :3].T.dot(sensor.gravity)
     weight = np.concatenate((se3.cross(sensor.centre, f), f))
     reading: Array = sensor.bias + (weight if sensor.reads == "reaction" else -weight)
     return reading

@@ -23,6 +23,8 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
+# A row of a (3, 3) matrix.
+Floats = tuple[float, float, float]
 # Below this angle [rad] the closed coefficients of exp and log lose digits to cancellation; three terms of their
 # series are exact to rounding there (the next term is below 1e-18).
 SMALL_ANGLE = 1e-2
@@ -109,12 +111,19 @@ def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] (2.2).
     """
-    T: Any = pose if check is False else arrays.pose(pose)
-    R = T[:3, :3]
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = R
-    A[3:, :3] = _cross(T[:3, 3]).dot(R)
-    return A
+    (r, s, t), (u, v, w), o = _blocks(pose if check is False else arrays.pose(pose))
+    return np.array((*r, *o, *s, *o, *t, *o, *u, *r, *v, *s, *w, *t)).reshape(6, 6)
+
+
+def _blocks(T: Any) -> tuple[tuple[Floats, Floats, Floats], tuple[Floats, Floats, Floats], Floats]:
+    """The rows of R, those of p^ R, and three zeros: in floats, which for so few numbers is faster than in arrays."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
+    moved = (
+        (y * g - z * d, y * h - z * e, y * i - z * f),
+        (z * a - x * g, z * b - x * h, z * c - x * i),
+        (x * d - y * a, x * e - y * b, x * f - y * c),
+    )
+    return ((a, b, c), (d, e, f), (g, h, i)), moved, (0.0, 0.0, 0.0)
 
 
 def inverse_adjoint(T: Array) -> Array:
@@ -141,9 +150,8 @@ def coadjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    A = adjoint(pose, check=check)
-    A[:3, 3:], A[3:, :3] = A[3:, :3], 0.0
-    return A
+    (r, s, t), (u, v, w), o = _blocks(pose if check is False else arrays.pose(pose))
+    return np.array((*r, *u, *s, *v, *t, *w, *o, *r, *o, *s, *o, *t)).reshape(6, 6)
 
 
 def bracket(first: ArrayLike, second: ArrayLike) -> Array:
@@ -289,5 +297,9 @@ def _rotation_vector(
 
 def velocity_at(twists: Array, point: Array) -> Array:
     """Velocity v + omega x p of the body point now at p (3,), for a (6,) twist or (6, k) columns."""
+    if twists.ndim == 1:
+        a, b, c, u, v, w = twists.tolist()
+        x, y, z = point.tolist()
+        return np.array((u + b * z - c * y, v + c * x - a * z, w + a * y - b * x))
     velocity: Array = twists[3:] - _cross(point).dot(twists[:3])
     return velocity

@@ -76,7 +76,7 @@ class ContactScene:
 
     def force(self, contact: Contact, wrench: Array) -> tuple[float, float]:
         """Of a wrench that the tool exerts (6,), base frame: its part along the wanted one, and |P*(W_d - W)| [N]."""
-        resisted = self._resisted.dot(se3.adjoint(contact.pose, check=False).T.dot(wrench))
+        resisted = self._resisted.dot(contact.adjoint.T.dot(wrench))
         e = self.wanted - resisted
         size = self.wanted_norm
         press = float((self.wanted * self._weights).dot(resisted)) / size if size > 0.0 else 0.0

@@ -73,15 +73,25 @@ class Contact(Value):
         return self.kind.name
 
     @cached_property
+    def adjoint(self) -> Array:
+        """(6, 6) from twists in the contact's own frame to twists in the base frame."""
+        return se3.adjoint(self.pose, check=False)
+
+    @cached_property
+    def coadjoint(self) -> Array:
+        """(6, 6) from wrenches in the contact's own frame to wrenches in the base frame."""
+        return se3.coadjoint(self.pose, check=False)
+
+    @cached_property
     def freedoms(self) -> Array:
         """(6, k) twists that the contact allows."""
-        twists: Array = se3.adjoint(self.pose, check=False).dot(self.kind.freedoms)
+        twists: Array = self.adjoint.dot(self.kind.freedoms)
         return twists
 
     @cached_property
     def constraints(self) -> Array:
         """(6, 6-k) wrenches that the tool can exert on the contact; none does work on any freedom."""
-        wrenches: Array = se3.coadjoint(self.pose, check=False).dot(self.kind.constraints)
+        wrenches: Array = self.coadjoint.dot(self.kind.constraints)
         return wrenches
 
     @cached_property
