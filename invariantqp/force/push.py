@@ -181,7 +181,7 @@ def force_rows(contact: Contact, J: Array, twist: Array) -> ExactRows | None:
     D = contact.constraints.T
     if not (len(D) and can_yield(contact, J.shape[1])):
         return None
-    return ExactRows.of(J, D, D.dot(twist))
+    return ExactRows.of(J, D, D.dot(twist), check=False)
 
 
 def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J: Array, motion: Array) -> str:

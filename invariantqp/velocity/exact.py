@@ -80,12 +80,20 @@ class ExactRows(Value):
         return ExactRows(np.vstack((self.A, others.A)), np.concatenate((self.b, others.b)), D)
 
     @classmethod
-    def of(cls, J: ArrayLike, D: ArrayLike, b: ArrayLike) -> ExactRows:
+    def of(cls, J: ArrayLike, D: ArrayLike, b: ArrayLike, *, check: bool = True) -> ExactRows:
         """Parts of the twist: D J x = b for joint twists J (6, m) and D (k, 6).
+
+        Args:
+            J: (6, m) joint twists.
+            D: (k, 6) parts of the twist.
+            b: (k,) demands.
+            check: whether to check them; float64 arrays that were checked before need not be.
 
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
+        if check is False:
+            return cls._of(np.asarray(J), np.asarray(D), np.asarray(b))
         parts = arrays.matrix(D, (None, 6), "D")
         return cls._of(arrays.columns(J), parts, arrays.vector(b, len(parts), "b"))
 
