@@ -150,7 +150,7 @@ ALGEBRA = {
     "ExactRows.axis": lambda: (iq.ExactRows.axis, {"J": J, "axis": AXIS, "omega": POINT}),
     "ExactRows.plane": lambda: (iq.ExactRows.plane, {"J": J, "point": POINT, "normal": AXIS, "speed": 0.1}),
     "ExactRows.point": lambda: (iq.ExactRows.point, {"J": J, "point": POINT, "velocity": AXIS}),
-    "ExactRows.of": lambda: (iq.ExactRows.of, {"J": J, "D": np.eye(6)[:2], "b": [0.1, 0.2]}),
+    "ExactRows.of": lambda: (iq.ExactRows.of, {"J": J, "D": np.eye(6)[:2], "b": [0.1, 0.2], "check": True}),
     "ExactRows.demanding": lambda: (iq.ExactRows(J[:2], [0.1, 0.2]).demanding, {"b": [0.2, 0.1]}),
     "ExactRows.with_rows": lambda: (
         iq.ExactRows(J[:2], [0.1, 0.2]).with_rows,
