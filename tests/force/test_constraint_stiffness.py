@@ -71,16 +71,15 @@ def run(robot, q, scene, seconds, starts=0.5, delay=0.0):
     return zip(*seen, strict=True)
 
 
-@pytest.mark.parametrize("stiffness", [3e5, 1e6])
 @pytest.mark.parametrize("name", ["door", "screw"])
-def test_a_stiff_hinge_that_is_not_told_does_not_swing(name, stiffness):
+def test_a_stiff_hinge_that_is_not_told_does_not_swing(name):
     robot = iq.load_robot("panda")
     start = robot.pose(PANDA)
     z, post = -start[:3, 2], start[:3, 3] + 0.3 * start[:3, 1]
     pitch, axis = (0.01, start[:3, 3]) if name == "screw" else (0.0, post)
     screw, turn = iq.se3.helical(z, axis, pitch), 1.0 if name == "screw" else 0.2
     told = iq.contacts.hinge(axis, z, pitch)
-    scene = SHARED["grip"](start, screw, lambda _: told, SHARED["along"](start, turn * screw), stiffness=stiffness)
+    scene = SHARED["grip"](start, screw, lambda _: told, SHARED["along"](start, turn * screw), stiffness=1e6)
     said, forces, moments = run(robot, PANDA, scene, 1.4)
     assert {status for status, _ in said} == {"ok"}
     assert max(forces) < 4.0
