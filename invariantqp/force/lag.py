@@ -2,7 +2,7 @@
 
     q(t) - q(0) = share * (way commanded until t - late)        the lateness that fits best, over all joints
 
-`share` is what an arm leaves out of all commands, and no delay. What is late in the readings cannot be seen so.
+What is late in the readings cannot be seen so.
 """
 
 from __future__ import annotations
@@ -11,27 +11,18 @@ from math import pi
 
 import numpy as np
 
+from invariantqp.control.echo import PASSED, Echo
 from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.measure import root_at
 
-# The longest delay beyond the told one that is looked for [s].
-LONGEST = 0.25
-# An arm that follows moves by such shares of what it is told.
-LEAST_SHARE, MOST_SHARE = 0.5, 1.2
-# A delay is found where it leaves less than this share of the motion unexplained, and of what the told one does.
-UNEXPLAINED = 0.1
-# It has to have passed so often since the first command, and so many ticks more.
-PASSED, MORE_TICKS = 2, 10
 # It is looked for until the place of contact was told to go this way, in sizes of the contact.
 ENOUGH = 2.0
 # A delay counts for the force where it is this multiple of what is late by what was told: from then on one swings.
 LATE = 2.0
 # It counts for the motion where its gain times the delay is this much: from then on the tool goes to and fro.
 RINGS = 1.0
-# Squares below this share of the whole are rounding.
-ROUNDING = 1e-12
 
 
 class Lag:
@@ -49,7 +40,7 @@ class Lag:
         self.delay, self._dt = delay, dt
         self.late: float | None = None
         self._first: Array | None = None
-        self._ticks, self._way = 0, 0.0
+        self._way = 0.0
 
     def after(self, q: Array, way: Array, J: Array, place: Array, size: float) -> None:
         """After a tick with joint positions q (m,) at its beginning and a commanded way (m,).
@@ -66,33 +57,13 @@ class Lag:
         if self._first is None:
             moved = root_at(place, size).dot(J)
             self._first, self._weights = q.copy(), np.sqrt((moved * moved).sum(axis=0))
-            rows = 2 + round((self.delay + LONGEST) / self._dt)
-            self._led = np.zeros((rows, len(q)))  # by delay in ticks: the way commanded that can show
-            self._sums = np.zeros((2, rows))
-            self._came = 0.0
-        came, led = self._weights * (q - self._first), self._led
-        self._came += float(came.dot(came))
-        self._sums += led.dot(came), np.einsum("ij,ij->i", led, led)
-        self._ticks += self._ticks > 0 or bool(way.any())
+            self._led, self._echo = np.zeros(len(q)), Echo(self._dt, self.delay, len(q))
         step = self._weights * way
+        self._led += step
         self._way += float(np.sqrt(step.dot(step)))
-        self.late = self._found()
-        led[1:] = led[:-1].copy()
-        led[0] += step
-        if self.late is None and self._way > ENOUGH * size and self._ticks > PASSED * len(led):
+        self.late = self._echo.after(self._weights * (q - self._first), self._led)
+        if self.late is None and self._way > ENOUGH * size and self._echo.ticks > PASSED * self._echo.rows:
             self.late = 0.0
-
-    def _found(self) -> float | None:
-        (product, square), whole = self._sums, self._came
-        if whole == 0.0:
-            return None
-        share = np.clip(product / np.maximum(square, ROUNDING * whole), LEAST_SHARE, MOST_SHARE)
-        left = whole - share * (2.0 * product - share * square)
-        best, told = int(np.argmin(left)), round(self.delay / self._dt)
-        least = UNEXPLAINED * min(whole, float(left[told])) - ROUNDING * whole
-        if left[best] < least and best > told and self._ticks > PASSED * best + MORE_TICKS:
-            return (best - told) * self._dt
-        return None
 
     @property
     def beyond(self) -> float:
