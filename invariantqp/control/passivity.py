@@ -9,7 +9,12 @@ link passive for any delay, if need be by passing on less of the twist, or of th
 be in that tick. A wall that only the operator presses is let go of slowly: let the robot press. In free motion energy
 bounds nothing, and a link that is lost would let the tool go on for ever: a packet also has to be young.
 
-Reference: Hannaford & Ryu 2002; Ryu, Artigas & Preusche 2010 (time-domain passivity of late links).
+A robot that is itself late does later what is passed on now: the books count what it did, and what is still on its way
+is paid in advance. Motion that is not passed on takes with it the energy that came in for it, unless the hand pushes
+as hard as the tool: otherwise a hand that moves far against a soft force would pay for a hard one at the tool.
+
+Reference: Hannaford & Ryu 2002; Ryu, Artigas & Preusche 2010 (time-domain passivity of late links); Franken et al. 2011
+(a store that is refilled).
 """
 
 from __future__ import annotations
@@ -20,10 +25,24 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import written
+from invariantqp.control.pipe import Pipe
+from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
+
+# A hand pushes as hard as the tool from this share of its power on: it felt the tool a while ago.
+AS_HARD = 0.9
+# The two powers are compared over this time [s]: packets come in lumps.
+SMOOTHED = 0.1
+# Time in which a store that dampers and friction have emptied fills again while nothing is pushed [s].
+REFILL = 10.0
+# More than this share of the store has left beyond what may: the robot, or what it meets, is not as told.
+OVERSPENT = 0.5
+# The longest delay of a robot that can be told [s]; with more nobody steers.
+LONGEST_TOLD = 10.0
+# A robot is later than told by more than so many ticks.
+LATE_TICKS = 1.5
 
 
 @frozen(eq=False, slots=False)
@@ -33,7 +52,8 @@ class LinkTick(Compared):
     Attributes:
         passed: (6,) the twist, or the wrench, times share.
         share: from 0 to 1.
-        status: "ok", "scaled" while less than all is passed on, "held" while nothing is, for the age of the packet.
+        status: "ok", "scaled" while less than all is passed on, "held" while nothing is, for the age of the packet,
+            "degraded" while the robot or what it meets is not as told.
         reason: why, in words.
         left: energy that may still leave here [N length].
     """
@@ -58,7 +78,14 @@ class LinkEnd:
     """
 
     def __init__(
-        self, *, dt: float, passes: Literal["twist", "wrench"], store: float = 0.02, timeout: float = 0.5
+        self,
+        *,
+        dt: float,
+        passes: Literal["twist", "wrench"],
+        store: float = 0.02,
+        timeout: float = 0.5,
+        delay: float = 0.0,
+        stiffness: float | None = None,
     ) -> None:
         """An end of a link at rest.
 
@@ -69,21 +96,47 @@ class LinkEnd:
             store: energy that may leave before any has come in [N length]: what a touch takes until the other end feels
                 it. A spring of stiffness k pressed with f takes f^2 / 2 k.
             timeout: how old a packet may be and still be passed on [s].
+            delay: by how much the robot does later what is passed on, dead time and lag of its motors together [s].
+            stiffness: of the hardest thing that the tool may meet, at the origin of the frame of twists: the tool's tip
+                [N/length]. The tool is then no faster than what strikes with `store` at most, sqrt(2 store / stiffness)
+                / (delay + dt), and presses with little more than the hand, or than sqrt(2 store stiffness). The store
+                is refilled by what comes back, and in 10 s of free motion.
 
         Raises:
-            BadInput: not a positive tick, another word, a negative store, a timeout that is not positive.
+            BadInput: not a positive tick, another word, a negative store or delay, a timeout or a stiffness that is not
+                positive, a delay of more than 10 s or without a stiffness, a stiffness at the device.
         """
         self.dt: float = arrays.number(dt, "dt", "seconds", positive=True)
         self.passes: str = arrays.choice(passes, "passes", ("twist", "wrench"))
         self.store: float = arrays.not_negative(store, "store", "an energy")
         self.timeout: float = arrays.number(timeout, "timeout", "seconds", positive=True)
+        late = arrays.not_negative(delay, "delay", "seconds")
+        self._hard = stiffness is not None
+        k = 0.0 if stiffness is None else arrays.number(stiffness, "stiffness", "a stiffness", positive=True)
+        if late > LONGEST_TOLD:
+            raise BadInput("delay", f"{late:g} s", f"{LONGEST_TOLD:g} s at most")
+        if late and not self._hard:
+            raise BadInput("stiffness", "none beside a delay", "that of the hardest thing that the tool may meet")
+        if self._hard and self.passes == "wrench":
+            raise BadInput("stiffness", "one at the device", "one at the robot, which passes twists")
         self.came_in: float = 0.0
         self.went_out: float = 0.0
+        self._pipe: Pipe = Pipe(self.dt, late, k)
+        self._delay = late
         self._told = 0.0
-        self._passed: Array = np.zeros(6)
+        self._left, self._share, self._powers = self.store, 1.0, np.zeros(2)
         self._met: Array = np.zeros(6)
+        self._last: Array = self._met
 
-    def step(self, twist: ArrayLike, wrench: ArrayLike, received: float, age: float = 0.0) -> LinkTick:
+    def step(
+        self,
+        twist: ArrayLike,
+        wrench: ArrayLike,
+        received: float,
+        age: float = 0.0,
+        *,
+        done: ArrayLike | None = None,
+    ) -> LinkTick:
         """What to pass on in this tick.
 
         Args:
@@ -94,33 +147,71 @@ class LinkEnd:
             received: energy that has come in at the other end, as last told by it [N length].
             age: of the packet that said so, now minus its time stamp [s]. One older than `timeout`, or more than a tick
                 from the future, is not believed: nothing is passed on.
+            done: (6,) at the robot, the twist that the tool had in the last tick, measured (J q'), in the same part and
+                frame. None: what was passed on `delay` before. A robot that is later than told is seen by it.
 
         Raises:
-            BadInput: NaN, shapes, a negative energy.
+            BadInput: NaN, shapes, a negative energy, `done` at the device.
         """
         v, w = arrays.twist(twist), arrays.twist(wrench, "wrench")
         told = arrays.not_negative(received, "received", "an energy")
         old = arrays.number(age, "age", "seconds", infinite=True)
+        if done is not None and self.passes == "wrench":
+            raise BadInput("done", "a twist at the device", "None there, or the tool's twist at the robot")
         held = self._doubt(old)
-        if not held:
-            self._told = told
-        passed, met = (v, w) if self.passes == "twist" else (w, v)
-        # What was passed on met this at the end of its tick: all of a damper's force, the most of a spring's.
-        energy = float(self._passed.dot(met)) * self.dt
-        if self.passes == "twist" and self._passed.any():  # a tool at rest feels no damper and no friction
+        at_robot = self.passes == "twist"
+        passed, met = (v, w) if at_robot else (w, v)
+        seen = None if done is None else arrays.twist(done, "done")
+        did = self._pipe.done if seen is None else seen
+        # What was done, or felt, met this at the end of its tick: all of a damper's force, the most of a spring's. With
+        # a stiffness the mean force counts: of a blow the other would be twice the energy.
+        energy = float(did.dot(0.5 * (met + self._last) if self._hard else met)) * self.dt
+        self._last = met
+        if at_robot and did.any():  # a tool at rest feels no damper and no friction
             self._met = met
+        left = self._after(energy, float(v.dot(w)) * self.dt, self._told if held else told)
+        self._share = 0.0 if held else self._pipe.share(passed, (met, self._met), left)
+        through = self._share * passed
+        self._pipe.push(through, seen)
+        status, reason = ("held", held) if held else self._status(passed, met, seen is not None, left)
+        return LinkTick(through, self._share, status, reason, left)
+
+    def _after(self, energy: float, asked: float, told: float) -> float:
+        """What is left once an energy has left here, while another is asked for, and so much is told by the other end.
+
+        Without a stiffness it is the store and all that came in, less what went out. With one it is never more than the
+        store, and what comes back from a spring fills the store before the other end hears of it.
+        """
+        back, gain = max(0.0, -energy), max(0.0, told - self._told)
+        self._told = told
         self.went_out += max(0.0, energy)
-        self.came_in += max(0.0, -energy)
-        left = self._told + self.store - self.went_out
-        wanted = max(float(v.dot(w)), float(passed.dot(self._met))) * self.dt
-        share = 0.0 if held else min(1.0, max(0.0, left) / wanted) if wanted > 0.0 else 1.0
-        self._passed = share * passed
-        if held:
-            return LinkTick(np.zeros(6), share, "held", held, left)
-        if share == 1.0:
-            return LinkTick(self._passed.copy(), share, "ok", "", left)
-        less = f"{written(100.0 * share, 2)} % of the {self.passes} passed on"
-        return LinkTick(self._passed.copy(), share, "scaled", f"the link would give out energy: {less}", left)
+        if not self._hard:
+            self.came_in += back
+            return told + self.store - self.went_out
+        self._powers += min(1.0, self.dt / SMOOTHED) * (np.array([gain, max(0.0, asked)]) - self._powers)
+        came = gain if self._powers[0] >= AS_HARD * self._powers[1] else self._share * gain
+        if asked <= 0.0:
+            came += self.store * self.dt / REFILL
+        self._left = min(self.store, self._left + came - max(0.0, energy))
+        kept = min(back, self.store - self._left)
+        self._left += kept
+        self.came_in += back - kept
+        return self._left
+
+    def _status(self, passed: Array, met: Array, measured: bool, left: float) -> tuple[str, str]:
+        """Status and reason of a tick whose packet is believed."""
+        trouble = []
+        if self._pipe.late > LATE_TICKS * self.dt:
+            late = written(1e3 * self._pipe.late, 3)
+            tell = f"tell delay={written(self._delay + self._pipe.late, 3)}"
+            trouble.append(f"the robot follows {late} ms later than told: {tell} and a stiffness")
+        if (measured or self._hard) and left < -OVERSPENT * self.store:
+            trouble.append(f"{written(-left, 2)} more energy has left than may: robot or contact are not as told")
+        status = "degraded" if trouble else "ok" if self._share == 1.0 else "scaled"
+        if self._share < 1.0:
+            why = "would give out energy" if float(passed.dot(met)) > 0.0 else "would strike too hard what may be ahead"
+            trouble.append(f"the link {why}: {written(100.0 * self._share, 2)} % of the {self.passes} passed on")
+        return status, "; ".join(trouble)
 
     def _doubt(self, age: float) -> str:
         """Why a packet of this age is not believed, "" where it is."""

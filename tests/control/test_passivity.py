@@ -26,29 +26,35 @@ class Everything:
     went_out = property(lambda self: self.end.went_out)
 
 
-def pushed(robot_end, device_end, seconds=6.0):
-    """A hand pushes a device 40 mm up; the tool meets a wall at 10 mm: forces [N], balances [J], what was said.
+def pushed(robot_end, device_end, seconds=6.0, *, wall=WALL, gap=0.01, spring=60.0, late=LATE, arm=0, measured=False):
+    """A hand pushes a device 40 mm up; the tool meets a wall at a gap: forces [N], balances [J], what was said.
 
-    The hand is a spring of 60 N/m with 5 N s/m, the device 0.3 kg. Forces are felt, twists arrive, LATE ticks late.
+    The hand is a spring [N/m] with 5 N s/m, the device 0.3 kg. Forces are felt, twists arrive, `late` ticks late, and
+    the arm does them `arm` ticks later, which may be measured. A balance is what came in less what went out, by the
+    books; where the arm is measured what came in from the hand less what is in the wall.
     """
-    hand = speed = tool = 0.0
-    there = deque([(0.0, 0.0)] * LATE, maxlen=LATE)
-    back = deque([(0.0, 0.0)] * LATE, maxlen=LATE)
-    forces, balances, said = [], [], []
+    hand = speed = tool = done = 0.0
+    there, back = (deque([(0.0, 0.0)] * late, maxlen=max(1, late)) for _ in range(2))
+    coming, forces, balances, said = deque([0.0] * arm), [], [], []
+    packets = (0.0, 0.0), (0.0, 0.0)
     for k in range(round(seconds / DT)):
         wanted = 0.02 * (1.0 - np.cos(np.pi * min(1.0, k * DT)))
-        (felt, told_by_robot), (asked, told_by_hand) = back[0], there[0]
+        packets = (back[0], there[0]) if back else packets
+        (felt, told_by_robot), (asked, told_by_hand) = packets
         felt = device_end.step(speed * UP, felt * UP, told_by_robot)
-        speed += DT * (felt.passed[5] + 60.0 * (wanted - hand) - 5.0 * speed) / 0.3
+        speed += DT * (felt.passed[5] + spring * (wanted - hand) - 5.0 * speed) / 0.3
         hand += DT * speed
-        force = WALL * max(0.0, tool - 0.01)
-        tick = robot_end.step(asked * UP, force * UP, told_by_hand)
-        tool += DT * tick.passed[5]
+        force = wall * max(0.0, tool - gap)
+        tick = robot_end.step(asked * UP, force * UP, told_by_hand, **({"done": done * UP} if measured else {}))
+        coming.append(tick.passed[5])
+        done = coming.popleft()
+        tool += DT * done
         there.append((speed, device_end.came_in))
         back.append((-force, robot_end.came_in))
         forces.append(force)
         out = robot_end.went_out + device_end.went_out
-        balances.append(robot_end.came_in + device_end.came_in - out)
+        in_wall = 0.5 * wall * max(0.0, tool - gap) ** 2
+        balances.append(device_end.came_in - in_wall if measured else robot_end.came_in + device_end.came_in - out)
         said.append((tick.status, tick.reason))
     return np.array(forces), np.array(balances), said
 
@@ -127,3 +133,83 @@ def test_springs_and_dampers_get_no_more_than_came_in_by_an_exact_integral(seed)
         out.append(DT * felt @ (before + speed) / 2.0)
     assert np.sum(np.abs(out)) > 0.02  # something is moved
     assert np.cumsum(out).max() < 2.0 * STORE + 2.0 * max(out)
+
+
+def link(push, wall, arm, told=None):
+    """Both ends before a wall that the hand may press with `push` before it is felt."""
+    store, delay = push**2 / (2.0 * wall), DT * (arm if told is None else told)
+    robot = iq.control.LinkEnd(dt=DT, passes="twist", store=store, delay=delay, stiffness=wall)
+    return robot, iq.control.LinkEnd(dt=DT, passes="wrench", store=store), store
+
+
+@pytest.mark.parametrize(
+    ("wall", "arm", "late"), [(1e3, 25, 25), (1e4, 3, 0), (1e4, 12, 25), (1e5, 3, 25), (1e5, 25, 0)]
+)
+def test_a_robot_that_is_late_presses_with_little_more_than_the_hand(wall, arm, late):
+    robot, device, store = link(10.0, wall, arm)
+    way = {"wall": wall, "gap": 5.0 / wall, "spring": 250.0, "arm": arm, "late": late}
+    forces, balance, said = pushed(robot, device, 1.5, measured=True, **way)  # the hand pushes with 250 N/m * 40 mm
+    assert 5.0 < forces.max() < 22.0
+    assert balance.min() > -1.001 * store
+    assert {status for status, _ in said} == {"ok", "scaled"}
+
+
+def test_a_robot_later_than_told_is_seen_before_it_touches():
+    robot, device, _ = link(10.0, 1e4, arm=12, told=0)
+    way = {"wall": 1e4, "gap": 0.015, "spring": 250.0, "arm": 12}
+    forces, _, said = pushed(robot, device, 1.5, measured=True, **way)
+    first = next(k for k, (status, _) in enumerate(said) if status == "degraded")
+    assert "later than told: tell delay=" in said[first][1]
+    assert "the robot follows 48 ms later than told: tell delay=0.048" in said[-1][1]
+    assert first < np.flatnonzero(forces)[0]
+    assert 5.0 < forces.max() < 22.0
+    plain = [iq.control.LinkEnd(dt=DT, passes=what) for what in ("twist", "wrench")]
+    assert pushed(*plain, 1.5, **way)[0].max() > 50.0  # where what is passed on counts as done
+
+
+def test_a_wall_harder_than_told_is_told():
+    robot, device, store = link(10.0, 1e3, arm=12)
+    forces, _, said = pushed(robot, device, 1.5, wall=1e4, gap=0.01, spring=250.0, arm=12, measured=True)
+    first = next(k for k, (status, _) in enumerate(said) if status == "degraded")
+    assert "more energy has left than may" in said[first][1]
+    assert np.flatnonzero(0.5 * forces**2 / 1e4 > 1.5 * store)[0] in (first, first - 1, first + 1)
+
+
+def test_a_late_robot_is_no_faster_than_may_strike_and_does_not_stop_and_go():
+    robot, _, store = link(10.0, 1e4, arm=12)
+    ticks = [robot.step(0.1 * UP, np.zeros(6), 0.0) for _ in range(100)]
+    assert "would strike too hard what may be ahead" in ticks[-1].reason
+    speeds = np.array([tick.passed[5] for tick in ticks])
+    np.testing.assert_allclose(speeds, np.sqrt(2.0 * store / 1e4) / (13 * DT), rtol=1e-9)
+    assert robot.step(0.01 * UP, np.zeros(6), 0.0).status == "ok"
+
+
+def test_what_friction_took_comes_back_with_time_and_what_a_spring_took_at_once():
+    robot, _, store = link(10.0, 1e4, arm=0)
+    while robot.step(0.1 * UP, 8.0 * UP, 0.0).left > 1e-2 * store:
+        pass
+    least = robot.step(0.0 * UP, 0.0 * UP, 0.0).left
+    for _ in range(round(5.0 / DT)):
+        left = robot.step(0.1 * UP, np.zeros(6), 0.0).left
+    assert left - least == pytest.approx(0.5 * store, rel=1e-9)
+    robot.step(np.zeros(6), np.zeros(6), 0.0)
+    left = robot.step(-0.1 * UP, 4.0 * UP, 0.0).left
+    back = robot.step(np.zeros(6), 4.0 * UP, 0.0).left
+    assert back - left == pytest.approx(0.1 * 4.0 * DT, rel=1e-2)
+    assert robot.came_in == 0.0
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: iq.control.LinkEnd(dt=DT, passes="twist", delay=0.05), "stiffness"),
+        (lambda: iq.control.LinkEnd(dt=DT, passes="twist", delay=-0.05, stiffness=1e3), "delay"),
+        (lambda: iq.control.LinkEnd(dt=DT, passes="wrench", stiffness=1e3), "stiffness"),
+        (lambda: iq.control.LinkEnd(dt=DT, passes="twist", stiffness=0.0), "stiffness"),
+        (lambda: iq.control.LinkEnd(dt=DT, passes="wrench").step(UP, UP, 0.0, done=UP), "done"),
+        (lambda: iq.control.LinkEnd(dt=DT, passes="twist").step(UP, UP, 0.0, done=UP * np.nan), "done"),
+    ],
+)
+def test_what_a_late_robot_cannot_be_told(make, named):
+    with pytest.raises(iq.BadInput, match=named):
+        make()

@@ -214,10 +214,13 @@ CONTROL = {
     "SharedTask": lambda: (iq.control.SharedTask, {"S1": S, "S2": None, "h": H, "metric": None}),
     "SharedTask.moved": lambda: (shared().moved, {"pose": T}),
     "SharedTask.twist": lambda: (shared().twist, {"robot": TWIST, "operator": TWIST}),
-    "LinkEnd": lambda: (iq.control.LinkEnd, {"dt": 0.01, "passes": "twist", "store": 0.02, "timeout": 0.5}),
+    "LinkEnd": lambda: (
+        iq.control.LinkEnd,
+        {"dt": 0.01, "passes": "twist", "store": 0.02, "timeout": 0.5, "delay": 0.05, "stiffness": 1e4},
+    ),
     "LinkEnd.step": lambda: (
         iq.control.LinkEnd(dt=0.01, passes="twist").step,
-        {"twist": TWIST, "wrench": TWIST, "received": 0.1, "age": 0.0},
+        {"twist": TWIST, "wrench": TWIST, "received": 0.1, "age": 0.0, "done": TWIST},
     ),
     # force
     "HybridTask": lambda: (

@@ -1,0 +1,75 @@
+"""Motion that was passed on to a late robot and is still to be done, and the energy that it may take.
+
+    energy = sum over the ways d still to be done of max(0, d . (w + k (r - d / 2))),    r the way to the end of d
+
+w is met now, k the stiffness of the hardest thing that the tool may meet: it may stand right before the tool, and what
+is on its way to a late robot cannot be called back. So in free motion, too, no more is passed on than may strike.
+"""
+
+from __future__ import annotations
+
+from math import ceil, sqrt
+
+import numpy as np
+
+from invariantqp.control.echo import LONGEST, Echo
+from invariantqp.geometry.arrays import Array
+
+# Time over which the robot's answer is remembered [s]: a few swings of a hand.
+REMEMBERED = 2.0
+# A delay that was told counts as that many ticks, but for rounding.
+ROUNDING = 1e-9
+
+
+class Pipe:
+    """What was passed on in the last ticks.
+
+    Attributes:
+        late: by how much later than told the robot was seen to follow [s].
+    """
+
+    def __init__(self, dt: float, delay: float, stiffness: float) -> None:
+        """Nothing on its way, for ticks of dt [s], a told delay [s] and a stiffness [N/length]."""
+        self.late: float = 0.0
+        self._dt, self._told = dt, ceil(delay / dt - ROUNDING)
+        self._stiffness = np.repeat((0.0, stiffness), 3)
+        self._passed = np.zeros((1 + self._told + round(LONGEST / dt), 6))  # the latest last
+        self._echo = Echo(dt, self._told * dt, 3, 1.0 - dt / REMEMBERED)
+
+    @property
+    def done(self) -> Array:
+        """(6,) the twist that the robot has in this tick by what was told of its delay."""
+        now: Array = self._passed[-1 - self._told]
+        return now
+
+    def push(self, twist: Array, seen: Array | None) -> None:
+        """After a tick in which a twist (6,) was passed on; `seen` is the tool's in the tick before, if measured."""
+        if seen is not None:
+            self.late = max(self.late, self._echo.after(seen[3:], twist[3:]) or 0.0)
+        self._passed[:-1] = self._passed[1:].copy()
+        self._passed[-1] = twist
+
+    def share(self, twist: Array, met: tuple[Array, Array], left: float) -> float:
+        """How much of a twist (6,) can be paid with the energy left [N length], from 0 to 1.
+
+        Now, after all that is on its way; and for as long as the robot is late, so that a tool is slow and does not
+        stop and go. `met` are wrenches (6,), now and when something was done last: the one that takes more counts.
+        """
+        ticks = self._told + round(self.late / self._dt)
+        ways = self._dt * self._passed[len(self._passed) - ticks :]
+        sums, k = np.cumsum(ways, axis=0), self._stiffness
+        owed = np.maximum(0.0, (ways * (met[0] + k * (sums - 0.5 * ways))).sum(axis=1)).sum()
+        further = k * (sums[-1] if ticks else 0.0)
+        hard, power = float(twist.dot(k * twist)), max(float(twist.dot(wrench)) for wrench in met)
+        once = _payable(self._dt * (power + float(twist.dot(further))), self._dt**2 * hard, left - float(owed))
+        time = (1 + ticks) * self._dt
+        return min(1.0, once, _payable(time * power, time**2 * hard, left))
+
+
+def _payable(push: float, hard: float, left: float) -> float:
+    """The largest share with push share + hard share^2 / 2 <= left; one or more where all can be had."""
+    left = max(0.0, left)
+    if push + 0.5 * hard <= left:
+        return 1.0
+    root = sqrt(push * push + 2.0 * hard * left)
+    return 2.0 * left / (push + root) if push > 0.0 else (root - push) / hard
