@@ -184,6 +184,26 @@ def test_a_late_robot_is_no_faster_than_may_strike_and_does_not_stop_and_go():
     assert robot.step(0.01 * UP, np.zeros(6), 0.0).status == "ok"
 
 
+@pytest.mark.parametrize(("press", "share"), [(5.0, 1.0), (100.0, 0.0)])
+def test_a_soft_hand_that_moves_far_does_not_pay_for_a_hard_press(press, share):
+    robot, _, store = link(10.0, 1e4, arm=0)
+    done, given = np.zeros(6), 0.0
+    for k in range(600):  # the hand moves at 0.1 m/s, and pushes with 10 N from 0.4 s on: 2 J
+        given += 10.0 * 0.1 * DT * (k >= 100)
+        tick = robot.step(0.1 * UP, press * UP, given, done=done)
+        done = tick.passed
+    assert tick.share == pytest.approx(share, abs=1e-3)
+    assert (robot.went_out < 1.5 * store) == (share == 0.0)
+
+
+def test_the_books_hold_what_was_measured_and_no_more_is_kept_than_the_store():
+    robot, _, store = link(10.0, 1e4, arm=0)
+    for depth in 1e-4 * np.arange(1, 6):  # 0.1 mm a tick, measured, into a spring
+        robot.step(0.01 * UP, 1e4 * depth * UP, 0.0, done=1e-4 / DT * UP)
+    assert robot.went_out == pytest.approx(0.5 * 1e4 * 5e-4**2, rel=1e-9)
+    assert robot.step(UP, np.zeros(6), 1.0, done=np.zeros(6)).left == store
+
+
 def test_what_friction_took_comes_back_with_time_and_what_a_spring_took_at_once():
     robot, _, store = link(10.0, 1e4, arm=0)
     while robot.step(0.1 * UP, 8.0 * UP, 0.0).left > 1e-2 * store:
