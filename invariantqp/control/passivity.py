@@ -210,7 +210,7 @@ class LinkEnd:
         status = "degraded" if trouble else "ok" if self._share == 1.0 else "scaled"
         if self._share < 1.0:
             why = "would give out energy" if float(passed.dot(met)) > 0.0 else "would strike too hard what may be ahead"
-            trouble.append(f"the link {why}: {written(100.0 * self._share, 2)} % of the {self.passes} passed on")
+            trouble.append(f"the link {why}: {written(100.0 * self._share, 3)} % of the {self.passes} passed on")
         return status, "; ".join(trouble)
 
     def _doubt(self, age: float) -> str:
