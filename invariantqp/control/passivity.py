@@ -122,7 +122,7 @@ class LinkEnd:
         self.came_in: float = 0.0
         self.went_out: float = 0.0
         self._pipe: Pipe = Pipe(self.dt, late, k)
-        self._delay = late
+        self._delay, self._stiffness = late, k
         self._told = 0.0
         self._left, self._share, self._powers = self.store, 1.0, np.zeros(2)
         self._met: Array = np.zeros(6)
@@ -170,6 +170,11 @@ class LinkEnd:
         if at_robot and did.any():  # a tool at rest feels no damper and no friction
             self._met = met
         left = self._after(energy, float(v.dot(w)) * self.dt, self._told if held else told)
+        if (
+            self._hard and left < -OVERSPENT * self.store
+        ):  # a spring of stiffness k that took E presses with sqrt(2 E k)
+            force = w[3:]
+            self._pipe.stiffness = max(self._pipe.stiffness, float(force.dot(force)) / (2.0 * (self.store - left)))
         self._share = 0.0 if held else self._pipe.share(passed, (met, self._met), left)
         through = self._share * passed
         self._pipe.push(through, seen)
@@ -205,6 +210,9 @@ class LinkEnd:
             late = written(1e3 * self._pipe.late, 3)
             tell = f"tell delay={written(self._delay + self._pipe.late, 3)}"
             trouble.append(f"the robot follows {late} ms later than told: {tell} and a stiffness")
+        if self._pipe.stiffness > self._stiffness:
+            met_with = written(self._pipe.stiffness, 2)
+            trouble.append(f"the tool met something harder than told: tell stiffness={met_with}")
         if (measured or self._hard) and left < -OVERSPENT * self.store:
             trouble.append(f"{written(-left, 2)} more energy has left than may: robot or contact are not as told")
         status = "degraded" if trouble else "ok" if self._share == 1.0 else "scaled"

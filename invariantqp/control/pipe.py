@@ -26,13 +26,14 @@ class Pipe:
 
     Attributes:
         late: by how much later than told the robot was seen to follow [s].
+        stiffness: of the hardest thing that the tool may meet, told or met [N/length].
     """
 
     def __init__(self, dt: float, delay: float, stiffness: float) -> None:
         """Nothing on its way, for ticks of dt [s], a told delay [s] and a stiffness [N/length]."""
         self.late: float = 0.0
         self._dt, self._told = dt, ceil(delay / dt - ROUNDING)
-        self._stiffness = np.repeat((0.0, stiffness), 3)
+        self.stiffness: float = stiffness
         self._passed = np.zeros((1 + self._told + round(LONGEST / dt), 6))  # the latest last
         self._echo = Echo(dt, self._told * dt, 3, 1.0 - dt / REMEMBERED)
 
@@ -56,14 +57,21 @@ class Pipe:
         stop and go. `met` are wrenches (6,), now and when something was done last: the one that takes more counts.
         """
         ticks = self._told + round(self.late / self._dt)
-        ways = self._dt * self._passed[len(self._passed) - ticks :]
-        sums, k = np.cumsum(ways, axis=0), self._stiffness
-        owed = np.maximum(0.0, (ways * (met[0] + k * (sums - 0.5 * ways))).sum(axis=1)).sum()
-        further = k * (sums[-1] if ticks else 0.0)
-        hard, power = float(twist.dot(k * twist)), max(float(twist.dot(wrench)) for wrench in met)
-        once = _payable(self._dt * (power + float(twist.dot(further))), self._dt**2 * hard, left - float(owed))
+        owed, further = self._owed(met[0], ticks) if ticks else (0.0, np.zeros(3))
+        line = twist[3:]
+        hard, power = self.stiffness * float(line.dot(line)), max(float(twist.dot(met[0])), float(twist.dot(met[1])))
+        once = _payable(self._dt * (power + float(line.dot(further))), self._dt**2 * hard, left - owed)
         time = (1 + ticks) * self._dt
         return min(1.0, once, _payable(time * power, time**2 * hard, left))
+
+    def _owed(self, met: Array, ticks: int) -> tuple[float, Array]:
+        """The energy that the last so many ticks will take, and the force (3,) that they will add."""
+        ways = self._dt * self._passed[-ticks:]
+        pressed = np.tile(met, (ticks, 1))
+        sums = ways[:, 3:].cumsum(axis=0)
+        pressed[:, 3:] += self.stiffness * (sums - 0.5 * ways[:, 3:])
+        energies = (ways * pressed).sum(axis=1)
+        return float(energies[energies > 0.0].sum()), self.stiffness * sums[-1]
 
 
 def _payable(push: float, hard: float, left: float) -> float:

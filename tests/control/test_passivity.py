@@ -1,5 +1,6 @@
 """An operator 100 ms away: the two ends of the link let out no more than came in, in any frame, and say when."""
 
+import re
 from collections import deque
 
 import numpy as np
@@ -172,6 +173,8 @@ def test_a_wall_harder_than_told_is_told():
     forces, _, said = pushed(robot, device, 1.5, wall=1e4, gap=0.01, spring=250.0, arm=12, measured=True)
     first = next(k for k, (status, _) in enumerate(said) if status == "degraded")
     assert "more energy has left than may" in said[first][1]
+    found = float(re.search(r"harder than told: tell stiffness=([\d.e+]+)$", said[-1][1].split(";")[0])[1])
+    assert found == pytest.approx(1e4, rel=0.05)
     assert np.flatnonzero(0.5 * forces**2 / 1e4 > 1.5 * store)[0] in (first, first - 1, first + 1)
 
 
