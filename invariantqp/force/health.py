@@ -76,6 +76,6 @@ class Health(NamedTuple):
         close = limit if jumped < JUMP_MEMORY and limit > 0.0 else max(limit, PULL_SHARE * wanted)
         pull = weighed(self.pull, -felt, close, noise)
         if pull == CERTAIN and not fault:
-            what = "the reading jumped and now" if jumped < JUMP_MEMORY else "the reading"
+            what = "the reading jumped, or has more noise than told, and" if jumped < JUMP_MEMORY else "the reading"
             fault = f"{what} says that the contact pulls with {written(-felt)} N: sign, order, weight or bias is wrong"
         return Health(reading, unchanged, felt, pull, jumped, fault, alive)

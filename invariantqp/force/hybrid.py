@@ -27,7 +27,7 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.kept_split import KeptSplit, contact_now
 from invariantqp.force.lag import Lag
 from invariantqp.force.normal import NormalEstimate
-from invariantqp.force.place import way_out
+from invariantqp.force.place import require_same_side, way_out
 from invariantqp.force.push import SLOW_SHARE, Stand, force_rows, gains_of, pressed_by, push, retreat
 from invariantqp.force.reading import Order, Wrench, order_of, wanted_of, wrench_of
 from invariantqp.force.regulation import Regulation
@@ -134,6 +134,7 @@ class HybridController:
     def reset(self) -> None:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
         self._tool: Array | None = None
+        self._out: Array | None = None
         self.room: float = 1.0
         self._regulation = Regulation(presses=TwoPresses() if self.task.two_presses else None)
         self._watch, self._normal, self._stand, self._beyond = Watch(), NormalEstimate(), Stand(), Beyond()
@@ -188,6 +189,7 @@ class HybridController:
         inside = A.T.dot(measured)
         error = split.projectors.force.dot(exert - inside)
         out = way_out(contact)
+        require_same_side(self._out, out)
         felt = felt_of(
             self.task,
             contact,
@@ -239,7 +241,7 @@ class HybridController:
         self._normal = self._normal.found(self.task, told, shown, felt.press, k, touching=watch.touching)
         lag.after(positions, loop.dt * inner.velocity, sighting.J, contact.point, self.task.size)
         self._ways.add(loop.dt * inner.velocity, way, loop.dt * split.unit[1].dot(B.T.dot(twist)), late[2])
-        self._watch, self._smoothing, self._beyond, self._tool, self._stand, self._regulation, self.room = (
+        self._watch, self._smoothing, self._beyond, self._tool, self._stand, self._regulation, self.room, self._out = (
             watch.after_motion(out.dot(way), answer.beyond),
             smoothing,
             self._beyond.after(contact.point, out.dot(way), beyond=answer.beyond),
@@ -247,6 +249,7 @@ class HybridController:
             self._stand.after(self.task, contact, motion, twist, loop.dt, joints=sighting.J.shape[1]),
             regulation.after(error, gains.rate, loop.dt, regulation.integrated(felt.press) if acts else 0.0),
             max(1.0 - gains.noise, 1.0 - MOST),
+            out if watch.touching else None,
         )
         doubts = (
             *watch.doubts(felt.wanted, self._noise, late[0] + late[2], lost=bool(answer.status)),

@@ -297,4 +297,4 @@ def _angle(value: float) -> float:
 
 
 def _limit(value: float, argument: str) -> float:
-    return arrays.number(value, argument, "a number, or inf,", positive=True, infinite=True)
+    return arrays.number(value, argument, "a number or inf", positive=True, infinite=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import acos, degrees, inf, sqrt
 
 import numpy as np
 
+from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.contacts import Contact
@@ -50,6 +51,20 @@ def way_out(contact: Contact) -> Array:
         return np.zeros(3)
     out = velocity_at(contact.adjoint.dot(np.asarray(contact.kind.out)), contact.point)
     return out / max(sqrt(out.dot(out)), TINY)
+
+
+def require_same_side(before: Array | None, out: Array) -> None:
+    """Refuse a way out (3,) that has turned by more than a right angle since the last tick, None in the air.
+
+    Such a normal presses where it should let go, and a retreat along it goes on pressing.
+
+    Raises:
+        BadInput: it has.
+    """
+    if before is not None and out.dot(before) < 0.0:
+        turned = f"a normal that turned by {degrees(acos(max(-1.0, out.dot(before)))):.0f} degrees within a tick"
+        remedy = "Check the function that gives it; to press on another surface, `reset` first."
+        raise BadInput("contact", turned, "the outward normal of the surface that is pressed", remedy)
 
 
 def speed_at(contact: Contact, twist: Array, size: float) -> float:

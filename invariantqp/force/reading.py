@@ -5,7 +5,7 @@ Six plain numbers do not tell. Read the wrong way round, a press of 5 N is one o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -62,7 +62,7 @@ def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
     Raises:
         BadInput: numbers without an order, NaN, shapes.
     """
-    if isinstance(reading, (np.ndarray, list, tuple)):
+    if _are_numbers(reading):
         numbers = arrays.vector(reading, 6, argument)
         if order is None:
             raise BadInput(
@@ -101,7 +101,9 @@ def wanted_of(wrench: Any, argument: str = "wrench") -> Array:
     Raises:
         BadInput: NaN, shapes; whether six numbers are parts or a wrench, and in which order, is not said.
     """
-    if isinstance(wrench, (np.ndarray, list, tuple)):
+    if isinstance(wrench, (int, float)):
+        raise BadInput(argument, excerpt(wrench), f"[{wrench}]: a list, one number a constraint of the contact")
+    if _are_numbers(wrench):
         parts = arrays.vector(wrench, None, argument)
         if len(parts) == 6:
             wrench_of(parts, None, argument)
@@ -116,6 +118,11 @@ def order_of(order: str | None, argument: str = "order") -> str | None:
         BadInput: another word.
     """
     return None if order is None else arrays.choice(order, argument, ORDERS)
+
+
+def _are_numbers(value: Any) -> bool:
+    """Whether a value is numbers in a row: a NumPy array, a list, an `array.array` as fields of ROS 2 messages are."""
+    return isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, str)
 
 
 def _part(value: Any, names: tuple[str, ...]) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ UNKNOWN = 1e-3
 # What holds a thing, fingers and arm, yields to moments as over this many sizes of the contact: one gain is for both,
 # and for what is stiffest. With one size a stiff hinge's moments slow down what yields to its forces.
 HELD = 2.0
+# A press below zero by less than this share of a wrench is none: a wrench may come from another frame.
+ROUNDING = 1e-9
 
 
 class Split(NamedTuple):
@@ -46,22 +49,20 @@ class Split(NamedTuple):
         """(6,) W_d in S*, from parts in the constraints or from a wrench.
 
         Raises:
-            BadInput: neither as many numbers as constraints, nor six.
+            BadInput: neither as many numbers as constraints, nor six; a pull, where a contact only presses.
         """
         W = np.asarray(self.kind.constraints)
         n, found = W.shape[1], len(wrench)
-        if found == 6:
-            whole: Array = self.projectors.force.dot(wrench)
-            return whole
-        if found != n:
+        if found not in (n, 6):
             expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
             raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
-        press = min(wrench[: self.kind.presses].tolist(), default=0.0)
-        if press < 0.0:
+        parts = self.intensities.dot(wrench) if found == 6 else wrench
+        press = min(parts[: self.kind.presses].tolist(), default=0.0)
+        if press < -ROUNDING * sqrt(wrench.dot(wrench)):
             expected = "zero or more: the contact's z is the way the tool presses"
             raise BadInput(argument, f"a press of {press:g}", expected, "A contact that pulls is not unilateral.")
-        parts: Array = W.dot(wrench)
-        return parts
+        exert: Array = W.dot(parts)
+        return exert
 
 
 def split_of(

@@ -132,7 +132,7 @@ class WrenchSensor(Value):
             centre=arrays.vector(centre, 3, "centre"),
             gravity=arrays.vector(gravity, 3, "gravity"),
             bias=np.zeros(6) if bias is None else wrench_of(bias, said, "bias"),
-            cutoff=arrays.number(cutoff, "cutoff", "a frequency in Hz, or inf,", positive=True, infinite=True),
+            cutoff=arrays.number(cutoff, "cutoff", "a frequency in Hz or inf", positive=True, infinite=True),
             force_deadband=arrays.not_negative(force_deadband, "force_deadband", "a number in N"),
             moment_deadband=arrays.not_negative(moment_deadband, "moment_deadband", "a number in N m"),
             noise=arrays.not_negative(noise, "noise", "a number in N"),

@@ -97,7 +97,7 @@ class PoseSearch:
         self._form = form
         self._exact = demands_of(exact)
         self._tolerance = arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True)
-        self._time_limit = arrays.number(time_limit, "time_limit", "seconds, or inf,", positive=True, infinite=True)
+        self._time_limit = arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True)
         self._restarts = arrays.count(restarts, "restarts", MOST_RESTARTS)
         self._seed = arrays.count(seed, "seed")
 

@@ -38,6 +38,7 @@ ALONG = 1e-6
 # Step of central differences, relative to the coordinates: the cube root of the rounding error, where truncation and
 # rounding are of one size.
 GRADIENT_STEP = 6e-6
+NUMBER = "a function that gives a number"
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -192,8 +193,8 @@ def surface_contact(
     else:
         height = arrays.function(implicit, "implicit", "a function of a point (3,)")  # type: ignore[arg-type]
         steps = GRADIENT_STEP * max(1.0, float(np.abs(p).max())) * np.eye(3)
-        ahead = [height(p + step) - height(p - step) for step in steps]
-        n = arrays.direction(ahead, "implicit")
+        ahead = arrays.array([[height(p + sign * step) for sign in (1.0, -1.0)] for step in steps], "implicit", NUMBER)
+        n = arrays.direction(np.subtract(*ahead.T), "implicit")
     contact = point_contact(p, n, slip=slip)
     if extent is None:
         return contact

@@ -221,6 +221,18 @@ def test_the_contact_of_a_tick_may_be_given(panda):
         )
 
 
+def test_a_normal_that_flips_while_it_is_pressed_is_refused_before_anything_moves(panda):
+    """Its retreat would press on: 20 mm of 1e4 N/m are 200 N."""
+    inward = iq.point_contact([0.4, 0.0, 0.4], -UP)
+    bench = Bench(panda, PANDA, pen(), depth=5e-4)
+    bench.run(200)
+    with pytest.raises(iq.BadInput, match=r"^contact: found a normal that turned by 180 degrees"):
+        bench.tick(contact=inward)
+    assert bench.tick().intensities[0] == pytest.approx(5.0, abs=0.1)
+    bench.loop.reset()
+    assert bench.tick(contact=inward).status
+
+
 def test_a_wrist_sensor_is_read_where_it_sits(panda):
     """Weight, mount and low-pass in the loop: the press that is felt at the tip is the one wanted."""
     rng = np.random.default_rng(0)
@@ -267,6 +279,8 @@ BAD = {
     "two rules": (lambda: pen(h=0.3, metric=np.ones(6)), "h"),
     "wrench": (lambda: iq.HybridTask(tip(np.eye(4)), [1.0, 2.0]), "wrench"),
     "wrench nan": (lambda: pen(np.nan), "wrench"),
+    "no list": (lambda: iq.HybridTask(tip(np.eye(4)), 5.0), "wrench"),
+    "pull": (lambda: iq.HybridTask(tip(np.eye(4)), iq.Wrench(moment=[0, 0, 0], force=[0, 0, -5.0])), "wrench"),
     "compliance": (lambda: pen(compliance=-1e-3), "compliance"),
     "compliance matrix": (lambda: pen(compliance=-np.eye(6)), "compliance"),
     "size": (lambda: pen(size=0.0), "size"),

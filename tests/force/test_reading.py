@@ -1,5 +1,7 @@
 """A reading says its order, its sign and its frame, by name or by a word; free air tells all three."""
 
+from array import array
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -44,6 +46,7 @@ def test_names_say_the_order_whatever_the_word(kind, order):
 def test_a_word_says_the_order_of_numbers_and_no_word_refuses_them():
     np.testing.assert_array_equal(wrench_of(M + F, "moment first", "wrench"), M + F)
     np.testing.assert_array_equal(wrench_of(F + M, "force first", "wrench"), M + F)
+    np.testing.assert_array_equal(wrench_of(array("d", F + M), "force first", "wrench"), M + F)  # a field of ROS 2
     spellings = r'order="moment first" or order="force first", or iq\.Wrench\(moment=\.\.\., force=\.\.\.\)'
     with pytest.raises(iq.BadInput, match=spellings):
         wrench_of(M + F, None, "wrench")

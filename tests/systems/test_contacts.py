@@ -203,6 +203,7 @@ def test_contacts_of_ones_own():
         (lambda: iq.contacts.surface_contact(P), "normal"),
         (lambda: iq.contacts.surface_contact(P, normal=lambda p: p, implicit=lambda p: 0.0), "normal"),
         (lambda: iq.contacts.surface_contact(P, implicit=lambda p: 0.0), "implicit"),
+        (lambda: iq.contacts.surface_contact(P, implicit=lambda p: None), "implicit"),
         (lambda: iq.contacts.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 1:5]), "constraints"),
         (lambda: iq.contacts.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 2:5]), "constraints"),
         (lambda: iq.contacts.ContactKind("x", np.ones((6, 2))), "freedoms"),
