@@ -32,17 +32,11 @@ class Problem(NamedTuple):
 
 
 class Boxed(NamedTuple):
-    """Where each row is.
+    """Where each row is."""
 
-    Attributes:
-        x: (m, N) inside the box.
-        side: (m, N) -1 held at the lower bound, 1 at the upper, 0 free.
-        settled: (N,) whether x is the optimum, to rounding.
-    """
-
-    x: Rows
-    side: Rows
-    settled: Rows
+    x: Rows  # (m, N) inside the box
+    side: Rows  # (m, N) -1 held at the lower bound, 1 at the upper, 0 free
+    settled: Rows  # (N,) whether x is the optimum, to rounding
 
 
 def most_passes(m: int) -> int:

@@ -34,33 +34,20 @@ SINGLE = 1e-10
 
 
 class Least(NamedTuple):
-    """The optimum of each row.
+    """The optimum of each row."""
 
-    Attributes:
-        x: (..., m) inside the box.
-        side: (..., m) -1 at the lower bound, 1 at the upper, 0 between.
-        settled: (...) whether it is the optimum.
-        lost: (...) what damping gives up of b where no bound is met, beside the largest entry of b.
-    """
-
-    x: Rows
-    side: Rows
-    settled: Rows
-    lost: Rows
+    x: Rows  # (..., m) inside the box
+    side: Rows  # (..., m) -1 at the lower bound, 1 at the upper, 0 between
+    settled: Rows  # (...) whether it is the optimum
+    lost: Rows  # (...) what damping gives up of b where no bound is met, beside the largest entry of b
 
 
 class Damped(NamedTuple):
-    """lambda^2 as a function of s = sigma^2.
+    """lambda^2 as a function of s = sigma^2."""
 
-    Attributes:
-        values: (..., m).
-        slopes: (..., m, m) its divided differences, for the derivative of Lambda.
-        by_largest: (..., m) its derivative by the largest s.
-    """
-
-    values: Rows
-    slopes: Rows
-    by_largest: Rows
+    values: Rows  # (..., m)
+    slopes: Rows  # (..., m, m) its divided differences, for the derivative of Lambda
+    by_largest: Rows  # (..., m) its derivative by the largest s
 
 
 def damped_least_squares(

@@ -27,23 +27,14 @@ AT_REST = np.zeros(6)
 
 
 class Way(NamedTuple):
-    """The arm before a target, and the way there.
+    """The arm before a target, and the way there."""
 
-    Attributes:
-        sighting: of the arm.
-        root: (6, 6) of the measure.
-        demands: the exact rows, which ask for their own error; None where there are none.
-        rows: (k, 6) what is asked, in the measure.
-        part: (6, 6) the projector on what exact rows ask for.
-        error: (6,) the twist that leads to the target.
-    """
-
-    sighting: Sighting
-    root: Array
-    demands: ExactRows | None
-    rows: Array
-    part: Array
-    error: Array
+    sighting: Sighting  # of the arm
+    root: Array  # (6, 6) of the measure
+    demands: ExactRows | None  # the exact rows, which ask for their own error; None where there are none
+    rows: Array  # (k, 6) what is asked, in the measure
+    part: Array  # (6, 6) the projector on what exact rows ask for
+    error: Array  # (6,) the twist that leads to the target
 
     @property
     def off(self) -> float:
@@ -89,17 +80,11 @@ def asked_part(rows: Array, root: Array) -> Array:
 
 
 class MeasuredRows(NamedTuple):
-    """The part of a twist that exact rows ask for.
+    """The part of a twist that exact rows ask for."""
 
-    Attributes:
-        rows: (k, 6) R, orthonormal in the measure.
-        back: (6, k) with R back = 1, orthogonal to the rest of the twist: back R is the projector on that part.
-        weights: (n, k) what demands d of the n rows ask for is d.weights, along R.
-    """
-
-    rows: Array
-    back: Array
-    weights: Array
+    rows: Array  # (k, 6) R, orthonormal in the measure
+    back: Array  # (6, k) with R back = 1, orthogonal to the rest of the twist: back R is the projector on that part
+    weights: Array  # (n, k) what demands d of the n rows ask for is d.weights, along R
 
 
 def measured_rows(rows: ExactRows, root: Array) -> MeasuredRows:

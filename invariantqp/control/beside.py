@@ -28,27 +28,16 @@ ASIDE = 1e-7
 
 
 class Beside(NamedTuple):
-    """The tool and its path at the beginning of a tick.
+    """The tool and its path at the beginning of a tick."""
 
-    Attributes:
-        sighting: the arm.
-        target: the pose where it was expected, in the form that `robot.sight` takes.
-        asked: (k, 6) rows of what is asked.
-        place: on the path nearest the tool.
-        joints: (m,) the plan's joint positions there.
-        across: (6,) the twist back to that place.
-        off: its size in what is asked.
-        left: whether the plan is aside the path here, and its joint motion is followed instead.
-    """
-
-    sighting: Sighting
-    target: Any
-    asked: Array
-    place: float
-    joints: Array
-    across: Array
-    off: float
-    left: bool
+    sighting: Sighting  # the arm
+    target: Any  # the pose where it was expected, in the form that `robot.sight` takes
+    asked: Array  # (k, 6) rows of what is asked
+    place: float  # on the path nearest the tool
+    joints: Array  # (m,) the plan's joint positions there
+    across: Array  # (6,) the twist back to that place
+    off: float  # its size in what is asked
+    left: bool  # whether the plan is aside the path here, and its joint motion is followed instead
 
 
 def look(controller: Controller, path: GivenPath, plan: PathPlan, q: Array, expected: float, tangent: Array) -> Beside:

@@ -26,23 +26,14 @@ FAST_SHARE = 0.02
 
 
 class Convergence(NamedTuple):
-    """Running averages of a loop.
+    """Running averages of a loop."""
 
-    Attributes:
-        promised: predicted decrease of the error in a tick.
-        achieved: measured decrease.
-        speed: of the error under the commands, as a share of the arm's full speed.
-        size: of the error in the last tick, in the measure.
-        ticks: number of ticks but the first.
-        expected: predicted size of the error after the last tick; NaN before the first.
-    """
-
-    promised: float = 0.0
-    achieved: float = 0.0
-    speed: float = 0.0
-    size: float = 0.0
-    ticks: float = 0.0
-    expected: float = nan
+    promised: float = 0.0  # predicted decrease of the error in a tick
+    achieved: float = 0.0  # measured decrease
+    speed: float = 0.0  # of the error under the commands, as a share of the arm's full speed
+    size: float = 0.0  # of the error in the last tick, in the measure
+    ticks: float = 0.0  # number of ticks but the first
+    expected: float = nan  # predicted size of the error after the last tick; NaN before the first
 
     def followed(self, error: Array, change: Array, slowness: float) -> Convergence:
         """After another tick.

@@ -49,19 +49,12 @@ class Poses(Protocol):
 
 
 class Curve(NamedTuple):
-    """Cubics between knots.
+    """Cubics between knots."""
 
-    Attributes:
-        at: (n + 1,) the parameter at the knots, increasing.
-        poses: (n + 1, 4, 4) poses there.
-        cubics: (n, 3, 6) c1, c2, c3 of each piece.
-        knots: `at` as a list, in which a place is found faster.
-    """
-
-    at: Array
-    poses: Array
-    cubics: Array
-    knots: list[float]
+    at: Array  # (n + 1,) the parameter at the knots, increasing
+    poses: Array  # (n + 1, 4, 4) poses there
+    cubics: Array  # (n, 3, 6) c1, c2, c3 of each piece
+    knots: list[float]  # `at` as a list, in which a place is found faster
 
     @property
     def end(self) -> float:

@@ -23,17 +23,11 @@ SLOW = 1e-3
 
 
 class GivenPath(NamedTuple):
-    """A path to drive along.
+    """A path to drive along."""
 
-    Attributes:
-        curve: with the parameter that is driven: the caller's, or the length in the measure.
-        places: (n,) the caller's parameter at the knots of the curve.
-        slow: a tangent of this size, in the measure, is that of a path that nearly stands still.
-    """
-
-    curve: Curve
-    places: Array
-    slow: float
+    curve: Curve  # with the parameter that is driven: the caller's, or the length in the measure
+    places: Array  # (n,) the caller's parameter at the knots of the curve
+    slow: float  # a tangent of this size, in the measure, is that of a path that nearly stands still
 
     def place(self, at: float) -> float:
         """The caller's parameter at a place of the curve."""

@@ -28,39 +28,23 @@ LATE = e
 
 
 class TickLimits(NamedTuple):
-    """The limits of one tick.
+    """The limits of one tick."""
 
-    Attributes:
-        lower: (m,) of the joint velocity.
-        upper: (m,).
-        rows: on combinations of joint velocities, or None.
-        cone: the speed limit of a point, or None.
-        strained: joints whose limits contradict each other, and what gave way, in words.
-        trouble: why there is nothing to do but stand still, "" for nothing.
-    """
-
-    lower: Array
-    upper: Array
-    rows: LimitRows | None
-    cone: Cone | None
-    strained: Strained
-    trouble: str
+    lower: Array  # (m,) of the joint velocity
+    upper: Array  # (m,)
+    rows: LimitRows | None  # on combinations of joint velocities, or None
+    cone: Cone | None  # the speed limit of a point, or None
+    strained: Strained  # joints whose limits contradict each other, and what gave way, in words
+    trouble: str  # why there is nothing to do but stand still, "" for nothing
 
 
 class LoopLimits(NamedTuple):
-    """The limits of a loop.
+    """The limits of a loop."""
 
-    Attributes:
-        box: position and velocity limits.
-        braking: the same with acceleration limits, or None.
-        tool_speed: the speed limit of a point of the tool, or None.
-        joint_rows: limits on combinations of joint velocities, or None.
-    """
-
-    box: JointBox
-    braking: BrakingBox | None
-    tool_speed: ToolSpeed | None
-    joint_rows: JointRows | None
+    box: JointBox  # position and velocity limits
+    braking: BrakingBox | None  # the same with acceleration limits, or None
+    tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
+    joint_rows: JointRows | None  # limits on combinations of joint velocities, or None
 
     def at(self, robot: Robot, sighting: Sighting, target: Any, q: Array, before: Array) -> TickLimits:
         """The limits at joint positions q (m,), coming from the joint velocity `before` (m,)."""

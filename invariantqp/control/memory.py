@@ -15,17 +15,11 @@ from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 
 class Memory(NamedTuple):
-    """The state between ticks; a tick returns the next one.
+    """The state between ticks; a tick returns the next one."""
 
-    Attributes:
-        velocity: (m,) commanded last [rad/s, length/s].
-        turn: (3,) rotation of the error in the tick before, NaN before the first.
-        convergence: how the error falls.
-    """
-
-    velocity: Array
-    turn: Array
-    convergence: Convergence
+    velocity: Array  # (m,) commanded last [rad/s, length/s]
+    turn: Array  # (3,) rotation of the error in the tick before, NaN before the first
+    convergence: Convergence  # how the error falls
 
     @classmethod
     def at_first(cls, joints: int) -> Memory:

@@ -11,21 +11,13 @@ from invariantqp.robots.kinematics import Robot, Sighting
 
 
 class Observed(NamedTuple):
-    """One tick.
+    """One tick."""
 
-    Attributes:
-        positions: (m,) checked joint positions.
-        sighting: the robot's state there.
-        target: as the robot returned it.
-        root: (6, 6) of the measure.
-        before: (m,) the joint velocity before.
-    """
-
-    positions: Array
-    sighting: Sighting
-    target: Any
-    root: Array
-    before: Array
+    positions: Array  # (m,) checked joint positions
+    sighting: Sighting  # the robot's state there
+    target: Any  # as the robot returned it
+    root: Array  # (6, 6) of the measure
+    before: Array  # (m,) the joint velocity before
 
 
 def at_rest(

@@ -33,21 +33,13 @@ if core is not None:
 
 
 class Course(NamedTuple):
-    """A drive as the compiled core takes it.
+    """A drive as the compiled core takes it."""
 
-    Attributes:
-        loop: of the controller.
-        kept: its memory.
-        state: of the drive; the numbers of its `PathState`.
-        numbers: path, plan and pace.
-        rulings: what rules, in words: at each knot of the plan, then RULINGS.
-    """
-
-    loop: Array
-    kept: Array
-    state: Array
-    numbers: Array
-    rulings: tuple[str, ...]
+    loop: Array  # of the controller
+    kept: Array  # its memory
+    state: Array  # of the drive; the numbers of its `PathState`
+    numbers: Array  # path, plan and pace
+    rulings: tuple[str, ...]  # what rules, in words: at each knot of the plan, then RULINGS
 
 
 def course_of(

@@ -49,21 +49,13 @@ HELD = 0.9
 
 
 class Driven(NamedTuple):
-    """A tick along a path.
+    """A tick along a path."""
 
-    Attributes:
-        answer: of the law.
-        state: after the tick.
-        here: where the tool was before it.
-        rate: of the place, negative backward.
-        ruling: what rules it, in words.
-    """
-
-    answer: VelocitySolution
-    state: PathState
-    here: Beside
-    rate: float
-    ruling: str
+    answer: VelocitySolution  # of the law
+    state: PathState  # after the tick
+    here: Beside  # where the tool was before it
+    rate: float  # of the place, negative backward
+    ruling: str  # what rules it, in words
 
 
 def drive(

@@ -60,21 +60,13 @@ CORRECTIONS = 8
 
 
 class Knot(NamedTuple):
-    """The arm at a place of the path.
+    """The arm at a place of the path."""
 
-    Attributes:
-        at: the path's parameter.
-        q: (m,) joint positions.
-        slope: (m,) q', per unit of the path's parameter.
-        off: how far the tool is off the path in what is asked of it, in the measure.
-        ratio: smallest singular value of the measured joint twists over the largest: how far from a singularity.
-    """
-
-    at: float
-    q: Array
-    slope: Array
-    off: float
-    ratio: float
+    at: float  # the path's parameter
+    q: Array  # (m,) joint positions
+    slope: Array  # (m,) q', per unit of the path's parameter
+    off: float  # how far the tool is off the path in what is asked of it, in the measure
+    ratio: float  # smallest singular value of the measured joint twists over the largest: how far from a singularity
 
 
 class KnotFinder:

@@ -29,19 +29,12 @@ ON_TIME, OVERRIDDEN, ASTRAY = "the rate asked for", "the override", "the arm is 
 
 
 class Pace(NamedTuple):
-    """How a path is meant to be driven.
+    """How a path is meant to be driven."""
 
-    Attributes:
-        dt: tick [s].
-        rate: of the path's parameter [1/s]; None is as fast as limits allow.
-        acceleration: along the path, inf where there is no limit.
-        jerk: along the path; None is no limit.
-    """
-
-    dt: float
-    rate: float | None
-    acceleration: float
-    jerk: float | None
+    dt: float  # tick [s]
+    rate: float | None  # of the path's parameter [1/s]; None is as fast as limits allow
+    acceleration: float  # along the path, inf where there is no limit
+    jerk: float | None  # along the path; None is no limit
 
     @classmethod
     def of(cls, dt: float, rate: float | None, acceleration: float | None, jerk: float | None) -> Pace:

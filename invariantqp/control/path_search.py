@@ -19,13 +19,9 @@ KEPT, WORTH, FAR = 3, 20, 1e-3
 
 
 class Held(NamedTuple):
-    """A curve whose ends go on for ever.
+    """A curve whose ends go on for ever."""
 
-    Attributes:
-        curve: between its ends.
-    """
-
-    curve: Curve
+    curve: Curve  # between its ends
 
     @property
     def end(self) -> float:
@@ -43,17 +39,11 @@ class Held(NamedTuple):
 
 
 class Backward(NamedTuple):
-    """A path the other way round, by the distance from a place on it.
+    """A path the other way round, by the distance from a place on it."""
 
-    Attributes:
-        path: forward.
-        end: the distance to its start.
-        place: where to begin.
-    """
-
-    path: Poses
-    end: float
-    place: float
+    path: Poses  # forward
+    end: float  # the distance to its start
+    place: float  # where to begin
 
     def pose(self, at: float) -> Array:
         """(4, 4) the pose at a distance."""

@@ -11,27 +11,16 @@ from invariantqp.geometry.arrays import Array
 
 
 class PathState(NamedTuple):
-    """A drive between two ticks.
+    """A drive between two ticks."""
 
-    Attributes:
-        place: where the tool will be, by the curve's own parameter.
-        speed: along the path, not negative.
-        acceleration: of that.
-        back: whether the path is driven backward.
-        along: (m,) the joint velocity along the path in the tick before.
-        velocity: (m,) and all of it.
-        tangent: (6,) of the path in the middle of that tick; None before the first.
-        ticks: since the tool set out.
-    """
-
-    place: float
-    speed: float
-    acceleration: float
-    back: bool
-    along: Array
-    velocity: Array
-    tangent: Array | None
-    ticks: int
+    place: float  # where the tool will be, by the curve's own parameter
+    speed: float  # along the path, not negative
+    acceleration: float  # of that
+    back: bool  # whether the path is driven backward
+    along: Array  # (m,) the joint velocity along the path in the tick before
+    velocity: Array  # (m,) and all of it
+    tangent: Array | None  # (6,) of the path in the middle of that tick; None before the first
+    ticks: int  # since the tool set out
 
     @classmethod
     def of(cls, numbers: Array) -> PathState:

@@ -26,15 +26,10 @@ ROUNDING = 1e-9
 
 
 class Ramp(NamedTuple):
-    """Limits of the speed along a path.
+    """Limits of the speed along a path."""
 
-    Attributes:
-        acceleration: largest a.
-        jerk: largest |da/dt|.
-    """
-
-    acceleration: float
-    jerk: float
+    acceleration: float  # largest a
+    jerk: float  # largest |da/dt|
 
     def next(
         self,

@@ -19,23 +19,14 @@ from invariantqp.systems.centre import centre
 
 @frozen(eq=False)
 class PoseArm:
-    """An arm in a pose search.
+    """An arm in a pose search."""
 
-    Attributes:
-        robot: the arm.
-        space: its joint limits and whole turns.
-        point: (3,) in the tool frame [length], the arm's own point in the middle of its range.
-        length: the arm's own length there [length].
-        chain: the arm as joint screws, None where the compiled core cannot have it.
-        compiled: the arm as the core takes it, with its own length; None likewise.
-    """
-
-    robot: Robot
-    space: JointSpace
-    point: Array
-    length: float
-    chain: Chain | None
-    compiled: Array | None
+    robot: Robot  # the arm
+    space: JointSpace  # its joint limits and whole turns
+    point: Array  # (3,) in the tool frame [length], the arm's own point in the middle of its range
+    length: float  # the arm's own length there [length]
+    chain: Chain | None  # the arm as joint screws, None where the compiled core cannot have it
+    compiled: Array | None  # the arm as the core takes it, with its own length; None likewise
 
     def measured(self, length: float, point: Array, exact: tuple[Exact, ...] = ()) -> Array | None:
         """The arm as the core takes it, with another length for a radian, another point, and exact demands."""

@@ -30,23 +30,14 @@ DIFFERENCE = 1e-7
 
 
 class Linearization(NamedTuple):
-    """The error in one state of the arm, to first order.
+    """The error in one state of the arm, to first order."""
 
-    Attributes:
-        q: (m,) joint positions.
-        A: (6, m) a joint step x changes r to r - A x.
-        r: (6,) [length].
-        f: half of |r|^2.
-        C: (k, m) rows of the exact demands, or None.
-        b: (k,) what they miss, or None.
-    """
-
-    q: Array
-    A: Array
-    r: Array
-    f: float
-    C: Array | None = None
-    b: Array | None = None
+    q: Array  # (m,) joint positions
+    A: Array  # (6, m) a joint step x changes r to r - A x
+    r: Array  # (6,) [length]
+    f: float  # half of |r|^2
+    C: Array | None = None  # (k, m) rows of the exact demands, or None
+    b: Array | None = None  # (k,) what they miss, or None
 
     @property
     def descent(self) -> Array:
@@ -66,26 +57,16 @@ class Linearization(NamedTuple):
 
 
 class PoseError(NamedTuple):
-    """The measure for one arm and one target.
+    """The measure for one arm and one target."""
 
-    Attributes:
-        robot: the arm.
-        target: as `robot.target` returned it.
-        root: (6, 6) F.
-        point: (3,) c, in the tool frame [length].
-        even: whether W weighs turns about every axis alike; the gradient of f then needs no derivative of the
-            logarithm.
-        exact: demands to be met exactly.
-        compiled: the arm as the compiled core takes it, or None where Python alone has this measure.
-    """
-
-    robot: Robot
-    target: Any
-    root: Array
-    point: Array
+    robot: Robot  # the arm
+    target: Any  # as `robot.target` returned it
+    root: Array  # (6, 6) F
+    point: Array  # (3,) c, in the tool frame [length]
+    # whether W weighs turns about every axis alike; the gradient of f then needs no derivative of the logarithm
     even: bool
-    exact: tuple[Exact, ...] = ()
-    compiled: Array | None = None
+    exact: tuple[Exact, ...] = ()  # demands to be met exactly
+    compiled: Array | None = None  # the arm as the compiled core takes it, or None where Python alone has this measure
 
     @property
     def matrix(self) -> Array:

@@ -61,25 +61,15 @@ _SOLVER = Daqp()
 
 
 class Try(NamedTuple):
-    """Where one try ended.
+    """Where one try ended."""
 
-    Attributes:
-        q: (m,) the last joint positions, the best of the try.
-        f: half of |r|^2 there.
-        unmet: |b| there.
-        merit: f + nu |b| there.
-        steps: Newton steps.
-        met: whether the error went below the goal.
-        at_rest: whether no step would make the error smaller by more than rounding.
-    """
-
-    q: Array
-    f: float
-    unmet: float
-    merit: float
-    steps: int
-    met: bool
-    at_rest: bool
+    q: Array  # (m,) the last joint positions, the best of the try
+    f: float  # half of |r|^2 there
+    unmet: float  # |b| there
+    merit: float  # f + nu |b| there
+    steps: int  # Newton steps
+    met: bool  # whether the error went below the goal
+    at_rest: bool  # whether no step would make the error smaller by more than rounding
 
 
 def descend(

@@ -27,31 +27,18 @@ TYPES = (*MOVING, "fixed", "floating", "planar")
 
 
 class TreeJoint(NamedTuple):
-    """A joint of a tree of links.
+    """A joint of a tree of links."""
 
-    Attributes:
-        name: of the joint.
-        kind: one of `TYPES`.
-        parent: the link that it stands on.
-        child: the link that it moves.
-        origin: (4, 4) its frame in that of the parent link, at zero.
-        axis: (3,) unit vector in its frame.
-        lower: position limit [rad, m], -inf where there is none.
-        upper: likewise, inf.
-        speed: velocity limit [rad/s, m/s], inf where there is none.
-        mimics: the joint that it follows, "" for none.
-    """
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    origin: Array
-    axis: Array
-    lower: float = -inf
-    upper: float = inf
-    speed: float = inf
-    mimics: str = ""
+    name: str  # of the joint
+    kind: str  # one of `TYPES`
+    parent: str  # the link that it stands on
+    child: str  # the link that it moves
+    origin: Array  # (4, 4) its frame in that of the parent link, at zero
+    axis: Array  # (3,) unit vector in its frame
+    lower: float = -inf  # position limit [rad, m], -inf where there is none
+    upper: float = inf  # likewise, inf
+    speed: float = inf  # velocity limit [rad/s, m/s], inf where there is none
+    mimics: str = ""  # the joint that it follows, "" for none
 
 
 def is_text(source: str) -> bool:

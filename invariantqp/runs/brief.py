@@ -18,44 +18,26 @@ from invariantqp.runs.taskfile import LawSpec
 
 
 class Goal(NamedTuple):
-    """What is asked for in a tick.
+    """What is asked for in a tick."""
 
-    Attributes:
-        target: tool pose, as `robot.target` returned it.
-        feedforward: (6,) twist of the target, base frame [rad/s, m/s].
-        time: [s].
-    """
-
-    target: Any
-    feedforward: Array
-    time: float
+    target: Any  # tool pose, as `robot.target` returned it
+    feedforward: Array  # (6,) twist of the target, base frame [rad/s, m/s]
+    time: float  # [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Brief:
-    """What a controller is told.
+    """What a controller is told."""
 
-    Attributes:
-        robot: the arm, with the tool frame that targets are for.
-        law: the [law] table; its points are in that tool frame.
-        time: (n + 1,) [s].
-        poses: (n + 1, 4, 4) tool poses that are asked for.
-        feedforward: (n, 6) their twists, base frame [rad/s, m/s].
-        contact_task: what to do at a contact; None without one.
-        sensor: what is known of the force sensor; None without contact.
-        operator: the person who moves the tool too; None without one.
-        elastic: (m,) joint positions at the start of a path that may be late; None keeps its timing.
-    """
-
-    robot: Robot
-    law: LawSpec
-    time: Array
-    poses: Array
-    feedforward: Array
-    contact_task: HybridTask | None = None
-    sensor: WrenchSensor | None = None
-    operator: OperatorSpec | None = None
-    elastic: Array | None = None
+    robot: Robot  # the arm, with the tool frame that targets are for
+    law: LawSpec  # the [law] table; its points are in that tool frame
+    time: Array  # (n + 1,) [s]
+    poses: Array  # (n + 1, 4, 4) tool poses that are asked for
+    feedforward: Array  # (n, 6) their twists, base frame [rad/s, m/s]
+    contact_task: HybridTask | None = None  # what to do at a contact; None without one
+    sensor: WrenchSensor | None = None  # what is known of the force sensor; None without contact
+    operator: OperatorSpec | None = None  # the person who moves the tool too; None without one
+    elastic: Array | None = None  # (m,) joint positions at the start of a path that may be late; None keeps its timing
 
     def goals(self) -> list[Goal]:
         """What is asked for, tick by tick."""

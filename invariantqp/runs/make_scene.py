@@ -36,21 +36,13 @@ CORNERS = {
 
 
 class _Touched(NamedTuple):
-    """What is touched.
+    """What is touched."""
 
-    Attributes:
-        springs: as it really is.
-        stiffness: (6,) in the contact's frame.
-        contact_at: the contact that the controller believes in, for a tool at a (4, 4) pose.
-        normal: (3,) of the plane in which the path is drawn.
-        surface: as the controller believes it to be; None for a hinge.
-    """
-
-    springs: Springs
-    stiffness: Array
-    contact_at: Callable[[Array], Contact]
-    normal: Array
-    surface: Surface | None
+    springs: Springs  # as it really is
+    stiffness: Array  # (6,) in the contact's frame
+    contact_at: Callable[[Array], Contact]  # the contact that the controller believes in, for a tool at a (4, 4) pose
+    normal: Array  # (3,) of the plane in which the path is drawn
+    surface: Surface | None  # as the controller believes it to be; None for a hinge
 
 
 def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:

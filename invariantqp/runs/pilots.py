@@ -34,17 +34,12 @@ PATH_SAMPLES = 1500
 
 
 class Pilot(ABC):
-    """Steers a plant.
+    """Steers a plant."""
 
-    Attributes:
-        form: how its law measures twists; None where it does not say.
-        wrench: (6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read.
-        done: whether the run may end before its time.
-    """
-
-    form: Form | None = None
+    form: Form | None = None  # how its law measures twists; None where it does not say
+    # (6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read
     wrench: Array = np.zeros(6)
-    done: bool = False
+    done: bool = False  # whether the run may end before its time
 
     @abstractmethod
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:

@@ -24,29 +24,17 @@ from invariantqp.runs.taskfile import LawSpec, Task
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Everything that one run needs.
+    """Everything that one run needs."""
 
-    Attributes:
-        task: with its law as overridden.
-        robot: the arm, with the task's tool frame: the run is judged there.
-        scene: what the tool touches; None where it touches nothing.
-        physics: the name of the plant, "ideal" or "mujoco".
-        plant: the arm at its start; it moves in the run, so a second run needs a second setup.
-        wanted: (n + 1, 4, 4) tool poses that are asked for.
-        noise: (n, m) what the controller's joint positions are off by [rad, m].
-        counted_from: the first tick whose errors count; 0 without contact.
-        brief: what the controller is told.
-    """
-
-    task: Task
-    robot: Robot
-    scene: ContactScene | None
-    physics: str
-    plant: Plant
-    wanted: Array
-    noise: Array
-    counted_from: int
-    brief: Brief
+    task: Task  # with its law as overridden
+    robot: Robot  # the arm, with the task's tool frame: the run is judged there
+    scene: ContactScene | None  # what the tool touches; None where it touches nothing
+    physics: str  # the name of the plant, "ideal" or "mujoco"
+    plant: Plant  # the arm at its start; it moves in the run, so a second run needs a second setup
+    wanted: Array  # (n + 1, 4, 4) tool poses that are asked for
+    noise: Array  # (n, m) what the controller's joint positions are off by [rad, m]
+    counted_from: int  # the first tick whose errors count; 0 without contact
+    brief: Brief  # what the controller is told
 
 
 def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:

@@ -32,19 +32,12 @@ Observer = Callable[[int, PlantState, VelocitySolution], None]
 
 
 class _Record(NamedTuple):
-    """What happened in n ticks.
+    """What happened in n ticks."""
 
-    Attributes:
-        states: n + 1, the plant before the first tick and after each.
-        solutions: n, what the controller answered.
-        tick_ns: (n,) how long that took [ns].
-        read: (n, 6) the wrench that the tool exerts as the controller read it in each tick, base frame.
-    """
-
-    states: list[PlantState]
-    solutions: list[VelocitySolution]
-    tick_ns: Array
-    read: Array
+    states: list[PlantState]  # n + 1, the plant before the first tick and after each
+    solutions: list[VelocitySolution]  # n, what the controller answered
+    tick_ns: Array  # (n,) how long that took [ns]
+    read: Array  # (n, 6) the wrench that the tool exerts as the controller read it in each tick, base frame
 
 
 def run_task(

@@ -34,27 +34,16 @@ DROP_STEPS = 6
 
 @dataclass(frozen=True, eq=False)
 class ContactScene:
-    """What the tool touches, what the controller believes of it, and what it has to do there.
+    """What the tool touches, what the controller believes of it, and what it has to do there."""
 
-    Attributes:
-        kind: of contact, in its own frame.
-        springs: the contact as it really is.
-        simulated_sensor: the force sensor as it really is.
-        task: for the hybrid controller, as it believes the contact to be.
-        sensor: what the controller knows of its force sensor.
-        stiffness: (6,) in the contact's frame, angular first [N m/rad, N/m].
-        normal: (3,) of the plane in which the path is drawn.
-        surface: the surface as the controller believes it to be; None for a hinge.
-    """
-
-    kind: ContactKind
-    springs: Springs
-    simulated_sensor: SimulatedSensor
-    task: HybridTask
-    sensor: WrenchSensor
-    stiffness: Array
-    normal: Array
-    surface: Surface | None
+    kind: ContactKind  # of contact, in its own frame
+    springs: Springs  # the contact as it really is
+    simulated_sensor: SimulatedSensor  # the force sensor as it really is
+    task: HybridTask  # for the hybrid controller, as it believes the contact to be
+    sensor: WrenchSensor  # what the controller knows of its force sensor
+    stiffness: Array  # (6,) in the contact's frame, angular first [N m/rad, N/m]
+    normal: Array  # (3,) of the plane in which the path is drawn
+    surface: Surface | None  # the surface as the controller believes it to be; None for a hinge
 
     def on_surface(self, T: Array) -> Array:
         """A wanted tool pose (4, 4) with its point moved onto the surface, along the plane's normal."""

@@ -102,21 +102,13 @@ def existence(J: ArrayLike, h: float) -> Existence:
 
 
 class _View(NamedTuple):
-    """The system with lengths measured in its own unit, or in |h| where that is longer.
+    """The system with lengths measured in its own unit, or in |h| where that is longer."""
 
-    Attributes:
-        system: the span, in its own unit of length.
-        sizes: (m,) of the columns there.
-        basis: (6, r) orthonormal.
-        form: (6, 6) Q_h.
-        length: the length that counts as 1 in `basis` and `form`.
-    """
-
-    system: Span
-    sizes: Array
-    basis: Array
-    form: Array
-    length: float
+    system: Span  # the span, in its own unit of length
+    sizes: Array  # (m,) of the columns there
+    basis: Array  # (6, r) orthonormal
+    form: Array  # (6, 6) Q_h
+    length: float  # the length that counts as 1 in `basis` and `form`
 
     def unit_twist(self, z: Array) -> Array:
         """The unit twist along z (6,), from the caller's unit of length."""

@@ -35,21 +35,13 @@ LARGEST_CONDITION = 1e-3 / ROUNDING
 
 
 class Factors(NamedTuple):
-    """J^{+h} and how far it can be trusted.
+    """J^{+h} and how far it can be trusted."""
 
-    Attributes:
-        inverse: (m, 6) J^{+h}; meaningless where `exists` is false.
-        condition: ratio of the relative error of J^{+h} to that of the twists, at worst.
-        spread: the same ratio for the joint velocities that make a twist of the system; the form has no part in it.
-        screws: (6, r) basis of the system, mutually h-reciprocal.
-        shares: (r,) condition number of the part of J^{+h} that belongs to each screw.
-    """
-
-    inverse: Array
-    condition: float
-    spread: float
-    screws: Array
-    shares: Array
+    inverse: Array  # (m, 6) J^{+h}; meaningless where `exists` is false
+    condition: float  # ratio of the relative error of J^{+h} to that of the twists, at worst
+    spread: float  # the same ratio for the joint velocities that make a twist of the system; the form has no part in it
+    screws: Array  # (6, r) basis of the system, mutually h-reciprocal
+    shares: Array  # (r,) condition number of the part of J^{+h} that belongs to each screw
 
     @property
     def exists(self) -> bool:

@@ -31,19 +31,12 @@ TINY = float(np.finfo(float).tiny)
 
 @frozen(eq=False, repr=False, slots=False)
 class Span(Compared):
-    """An orthonormal basis of a screw system and the coordinates of the given twists in it.
+    """An orthonormal basis of a screw system and the coordinates of the given twists in it."""
 
-    Attributes:
-        basis: (6, r) U, orthonormal columns, lengths measured in `unit`.
-        singular: (r,) singular values sigma of the scaled twists, descending, all positive.
-        right: (m, r) V, orthonormal columns: the joint directions that move.
-        unit: the length that counts as 1 in `basis`.
-    """
-
-    basis: Array
-    singular: Array
-    right: Array
-    unit: float
+    basis: Array  # (6, r) U, orthonormal columns, lengths measured in `unit`
+    singular: Array  # (r,) singular values sigma of the scaled twists, descending, all positive
+    right: Array  # (m, r) V, orthonormal columns: the joint directions that move
+    unit: float  # the length that counts as 1 in `basis`
 
     @property
     def rank(self) -> int:

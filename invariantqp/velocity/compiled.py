@@ -49,25 +49,15 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
 
 
 class Written(NamedTuple):
-    """Answers to N ticks, written row by row.
+    """Answers to N ticks, written row by row."""
 
-    Attributes:
-        velocity: (N, m).
-        residual: (N, 6).
-        record: (N,) the number of its record, or `PLAIN` or `LEFT`.
-        method: (N,) strings, as in VelocitySolution.
-        status: likewise.
-        numbers: (N, 3) scale, damping, guard.
-        records: (k, r) for `core.solution`.
-    """
-
-    velocity: Array
-    residual: Array
-    record: NDArray[np.int32]
-    method: NDArray[np.str_]
-    status: NDArray[np.str_]
-    numbers: Array
-    records: Array
+    velocity: Array  # (N, m)
+    residual: Array  # (N, 6)
+    record: NDArray[np.int32]  # (N,) the number of its record, or `PLAIN` or `LEFT`
+    method: NDArray[np.str_]  # (N,) strings, as in VelocitySolution
+    status: NDArray[np.str_]  # likewise
+    numbers: Array  # (N, 3) scale, damping, guard
+    records: Array  # (k, r) for `core.solution`
 
     @classmethod
     def empty(cls, n: int, m: int, numbers: int) -> Written:

@@ -160,25 +160,15 @@ def _velocity_of(point: Array) -> Array:
 
 
 class Reduction(NamedTuple):
-    """y = start + a (full - start) + B z, a in [0, 1] the share of the demanded speed.
+    """y = start + a (full - start) + B z, a in [0, 1] the share of the demanded speed."""
 
-    Attributes:
-        full: (m,) y0, the shortest velocity that meets the rows.
-        basis: (m, n) B, orthonormal: the velocities that the rows leave free.
-        effort: joint speed that the demand needs, relative to the least that a demand of its size could need.
-        bend: the same for the demand that needs the most joint speed.
-        unmet: the part of the demand that no velocity can meet here, relative.
-        beyond: the part that no velocity of this arm can meet anywhere, relative.
-        start: (m,) the velocity at share 0, in the span of the rows; zero is standing still.
-    """
-
-    full: Array
-    basis: Array
-    effort: float
-    bend: float
-    unmet: float
-    beyond: float
-    start: Array
+    full: Array  # (m,) y0, the shortest velocity that meets the rows
+    basis: Array  # (m, n) B, orthonormal: the velocities that the rows leave free
+    effort: float  # joint speed that the demand needs, relative to the least that a demand of its size could need
+    bend: float  # the same for the demand that needs the most joint speed
+    unmet: float  # the part of the demand that no velocity can meet here, relative
+    beyond: float  # the part that no velocity of this arm can meet anywhere, relative
+    start: Array  # (m,) the velocity at share 0, in the span of the rows; zero is standing still
 
     def origin(self, share: float) -> Array:
         """(m,) where z = 0."""

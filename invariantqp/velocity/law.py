@@ -26,31 +26,18 @@ Policy: TypeAlias = tuple[float, float, float, float, tuple[float, float, Array]
 
 
 class Demand(NamedTuple):
-    """The input of one tick; already checked.
+    """The input of one tick; already checked."""
 
-    Attributes:
-        J: (6, m) joint twists.
-        s: (6,) wanted twist, in the frame of J.
-        root: (6, 6) root of the measure: the size of a twist is |root s|.
-        lower: (m,) velocity bounds, -inf where there is none.
-        upper: (m,).
-        exact: rows to be met exactly, or None.
-        posture: (m,) joint velocity wanted where the twist leaves joints free, or None for zero.
-        rows: limits on combinations of joint velocities, or None.
-        cone: speed limit of a point, or None.
-        row_rank: how many independent exact rows the arm can keep at best; None is all.
-    """
-
-    J: Array
-    s: Array
-    root: Array
-    lower: Array
-    upper: Array
-    exact: ExactRows | None = None
-    posture: Array | None = None
-    rows: LimitRows | None = None
-    cone: Cone | None = None
-    row_rank: int | None = None
+    J: Array  # (6, m) joint twists
+    s: Array  # (6,) wanted twist, in the frame of J
+    root: Array  # (6, 6) root of the measure: the size of a twist is |root s|
+    lower: Array  # (m,) velocity bounds, -inf where there is none
+    upper: Array  # (m,)
+    exact: ExactRows | None = None  # rows to be met exactly, or None
+    posture: Array | None = None  # (m,) joint velocity wanted where the twist leaves joints free, or None for zero
+    rows: LimitRows | None = None  # limits on combinations of joint velocities, or None
+    cone: Cone | None = None  # speed limit of a point, or None
+    row_rank: int | None = None  # how many independent exact rows the arm can keep at best; None is all
 
     def allows(self, x: Array) -> bool:
         """Whether x is inside all limits: clipping to the box changes no bit, rows and cone hold."""

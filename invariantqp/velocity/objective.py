@@ -30,25 +30,16 @@ NULL_WEIGHT = 1e-8
 
 
 class Objective(NamedTuple):
-    """1/2 |K (z - z*)|^2 in the coordinates of V.
+    """1/2 |K (z - z*)|^2 in the coordinates of V."""
 
-    Attributes:
-        V: (n, n) orthonormal, the directions.
-        weights: (n,) sigma^2 + lambda^2, all positive: how much each direction counts.
-        optimum: (n,) V'z*.
-        damping: the largest lambda on a direction that moves something; 0 where nothing is damped.
-        lost: how much damping adds to the residual: the norm of what the joints could do of b and A z* does not.
-        rank: how many directions, the first of V, move something.
-        ratio: smallest singular value over the largest, among the min(n, 6) that may move something.
-    """
-
-    V: Array
-    weights: Array
-    optimum: Array
-    damping: float = 0.0
+    V: Array  # (n, n) orthonormal, the directions
+    weights: Array  # (n,) sigma^2 + lambda^2, all positive: how much each direction counts
+    optimum: Array  # (n,) V'z*
+    damping: float = 0.0  # the largest lambda on a direction that moves something; 0 where nothing is damped
+    # how much damping adds to the residual: the norm of what the joints could do of b and A z* does not
     lost: float = 0.0
-    rank: int = 0
-    ratio: float = 1.0
+    rank: int = 0  # how many directions, the first of V, move something
+    ratio: float = 1.0  # smallest singular value over the largest, among the min(n, 6) that may move something
 
     def centre(self) -> Array:
         """z*, the optimum where no limit is met."""
@@ -72,19 +63,12 @@ class Objective(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """A = U diag(sigma) V', A (6, n).
+    """A = U diag(sigma) V', A (6, n)."""
 
-    Attributes:
-        U: (6, 6).
-        sigma: (k,) k = min(n, 6).
-        Vt: (n, n).
-        largest: singular value that all are compared with.
-    """
-
-    U: Array
-    sigma: Array
-    Vt: Array
-    largest: float
+    U: Array  # (6, 6)
+    sigma: Array  # (k,) k = min(n, 6)
+    Vt: Array  # (n, n)
+    largest: float  # singular value that all are compared with
 
 
 def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:

@@ -27,15 +27,10 @@ from invariantqp.velocity.stationary import convexified
 
 
 class Left(NamedTuple):
-    """The velocities y = origin + B z that exact rows leave at a share of their speed; every y = z without rows.
+    """The velocities y = origin + B z that exact rows leave at a share of their speed; every y = z without rows."""
 
-    Attributes:
-        basis: (m, n) B, or None without rows.
-        origin: (m,), then (0,).
-    """
-
-    basis: Array | None
-    origin: Array
+    basis: Array | None  # (m, n) B, or None without rows
+    origin: Array  # (m,), then (0,)
 
     def joint(self, z: Array) -> Array:
         """(m,) y of z."""
@@ -65,31 +60,18 @@ EVERY = Left(None, np.empty(0))
 
 
 class Posed(NamedTuple):
-    """The problem of one tick, for any share of the speed.
+    """The problem of one tick, for any share of the speed."""
 
-    Attributes:
-        A: (6, m) measured joint twists on y.
-        wanted: (6,) measured twist.
-        attempt: (6,) measured twist that is attempted, which differs from `wanted` with a form.
-        posture: (m,) y wanted where the twist leaves joints free, or None.
-        reduction: the velocities that meet the exact rows, or None without rows.
-        damping: the policy.
-        spectrum: of A, or of A B where there are exact rows; None for [DS]'s problem made convex.
-        pitch: h of that problem.
-        J: (6, m) joint twists on y, for [DS]'s problem.
-        s: (6,) the twist, likewise.
-    """
-
-    A: Array
-    wanted: Array
-    attempt: Array
-    posture: Array | None
-    reduction: Reduction | None
-    damping: Damping
-    spectrum: Spectrum | None
-    pitch: float
-    J: Array
-    s: Array
+    A: Array  # (6, m) measured joint twists on y
+    wanted: Array  # (6,) measured twist
+    attempt: Array  # (6,) measured twist that is attempted, which differs from `wanted` with a form
+    posture: Array | None  # (m,) y wanted where the twist leaves joints free, or None
+    reduction: Reduction | None  # the velocities that meet the exact rows, or None without rows
+    damping: Damping  # the policy
+    spectrum: Spectrum | None  # of A, or of A B where there are exact rows; None for [DS]'s problem made convex
+    pitch: float  # h of that problem
+    J: Array  # (6, m) joint twists on y, for [DS]'s problem
+    s: Array  # (6,) the twist, likewise
 
     def objective(self, share: float) -> Objective:
         """The objective in z at a share of the speed."""

@@ -36,21 +36,14 @@ INTERIOR = 1e-6
 
 
 class Share(NamedTuple):
-    """The part of the exact rows' speed that the limits allow.
+    """The part of the exact rows' speed that the limits allow."""
 
-    Attributes:
-        value: a in [0, 1].
-        velocity: (m,) a y with that share.
-        held_by: limits (indices of the polytope) that keep it from being larger.
-        fast: whether a tool speed limit does.
-        multipliers: (k,) of the limits; None where none is active. The smallest is 0: on what the rows leave free, the
-            limits that hold them depend on each other, and the next optimum is at all but one.
-    """
-
-    value: float
-    velocity: Array
-    held_by: list[int]
-    fast: bool = False
+    value: float  # a in [0, 1]
+    velocity: Array  # (m,) a y with that share
+    held_by: list[int]  # limits (indices of the polytope) that keep it from being larger
+    fast: bool = False  # whether a tool speed limit does
+    # (k,) of the limits; None where none is active. The smallest is 0: on what the rows leave free, the limits that
+    # hold them depend on each other, and the next optimum is at all but one.
     multipliers: Array | None = None
 
 

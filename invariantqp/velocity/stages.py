@@ -39,27 +39,17 @@ REGULARISATION = 1e-9
 
 
 class Answer(NamedTuple):
-    """A velocity inside the limits, and how it came about.
+    """A velocity inside the limits, and how it came about."""
 
-    Attributes:
-        y: (m,) the velocity, in the joints' own metric.
-        share: of the exact rows' speed.
-        objective: what was minimised last.
-        found: the optimum of the QP, with multipliers (k,) of the polytope on y; None where no limit is met.
-        blended: share of least squares that the guard blended in.
-        troubles: what was not as asked, in words.
-        held_by: the limits that slow the exact rows down, in words.
-        beside: how far limits move the exact rows besides, in words.
-    """
-
-    y: Array
-    share: float
-    objective: Objective
+    y: Array  # (m,) the velocity, in the joints' own metric
+    share: float  # of the exact rows' speed
+    objective: Objective  # what was minimised last
+    # the optimum of the QP, with multipliers (k,) of the polytope on y; None where no limit is met
     found: Optimum | None
-    blended: float
-    troubles: tuple[str, ...]
-    held_by: str
-    beside: str
+    blended: float  # share of least squares that the guard blended in
+    troubles: tuple[str, ...]  # what was not as asked, in words
+    held_by: str  # the limits that slow the exact rows down, in words
+    beside: str  # how far limits move the exact rows besides, in words
 
 
 class Limits(NamedTuple):
@@ -72,31 +62,18 @@ class Limits(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What is left to minimise over: the velocities at the share of the exact rows' speed that the limits allow.
+    """What is left to minimise over: the velocities at the share of the exact rows' speed that the limits allow."""
 
-    Attributes:
-        problem: the tick.
-        share: of the exact rows' speed.
-        left: what the rows leave at that share.
-        polytope: the limits on z at that share.
-        cone: likewise, or None.
-        inside: (n,) a z inside both.
-        held_by: the limits that slow the exact rows down, in words.
-        beside: how far limits move the exact rows besides, in words.
-        troubles: contradictions between limits.
-        near: an optimum with limits that are likely to be active, or None.
-    """
-
-    problem: Posed
-    share: float
-    left: Left
-    polytope: Polytope
-    cone: Cone | None
-    inside: Array
-    held_by: str
-    beside: str
-    troubles: tuple[str, ...]
-    near: Optimum | None
+    problem: Posed  # the tick
+    share: float  # of the exact rows' speed
+    left: Left  # what the rows leave at that share
+    polytope: Polytope  # the limits on z at that share
+    cone: Cone | None  # likewise, or None
+    inside: Array  # (n,) a z inside both
+    held_by: str  # the limits that slow the exact rows down, in words
+    beside: str  # how far limits move the exact rows besides, in words
+    troubles: tuple[str, ...]  # contradictions between limits
+    near: Optimum | None  # an optimum with limits that are likely to be active, or None
 
 
 def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:

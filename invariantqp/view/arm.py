@@ -13,17 +13,11 @@ from invariantqp.robots.kinematics import Robot
 
 
 class ArmShape(NamedTuple):
-    """What to draw of an arm in one state.
+    """What to draw of an arm in one state."""
 
-    Attributes:
-        points: (m + 2, 3) base, joints, tool.
-        axes: (m, 3) unit directions of the joints.
-        tool: (4, 4) pose.
-    """
-
-    points: Array
-    axes: Array
-    tool: Array
+    points: Array  # (m + 2, 3) base, joints, tool
+    axes: Array  # (m, 3) unit directions of the joints
+    tool: Array  # (4, 4) pose
 
 
 def arm_shape(robot: Robot, q: ArrayLike) -> ArmShape:

@@ -31,78 +31,43 @@ FORCE, TRAVEL = VERMILION, GREEN
 
 
 class CurveChart(NamedTuple):
-    """Curves over the frames' times.
+    """Curves over the frames' times."""
 
-    Attributes:
-        title: with its unit.
-        names: of the c curves.
-        values: (c, k).
-        colours: of the curves.
-        levels: heights of horizontal lines, at limits or wanted values.
-        span: ends of the vertical axis; None is what the curves need.
-        log: whether that axis is logarithmic.
-    """
-
-    title: str
-    names: tuple[str, ...]
-    values: Array
-    colours: tuple[str, ...]
-    levels: tuple[float, ...] = ()
-    span: tuple[float, float] | None = None
-    log: bool = False
+    title: str  # with its unit
+    names: tuple[str, ...]  # of the c curves
+    values: Array  # (c, k)
+    colours: tuple[str, ...]  # of the curves
+    levels: tuple[float, ...] = ()  # heights of horizontal lines, at limits or wanted values
+    span: tuple[float, float] | None = None  # ends of the vertical axis; None is what the curves need
+    log: bool = False  # whether that axis is logarithmic
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A run in k frames; lengths in the robot's unit, base frame.
+    """A run in k frames; lengths in the robot's unit, base frame."""
 
-    Attributes:
-        title: the task's name.
-        about: what it is, and how it went.
-        joints: (m) names.
-        slides: (m) whether a joint is prismatic.
-        time: (k,) [s].
-        points: (k, m + 2, 3) base, joints, tool.
-        axes: (k, m, 3) unit directions of the joints.
-        tool: (k, 4, 4) tool poses.
-        screws: (6, m) joint twists at q = 0.
-        home: the arm at q = 0.
-        look: its meshes.
-        wanted: (k, 4, 4) poses that were asked for.
-        q: (k, m) joint positions.
-        limits: (2, m) lower and upper.
-        speed: (k, m) joint velocities, the fastest of the ticks since the frame before.
-        speed_limit: (m,).
-        limit_active: (k) whether a limit was active in one of those ticks.
-        status: (k) of the law, the first of those ticks' that is not "ok".
-        charts: curves to draw.
-        surroundings: what the tool touches.
-        travel: (k, 3) velocity of the tool frame's origin [length/s].
-        force: (k, 3) that the tool exerts [N]; None without contact.
-    """
-
-    title: str
-    about: str
-    joints: tuple[str, ...]
-    slides: list[bool]
-    time: Array
-    points: Array
-    axes: Array
-    tool: Array
-    screws: Array
-    home: ArmShape
-    look: Look
-    wanted: Array
-    q: Array
-    limits: Array
-    speed: Array
-    speed_limit: Array
-    limit_active: list[bool]
-    status: list[str]
-    charts: tuple[CurveChart, ...]
-    surroundings: Surroundings
-    travel: Array
-    force: Array | None = None
+    title: str  # the task's name
+    about: str  # what it is, and how it went
+    joints: tuple[str, ...]  # (m) names
+    slides: list[bool]  # (m) whether a joint is prismatic
+    time: Array  # (k,) [s]
+    points: Array  # (k, m + 2, 3) base, joints, tool
+    axes: Array  # (k, m, 3) unit directions of the joints
+    tool: Array  # (k, 4, 4) tool poses
+    screws: Array  # (6, m) joint twists at q = 0
+    home: ArmShape  # the arm at q = 0
+    look: Look  # its meshes
+    wanted: Array  # (k, 4, 4) poses that were asked for
+    q: Array  # (k, m) joint positions
+    limits: Array  # (2, m) lower and upper
+    speed: Array  # (k, m) joint velocities, the fastest of the ticks since the frame before
+    speed_limit: Array  # (m,)
+    limit_active: list[bool]  # (k) whether a limit was active in one of those ticks
+    status: list[str]  # (k) of the law, the first of those ticks' that is not "ok"
+    charts: tuple[CurveChart, ...]  # curves to draw
+    surroundings: Surroundings  # what the tool touches
+    travel: Array  # (k, 3) velocity of the tool frame's origin [length/s]
+    force: Array | None = None  # (k, 3) that the tool exerts [N]; None without contact
 
     @property
     def centre(self) -> Array:

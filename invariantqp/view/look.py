@@ -30,31 +30,19 @@ GREY = (205, 210, 215)
 
 
 class Part(NamedTuple):
-    """A rigid part of an arm, of one colour.
+    """A rigid part of an arm, of one colour."""
 
-    Attributes:
-        joint: how many of the arm's joints move it.
-        colour: red, green, blue, 0 ... 255.
-        vertices: (n, 3) at q = 0 in the base frame [length].
-        faces: (f, 3) indices of corners, anticlockwise as seen from outside.
-    """
-
-    joint: int
-    colour: tuple[int, int, int]
-    vertices: Array
-    faces: Array
+    joint: int  # how many of the arm's joints move it
+    colour: tuple[int, int, int]  # red, green, blue, 0 ... 255.
+    vertices: Array  # (n, 3) at q = 0 in the base frame [length]
+    faces: Array  # (f, 3) indices of corners, anticlockwise as seen from outside
 
 
 class Look(NamedTuple):
-    """The parts of an arm; none where it can only be drawn by its joints.
+    """The parts of an arm; none where it can only be drawn by its joints."""
 
-    Attributes:
-        parts: in no order.
-        missing: the extra that would draw them, or the mesh that cannot be read; "" if nothing is missing.
-    """
-
-    parts: tuple[Part, ...] = ()
-    missing: str = ""
+    parts: tuple[Part, ...] = ()  # in no order
+    missing: str = ""  # the extra that would draw them, or the mesh that cannot be read; "" if nothing is missing
 
 
 def look_of(task: Task, names: Iterable[str]) -> Look:

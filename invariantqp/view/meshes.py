@@ -31,17 +31,11 @@ FEWEST = 24
 
 
 class Mesh(NamedTuple):
-    """Triangles of one colour.
+    """Triangles of one colour."""
 
-    Attributes:
-        vertices: (n, 3).
-        faces: (f, 3) indices of corners, anticlockwise as seen from outside.
-        colour: red, green, blue, 0 ... 255; None where the file says none.
-    """
-
-    vertices: Array
-    faces: Array
-    colour: tuple[int, int, int] | None
+    vertices: Array  # (n, 3)
+    faces: Array  # (f, 3) indices of corners, anticlockwise as seen from outside
+    colour: tuple[int, int, int] | None  # red, green, blue, 0 ... 255; None where the file says none.
 
 
 def read_meshes(file: Path) -> list[Mesh]:

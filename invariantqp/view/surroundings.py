@@ -24,15 +24,10 @@ ROUND = 1.3
 
 
 class Surroundings(NamedTuple):
-    """What a robot's tool touches.
+    """What a robot's tool touches."""
 
-    Attributes:
-        faces: (p, 4, 3) corners, in order, of what does not move.
-        axis: (2, 3) the ends of the axis of a door; None without one.
-    """
-
-    faces: Array
-    axis: Array | None = None
+    faces: Array  # (p, 4, 3) corners, in order, of what does not move
+    axis: Array | None = None  # (2, 3) the ends of the axis of a door; None without one
 
 
 def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:

@@ -29,17 +29,11 @@ AHEAD = "a target ahead on the path"
 
 
 class Joint(NamedTuple):
-    """A hinge or a slide at q = 0, in the base frame.
+    """A hinge or a slide at q = 0, in the base frame."""
 
-    Attributes:
-        axis: (3,) unit direction.
-        point: (3,) a point of its axis; the origin for a slide [m].
-        slides: whether it is a slide.
-    """
-
-    axis: Array
-    point: Array
-    slides: bool
+    axis: Array  # (3,) unit direction
+    point: Array  # (3,) a point of its axis; the origin for a slide [m]
+    slides: bool  # whether it is a slide
 
 
 def joints_of(robot: Robot) -> list[Joint]:

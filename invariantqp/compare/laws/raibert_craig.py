@@ -27,27 +27,16 @@ from invariantqp.velocity.solution import VelocitySolution
 
 @dataclass
 class RaibertCraig:
-    """Selection-matrix hybrid control of one arm.
+    """Selection-matrix hybrid control of one arm."""
 
-    Attributes:
-        robot: the arm.
-        selection: (6,) diagonal of Sigma, rotations first: 1 for an axis of motion, 0 for an axis of force.
-        axes: (3, 3) the task frame's axes in the base frame, as columns; they may change from tick to tick.
-        wanted: (6,) wrench W_d, in the axes of the task frame.
-        dt: duration of a tick [s].
-        gain: of the tracking error [1/s].
-        compliance: (6,) diagonal of C, twist per wrench.
-        sensor_axes: (3, 3) axes of the sensor frame in the tool frame, as columns.
-    """
-
-    robot: Robot
-    selection: Array
-    axes: Array
-    wanted: Array
-    dt: float
-    gain: float
-    compliance: Array
-    sensor_axes: Array
+    robot: Robot  # the arm
+    selection: Array  # (6,) diagonal of Sigma, rotations first: 1 for an axis of motion, 0 for an axis of force
+    axes: Array  # (3, 3) the task frame's axes in the base frame, as columns; they may change from tick to tick
+    wanted: Array  # (6,) wrench W_d, in the axes of the task frame
+    dt: float  # duration of a tick [s]
+    gain: float  # of the tracking error [1/s]
+    compliance: Array  # (6,) diagonal of C, twist per wrench
+    sensor_axes: Array  # (3, 3) axes of the sensor frame in the tool frame, as columns
 
     def step(
         self, q: ArrayLike, target: Any, wrench: ArrayLike, feedforward: ArrayLike | None = None

@@ -34,15 +34,10 @@ ROUNDS = 3
 
 
 class Saturated(NamedTuple):
-    """The answer.
+    """The answer."""
 
-    Attributes:
-        velocity: (m,) inside the limits.
-        scale: alpha, the part of the twist that it achieves.
-    """
-
-    velocity: Array
-    scale: float
+    velocity: Array  # (m,) inside the limits
+    scale: float  # alpha, the part of the twist that it achieves
 
 
 def saturate(

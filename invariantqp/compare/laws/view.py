@@ -19,19 +19,12 @@ ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
 class ToolView(NamedTuple):
-    """An arm in one state, and how far it is from its target, all in its tool frame, angular part first.
+    """An arm in one state, and how far it is from its target, all in its tool frame, angular part first."""
 
-    Attributes:
-        J: (6, m) joint twists.
-        error: (6,) twist that takes the tool to its target in unit time.
-        ahead: (6,) twist of the target.
-        wanted: (4, 4) pose of the target.
-    """
-
-    J: Array
-    error: Array
-    ahead: Array
-    wanted: Array
+    J: Array  # (6, m) joint twists
+    error: Array  # (6,) twist that takes the tool to its target in unit time
+    ahead: Array  # (6,) twist of the target
+    wanted: Array  # (4, 4) pose of the target
 
 
 Look = Callable[[Array, Any, Any], ToolView]

@@ -17,21 +17,14 @@ COARSER = 10.0
 
 @dataclass(frozen=True)
 class Cell:
-    """One piece of work.
+    """One piece of work."""
 
-    Attributes:
-        kind: the name of a measurement.
-        task: the name or file of a task.
-        methods: names of methods; a single one in most measurements, all of them where they share something.
-        seed: seed of everything that is drawn at random.
-        quick: whether to measure little.
-    """
-
-    kind: str
-    task: str
+    kind: str  # the name of a measurement
+    task: str  # the name or file of a task
+    # names of methods; a single one in most measurements, all of them where they share something
     methods: tuple[str, ...]
-    seed: int = 0
-    quick: bool = False
+    seed: int = 0  # seed of everything that is drawn at random
+    quick: bool = False  # whether to measure little
 
     @property
     def method(self) -> str:
@@ -47,24 +40,18 @@ class Cell:
 
 @dataclass(frozen=True)
 class Kind:
-    """A measurement.
+    """A measurement."""
 
-    Attributes:
-        measure: a cell to {method: result}, for each of the cell's methods that has a result.
-        alone: whether it measures time. Then nothing else runs meanwhile, and one cell has all methods of a task.
-        tasks: the measurement's own tasks; None for the tasks of the sweep.
-        together: whether all methods of a task share a cell though no time is measured, for a shared reference say.
-        fits: whether it is for the method of this name.
-        slow: whether a quick run leaves it out.
-        needs: Python modules that it needs besides those of the methods; the extra `compare` installs them.
-    """
-
+    # a cell to {method: result}, for each of the cell's methods that has a result
     measure: Callable[[Cell], dict[str, Result]]
+    # whether it measures time. Then nothing else runs meanwhile, and one cell has all methods of a task.
     alone: bool = False
-    tasks: tuple[str, ...] | None = None
+    tasks: tuple[str, ...] | None = None  # the measurement's own tasks; None for the tasks of the sweep
+    # whether all methods of a task share a cell though no time is measured, for a shared reference say
     together: bool = False
-    fits: Callable[[str], bool] = lambda _: True
-    slow: bool = False
+    fits: Callable[[str], bool] = lambda _: True  # whether it is for the method of this name
+    slow: bool = False  # whether a quick run leaves it out
+    # Python modules that it needs besides those of the methods; the extra `compare` installs them
     needs: tuple[str, ...] = ()
 
     @property

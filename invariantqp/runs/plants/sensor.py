@@ -13,17 +13,11 @@ from invariantqp.runs.plants.springs import force_at
 
 
 class SimulatedSensor(NamedTuple):
-    """A force sensor and what hangs on it.
+    """A force sensor and what hangs on it."""
 
-    Attributes:
-        mount: (4, 4) pose of the sensor in the tool frame.
-        mass: of the tool beyond the sensor [kg].
-        centre: (3,) centre of that mass in the sensor's frame [m].
-    """
-
-    mount: Array
-    mass: float = 0.0
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mount: Array  # (4, 4) pose of the sensor in the tool frame
+    mass: float = 0.0  # of the tool beyond the sensor [kg]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) centre of that mass in the sensor's frame [m]
 
     def reading(self, T: Array, contact: Array) -> Array:
         """(6,) what it reads with the tool at rest at pose T under a contact wrench: that and weight, in its frame."""

@@ -27,31 +27,19 @@ SolidKind = Literal["plane", "sphere", "capsule", "cylinder", "box"]
 
 
 class Solid(NamedTuple):
-    """A shape at a pose.
+    """A shape at a pose."""
 
-    Attributes:
-        kind: its shape; its axis is z, a plane's normal likewise.
-        size: radius of a sphere; radius and half length; half sides of a box; nothing of a plane [m].
-        pose: (4, 4), of its middle.
-    """
-
-    kind: SolidKind
-    size: tuple[float, ...]
-    pose: Array
+    kind: SolidKind  # its shape; its axis is z, a plane's normal likewise
+    size: tuple[float, ...]  # radius of a sphere; radius and half length; half sides of a box; nothing of a plane [m]
+    pose: Array  # (4, 4), of its middle
 
 
 class Solids(NamedTuple):
-    """What touches.
+    """What touches."""
 
-    Attributes:
-        world: what does not move, in the base frame.
-        tool: what is on the tool, in the tool frame.
-        stiffness: of each of their contact points [N/m].
-    """
-
-    world: tuple[Solid, ...]
-    tool: tuple[Solid, ...]
-    stiffness: float
+    world: tuple[Solid, ...]  # what does not move, in the base frame
+    tool: tuple[Solid, ...]  # what is on the tool, in the tool frame
+    stiffness: float  # of each of their contact points [N/m]
 
 
 def solids_of(springs: SurfaceSprings, T: Array) -> Solids:

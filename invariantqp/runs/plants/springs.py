@@ -23,19 +23,12 @@ ANGLE_STEPS = 3
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSprings:
-    """Points of a tool on a surface that pushes and does not pull.
+    """Points of a tool on a surface that pushes and does not pull."""
 
-    Attributes:
-        shape: the part of the tool that touches.
-        points: (n, 3) in the tool frame [m]: one, the two ends of an edge, or the four corners of a face in order.
-        surface: what they touch.
-        stiffness: of all points together [N/m].
-    """
-
-    shape: Literal["point", "edge", "face"]
-    points: Array
-    surface: Surface
-    stiffness: float
+    shape: Literal["point", "edge", "face"]  # the part of the tool that touches
+    points: Array  # (n, 3) in the tool frame [m]: one, the two ends of an edge, or the four corners of a face in order
+    surface: Surface  # what they touch
+    stiffness: float  # of all points together [N/m]
 
     def wrench(self, T: Array) -> Array:
         """(6,) of the surface on the tool at pose T."""
@@ -50,21 +43,13 @@ class SurfaceSprings:
 
 @dataclass(frozen=True, eq=False)
 class HingeSprings:
-    """A tool that holds the handle of a door, which turns about an axis.
+    """A tool that holds the handle of a door, which turns about an axis."""
 
-    Attributes:
-        points: (n, 3) of the tool frame [m], each tied to the point of the door that it is on at angle 0.
-        home: (4, 4) tool pose at angle 0.
-        screw: (6,) twist of the door, in the base frame.
-        stiffness: of all points together [N/m].
-        shape: "hinge".
-    """
-
-    points: Array
-    home: Array
-    screw: Array
-    stiffness: float
-    shape: Literal["hinge"] = "hinge"
+    points: Array  # (n, 3) of the tool frame [m], each tied to the point of the door that it is on at angle 0
+    home: Array  # (4, 4) tool pose at angle 0
+    screw: Array  # (6,) twist of the door, in the base frame
+    stiffness: float  # of all points together [N/m]
+    shape: Literal["hinge"] = "hinge"  # "hinge"
 
     def handle(self, angle: float) -> Array:
         """(n, 3) where the points of the door are at an angle [rad]."""

@@ -31,31 +31,20 @@ BOUNDLESS = 1e30
 
 
 class BrakingBounds(NamedTuple):
-    """A box that is never empty, and the joints at which the limits contradict each other.
+    """A box that is never empty, and the joints at which the limits contradict each other."""
 
-    Attributes:
-        lower: (m,).
-        upper: (m,).
-        strained: joint and what gave way there, in words.
-    """
-
-    lower: Array
-    upper: Array
-    strained: tuple[tuple[int, str], ...]
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    strained: tuple[tuple[int, str], ...]  # joint and what gave way there, in words
 
 
 @frozen(eq=False, repr=False, slots=False)
 class BrakingBox(Value):
-    """The box of position, velocity and acceleration limits.
+    """The box of position, velocity and acceleration limits."""
 
-    Attributes:
-        box: position and velocity limits.
-        acceleration: (m,) [rad/s^2, length/s^2], positive, inf where there is none.
-        delay: dead time after which a command shows in the measurements [s]: joints are on by so much of their speed.
-    """
-
-    box: JointBox
-    acceleration: Array = field(converter=own)
+    box: JointBox  # position and velocity limits
+    acceleration: Array = field(converter=own)  # (m,) [rad/s^2, length/s^2], positive, inf where there is none
+    # dead time after which a command shows in the measurements [s]: joints are on by so much of their speed
     delay: float = 0.0
 
     def at(self, q: Array, before: Array) -> BrakingBounds:

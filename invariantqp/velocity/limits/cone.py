@@ -34,19 +34,12 @@ MOST_SHARE = 1e8
 
 
 class Cone(NamedTuple):
-    """|start + J x| <= limit.
+    """|start + J x| <= limit."""
 
-    Attributes:
-        J: (3, m).
-        limit: [length/s].
-        start: (3,).
-        program: a solver for second-order cones; None to use the multiplier.
-    """
-
-    J: Array
-    limit: float
-    start: Array
-    program: Cvxpy | None = None
+    J: Array  # (3, m)
+    limit: float  # [length/s]
+    start: Array  # (3,)
+    program: Cvxpy | None = None  # a solver for second-order cones; None to use the multiplier
 
     def velocity(self, x: Array) -> Array:
         """(3,) of the point [length/s]."""

@@ -31,19 +31,12 @@ FASTER = 1e-4
 
 
 class Relaxed(NamedTuple):
-    """Rows after giving way to the box.
+    """Rows after giving way to the box."""
 
-    Attributes:
-        rows: with the limits moved.
-        violation: (k,) by how much, positive above and negative below.
-        held_by: joints whose bounds require it, and the rows that gave way (indices of the polytope on x).
-        inside: (m,) a velocity inside the box and the moved rows.
-    """
-
-    rows: LimitRows
-    violation: Array
-    held_by: list[int]
-    inside: Array
+    rows: LimitRows  # with the limits moved
+    violation: Array  # (k,) by how much, positive above and negative below
+    held_by: list[int]  # joints whose bounds require it, and the rows that gave way (indices of the polytope on x)
+    inside: Array  # (m,) a velocity inside the box and the moved rows
 
 
 def relaxed(rows: LimitRows, lower: Array, upper: Array) -> Relaxed:

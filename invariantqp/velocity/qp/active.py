@@ -23,21 +23,13 @@ DEPENDENT = 1e-12
 
 
 class Face(NamedTuple):
-    """The e with N_a e = b_a.
+    """The e with N_a e = b_a."""
 
-    Attributes:
-        at: (k,) the active limits.
-        above: (k,) whether they are upper ones.
-        Q: (n, k) orthonormal.
-        R: (k, k) upper triangular (what is below the diagonal means nothing), N_a' = Q R.
-        e: (n,) the shortest e.
-    """
-
-    at: Sides
-    above: NDArray[np.bool_]
-    Q: Array
-    R: Array
-    e: Array
+    at: Sides  # (k,) the active limits
+    above: NDArray[np.bool_]  # (k,) whether they are upper ones
+    Q: Array  # (n, k) orthonormal
+    R: Array  # (k, k) upper triangular (what is below the diagonal means nothing), N_a' = Q R
+    e: Array  # (n,) the shortest e
 
     def shortest(self, b: Array) -> Array:
         """(n,) the shortest e with N_a e = b (k,)."""

@@ -18,17 +18,11 @@ ROW_TOLERANCE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Polytope:
-    """lower <= A z <= upper; A = None is the identity.
+    """lower <= A z <= upper; A = None is the identity."""
 
-    Attributes:
-        A: (k, n) or None: the joints of the box first, then the rows.
-        lower: (k,), -inf where there is none.
-        upper: (k,), inf where there is none.
-    """
-
-    A: Array | None
-    lower: Array
-    upper: Array
+    A: Array | None  # (k, n) or None: the joints of the box first, then the rows
+    lower: Array  # (k,), -inf where there is none
+    upper: Array  # (k,), inf where there is none
 
     @cached_property
     def lengths(self) -> Array:

@@ -75,21 +75,13 @@ def weighted(root: Array, wanted: Array) -> Quadratic:
 
 
 class Optimum(NamedTuple):
-    """The minimiser, its multipliers, and how it was found.
+    """The minimiser, its multipliers, and how it was found."""
 
-    Attributes:
-        z: (n,).
-        multipliers: (k,) y, zero where the limit is not active (`active` tells their sign).
-        backend: the solver; "" where none was needed.
-        trouble: what went wrong on the way, "" for nothing.
-        nu: multiplier of the speed limit, where there is one; 0 where it is not active.
-    """
-
-    z: Array
-    multipliers: Array
-    backend: str = ""
-    trouble: str = ""
-    nu: float = 0.0
+    z: Array  # (n,)
+    multipliers: Array  # (k,) y, zero where the limit is not active (`active` tells their sign)
+    backend: str = ""  # the solver; "" where none was needed
+    trouble: str = ""  # what went wrong on the way, "" for nothing
+    nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
 
 
 def minimise(

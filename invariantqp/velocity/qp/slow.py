@@ -25,17 +25,11 @@ ROUNDING = 1e-9
 
 
 class Slower(NamedTuple):
-    """The optimum on a face.
+    """The optimum on a face."""
 
-    Attributes:
-        e: (n,).
-        pull: (n,) the gradient e + nu M'v there.
-        nu: the multiplier; 0 where the speed limit is not met, the largest one where the whole face is too fast.
-    """
-
-    e: Array
-    pull: Array
-    nu: float
+    e: Array  # (n,)
+    pull: Array  # (n,) the gradient e + nu M'v there
+    nu: float  # the multiplier; 0 where the speed limit is not met, the largest one where the whole face is too fast
 
 
 class Slow(NamedTuple):
