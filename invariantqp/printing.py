@@ -174,37 +174,27 @@ def print_not_installed(missing: dict[str, list[str]]) -> None:
 
 def print_stability(outcomes: list[StabilityOutcome]) -> None:
     """A table of how each law did in each difficult case, with failures in red."""
-    columns = (
-        "case",
-        "law",
-        "finite",
-        "inside limits",
-        "peak/limit",
-        "largest mm",
-        "deg",
-        "last mm",
-        "deg",
-        "tail rad/s",
-        "chatter",
-        "raised",
-    )
-    table = Table(*columns, box=None)
+    table = Table(box=None)
     before = ""
     for run in outcomes:
-        table.add_row(
-            "" if run.case == before else escape(run.case),
-            escape(run.law),
-            "yes" if run.finite else f"[red]no: {run.not_finite}[/red]",
-            "yes" if run.inside else f"[red]{run.excess:.1e}[/red]",
-            f"{run.peak:.3f}",
-            f"{run.largest_mm:.3g}",
-            f"{run.largest_deg:.3g}",
-            f"{run.error_mm:.3g}",
-            f"{run.error_deg:.3g}",
-            f"{run.tail:.1e}",
-            f"{run.chatter:.2f}",
-            f"{run.exceptions}" if run.exceptions else "",
+        row = (
+            ("case", "" if run.case == before else escape(run.case)),
+            ("law", escape(run.law)),
+            ("finite", "yes" if run.finite else f"[red]no: {run.not_finite}[/red]"),
+            ("inside limits", "yes" if run.inside else f"[red]{run.excess:.1e}[/red]"),
+            ("peak/limit", f"{run.peak:.3f}"),
+            ("largest mm", f"{run.largest_mm:.3g}"),
+            ("deg", f"{run.largest_deg:.3g}"),
+            ("last mm", f"{run.error_mm:.3g}"),
+            ("deg", f"{run.error_deg:.3g}"),
+            ("tail rad/s", f"{run.tail:.1e}"),
+            ("chatter", f"{run.chatter:.2f}"),
+            ("raised", f"{run.exceptions}" if run.exceptions else ""),
         )
+        if not table.columns:
+            for heading, _ in row:
+                table.add_column(heading)
+        table.add_row(*(cell for _, cell in row))
         before = run.case
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)

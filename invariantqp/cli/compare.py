@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -53,16 +53,10 @@ def compare(
     and inside the limits, 1 if not.
     """
     if stability:
-        _refuse_beside_stability(
-            {
-                "TASK": tasks,
-                "--methods": methods,
-                "--only": only,
-                "--against": against,
-                "--quick": quick,
-                "--seed": seed,
-            }
-        )
+        ignored = {"TASK": tasks, "--methods": methods, "--only": only, "--against": against, "--seed": seed}
+        for option, value in (ignored | {"--quick": quick}).items():
+            if value:
+                raise BadInput(option, "--stability too", "one of them: --stability has its own tasks and laws")
         _compare_stability(json_file, quiet)
         return
     require("pictures", "matplotlib", "jinja2")
@@ -86,25 +80,11 @@ def compare(
     folder("--out", out)
     with progress("measuring", quiet) as report:
         results = sweep(
-            tasks or DEFAULT_TASKS,
-            methods,
-            out,
-            seed=seed,
-            quick=quick,
-            jobs=jobs,
-            only=kinds,
-            progress=report,
+            tasks or DEFAULT_TASKS, methods, out, seed=seed, quick=quick, jobs=jobs, only=kinds, progress=report
         )
     files = write_report(results, out)
     if not quiet:
         print_comparison(results, files, None if other is None else rank_agreement(results, other))
-
-
-def _refuse_beside_stability(options: dict[str, Any]) -> None:
-    """Refuse options that --stability would ignore."""
-    given = [name for name, value in options.items() if value]
-    if given:
-        raise BadInput(given[0], "--stability too", "one of them: --stability has its own tasks and laws")
 
 
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:

@@ -76,25 +76,20 @@ def normal_form(dimension: int, name: str, moduli: tuple[float, ...]) -> Array:
     return np.array(_TWISTS[dimension, name](*moduli), dtype=np.float64).T
 
 
+def _pitch(s: Parts) -> float:
+    return float(s.W[:, 0].dot(s.V[:, 0]))
+
+
 def _axes(x: Array, y: Array | None = None) -> Array:
     """Axes as rows from the first and the second; some second one where the system has none."""
     y = across(x)[0] if y is None else y
     return np.array((x, y, cross(x, y)))
 
 
-def _one_screw(s: Parts) -> Frame:
-    w, v = s.W[:, 0], s.V[:, 0]
-    return Frame((float(w.dot(v)),), (), _axes(w), cross(w, v))
-
-
-def _one_translation(s: Parts) -> Frame:
-    return Frame((), (), _axes(s.N[:, 0]), np.zeros(3))
-
-
 def _two_screws(s: Parts) -> Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)  # the axes of the principal screws meet at right angles in the origin
-    return Frame(_pitches(s), (), R, R.T.dot((m[2, 1], -m[2, 0], 0.5 * (m[1, 0] - m[0, 1]))))
+    return Frame(tuple(s.pitches.tolist()), (), R, R.T.dot((m[2, 1], -m[2, 0], 0.5 * (m[1, 0] - m[0, 1]))))
 
 
 def _screw_and_translation(s: Parts) -> Frame:
@@ -111,18 +106,14 @@ def _screw_and_translation(s: Parts) -> Frame:
 def _screw_across_translation(s: Parts) -> Frame:
     w, v = s.W[:, 0], s.V[:, 0]
     y = s.N[:, 0] - w * w.dot(s.N[:, 0])
-    return Frame((float(w.dot(v)),), (), _axes(w, y / np.linalg.norm(y)), cross(w, v))
-
-
-def _two_translations(s: Parts) -> Frame:
-    return Frame((), (), _axes(s.N[:, 0], s.N[:, 1]), np.zeros(3))
+    return Frame((_pitch(s),), (), _axes(w, y / np.linalg.norm(y)), cross(w, v))
 
 
 def _three_screws(s: Parts) -> Frame:
     R = s.W.T * np.array([[1.0], [1.0], [np.sign(np.linalg.det(s.W))]])
     M = s.V.dot(s.W.T)  # v = M omega: symmetric about the origin, so the skew part is where it lies
     a = 0.5 * np.array((M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]))
-    return Frame(_pitches(s), (), R, a)
+    return Frame(tuple(s.pitches.tolist()), (), R, a)
 
 
 def _plane_and_translation(s: Parts) -> Frame:
@@ -143,7 +134,7 @@ def _plane_and_translation(s: Parts) -> Frame:
 def _plane_across_translation(s: Parts) -> Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)
-    return Frame(_pitches(s), (), R, R[2] * (0.5 * (m[1, 0] - m[0, 1])))
+    return Frame(tuple(s.pitches.tolist()), (), R, R[2] * (0.5 * (m[1, 0] - m[0, 1])))
 
 
 def _screw_and_plane(s: Parts) -> Frame:
@@ -161,30 +152,19 @@ def _screw_and_plane(s: Parts) -> Frame:
     return Frame((), (float(R[2].dot(n)) / along,), R, cross(w, v - n * (w.dot(v) / along)))
 
 
-def _screw_across_plane(s: Parts) -> Frame:
-    w = s.W[:, 0]
-    return Frame((float(w.dot(s.V[:, 0])),), (), _axes(w), np.zeros(3))
-
-
-def _all_translations(_s: Parts) -> Frame:
-    return Frame((), (), np.eye(3), np.zeros(3))
-
-
-def _pitches(s: Parts) -> tuple[float, ...]:
-    return tuple(s.pitches.tolist())
-
-
+# Where translations move every axis, or there is none.
+ANYWHERE = np.zeros(3)
 FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
-    (1, "h"): _one_screw,
-    (1, "h=inf"): _one_translation,
+    (1, "h"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
+    (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), ANYWHERE),
     **dict.fromkeys([(2, "IA"), (2, "IIA")], _two_screws),
     (2, "IB"): _screw_and_translation,
     (2, "IIB"): _screw_across_translation,
-    (2, "IIC"): _two_translations,
+    (2, "IIC"): lambda s: Frame((), (), _axes(s.N[:, 0], s.N[:, 1]), ANYWHERE),
     **dict.fromkeys([(3, "IA1"), (3, "IA2"), (3, "IIA")], _three_screws),
     (3, "IB0"): _plane_and_translation,
     **dict.fromkeys([(3, "IB3"), (3, "IIB")], _plane_across_translation),
     (3, "IC"): _screw_and_plane,
-    (3, "IIC"): _screw_across_plane,
-    (3, "IID"): _all_translations,
+    (3, "IIC"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), ANYWHERE),
+    (3, "IID"): lambda _: Frame((), (), np.eye(3), ANYWHERE),
 }
