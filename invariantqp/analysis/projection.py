@@ -46,13 +46,9 @@ def projector_norm(U: Array, inverse_root: Array, h: float) -> float:
 
 
 def unseen(U: Array, inverse_root: Array, pitches: tuple[float, ...], bound: float) -> Array:
-    """(6, b) twists of the arm that no pitch sees: |U'M s| is below |M| |s| / bound for each of them.
+    """(6, b) twists of the arm that none of the pitches sees: |U'M s| is below |M| |s| / bound for each of them.
 
-    Args:
-        U: (6, k) what the joints can do, orthonormal in the measure.
-        inverse_root: (6, 6) of the measure's root.
-        pitches: those tried.
-        bound: the largest |P_h| that serves.
+    U (6, k) is what the joints can do, orthonormal in the measure; `bound` the largest |P_h| that serves.
     """
     seen = np.vstack([_on_arm(U, inverse_root, h).dot(U) for h in pitches])
     _, size, directions = np.linalg.svd(seen)

@@ -36,12 +36,9 @@ class Convergence(NamedTuple):
     expected: float = nan  # predicted size of the error after the last tick; NaN before the first
 
     def followed(self, error: Array, change: Array, slowness: float) -> Convergence:
-        """After another tick.
+        """After a tick with an error (6,) in the measure, and its change (6,) predicted by the velocity commanded.
 
-        Args:
-            error: (6,) in the measure.
-            change: (6,) its predicted change until the next tick, by the velocity commanded.
-            slowness: 1 / |change| of a tick at full speed.
+        `slowness` is 1 / |change| of a tick at full speed.
         """
         share, size = 1.0 / MEMORY, norm(error)
         promised, achieved, speed, before, ticks, expected = self

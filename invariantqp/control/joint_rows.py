@@ -45,13 +45,7 @@ class TickRows(NamedTuple):
 
 
 def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[PinkLimit], dt: float) -> JointRows | None:
-    """The row limits of a loop, None where it has none; whatever can be checked before the first tick is checked.
-
-    Args:
-        robot: the arm.
-        rows: the user's own.
-        limits: objects with `compute_qp_inequalities(configuration, dt)`, as Pink's are.
-        dt: tick [s].
+    """The row limits of a loop, the user's and Pink's, None where it has none; checked as far as it can be now.
 
     Raises:
         BadInput: neither rows nor a function; a limit that has no inequalities; a robot without a Pinocchio model.

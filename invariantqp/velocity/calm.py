@@ -32,15 +32,9 @@ QUIET_SHARE = 1e-9
 
 
 def calm(A: Array, wanted: Array, achieved: Array, speed: float, dt: float, factor: float) -> float:
-    """mu >= 0.
+    """mu >= 0 for measured joint twists A (6, n), the measured twist (6,) and A x (6,), in a tick of dt [s].
 
-    Args:
-        A: (6, n) measured joint twists.
-        wanted: (6,) measured twist.
-        achieved: (6,) A x.
-        speed: |x| without its part that moves nothing.
-        dt: tick [s].
-        factor: in place of CALM.
+    `speed` is |x| without its part that moves nothing; `factor` stands in place of CALM.
     """
     size = sqrt(float(np.vdot(A, A)))
     error = norm(wanted - achieved) + excess_deviation(A, wanted, speed, dt)

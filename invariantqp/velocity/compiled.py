@@ -164,18 +164,7 @@ def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType
 
 
 def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
-    """`minimise_in_cone`, by the core where it can.
-
-    Args:
-        backend: the solver that Python asks.
-        problem: what is minimised.
-        limits: on z.
-        cone: likewise, or None.
-        inside: (n,) a z inside both.
-
-    Raises:
-        SolverFailure: as `minimise_in_cone`.
-    """
+    """`minimise_in_cone` without a guess, by the core where it can; it raises the same."""
     found = None
     if core is not None and type(backend) is Daqp and (cone is None or (cone.program is None and cone.J.any())):
         slow = None if cone is None else (cone.J, cone.limit, cone.start)

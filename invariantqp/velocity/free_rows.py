@@ -33,12 +33,7 @@ def free_rows(
 ) -> tuple[Mask, Array]:
     """Which rows are solved (N,), and their velocities (N, m); zero elsewhere.
 
-    Args:
-        law: what all rows share.
-        A: (N, 6, m) measured joint twists.
-        b: (N, 6) measured twists.
-        box: lower and upper bounds, (N, m) each.
-        posture: (N, m) or None.
+    In the measure: joint twists A (N, 6, m), twists b (N, 6); lower and upper bounds and the posture, (N, m) each.
     """
     n, _, m = A.shape
     done, x = np.zeros(n, dtype=bool), np.zeros((n, m))

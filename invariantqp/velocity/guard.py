@@ -57,15 +57,9 @@ class Guard(Value):
 
 
 def blend(A: Array, b: Array, mu: float, x_f: Array, x_W: Array, fraction: float) -> float:
-    """The smallest t in [0, 1] at which (1 - t) x_f + t x_W decreases the error enough.
+    """The smallest t in [0, 1] at which (1 - t) x_f + t x_W decreases the error enough; eta is the fraction.
 
-    Args:
-        A: (6, m) measured joint twists.
-        b: (6,) measured twist wanted.
-        mu: weight of |x|^2, from `calm`.
-        x_f: (m,) the form's velocity.
-        x_W: (m,) the least-squares velocity.
-        fraction: eta.
+    A (6, m) and b (6,) are the joint twists and the wanted twist in the measure, mu is from `calm`.
     """
     best, have = _decrease(A, b, mu, x_W), _decrease(A, b, mu, x_f)
     # With exact rows even x_W may increase the error; it may then be exceeded by (1 - eta) of that increase.

@@ -72,11 +72,9 @@ class Spectrum(NamedTuple):
 
 
 def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:
-    """The spectrum of A (6, n).
+    """The spectrum of the free directions' measured twists A (6, n).
 
-    Args:
-        A: measured twists of the free directions.
-        largest: with exact rows, the largest singular value of all joints; None is the largest of A.
+    With exact rows `largest` is the largest singular value of all joints; None is the largest of A.
     """
     if A.shape[1] == 0:
         return Spectrum(np.eye(6), np.empty(0), np.empty((0, 0)), largest or 0.0)

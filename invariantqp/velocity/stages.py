@@ -176,11 +176,8 @@ def unkept(reduction: Reduction | None) -> str:
 def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array | None, share: Share) -> str:
     """How far a motion that limits require takes each exact row off its share of the speed, "" where it does not.
 
-    Args:
-        rows: on x = T y.
-        reduction: of the rows on y, counted from the velocity that moves them least.
-        to_joint: (m, m) T; None is the identity.
-        share: what the limits allow.
+    The rows are on x = T y, T (m, m) `to_joint` or the identity; their reduction is on y, counted from the velocity
+    that moves them least.
     """
     if rows is None or reduction is None or share.value == 1.0 or not reduction.start.any():
         return ""

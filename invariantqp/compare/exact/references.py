@@ -34,13 +34,9 @@ TIE = 1e-14
 
 
 def reference(problem: str, question: Question, setting: Setting, *, limited: bool) -> Array:
-    """The exact answer (m,) to a question.
+    """The exact answer (m,) to a question without posture and exact rows, for a problem as `Method.problem` names it.
 
-    Args:
-        problem: which problem, as `Method.problem` names it.
-        question: J, s and the bounds, all of them finite; without posture and exact rows.
-        setting: gives what the problem depends on besides.
-        limited: whether limits are met; a method that clips then answers for the same problem inside the limits.
+    Bounds are finite. Where limits are met, `limited`, a method that clips answers for the problem inside the limits.
 
     Raises:
         NoReference: the problem has no unique answer in this state.
