@@ -6,6 +6,7 @@ Six plain numbers do not tell. Read the wrong way round, a press of 5 N is one o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -101,8 +102,8 @@ def wanted_of(wrench: Any, argument: str = "wrench") -> Array:
     Raises:
         BadInput: NaN, shapes; whether six numbers are parts or a wrench, and in which order, is not said.
     """
-    if isinstance(wrench, (int, float)):
-        raise BadInput(argument, excerpt(wrench), f"[{wrench}]: a list, one number a constraint of the contact")
+    if isinstance(wrench, Real):
+        raise BadInput(argument, excerpt(wrench), "a list, one number a constraint of the contact, such as [5.0]")
     if _are_numbers(wrench):
         parts = arrays.vector(wrench, None, argument)
         if len(parts) == 6:
