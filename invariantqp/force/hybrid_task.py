@@ -148,7 +148,7 @@ class HybridTask(Value):
             size: over what length the contact spreads, which weighs moments against forces [length].
             normal_within: corrects the told normal by how the tool moves along the surface, by this angle at most
                 [rad], up to pi/4; None trusts the told one. Friction does not disturb it. One press only.
-            lost_below: press [N] below which the contact is lost; None is a tenth of the wanted one, 0 is never.
+            lost_below: press [N] below which contact is lost; None is a tenth of the wanted one, 0 is never once felt.
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
                 it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".

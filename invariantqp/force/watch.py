@@ -81,7 +81,9 @@ class Watch(NamedTuple):
         if self.status:
             return self
         press, wanted = (0.0, 0.0) if felt.press is None else felt.press
-        limit = 0.0 if felt.press is None else loss_limit(task.lost_below, wanted, felt.noise)
+        never_felt = self.touch.airborne == inf  # what was never felt cannot be kept either
+        least = None if never_felt and task.lost_below == 0.0 else task.lost_below
+        limit = 0.0 if felt.press is None else loss_limit(least, wanted, felt.noise)
         noise = self._noisier(felt, limit)
         health = self.health.after(felt.reading, felt.press, limit, felt.noise, dt)
         touch = self.touch.after(press, limit, felt.noise, dt)

@@ -108,6 +108,15 @@ def test_no_threshold_no_loss_and_thresholds_of_ones_own(panda):
     assert {s.status for s in fed(panda, [AIR] * 30, task=hinge)[0]} == {"ok"}  # held from both sides
 
 
+def test_what_is_never_lost_is_approached_as_gently(panda):
+    """With the gain of a soft contact, taken for one in the air, 5 N swung by 1.7 N, "ok"."""
+    bench = Bench(panda, READY, pen(lost_below=0.0), stiffness=2e4, depth=-2e-3)
+    solutions = bench.run(500)
+    assert solutions[0].status == "lost"
+    assert max(s.intensities[0] for s in solutions) < 5.5
+    assert [s.intensities[0] for s in solutions[-100:]] == pytest.approx([5.0] * 100, abs=0.1)
+
+
 @pytest.mark.parametrize(("on_overload", "speed"), [("hold", 0.0), ("retreat", 0.02)])
 def test_an_overload_is_said_at_once_and_stays_until_reset(panda, on_overload, speed):
     presses = [TOUCH] * 3 + [HARD] + [TOUCH] * 3
