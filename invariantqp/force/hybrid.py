@@ -286,8 +286,9 @@ class HybridController:
                 return regulation.waiting(felt.way)
             regulation = regulation.felt(felt.press, felt.way, felt.noise, self.loop.dt, late, watch.touch, felt.came)
         elif not watch.status:
-            parts = split.unit[0].dot(raw)
-            regulation = regulation.swung(parts, self._ways.shown(len(parts)), self.loop.dt, late[0])
+            parts, told = split.unit[0].dot(raw), self.task.stiffness is not None
+            held, ways = self.task.adapts and not split.kind.presses, self._ways.shown(len(parts))
+            regulation = regulation.swung(parts, ways, self.loop.dt, late[0], held=held, told=told)
         rests = hypot(*felt.way[1:].tolist()) <= SLOW_SHARE * self.task.approach_speed * self.loop.dt
         return regulation.slower() if self.task.adapts and watch.settling.unstable(rests=rests) else regulation
 

@@ -118,7 +118,7 @@ def gains_of(
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))
     k = regulation.known(task.stiffness) if task.adapts else task.stiffness
-    answer = regulation.swing.most if k is None else split.compliance * k
+    answer = regulation.shown(split.compliance, k)
     rate = factor * answer if answer > 0.0 and (press is None or touch.touching) else None
     return Gains(factor, rate, gentle, most, kept, factor * trembles)
 

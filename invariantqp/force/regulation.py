@@ -6,9 +6,10 @@ On a contact of stiffness k the loop is a first-order lag of rate c k, stable wi
 rate is at most RATE, and a quarter of 1 / (dt + delay + time constant of the low-pass), from which on no overshoot is
 visible. Until the stiffness is known it is supposed: at least the rise of the press over the way into the surface, and
 softer and softer until the press is felt. Where there is not one press, all constraints together show how stiff it is
-at least. A normal told wrong moves the surface at constant speed, and the integral leaves no error of that. Critical
-damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there is no integral,
-since a too fast one oscillates.
+at least; against what is held, a hinge or a peg, the law grows faster until they do, since an arm in series leaves less
+of a stiffness than was told. A normal told wrong moves the surface at constant speed, and the integral leaves no error
+of that. Critical damping is T_i = 4 / (c k); T_i = 6 / (c k) lets less of the sensor's noise through. Without k there
+is no integral, since a too fast one oscillates.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ USUAL = 2e4
 # How much faster the law may be against all constraints together: a third of the rate from which on it would swing for
 # ever. What a swing shows is the most that any share of the delay makes of it (MuJoCo: 2e5 N/m of 1e5).
 SWINGS = 2.0
+# What an arm in series may leave of a stiffness that was told of a thing that is held.
+LEAST_LEFT = SHARE
 # How much more a delay counts at the touch than a low-pass, which raw readings of an overload do not wait for.
 DELAYED = 0.5
 # No contact is supposed to be softer [N/m].
@@ -73,6 +76,7 @@ class Regulation(NamedTuple):
         reached: whether a good share of the press has been felt since the touch.
         unread: (4,) way since the last reading that was a new one.
         swing: what all constraints together show, where there is not one press.
+        left: share of the stiffness told or supposed that the gain is for.
     """
 
     estimate: StiffnessEstimate = StiffnessEstimate()
@@ -84,6 +88,7 @@ class Regulation(NamedTuple):
     reached: bool = False
     unread: Array = np.zeros(4)
     swing: ConstraintStiffness = ConstraintStiffness()
+    left: float = 1.0
 
     @property
     def share(self) -> float:
@@ -99,7 +104,15 @@ class Regulation(NamedTuple):
 
         Where all constraints together have shown a larger stiffness, it is for that, and SWINGS times as fast.
         """
-        return self.rate(late) / max(compliance * (self.known(stiffness) or self.supposed), self.swing.most / SWINGS)
+        k = self.known(stiffness) or self.supposed
+        return self.rate(late) / max(compliance * self.left * k, self.swing.most / SWINGS)
+
+    def shown(self, compliance: float, stiffness: float | None) -> float:
+        """c k [1/s] that the integral is for: what is known, or a swing has shown; 0 for neither.
+
+        Where the gain is for less than was told, the integral is at most SWINGS times as fast, as after a swing.
+        """
+        return max(self.swing.most, min(1.0, SWINGS * self.left) * compliance * (stiffness or 0.0))
 
     def approach_speed(self, press: float, stiffness: float | None, late: float, delay: float, more: float) -> float:
         """The speed [length/s] from which a touch presses by less than `press`, at the assumed stiffness.
@@ -176,7 +189,9 @@ class Regulation(NamedTuple):
             k = presses.stiffness(noise)
             if k is not None:  # and stays until contact is lost
                 estimate = StiffnessEstimate(k, True, inf)
-        now = self._replace(estimate=estimate, presses=presses, unread=np.zeros(4), swing=ConstraintStiffness())
+        now = self._replace(
+            estimate=estimate, presses=presses, unread=np.zeros(4), swing=ConstraintStiffness(), left=1.0
+        )
         if not estimate.fresh:
             rise = self.rise.after(press, way, noise, touch, (delay + more) / dt, known=estimate.value is not None)
             now = now._replace(rise=rise)
@@ -186,9 +201,19 @@ class Regulation(NamedTuple):
         softer = 1.0 if reached else exp(-dt * rate / SOFTENING)
         return now._replace(supposed=max(softer * self.supposed, now.rise.least, SOFTEST), reached=reached)
 
-    def swung(self, wrench: Array, moved: Array, dt: float, late: float) -> Regulation:
-        """The same after one more reading of a contact without a press or with several; see `ConstraintStiffness`."""
-        return self._replace(swing=self.swing.after(wrench, moved, dt, late)) if len(wrench) else self
+    def swung(
+        self, wrench: Array, moved: Array, dt: float, late: float, *, held: bool = False, told: bool = False
+    ) -> Regulation:
+        """The same after one more reading of a contact without a press or with several; see `ConstraintStiffness`.
+
+        Where a thing is `held`, the law grows faster, until it swings or is for LEAST_LEFT: what a hinge that is told
+        wrong builds up is larger than the noise. Of a stiffness that is not `told`, until it is SWINGS times as fast.
+        """
+        if not len(wrench):
+            return self
+        least = (LEAST_LEFT if told else 1.0 / SWINGS) if held else 1.0
+        left = max(least, exp(-dt * self.rate(late) / SOFTENING) * self.left)
+        return self._replace(swing=self.swing.after(wrench, moved, dt, late), left=left)
 
     def after(self, error: Array, rate: float | None, dt: float, share: float) -> Regulation:
         """The integral after a tick.

@@ -1,6 +1,7 @@
 """Stiff hinges, screws and corners whose stiffness nobody told: the swing is found from all constraints at once."""
 
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,33 @@ def test_a_stiff_hinge_told_wrong_is_followed_as_quickly_as_it_does_not_swing(st
     said, forces, _ = run(robot, PANDA, scene, 2.5, delay=delay)
     assert {status for status, _ in said} == {"ok"}
     assert max(forces) < most
+
+
+def test_a_stiff_hinge_that_is_told_wrong_presses_little_where_its_stiffness_is_told():
+    """Told 10 mm off, 1e5 N/m told, 14 ms late: for all of that stiffness the law let 8 N build up, untold 3.6 N."""
+    robot = iq.load_robot("panda")
+    start = robot.pose(PANDA)
+    x, z, post = start[:3, 0], -start[:3, 2], start[:3, 3] + 0.3 * start[:3, 1]
+    hinge, told = iq.revolute(z, post), iq.contacts.hinge(post + 0.01 * x, z)
+    scene = SHARED["grip"](start, hinge, lambda _: told, SHARED["along"](start, 0.3 * hinge), stiffness=1e5)
+    said, forces, _ = run(robot, PANDA, replace(scene, options={"stiffness": 1e5}), 1.0, delay=0.014)
+    assert {status for status, _ in said} == {"ok"}
+    assert max(forces) < 2.0
+
+
+@pytest.mark.parametrize(("told", "left"), [(True, 1.0 / 6.0), (False, 0.5)])
+def test_the_law_against_what_is_held_grows_faster_until_it_swings(told, left):
+    still, ways, stiffness = np.zeros(5), np.zeros((1, 5)), 1e6 if told else None
+    law, rates = Regulation(), []
+    for _ in range(300):
+        law = law.swung(still, ways, DT, 0.02, held=True, told=told)
+        rates.append(law.factor(1e-3, stiffness, 0.02))
+    assert (np.diff(rates) >= 0.0).all()
+    assert rates[-1] == pytest.approx(Regulation().factor(1e-3, stiffness, 0.02) / left)
+    swung = law._replace(swing=law.swing._replace(most=1e3))  # 1e6 N/m
+    assert swung.factor(1e-3, stiffness, 0.02) * 1e3 == pytest.approx(2.0 * law.rate(0.02))
+    pressed = law.felt((0.0, 1.0), np.zeros(4), 0.1, DT, (0.01, 0.0, 0.0), Touch())
+    assert (pressed.left, Regulation().swung(still, ways, DT, 0.02).left) == (1.0, 1.0)
 
 
 def test_five_joints_wind_up_no_integral_against_a_screw_that_they_cannot_follow():
