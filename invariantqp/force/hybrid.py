@@ -210,7 +210,7 @@ class HybridController:
         trembles = trembling(
             loop, sighting.J, A.dot(split.admittance), contact.point, self.task.size, felt.noise, smoothing.share
         )
-        gains = gains_of(self.task, split, regulation, felt.wanted, late, trembles, watch.touch)
+        gains = gains_of(self.task, split, regulation, felt.wanted, late, trembles, watch.touch, watch.level)
         slow, waits = answer.action == SLOW, watch.health.stale or answer.beyond
         pushed = push(
             self.task,

@@ -13,6 +13,7 @@ import numpy as np
 
 from invariantqp.errors import written
 from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.level import Level
 from invariantqp.force.place import speed_at, way_out
 from invariantqp.force.regulation import USUAL, Regulation
 from invariantqp.force.split import Split
@@ -28,8 +29,10 @@ from invariantqp.velocity.measure import root_at
 # motion is faster than this share of the approach speed: slower ones are corrections.
 PRESSED = 1e-3
 SLOW_SHARE = 0.1
-# The share of its speed at which an approach goes on while it is not decided whether there is contact.
+# The share of its speed at which an approach goes on while it is not decided whether there is contact, and whether
+# readings that have certainly risen rise with the way.
 IN_DOUBT = 0.3
+RISEN = 0.15
 # A path stands where less than this share of such a motion has been done for longer than this [s].
 DONE = 0.1
 STANDING = 1.0
@@ -93,6 +96,7 @@ def gains_of(
     late: tuple[float, float, float],
     trembles: float,
     touch: Touch,
+    level: Level,
 ) -> Gains:
     """The gains for what is known of the stiffness.
 
@@ -104,6 +108,7 @@ def gains_of(
         late: sum of tick, delay and low-pass, the delay alone, and the one that was not told beside them [s].
         trembles: share of the joints' acceleration that noise takes for each unit of the factor.
         touch: whether there is contact.
+        level: of the readings: where it has risen, it may stay there.
     """
     factor, gentle, most, kept = 1.0, None, inf, 1.0
     if task.adapts and split.compliance > 0.0:
@@ -113,7 +118,9 @@ def gains_of(
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
             if split.kind.presses == 1 and not touch.touching:
-                gentle *= IN_DOUBT if regulation.rise.doubtful else max(IN_DOUBT, touch.clear)
+                gentle *= (
+                    RISEN if level.shifted else IN_DOUBT if regulation.rise.doubtful else max(IN_DOUBT, touch.clear)
+                )
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))

@@ -5,8 +5,8 @@ lost        unilateral contact that is not felt (`touch`) for longer than lost_a
             nearer as commanded, stands still until `reset`
 overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Where less is
             wanted than before, the limit falls with what is felt
-fault       what the readings say of the sensor (`health`), or that they disagree with the motion (`agreement`), or a
-            tool that stops on its way though nothing is felt; until `reset`
+fault       what the readings say of the sensor (`health`), that they jumped and stay (`level`) or disagree with the
+            motion (`agreement`), or a tool that stops on its way though nothing is felt; until `reset`
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from invariantqp.force.agreement import Agreement, ways_in
 from invariantqp.force.felt import OVERLOAD, Felt
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.level import Level
 from invariantqp.force.noise import Noise
 from invariantqp.force.settling import Settling
 from invariantqp.force.touch import LEAST_NOISE, Touch, loss_limit
 
+# Until this share of the wanted press is felt, a press rises.
+REACHED = 0.5
 # A larger press that was wanted before is still expected for this long [s], and while it falls.
 LET_GO = 1.0
 # Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which
@@ -42,6 +45,7 @@ class Watch(NamedTuple):
         noise: of its readings.
         settling: of the press.
         agreement: of press and motion.
+        level: of the readings in the air.
         most: force and moment that are an overload.
         approached: way towards the contact since it was last felt [length].
         waited: for how long it has not been felt [s].
@@ -57,6 +61,7 @@ class Watch(NamedTuple):
     noise: Noise = Noise()
     settling: Settling = Settling()
     agreement: Agreement = Agreement()
+    level: Level = Level()
     most: tuple[float, float] = (0.0, 0.0)
     approached: float = 0.0
     waited: float = 0.0
@@ -99,8 +104,12 @@ class Watch(NamedTuple):
             agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touch)
             watch = watch._replace(agreement=agreement)
             if not (fault or health.unchanged):  # a late reading cannot have risen yet
+                rising = not touch.touching or (settling.highest or 0.0) < REACHED * wanted
+                came = ways[0] + ways[1], felt.came + ways[1]
+                level = self.level.after(now, came, felt.noise) if rising else Level()
+                watch = watch._replace(level=level)
                 highest = settling.highest if agreement.touched else press
-                fault = agreement.trouble(now, felt.noise, felt.answer, task.yields, highest)
+                fault = level.trouble() or agreement.trouble(now, felt.noise, felt.answer, task.yields, highest)
         if fault:
             return watch._replace(status="fault", leaving=fault, left=0.0)
         if touch.touching:
@@ -135,7 +144,7 @@ class Watch(NamedTuple):
         if self.status:
             return self._replace(left=self.left + max(0.0, out))
         if beyond:  # where the surface is, is to be found again
-            return self._replace(agreement=Agreement())
+            return self._replace(agreement=Agreement(), level=Level())
         return self._replace(approached=self.approached + (0.0 if self.touching else max(0.0, -out)))
 
 

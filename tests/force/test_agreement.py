@@ -47,13 +47,14 @@ def test_a_reading_stuck_in_its_noise_presses_once_more_at_most(share, phase, st
     run = stuck(share, stiffness=stiffness, since=since, seconds=since + 0.7)
     stop = run.stopped()
     assert run.solutions[stop].status == "fault"
-    assert "a sensor at fault, a step or a slope" in run.solutions[stop].reason
+    reason = run.solutions[stop].reason
+    assert "a sensor at fault, a step or a slope" in reason or "a sensor that is stuck" in reason
     assert run.press.max() <= 2.0 * PRESS + 0.02 * 0.012 * max(stiffness, 1e4)
     assert run.height[-1] > run.height[stop] + 1e-3  # and left
 
 
 @pytest.mark.parametrize("gap", [0.004, 0.00401, 0.00403])
-@pytest.mark.parametrize(("stiffness", "share"), [(2e4, 0.12), (2e4, 0.2), (1e5, 0.15), (1e5, 0.3)])
+@pytest.mark.parametrize(("stiffness", "share"), [(2e4, 0.12), (2e4, 0.2), (1e5, 0.1), (1e5, 0.3)])
 def test_a_reading_stuck_in_the_very_tick_of_the_touch_or_soon_after(stiffness, share, gap):
     """The jump alone shows how stiff the contact is; another 12 ms of the approach beside twice the press."""
     touch = undisturbed(stiffness, gap).touch()
