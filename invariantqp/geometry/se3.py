@@ -23,8 +23,6 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
-# A row of a (3, 3) matrix.
-Floats = tuple[float, float, float]
 # Below this angle [rad] the closed coefficients of exp and log lose digits to cancellation; three terms of their
 # series are exact to rounding there (the next term is below 1e-18).
 SMALL_ANGLE = 1e-2
@@ -115,15 +113,13 @@ def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
     return np.array((*r, *o, *s, *o, *t, *o, *u, *r, *v, *s, *w, *t)).reshape(6, 6)
 
 
-def _blocks(T: Any) -> tuple[tuple[Floats, Floats, Floats], tuple[Floats, Floats, Floats], Floats]:
+def _blocks(T: Any) -> tuple[Any, Any, Any]:
     """The rows of R, those of p^ R, and three zeros: in floats, which for so few numbers is faster than in arrays."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
-    moved = (
-        (y * g - z * d, y * h - z * e, y * i - z * f),
-        (z * a - x * g, z * b - x * h, z * c - x * i),
-        (x * d - y * a, x * e - y * b, x * f - y * c),
-    )
-    return ((a, b, c), (d, e, f), (g, h, i)), moved, (0.0, 0.0, 0.0)
+    u = y * g - z * d, y * h - z * e, y * i - z * f
+    v = z * a - x * g, z * b - x * h, z * c - x * i
+    w = x * d - y * a, x * e - y * b, x * f - y * c
+    return ((a, b, c), (d, e, f), (g, h, i)), (u, v, w), (0.0, 0.0, 0.0)
 
 
 def inverse_adjoint(T: Array) -> Array:
@@ -301,5 +297,4 @@ def velocity_at(twists: Array, point: Array) -> Array:
         a, b, c, u, v, w = twists.tolist()
         x, y, z = point.tolist()
         return np.array((u + b * z - c * y, v + c * x - a * z, w + a * y - b * x))
-    velocity: Array = twists[3:] - _cross(point).dot(twists[:3])
-    return velocity
+    return np.asarray(twists[3:] - _cross(point).dot(twists[:3]))
