@@ -49,6 +49,7 @@ class Level(NamedTuple):
     Attributes:
         presses: [force].
         ways: places of the tool at them, inwards, by commands and by the joints [length].
+        unread: way since the last reading that was a new one, likewise [length].
         older: mean [force] and variance of those before.
         shifted: by how much the readings have jumped or risen soon, 0 for not at all [force].
         stuck: whether they have stayed there.
@@ -56,9 +57,14 @@ class Level(NamedTuple):
 
     presses: tuple[float, ...] = ()
     ways: tuple[tuple[float, float], ...] = ()
+    unread: tuple[float, float] = (0.0, 0.0)
     older: tuple[float, float] = (0.0, 0.0)
     shifted: float = 0.0
     stuck: bool = False
+
+    def waiting(self, way: tuple[float, float]) -> Level:
+        """The same after a tick whose reading is not a new one."""
+        return self._replace(unread=(self.unread[0] + way[0], self.unread[1] + way[1]))
 
     def after(self, press: tuple[float, float], way: tuple[float, float], noise: float) -> Level:
         """What is remembered after one more reading.
@@ -71,7 +77,8 @@ class Level(NamedTuple):
         (felt, wanted), (told, came) = press, self.ways[-1] if self.ways else (0.0, 0.0)
         now = self._replace(
             presses=(*self.presses[1 - REMEMBERED :], felt),
-            ways=(*self.ways[1 - REMEMBERED :], (told + way[0], came + way[1])),
+            ways=(*self.ways[1 - REMEMBERED :], (told + way[0] + self.unread[0], came + way[1] + self.unread[1])),
+            unread=(0.0, 0.0),
             older=self._older(),
             shifted=0.0,
             stuck=False,

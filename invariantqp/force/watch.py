@@ -103,9 +103,11 @@ class Watch(NamedTuple):
             now, ways = (press, wanted), ways_in(felt.way, task.normal_within)
             agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touch)
             watch = watch._replace(agreement=agreement)
-            if not (fault or health.unchanged):  # a late reading cannot have risen yet
+            came = ways[0] + ways[1], felt.came + ways[1]
+            if health.unchanged:
+                watch = watch._replace(level=self.level.waiting(came))
+            elif not fault:  # a late reading cannot have risen yet
                 rising = not touch.touching or (settling.highest or 0.0) < REACHED * wanted
-                came = ways[0] + ways[1], felt.came + ways[1]
                 level = self.level.after(now, came, felt.noise) if rising else Level()
                 watch = watch._replace(level=level)
                 highest = settling.highest if agreement.touched else press

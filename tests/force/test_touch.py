@@ -198,7 +198,7 @@ def test_readings_that_are_late_make_the_press_swing_which_is_told_and_ends(stif
         readings.append(reading)
         return readings[0]
 
-    run = press_on_plane(10.0, stiffness=stiffness, fault=late, since=0.0, seconds=2.4, period=1e9)
+    run = press_on_plane(10.0, stiffness=stiffness, fault=late, since=0.0, seconds=3.0, period=1e9)
     assert any("the press swings about 10 N: " in s.reason for s in run.solutions)
     assert run.press[-400:] == pytest.approx(10.0, rel=0.05)
 
