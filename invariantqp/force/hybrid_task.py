@@ -169,7 +169,7 @@ class HybridTask(Value):
                 is "retreat" from a contact that can be left.
             grip: (3,) where the tool holds a handle, which may be far from its hinge, in the tool frame [length].
             retreat_speed: along the contact's way out [length/s].
-            retreat_distance: after it, stand still [length].
+            retreat_distance: so far from the touch, after a fault from where the approach began, stand still [length].
 
         Raises:
             BadInput: more than one of h, complement and metric, NaN, shapes, "retreat" from a contact that cannot be

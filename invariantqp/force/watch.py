@@ -47,13 +47,14 @@ class Watch(NamedTuple):
         agreement: of press and motion.
         level: of the readings in the air.
         most: force and moment that are an overload.
-        approached: way towards the contact since it was last felt [length].
+        approached: way towards the contact in the air, since the start or the last loss [length].
         waited: for how long it has not been felt [s].
         led: how far it was commanded nearer since then, of commands that can have acted, and how far it came, both
             with what was longer ago than LED forgotten [length].
         leaving: why the tool retreats or stands still until `reset`, "" if it does neither.
         status: the status then.
-        left: how far it has retreated [length].
+        pushed: how far it has gone in since the touch [length].
+        left: how far it has retreated from there [length].
     """
 
     touch: Touch = Touch()
@@ -68,6 +69,7 @@ class Watch(NamedTuple):
     led: tuple[float, float] = (0.0, 0.0)
     leaving: str = ""
     status: str = ""
+    pushed: float = 0.0
     left: float = 0.0
 
     @property
@@ -82,7 +84,7 @@ class Watch(NamedTuple):
         most = _let_go(self.most, (felt.force, felt.moment), felt.most, exp(-dt / LET_GO))
         too_much = _too_much(felt, most)
         if too_much:
-            return self._replace(status="overload", leaving=too_much, left=0.0)
+            return self._stopped("overload", too_much, task)
         if self.status:
             return self
         press, wanted = (0.0, 0.0) if felt.press is None else felt.press
@@ -113,15 +115,20 @@ class Watch(NamedTuple):
                 highest = settling.highest if agreement.touched else press
                 fault = level.trouble() or agreement.trouble(now, felt.noise, felt.answer, task.yields, highest)
         if fault:
-            return watch._replace(status="fault", leaving=fault, left=0.0)
+            return watch._stopped("fault", fault, task)
         if touch.touching:
-            return watch._replace(approached=0.0, waited=0.0, led=(0.0, 0.0))
+            return watch._replace(waited=0.0, led=(0.0, 0.0))
         watch = watch._replace(
+            approached=0.0 if self.touch.touching else self.approached,
             waited=self.waited + dt,
             led=_followed(self.led, felt, LED * task.retreat_distance),
         )
-        status, why = _given_up(task, watch)
-        return watch._replace(status=status, leaving=why, left=0.0)
+        return watch._stopped(*_given_up(task, watch), task)
+
+    def _stopped(self, status: str, why: str, task: HybridTask) -> Watch:
+        """The watch that leaves: from where it touched; from where it approached if readings are not to be believed."""
+        back = self.pushed + (self.approached if status == "fault" else 0.0)
+        return self._replace(status=status, leaving=why, left=-min(back, task.approach_distance))
 
     def doubts(self, press: float | None, noise: float, late: float, *, lost: bool) -> tuple[str, ...]:
         """What is wrong with noise and press, in words, "" for nothing.
@@ -147,7 +154,9 @@ class Watch(NamedTuple):
             return self._replace(left=self.left + max(0.0, out))
         if beyond:  # where the surface is, is to be found again
             return self._replace(agreement=Agreement(), level=Level())
-        return self._replace(approached=self.approached + (0.0 if self.touching else max(0.0, -out)))
+        if self.touching:
+            return self._replace(pushed=max(0.0, self.pushed - out))
+        return self._replace(approached=self.approached + max(0.0, -out), pushed=0.0)
 
 
 def _let_go(

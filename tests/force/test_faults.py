@@ -53,6 +53,16 @@ def test_readings_that_come_late_in_a_touch_are_waited_for(start):
     assert run.press[-1] == pytest.approx(PRESS, rel=0.05)
 
 
+@pytest.mark.parametrize("name", ["dead", "rises by 30 N"])
+def test_a_retreat_leaves_a_soft_surface_too(name):
+    """33 mm are pushed in, and the way back was 20 mm from there."""
+    make, status, _ = FAULTS[name]
+    run = press_on_plane(PRESS, stiffness=300.0, dt=0.008, seconds=6.0, period=1e9, fault=make(), since=4.0)
+    assert run.press[: run.stopped()].max() == pytest.approx(PRESS, rel=0.1)
+    assert run.solutions[-1].status == status
+    assert run.press[-1] == 0.0
+
+
 def test_a_jump_below_the_press_leaves_less_than_twice_the_press():
     run = press_on_plane(
         PRESS, fault=lambda reading, normal: reading - np.r_[0, 0, 0, 6 * normal], since=0.5, seconds=1.3
