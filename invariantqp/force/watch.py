@@ -84,7 +84,7 @@ class Watch(NamedTuple):
         most = _let_go(self.most, (felt.force, felt.moment), felt.most, exp(-dt / LET_GO))
         too_much = _too_much(felt, most)
         if too_much:
-            return self._stopped("overload", too_much, task)
+            return self.stopping("overload", too_much, task)
         if self.status:
             return self
         press, wanted = (0.0, 0.0) if felt.press is None else felt.press
@@ -101,21 +101,10 @@ class Watch(NamedTuple):
             settling = self.settling.after_missing(felt.missing, dt)
         watch = self._replace(touch=touch, health=health, noise=noise, settling=settling, most=most)
         fault = health.fault
-        if wanted > 0.0 and limit > 0.0:
-            now, ways = (press, wanted), ways_in(felt.way, task.normal_within)
-            agreement = self.agreement.after(now, ways, felt.answer, felt.noise, dt, touch)
-            watch = watch._replace(agreement=agreement)
-            came = ways[0] + ways[1], felt.came + ways[1]
-            if health.unchanged:
-                watch = watch._replace(level=self.level.waiting(came))
-            elif not fault:  # a late reading cannot have risen yet
-                rising = not touch.touching or (settling.highest or 0.0) < REACHED * wanted
-                level = self.level.after(now, came, felt.noise) if rising else Level()
-                watch = watch._replace(level=level)
-                highest = settling.highest if agreement.touched else press
-                fault = level.trouble() or agreement.trouble(now, felt.noise, felt.answer, task.yields, highest)
+        if wanted > 0.0 and limit > 0.0 and not fault:
+            watch, fault = _compared(watch, task, felt, (press, wanted), dt)
         if fault:
-            return watch._stopped("fault", fault, task)
+            return watch.stopping("fault", fault, task)
         if touch.touching:
             return watch._replace(waited=0.0, led=(0.0, 0.0))
         watch = watch._replace(
@@ -123,9 +112,9 @@ class Watch(NamedTuple):
             waited=self.waited + dt,
             led=_followed(self.led, felt, LED * task.retreat_distance),
         )
-        return watch._stopped(*_given_up(task, watch), task)
+        return watch.stopping(*_given_up(task, watch), task)
 
-    def _stopped(self, status: str, why: str, task: HybridTask) -> Watch:
+    def stopping(self, status: str, why: str, task: HybridTask) -> Watch:
         """The watch that leaves: from where it touched; from where it approached if readings are not to be believed."""
         back = self.pushed + (self.approached if status == "fault" else 0.0)
         return self._replace(status=status, leaving=why, left=-min(back, task.approach_distance))
@@ -157,6 +146,20 @@ class Watch(NamedTuple):
         if self.touching:
             return self._replace(pushed=max(0.0, self.pushed - out))
         return self._replace(approached=self.approached + max(0.0, -out), pushed=0.0)
+
+
+def _compared(watch: Watch, task: HybridTask, felt: Felt, press: tuple[float, float], dt: float) -> tuple[Watch, str]:
+    """The watch once the press, felt and wanted, was compared with the motion, and what of that is a fault."""
+    along, slope = ways_in(felt.way, task.normal_within)
+    agreement = watch.agreement.after(press, (along, slope), felt.answer, felt.noise, dt, watch.touch)
+    came, highest = (along + slope, felt.came + slope), watch.settling.highest
+    if watch.health.unchanged:  # a late reading cannot have risen yet
+        return watch._replace(agreement=agreement, level=watch.level.waiting(came)), ""
+    rising = not watch.touching or (highest or 0.0) < REACHED * press[1]
+    level = watch.level.after(press, came, felt.noise) if rising else Level()
+    highest = highest if agreement.touched else press[0]
+    fault = level.trouble() or agreement.trouble(press, felt.noise, felt.answer, task.yields, highest)
+    return watch._replace(agreement=agreement, level=level), fault
 
 
 def _let_go(
