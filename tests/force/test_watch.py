@@ -281,7 +281,7 @@ def test_a_tool_that_stops_on_its_way_while_nothing_is_felt_retreats(gap):
     """A stop that no force of the motors moves, and a sensor that reads nothing of it."""
     bench = Bench(gantry(), np.zeros(6), pen(on_overload="retreat"), depth=-1.0, dt=0.004)
     asked, said = 0.0, []
-    for _ in range(1500):
+    for _ in range(2400):
         solution = bench.tick()
         asked += -bench.dt * solution.velocity[2] if bench.q[2] < -gap else 0.0
         bench.q[2] = max(bench.q[2], -gap)
@@ -290,4 +290,4 @@ def test_a_tool_that_stops_on_its_way_while_nothing_is_felt_retreats(gap):
     assert "nearer, the tool came" in said[-1][1]
     assert "something holds it, or the sensor is stuck: standing still until reset" in said[-1][1]
     assert asked < 0.017
-    assert bench.q[2] > -gap + 0.019
+    assert bench.q[2] > 0.019  # where the approach began, and 20 mm more
