@@ -170,15 +170,15 @@ class LinkEnd:
         if at_robot and did.any():  # a tool at rest feels no damper and no friction
             self._met = met
         left = self._after(energy, float(v.dot(w)) * self.dt, self._told if held else told)
-        if (
-            self._hard and left < -OVERSPENT * self.store
-        ):  # a spring of stiffness k that took E presses with sqrt(2 E k)
+        overspent = left < -OVERSPENT * self.store
+        if self._hard and overspent:  # a spring of stiffness k that took E presses with sqrt(2 E k)
             force = w[3:]
             self._pipe.stiffness = max(self._pipe.stiffness, float(force.dot(force)) / (2.0 * (self.store - left)))
         self._share = 0.0 if held else self._pipe.share(passed, (met, self._met), left)
         through = self._share * passed
         self._pipe.push(through, seen)
-        status, reason = ("held", held) if held else self._status(passed, met, seen is not None, left)
+        excess = -left if overspent and (self._hard or seen is not None) else 0.0
+        status, reason = ("held", held) if held else self._status(float(passed.dot(met)), excess)
         return LinkTick(through, self._share, status, reason, left)
 
     def _after(self, energy: float, asked: float, told: float) -> float:
@@ -203,8 +203,8 @@ class LinkEnd:
         self.came_in += back - kept
         return self._left
 
-    def _status(self, passed: Array, met: Array, measured: bool, left: float) -> tuple[str, str]:
-        """Status and reason of a tick whose packet is believed."""
+    def _status(self, power: float, excess: float) -> tuple[str, str]:
+        """Status and reason of a tick that asks for a power, once so much energy has left that may not, 0 for none."""
         trouble = []
         if self._pipe.late > LATE_TICKS * self.dt:
             late = written(1e3 * self._pipe.late, 3)
@@ -213,11 +213,11 @@ class LinkEnd:
         if self._pipe.stiffness > self._stiffness:
             met_with = written(self._pipe.stiffness, 2)
             trouble.append(f"the tool met something harder than told: tell stiffness={met_with}")
-        if (measured or self._hard) and left < -OVERSPENT * self.store:
-            trouble.append(f"{written(-left, 2)} more energy has left than may: robot or contact are not as told")
+        if excess:
+            trouble.append(f"{written(excess, 2)} more energy has left than may: robot or contact are not as told")
         status = "degraded" if trouble else "ok" if self._share == 1.0 else "scaled"
         if self._share < 1.0:
-            why = "would give out energy" if float(passed.dot(met)) > 0.0 else "would strike too hard what may be ahead"
+            why = "would give out energy" if power > 0.0 else "would strike too hard what may be ahead"
             trouble.append(f"the link {why}: {written(100.0 * self._share, 3)} % of the {self.passes} passed on")
         return status, "; ".join(trouble)
 

@@ -118,9 +118,8 @@ def gains_of(
         if press is not None:
             gentle = min(task.approach_speed, regulation.approach_speed(press, task.stiffness, *late))
             if split.kind.presses == 1 and not touch.touching:
-                gentle *= (
-                    RISEN if level.shifted else IN_DOUBT if regulation.rise.doubtful else max(IN_DOUBT, touch.clear)
-                )
+                clear = 0.0 if regulation.rise.doubtful else touch.clear
+                gentle *= RISEN if level.shifted else max(IN_DOUBT, clear)
             most = task.approach_speed
             if not regulation.reached and regulation.known(task.stiffness) is None:
                 most = min(most, gentle * max(1.0, USUAL / regulation.supposed))

@@ -21,11 +21,10 @@ from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.level import Level
 from invariantqp.force.noise import Noise
+from invariantqp.force.regulation import REACHED
 from invariantqp.force.settling import Settling
 from invariantqp.force.touch import LEAST_NOISE, Touch, loss_limit
 
-# Until this share of the wanted press is felt, a press rises.
-REACHED = 0.5
 # A larger press that was wanted before is still expected for this long [s], and while it falls.
 LET_GO = 1.0
 # Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which

@@ -49,7 +49,7 @@ class HingeSprings:
     home: Array  # (4, 4) tool pose at angle 0
     screw: Array  # (6,) twist of the door, in the base frame
     stiffness: float  # of all points together [N/m]
-    shape: Literal["hinge"] = "hinge"  # "hinge"
+    shape: Literal["hinge"] = "hinge"
 
     def handle(self, angle: float) -> Array:
         """(n, 3) where the points of the door are at an angle [rad]."""
