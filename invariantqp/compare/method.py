@@ -144,7 +144,7 @@ def answer(x: Array, method: str, solver: str = "") -> VelocitySolution:
 
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
-    """The middle of the joint ranges (m,), and the gain of each joint towards it (m,) [1/s]."""
-    from invariantqp.control.posture import joint_gains, posture_gain
+    """The posture (m,) that every method is told, and the gain of each joint towards it (m,) [1/s]."""
+    from invariantqp.control import posture
 
-    return middle(robot), joint_gains(robot, posture_gain(law.posture, len(robot.names)))
+    return posture.posture_of(law.posture, law.posture_gain, robot)

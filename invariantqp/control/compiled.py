@@ -34,8 +34,9 @@ def compiled_loop(
     measure: ToolMeasure,
     limits: LoopLimits,
     gain: float,
-    middle: Array,
+    posture: Array,
     pull: Array,
+    chase: tuple[float, float],
     slow: float,
     exact: tuple[Exact, ...],
     row_rank: int | None,
@@ -48,8 +49,9 @@ def compiled_loop(
         measure: at a point of the tool, or of a carried metric.
         limits: of the loop; of rows on the joint velocity, the core has those that are the same in every tick.
         gain: of the error [1/s].
-        middle: (m,) the posture, middle of the joint ranges.
+        posture: (m,) joint positions.
         pull: (m,) gains of the posture [1/s].
+        chase: its slack and steady share.
         slow: 1 / |v|, v the measured twist at full speed.
         exact: what is met exactly.
         row_rank: how many of its rows the arm can keep at best.
@@ -60,7 +62,7 @@ def compiled_loop(
         return None
     if speed is not None and speed.exact:
         return None
-    m = len(middle)
+    m, (slack, steady), planned = len(posture), chase, (law.planned.compiled or law.compiled)[:2]
     if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None
     wanted, rows = compiled_demands(exact, m), _rows(joint_rows, m)
@@ -70,7 +72,7 @@ def compiled_loop(
     numbers += [-1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit, braking is not None]
     kind = 0 if carried is None else 2 if carried.follows_tool else 1
     numbers += [len(wanted), len(rows[0]), law.metric is not None, 0, kind]
-    numbers += [box.dt, 0.0 if braking is None else braking.delay]
+    numbers += [box.dt, 0.0 if braking is None else braking.delay, slack, steady, *planned]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
     point = np.zeros(3) if measure.point is None else measure.point
@@ -82,7 +84,7 @@ def compiled_loop(
     metric = same if law.to_joint is None else law.to_joint, same if law.from_joint is None else law.from_joint
     held = wanted, *rows
     made: Array = core.loop(
-        *fixed, low, high, box.velocity_limit, middle, pull, *room, *held, *metric, law.compiled, root
+        *fixed, low, high, box.velocity_limit, posture, pull, *room, *held, *metric, law.compiled, root
     )
     return made
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ from invariantqp.control.loop_limits import loop_limits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import Memory
 from invariantqp.control.observed import Observed, at_rest
-from invariantqp.control.posture import joint_gains, posture_gain
+from invariantqp.control.posture import POSTURE_GAIN, posture_of
 from invariantqp.control.tracking import tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
@@ -35,7 +34,7 @@ from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.law import SLACK, STEADY_GAIN, Chase, Demand, VelocityLaw
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
@@ -72,7 +71,8 @@ class Controller:
         form: Form | CarriedMetric | float | None = None,
         damping: Damping | PaperLambda | float | None = None,
         guard: Guard | bool = True,
-        posture: float | bool = True,
+        posture: ArrayLike | bool = True,
+        posture_gain: float = POSTURE_GAIN,
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
         exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None = None,
@@ -95,8 +95,10 @@ class Controller:
             form: as in `solve_velocity`; None is least squares at the point.
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
-            posture: gain [1/s] of the null-space motion to the middle of the joint ranges, for arms with more than six
-                joints; True is 1/s, False switches it off.
+            posture: (m,) joint positions that are kept near where the tool's motion leaves joints free; True is the
+                middle of the joint ranges, for arms with more than six joints, False is none. Where the task rests, so
+                do the joints.
+            posture_gain: how fast the posture is approached while the tool moves [1/s].
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
@@ -127,7 +129,8 @@ class Controller:
         self.gain: float = tracking_gain(gain, self.dt, arrays.not_negative(delay, "delay", "a dead time in seconds"))
         self.exact: tuple[Exact, ...] = demands_of(exact)
         self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
-        self._middle = mid = middle(robot)
+        mid = middle(robot)
+        self._count = m
         seen = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
@@ -141,14 +144,27 @@ class Controller:
             backend=backend_of(backend),
             dt=self.dt,
         )
-        self.posture_gain: float = posture_gain(posture, m)
-        self._pull = joint_gains(robot, self.posture_gain)
+        self._posture, self._pull = posture_of(posture, posture_gain, robot)
+        self.posture_gain: float = float(self._pull.max())
+        self._fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
+        slack = SLACK * self.gain * self.measure.radian(seen.J, seen.pose)
+        self._chase = slack, min(1.0, STEADY_GAIN / self.gain)
         self._limits = loop_limits(robot, self.dt, delay, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
         self.kept: Array = Memory.at_first(m).numbers  # from tick to tick
         self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
-            robot, self.law, self.measure, self._limits, self.gain, mid, self._pull, slow, self.exact, self.row_rank
+            robot,
+            self.law,
+            self.measure,
+            self._limits,
+            self.gain,
+            self._posture,
+            self._pull,
+            self._chase,
+            slow,
+            self.exact,
+            self.row_rank,
         )
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -184,7 +200,7 @@ class Controller:
             return Memory.of(self.kept).judged(self.told(answer, q)) if more else answer
         memory = Memory.of(self.kept)
         before = memory.now(velocity)
-        positions, target = arrays.vector(q, len(self._middle), "q"), self.robot.target(target)
+        positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
         sighting = self.robot.sight(positions, target)
         error = same_turn(sighting.error, memory.turn)
         s = tracking_twist(error, self.gain, feedforward)
@@ -195,7 +211,7 @@ class Controller:
             share = share_of_gain(self.law, self.braking, self.gain, root.dot(sighting.J), root.dot(error))
             s -= (1.0 - share) * self.gain * error
         state = Observed(positions, sighting, target, root, before)
-        solution = self._tick(state, s, share * self.gain, ahead)
+        solution = self._tick(state, s, share * self.gain, ahead, chased=True)
         change = -self.dt * (solution.velocity.dot(sighting.J.T) - ahead)
         memory = memory.followed(error, change, root, self._slowness / self.dt)
         memory.write(self.kept)
@@ -237,12 +253,12 @@ class Controller:
         if found is not None:
             answer, more = found
             return self.told(answer, q) if more else answer
-        positions = arrays.vector(q, len(self._middle), "q")
+        positions = arrays.vector(q, self._count, "q")
         s = sizes.not_too_fast(arrays.twist(twist))
         if rows is not None:
-            require_rows(rows, len(self._middle))
+            require_rows(rows, self._count)
         where = None if at is None else arrays.vector(at, 3, "at")
-        free = None if posture is None else arrays.vector(posture, len(self._middle), "posture")
+        free = None if posture is None else arrays.vector(posture, self._count, "posture")
         state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity), where)
         return self._tick(state, s, 0.0, s, rows, posture=free, calm=arrays.flag(calm, "calm"))
 
@@ -260,7 +276,7 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        positions = arrays.vector(q, len(self._middle), "q")
+        positions = arrays.vector(q, self._count, "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
         state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity))
@@ -272,7 +288,12 @@ class Controller:
 
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
-        return (self._middle - q) * self._pull if self.posture_gain else None
+        return (self._posture - q) * self._pull if self.posture_gain else None
+
+    def _rows(
+        self, sighting: Sighting, target: Any, gain: float, ahead: Array, more: ExactRows | None
+    ) -> ExactRows | None:
+        return rows_of(self.exact, View(self.robot, sighting, target, gain, ahead), more) if self.exact else more
 
     def _tick(
         self,
@@ -285,16 +306,27 @@ class Controller:
         posture: Array | None = None,
         *,
         calm: bool = True,
+        chased: bool = False,
     ) -> VelocitySolution:
-        """The velocity for the twist s, or at rest if told to `stand`; exact demands follow `gain` and `ahead`."""
+        """The velocity for the twist s, or at rest if told to `stand`; exact demands follow `gain` and `ahead`.
+
+        What of s is not `ahead` is `chased`: limits slow it down.
+        """
         positions, sighting, target, root, before = state
+        fastest = self._fastest if posture is None else None
         posture = self.posture_pull(positions) if posture is None else posture
-        exact = rows_of(self.exact, View(self.robot, sighting, target, gain, ahead), more) if self.exact else more
-        lower, upper, rows, cone, strained, trouble = self._limits.at(self.robot, sighting, target, positions, before)
+        exact = self._rows(sighting, target, gain, ahead, more)
+        limits = self._limits.at(self.robot, sighting, target, positions, before)
+        lower, upper, rows, cone, strained, trouble = limits[:6]
         stand = trouble or stand
         rank = self.row_rank if more is None else None
-        demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank)
-        law = self.law if calm else replace(self.law, dt=0.0)
+        chase = None
+        if chased:
+            rows_ahead = self._rows(sighting, target, 0.0, ahead, more)
+            still = None if rows_ahead is None else rows_ahead.b
+            chase = Chase(ahead, still, *limits.placed, *self._chase, self.measure.carried is None)
+        demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank, chase, fastest)
+        law = self.law if calm else self.law.planned
         solution = solve(law, demand) if stand is None else standing(law, demand, stand)
         self.kept[-len(positions) :] = solution.velocity
         return self._limits.told(solution, positions, self.robot.names, strained)

@@ -36,6 +36,7 @@ class TickLimits(NamedTuple):
     cone: Cone | None  # the speed limit of a point, or None
     strained: Strained  # joints whose limits contradict each other, and what gave way, in words
     trouble: str  # why there is nothing to do but stand still, "" for nothing
+    placed: tuple[Array, Array]  # (m,) bounds of the joint velocity by position limits alone
 
 
 class LoopLimits(NamedTuple):
@@ -51,8 +52,9 @@ class LoopLimits(NamedTuple):
         strained: Strained = ()
         if self.braking is None:
             lower, upper = self.box.at(q)
+            placed = self.box.placed(q)
         else:
-            lower, upper, strained = self.braking.at(q, before)
+            lower, upper, strained, *placed = self.braking.at(q, before)
         rows = cone = None
         trouble = ""
         if self.tool_speed is not None:
@@ -60,7 +62,7 @@ class LoopLimits(NamedTuple):
             cone = self.tool_speed.cone(sighting.J, robot.points(sighting, target, point)[0])
         if self.joint_rows is not None:
             rows, trouble = self.joint_rows.at(q, before)
-        return TickLimits(lower, upper, rows, cone, strained, trouble)
+        return TickLimits(lower, upper, rows, cone, strained, trouble, (placed[0], placed[1]))
 
     def told(
         self, solution: VelocitySolution, q: ArrayLike, names: tuple[str, ...], strained: Strained = ()

@@ -51,6 +51,15 @@ class ToolMeasure:
         self.length: float = length_at(J, there) if given is None else given
         self.carried = carried
 
+    def radian(self, J: Array, pose: Any) -> float:
+        """The size of a turn by one radian: L, or what stands for it where a body carries the metric."""
+        if self.carried is None:
+            return self.length
+        T = _homogeneous(pose)
+        at = own_point(J) if self.point is None else T[:3, :3].dot(self.point) + T[:3, 3]
+        plain, carried = root_at(at, self.length).dot(J), self.root_for(J, pose).dot(J)
+        return self.length * float(np.linalg.norm(carried) / np.linalg.norm(plain))
+
     def root_for(self, J: Array, pose: Any, at: Array | None = None) -> Array:
         """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) replaces the point."""
         if self.carried is not None:

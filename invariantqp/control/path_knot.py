@@ -85,7 +85,7 @@ class KnotFinder:
         self._longest = longest
         self._stops = stops
         self._length = controller.measure.length
-        self._law = self._back = replace(controller.law, dt=0.0)
+        self._law = self._back = controller.law.planned
         if controller.exact or not stops:
             calming = CALMING_ROWS if controller.exact else CALMING
             self._law = replace(controller.law, dt=calming * longest, damping=PASSING)

@@ -1,31 +1,34 @@
-"""The null-space motion of a redundant arm: towards the middle of its joint ranges."""
+"""The posture: joint positions to stay near, as far as the tool's motion leaves joints free."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, middle
 
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
 
 
-def posture_gain(posture: float | bool, joints: int) -> float:
-    """The gain [1/s] of the drift: 0 for an arm with no more than six joints, the default for True.
+def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Array, Array]:
+    """The joint positions (m,) and the gain (m,) [1/s] of each joint, 0 where there is no posture.
+
+    True is the middle of the ranges of an arm with more than six joints; a joint without a range has none.
 
     Raises:
-        BadInput: not a gain, True or False.
+        BadInput: neither positions, True nor False; a gain below zero.
     """
+    m = len(robot.names)
+    strength = arrays.not_negative(gain, "posture_gain", "a gain in 1/s")
     if isinstance(posture, (bool, np.bool_)):
-        gain = POSTURE_GAIN if posture else 0.0
-    else:
-        gain = arrays.not_negative(posture, "posture", "a gain in 1/s, True or False")
-    return gain if joints > 6 else 0.0
-
-
-def joint_gains(robot: Robot, gain: float) -> Array:
-    """(m,) the gain [1/s] of each joint: 0 where its range is not bounded on both sides and has no middle."""
-    bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
-    return np.where(bounded, gain, 0.0)
+        bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
+        return middle(robot), np.where(bounded & (m > 6) & bool(posture), strength, 0.0)
+    if np.ndim(arrays.array(posture, "posture", "joint positions, True or False")) == 0:
+        raise BadInput(
+            "posture", f"{posture}", f"({m},) joint positions, True or False", "How strong it is, is posture_gain."
+        )
+    return arrays.vector(posture, m, "posture"), np.full(m, strength)

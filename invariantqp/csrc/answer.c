@@ -3,10 +3,10 @@
 #include "boundary.h"
 #include <stdarg.h>
 
-typedef enum { OK, SCALED, GUARDED, DEGRADED } Status;
+typedef enum { OK, LIMITED, SCALED, GUARDED } Status;
 /* In the order of Method and Status. */
 static const char *const METHOD[] = {"closed-form", "damped", "qp"};
-static const char *const STATUS[] = {"ok", "scaled", "guarded", "degraded"};
+static const char *const STATUS[] = {"ok", "limited", "scaled", "guarded"};
 
 /* The type of answers, and what many of them share; made once. */
 static PyTypeObject *ANSWER;
@@ -101,6 +101,11 @@ static int name(char *words, const char *lead, const char *what, int n, const bo
     return count;
 }
 
+static Status status(const Solution *solution)
+{
+    return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : solution->limited ? LIMITED : OK;
+}
+
 static PyObject *reason(int m, const Solution *solution)
 {
     static const char *const HELD = " (held by ";
@@ -125,6 +130,11 @@ static PyObject *reason(int m, const Solution *solution)
             good = add(words, " is off by ", solution->beside[i], 'g', 3) && good;
         }
     }
+    if (solution->pace < WHOLE_SPEED) {
+        say(words, "limits allow ");
+        good = add(words, "", solution->pace, 'g', 3) && good;
+        put(words, " of the approach's speed");
+    }
     if (solution->blended > 0.0) {
         say(words, "descent guard: ");
         good = add(words, "", solution->blended, 'g', 3) && good;
@@ -134,12 +144,11 @@ static PyObject *reason(int m, const Solution *solution)
         say(words, "near a singularity: the smallest singular value is ");
         good = add(words, "", solution->ratio, 'e', 1) && good;
         put(words, " of the largest; damped");
-        if (solution->lost && solution->lost_share == 0.0)
-            put(words, ": part of the motion is given up");
-        else if (solution->lost) {
-            good = add(words, ": ", solution->lost_share, 'g', 2) && good;
-            put(words, " of the twist is given up");
-        }
+    }
+    if (status(solution) == LIMITED && !solution->stuck && solution->pace >= WHOLE_SPEED) {
+        say(words, "");
+        good = add(words, "", solution->missed, 'g', 2) && good;
+        put(words, " of the twist is missed");
     }
     name(words, words[0] != 0 ? "; at the limits of " : "at the limits of ", "joint", m, solution->active);
     return !good ? NULL : words[0] != 0 ? PyUnicode_FromString(words) : Py_NewRef(NOTHING);
@@ -158,13 +167,6 @@ static PyObject *joints(int m, const bool *active)
         if (active[j])
             found[k++] = PyLong_FromLong(j);
     return named(&PyTuple_Type, count, found);
-}
-
-static Status status(const Solution *solution)
-{
-    if (solution->stuck || solution->lost)
-        return DEGRADED;
-    return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : OK;
 }
 
 const char *method_word(const Solution *solution) { return METHOD[solution->method]; }

@@ -74,7 +74,7 @@ static Outcome sized(int k, const double (*MV)[6], const double *share, double n
     for (int r = 0; r < 6; r++)
         for (int i = 0; i < k; i++)
             columns[r][i] = MV[i][r];
-    if (spectrum(6, k, (const Row *)columns, nothing, &found) == HAND_BACK)
+    if (spectrum(6, k, (const Row *)columns, nothing, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < k; i++)
         for (int j = 0; j <= i; j++)
@@ -97,7 +97,7 @@ static Outcome filtered(int k, const Row *C, const double *p, double *y)
 {
     Spectrum found;
     Row part = {0.0};
-    if (spectrum(k, k, C, p, &found) == HAND_BACK)
+    if (spectrum(k, k, C, p, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < k; i++) {
         double mu = found.sigma[i], ratio = mu / FORM_THRESHOLD, filter = FORM_CEILING * fmax(0.0, 1.0 - ratio * ratio);
@@ -121,7 +121,7 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
     memcpy(attempt, b, 6 * sizeof(double));
     if (largest == 0.0)
         return DONE;
-    want(found, b);
+    want(found, b, NULL);
     for (int i = 0; i < k; i++) {
         double sigma = found->sigma[i], damped = damped_square(demand, sigma, found->wanted[i], largest);
         if (damped == 0.0 && !(sigma > CLOSE * NULL_RATIO * largest))

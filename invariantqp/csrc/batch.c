@@ -98,7 +98,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         [NUMBERS] = {NPY_DOUBLE, 2, THREE, 0},      [STATUS] = {NPY_UNICODE, 1, LETTERS, STATUS_LETTERS},
         [RECORDS] = {NPY_DOUBLE, 2, WHOLE_RECORD, 0},
     };
-    Demand shared = {.posture = {0.0}};
+    Demand shared = {.posture = {0.0}, .chased = false, .paced = false};
     Form form;
     Metric measure;
     PyArrayObject *arrays[ARRAYS] = {NULL}, *first = count == COUNT ? (PyArrayObject *)arguments[J] : NULL;

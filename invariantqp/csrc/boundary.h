@@ -38,6 +38,7 @@ bool exact(PyObject *tuple, Demand *demand);
 bool cone(PyObject *tuple, Demand *demand);
 bool limits(PyObject *tuple, Demand *demand);
 bool metric(PyObject *tuple, int m, Metric *into);
+bool chase(PyObject *tuple, Demand *demand);
 int joints_of(PyObject *J);
 
 /* batch.c; numbers of a row's record */

@@ -40,9 +40,9 @@ static void one_way(double room, double behind, double before, double accelerati
 }
 
 /* Limits that contradict each other are handed back: Python names the joints. */
-Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper)
+Outcome braking_box(const Loop *loop, const double *q, const double *before, Demand *demand)
 {
-    double dt = loop->dt;
+    double dt = loop->dt, *lower = demand->lower, *upper = demand->upper;
     for (int j = 0; j < (int)loop->joints; j++) {
         double there = q[j] + loop->delay * before[j];
         double ahead = loop->position_upper[j] - there, behind = there - loop->position_lower[j];
@@ -51,6 +51,8 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Row
         one_way(behind, ahead, -before[j], loop->acceleration[j], dt, &least_back, &most_back);
         lower[j] = fmin(fmax(fmax(least, -most_back), -fastest), fastest);
         upper[j] = fmax(fmin(fmax(fmin(most, -least_back), -fastest), fastest), lower[j]);
+        demand->chase.lower[j] = fmin(lower[j], -braking_speed(behind, loop->acceleration[j], dt));
+        demand->chase.upper[j] = fmax(upper[j], braking_speed(ahead, loop->acceleration[j], dt));
         double allowance = STRAIN_TOLERANCE * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
         if (!(fmax(lower[j] - before[j], before[j] - upper[j]) - step <= allowance) || !(fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) <= OUTSIDE))
             return HAND_BACK;
@@ -80,7 +82,7 @@ Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], d
     Spectrum found;
     Row distance;
     int m = (int)loop->joints;
-    if (spectrum(6, m, A, error, &found) == HAND_BACK ||
+    if (spectrum(6, m, A, error, NULL, &found) == HAND_BACK ||
         least_squares(&damped, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);

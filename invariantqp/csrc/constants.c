@@ -6,7 +6,6 @@
 #define ONE(file, name) {file "." #name, name}
 
 const Constant CONSTANTS[] = {
-    ONE("velocity.regular", ACCURATE_SHARE),
     ONE("velocity.attempt", FORM_THRESHOLD),
     ONE("velocity.attempt", FORM_CEILING),
     ONE("velocity.attempt", UNSEEN),
@@ -26,7 +25,11 @@ const Constant CONSTANTS[] = {
     ONE("velocity.solution", SLOWEST),
     ONE("velocity.report", MET_TOLERANCE),
     ONE("velocity.report", PRODUCT_ROUNDING),
-    ONE("velocity.report", LOSS_TOLERANCE),
+    {"velocity.report.MISSED", MISSED_SHARE},
+    ONE("velocity.report", FALLING),
+    ONE("velocity.posed", POSTURE_PACE),
+    {"velocity.stages.ROUNDING", PACE_ROUNDING},
+    {"velocity.stages.NOTHING", NO_CHASE},
     ONE("velocity.report", PROGRESS_SHARE),
     ONE("velocity.report", WHOLE_SPEED),
     ONE("velocity.share", REGULARISATION),

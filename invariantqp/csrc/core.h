@@ -54,6 +54,13 @@ typedef struct {
     double Z[6][6]; /* Z[i] is twist i */
 } Form;
 
+/* law.py: which part of a twist closes an error, and what may be slowed down for it. */
+typedef struct {
+    double ahead[6], rows_ahead[MOST_ROWS], slack, steady;
+    Row lower, upper;
+    bool apart;
+} Chase;
+
 /* law.py: the input of a tick. */
 typedef struct {
     int m;
@@ -62,7 +69,10 @@ typedef struct {
     double root[6][6];
     Row lower, upper;
     Row posture; /* zero where there is none */
-    bool has_posture;
+    bool has_posture, paced;
+    Row fastest; /* where the posture is paced: it rests while the task rests */
+    bool chased;
+    Chase chase;
     double dt;
     /* exact.py: C x = e, C = D J where D is not zero; row_rank is -1 for all */
     int rows, row_rank;
@@ -85,14 +95,14 @@ typedef struct {
 typedef struct {
     int n, rank;
     Row V[MOST]; /* V[i] is direction i */
-    Row weights, optimum;
-    double damping, lost, ratio;
+    Row weights, optimum, still; /* still: the optimum without the chase */
+    double damping, ratio;
 } Objective;
 
 /* spectrum.c: A = U diag(sigma) V', wanted = U'b; U[i] is direction i, where it is asked for */
 typedef struct {
     Row V[MOST];
-    Row sigma, wanted;
+    Row sigma, wanted, ahead; /* U'b, and U' of what is not chased */
     double U[6][6];
 } Spectrum;
 
@@ -108,6 +118,7 @@ typedef struct {
     double multipliers[LIMITS];
     double nu; /* of the speed limit */
     bool met;  /* whether a limit is active */
+    bool undecided; /* whether a limit is so close that Python might decide otherwise */
 } Optimum;
 
 /* exact.py: y = start + share (full - start) + B z; basis[i] is column i of B, span[i] likewise of what the rows fix */
@@ -135,8 +146,8 @@ typedef struct {
     double multipliers[LIMITS], residual[6]; /* of joints, then of rows */
     Method method;
     bool active[MOST];
-    bool stuck, lost, slow, met, fast, held_by[LIMITS];
-    double scale, damping, blended, ratio, lost_share; /* for the reason */
+    bool stuck, limited, slow, met, fast, held_by[LIMITS];
+    double scale, pace, damping, blended, ratio, missed; /* for the reason */
     int rows;
     double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
 } Solution;
@@ -189,8 +200,8 @@ void product(const Pose *A, const Pose *B, Pose *C);
 void exponential(const double w[3], const double v[3], double q, Pose *T);
 
 /* the files by the names of their functions */
-Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found);
-void want(Spectrum *found, const double b[6]);
+Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahead, Spectrum *found);
+void want(Spectrum *found, const double b[6], const double *ahead);
 double damped_square(const Demand *demand, double sigma, double wanted, double largest);
 Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
                       Objective *objective);
@@ -201,10 +212,13 @@ void quadratic(const Objective *objective, Quadratic *problem);
 double speed(const Objective *objective, const Row z);
 void calmed(Objective *objective, double mu);
 bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x);
-double calm(int n, const Row A[6], const double wanted[6], const Row x, double speed, double dt, double factor);
+double calm(int n, const Row A[6], const double wanted[6], const Row y, const Row slowed, double speed, double dt,
+            double factor);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
+Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                Optimum *found);
 bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
 void along(int n, int k, const Row *Q, Row row);
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
@@ -213,8 +227,11 @@ void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis,
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result);
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x);
-void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
-              const Share *share, const Optimum *found, double blended, Solution *solution);
+void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
+              const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
+              double blended, Solution *solution);
+void clipped(const Demand *demand, const Row x, Solution *solution);
+double posture_share(const Demand *demand, const Row x);
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6]);
 Outcome reduce(const Demand *demand, const Row *C, Reduction *reduction);
 void origin(const Reduction *reduction, int m, double share, Row y);
@@ -259,7 +276,11 @@ extern const Constant CONSTANTS[];
 #define SLOWEST 1e-6
 #define MET_TOLERANCE 1e-9
 #define PRODUCT_ROUNDING 1e-14
-#define LOSS_TOLERANCE 1e-6
+#define MISSED_SHARE 0.05
+#define FALLING 0.5
+#define POSTURE_PACE 0.01
+#define PACE_ROUNDING 1e-14
+#define NO_CHASE 1e-12
 #define PROGRESS_SHARE 1e-4
 #define WHOLE_SPEED (1.0 - 1e-6)
 #define REGULARISATION 1e-9

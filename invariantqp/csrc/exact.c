@@ -108,7 +108,7 @@ Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)
     Spectrum found;
     /* Fewer rows than joints: some directions are left, and none of the rows is too much. */
     if (k >= m || (demand->row_rank >= 0 && demand->row_rank < k) || whitened(demand, given, C, e) == HAND_BACK ||
-        spectrum(k, m, (const Row *)C, e, &found) == HAND_BACK)
+        spectrum(k, m, (const Row *)C, e, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     if (!(found.sigma[k - 1] > DEPENDENT_ROWS * found.sigma[0]))
         return HAND_BACK;

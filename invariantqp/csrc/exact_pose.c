@@ -52,7 +52,7 @@ static Outcome multiplier(int m, const Linearization *state, const Row lower, co
     *size = 0.0;
     if (n == 0)
         return DONE;
-    if (spectrum(state->rows, n, (const Row *)C, none, &found) == HAND_BACK)
+    if (spectrum(state->rows, n, (const Row *)C, none, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < n && i < state->rows; i++) {
         if (!(found.sigma[i] > EXACT_ROW_TOLERANCE * found.sigma[0]))
@@ -73,7 +73,7 @@ Outcome exact_step(int m, const Linearization *state, double damping, const Row 
     Spectrum found;
     Objective rows = {.n = m};
     Row first, H[MOST], g, z;
-    if (spectrum(k, m, state->C, state->b, &found) == HAND_BACK || !(found.sigma[0] > 0.0))
+    if (spectrum(k, m, state->C, state->b, NULL, &found) == HAND_BACK || !(found.sigma[0] > 0.0))
         return HAND_BACK;
     for (int i = 0; i < 6; i++)
         size += dot(m, state->A[i], state->A[i]);

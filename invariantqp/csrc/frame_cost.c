@@ -17,12 +17,12 @@ Outcome frame_cost(const Demand *demand, double more, Row *H, Row c)
     bool plain = usual(6, b);
     for (int i = 0; i < 6; i++)
         plain = plain && usual(m, A[i]);
-    if (!plain || spectrum(6, m, (const Row *)A, demand->form == NULL ? b : NULL, &found) == HAND_BACK)
+    if (!plain || spectrum(6, m, (const Row *)A, demand->form == NULL ? b : NULL, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     if (demand->form != NULL) {
         if (attempted(demand, m, &found, b, attempt) == HAND_BACK)
             return HAND_BACK;
-        want(&found, attempt);
+        want(&found, attempt, NULL);
     }
     if (least_squares(demand, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;

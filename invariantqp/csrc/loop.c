@@ -42,13 +42,15 @@ static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 }
 
 /* limits/box.py */
-static void box(const Loop *loop, const double *q, Row lower, Row upper)
+static void box(const Loop *loop, const double *q, Demand *demand)
 {
     double rate = 1.0 / loop->time;
     for (int j = 0; j < (int)loop->joints; j++) {
-        double place = q[j] * rate, fastest = loop->fastest[j];
-        lower[j] = between(loop->low[j] - place, -fastest, fastest);
-        upper[j] = between(loop->high[j] - place, -fastest, fastest);
+        double place = q[j] * rate, fastest = loop->fastest[j], low = loop->low[j] - place, high = loop->high[j] - place;
+        demand->lower[j] = between(low, -fastest, fastest);
+        demand->upper[j] = between(high, -fastest, fastest);
+        demand->chase.lower[j] = fmin(low, fastest);
+        demand->chase.upper[j] = fmax(high, -fastest);
     }
 }
 
@@ -126,8 +128,8 @@ Outcome demand_in(const Loop *loop, const double *q, const double *before, const
     if (loop->speed_limit > 0.0)
         limited_point(loop, tool, demand);
     if (loop->has_braking != 0.0)
-        return braking_box(loop, q, before, demand->lower, demand->upper);
-    box(loop, q, demand->lower, demand->upper);
+        return braking_box(loop, q, before, demand);
+    box(loop, q, demand);
     return DONE;
 }
 
@@ -157,9 +159,25 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     if (!(square < INFINITY) || (target == NULL && most > LARGEST_SPEED))
         return HAND_BACK;
     demand.has_posture = loop->has_posture != 0.0;
-    for (int j = 0; j < m; j++)
-        demand.posture[j] = demand.has_posture ? (loop->middle[j] - q[j]) * loop->pull[j] : 0.0;
+    demand.paced = true;
+    for (int j = 0; j < m; j++) {
+        demand.posture[j] = demand.has_posture ? (loop->posture[j] - q[j]) * loop->pull[j] : 0.0;
+        demand.fastest[j] = isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
+    }
     const Pose *wanted = target == NULL ? &tool : target;
+    demand.chased = target != NULL;
+    if (demand.chased) {
+        for (int i = 0; i < 6; i++)
+            demand.chase.ahead[i] = feedforward == NULL ? 0.0 : feedforward[i];
+        demand.chase.slack = loop->slack;
+        demand.chase.steady = loop->steady;
+        demand.chase.apart = loop->carried == 0.0;
+        if (loop->wanted > 0.0) {
+            if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, wanted, feedforward, &demand) == HAND_BACK)
+                return HAND_BACK;
+            memcpy(demand.chase.rows_ahead, demand.e, sizeof demand.chase.rows_ahead);
+        }
+    }
     if (rows_of(loop->exact, (int)loop->wanted, share * loop->gain, &tool, wanted, feedforward, &demand) == HAND_BACK ||
         solve(&demand, solution) == HAND_BACK)
         return HAND_BACK;

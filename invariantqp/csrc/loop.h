@@ -20,12 +20,14 @@ typedef struct {
     double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
     double time, delay;                /* of the way to a position limit, and until a command shows, with braking */
     double threshold, ceiling, fixed, speed;
+    double planned_threshold, planned_ceiling; /* damping where the joint motion is planned */
+    double slack, steady;                      /* of a chase */
     double point[3];                   /* of the tool, where the error is measured */
     double fast[3];                    /* of the tool, a point whose speed is limited */
     double home[16];
     Row screws[6];
     Row low, high, fastest; /* position limits / time, and the velocity limit */
-    Row middle, pull;       /* of the posture */
+    Row posture, pull;      /* the joint positions, and the gain of each */
     Row position_lower, position_upper, acceleration;
     Wanted exact[MOST_ROWS];
     Row G[MOST], least, most;
@@ -45,7 +47,7 @@ typedef struct {
 void root_at(const double p[3], double length, double root[6][6]);
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
-Outcome braking_box(const Loop *loop, const double *q, const double *before, Row lower, Row upper);
+Outcome braking_box(const Loop *loop, const double *q, const double *before, Demand *demand);
 double share_within(const Loop *loop, const Row distance);
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);

@@ -15,9 +15,9 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     demand.metric = NULL;
     memset(demand.posture, 0, sizeof demand.posture);
     demand.cone.limit = 0.0;
-    if (count != 12 || !policy(arguments[7], &demand, &form))
+    if (count != 14 || !policy(arguments[7], &demand, &form))
         return refused("tick(J, s, root, lower, upper, posture, dt, " POLICY ", (A, b, of_twist, rank), (J, limit, start), "
-                       "(C, lower, upper), (T, inverse))");
+                       "(C, lower, upper), (T, inverse), (ahead, rows_ahead, lower, upper, slack, steady, apart), fastest)");
     demand.m = joints_of(arguments[0]);
     if (demand.m == 0)
         Py_RETURN_NONE;
@@ -35,6 +35,11 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         return left_to_python();
     if (arguments[11] != Py_None)
         demand.metric = &measure;
+    demand.chased = arguments[12] != Py_None;
+    demand.paced = arguments[13] != Py_None;
+    if ((demand.chased && !chase(arguments[12], &demand)) ||
+        (demand.paced && !vector(arguments[13], demand.m, demand.fastest)))
+        return left_to_python();
     Solution solution;
     if (PyErr_Occurred() || solve(&demand, &solution) == HAND_BACK)
         return left_to_python();
@@ -64,19 +69,23 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 {
     (void)module;
     static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, row_rank, speed_limit, has_braking, "
-                                   "k, r, has_metric, 0, carried, time, delay), point, fast, home, screws, low, high, "
-                                   "fastest, middle, pull, position_lower, position_upper, acceleration, "
+                                   "k, r, has_metric, 0, carried, time, delay, slack, steady, planned threshold and "
+                                   "ceiling), point, fast, home, screws, low, high, fastest, posture, pull, position_lower, position_upper, acceleration, "
                                    "(k, 8 + m) exact, C, lower, upper of r rows, T, its inverse, " POLICY ", root)";
     Loop made = {.joints = 0.0};
     Demand read;
-    double first[16];
-    bool good = count == 21 && vector(arguments[0], 16, first) && first[0] >= 1.0 && first[0] <= MOST &&
+    double first[20];
+    bool good = count == 21 && vector(arguments[0], 20, first) && first[0] >= 1.0 && first[0] <= MOST &&
                 first[9] >= 0.0 && first[9] <= MOST_ROWS && first[10] >= 0.0 && first[10] <= MOST &&
                 policy(arguments[19], &read, &made.form) && matrix(arguments[20], 6, 6, 6, made.root[0]);
     if (!good)
         return refused(USE);
     int m = (int)first[0], k = (int)first[9];
-    memcpy(&made, first, sizeof first);
+    memcpy(&made, first, 16 * sizeof(double));
+    made.slack = first[16];
+    made.steady = first[17];
+    made.planned_threshold = first[18];
+    made.planned_ceiling = first[19];
     made.has_form = read.form != NULL;
     made.threshold = read.threshold;
     made.ceiling = read.ceiling;
@@ -85,7 +94,7 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     if (!vector(arguments[1], 3, made.point) || !vector(arguments[2], 3, made.fast) ||
         !matrix(arguments[3], 4, 4, 4, made.home) || !matrix(arguments[4], 6, m, MOST, made.screws[0]) ||
         !vector(arguments[5], m, made.low) || !vector(arguments[6], m, made.high) ||
-        !vector(arguments[7], m, made.fastest) || !vector(arguments[8], m, made.middle) ||
+        !vector(arguments[7], m, made.fastest) || !vector(arguments[8], m, made.posture) ||
         !vector(arguments[9], m, made.pull) || !vector(arguments[10], m, made.position_lower) ||
         !vector(arguments[11], m, made.position_upper) || !vector(arguments[12], m, made.acceleration) ||
         !matrix(arguments[13], k, 8 + m, 8 + MOST, (double *)made.exact) ||

@@ -28,7 +28,7 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
 {
     int k = n < 6 ? n : 6;
     largest = largest > 0.0 ? largest : found->sigma[0];
-    double most = 0.0, least = INFINITY, missed = 0.0, damped = 0.0;
+    double most = 0.0, least = INFINITY, damped = 0.0;
     if (!(largest > 0.0))
         return HAND_BACK;
     objective->n = n;
@@ -48,20 +48,18 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
             squared = NULL_WEIGHT * largest * largest;
         double weight = sigma * sigma + squared, towards = dot(n, v, posture);
         if (!null) {
-            double left = squared * wanted / weight;
-            missed += left * left;
             damped = fmax(damped, squared);
             objective->rank++;
         }
         objective->weights[i] = weight;
         objective->optimum[i] = (sigma * wanted + squared * towards) / weight;
+        objective->still[i] = (sigma * found->ahead[i] + squared * towards) / weight;
         most = fmax(most, weight);
         least = fmin(least, weight);
     }
     if (!(least >= LEAST_WEIGHT * most))
         return HAND_BACK;
     objective->damping = sqrt(damped);
-    objective->lost = sqrt(missed);
     objective->ratio = found->sigma[k - 1] > NULL_RATIO * largest ? found->sigma[k - 1] / largest : 0.0;
     return DONE;
 }
@@ -103,6 +101,7 @@ void calmed(Objective *objective, double mu)
     for (int i = 0; i < objective->n; i++) {
         double weight = objective->weights[i] + mu;
         objective->optimum[i] *= objective->weights[i] / weight;
+        objective->still[i] *= objective->weights[i] / weight;
         objective->weights[i] = weight;
     }
 }

@@ -74,6 +74,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
         demand->posture[j] = rate * slope[j] + JOINT_GAIN * astray[j];
     }
     demand->has_posture = true;
+    demand->paced = demand->chased = false;
     pose_from(loop->home, &end);
     kinematics(m, loop->screws, &end, middle, demand->J, tool);
     for (int k = 0; k < 6; k++) {
@@ -131,7 +132,7 @@ static Outcome slower(const Loop *loop, const Beside *here, Demand *demand, Solu
     product_of_rows(here->rows, (const double(*)[6])here->asked, demand->m, (const Row *)demand->J, demand->C);
     if (solve(demand, &exact) == HAND_BACK)
         return HAND_BACK;
-    if (exact.stuck || exact.lost)
+    if ((exact.limited && !exact.slow) || exact.scale <= PROGRESS_SHARE)
         return DONE;
     *answer = exact;
     *kept = exact.scale;
@@ -213,7 +214,9 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     if (twist_of(loop, course, &here, q, rate, strayed, slope, after->tangent, &tool, &demand) == HAND_BACK ||
         demand_in(loop, q, before->velocity, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
-    demand.dt = 0.0; /* not calm: the joint motion is planned */
+    demand.dt = 0.0; /* not calm, and hardly damped: the joint motion is planned */
+    demand.threshold = loop->planned_threshold;
+    demand.ceiling = loop->planned_ceiling;
     if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, &tool, demand.s, &demand) == HAND_BACK ||
         solve(&demand, &progress->answer) == HAND_BACK)
         return HAND_BACK;

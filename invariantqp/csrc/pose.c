@@ -81,7 +81,7 @@ static Outcome curvature(const Arm *arm, const Pose *target, const double *q, co
     for (int i = 0; i < m; i++)
         for (int j = 0; j <= i; j++)
             D[i][j] = D[j][i] = 0.5 * (D[i][j] + D[j][i]);
-    if (spectrum(m, m, (const Row *)D, still, &found) == HAND_BACK)
+    if (spectrum(m, m, (const Row *)D, still, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < m; i++)
         for (int j = 0; j < m; j++) {

@@ -173,8 +173,8 @@ static Outcome searched(const Quadratic *problem, const double *inside, const Ro
     return from_inside(room, slow, side, e, face, y, nu);
 }
 
-Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                 Optimum *found)
+Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                Optimum *found)
 {
     Slow slow;
     int n = problem->n, of[LIMITS], side[LIMITS];
@@ -186,7 +186,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
         guess[i] = near != NULL && near->met ? near->multipliers[i] : 0.0; /* near may be found itself */
         found->multipliers[i] = 0.0;
     }
-    found->met = false;
+    found->met = found->undecided = false;
     found->nu = 0.0;
     bool limited = cone->limit > 0.0;
     if (limited)
@@ -219,15 +219,21 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     for (int k = 0; k < room.count; k++) {
         double value = dot(n, room.N[k], face.e), least = fmin(room.upper[k] - value, value - room.lower[k]);
         double edge = UNDECIDED * (1.0 + fmin(fabs(room.lower[k]), fabs(room.upper[k])));
-        if (side[k] == 0 && isfinite(least) && least <= edge)
-            return HAND_BACK;
-        if (nu > 0.0 && side[k] != 0 && fabs(y[k]) <= UNDECIDED * most)
-            return HAND_BACK;
+        found->undecided = found->undecided || (side[k] == 0 && isfinite(least) && least <= edge) ||
+                           (nu > 0.0 && side[k] != 0 && fabs(y[k]) <= UNDECIDED * most);
         found->multipliers[of[k]] = y[k];
         found->met = found->met || y[k] != 0.0;
     }
     precise(problem, limits, of, side, &face, found->z);
     return all_finite(n, found->z) ? DONE : HAND_BACK;
+}
+
+/* The same; an optimum that Python might decide on otherwise is handed back. */
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                 Optimum *found)
+{
+    Outcome outcome = optimum_of(problem, limits, cone, inside, near, found);
+    return outcome == DONE && found->undecided ? HAND_BACK : outcome;
 }
 
 /* The minimiser inside limits; without the marks of `Optimum`, and so without Python's decisions on them. */

@@ -35,11 +35,26 @@ bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], R
     double share = demand->threshold > ACCURATE_SHARE ? demand->threshold : ACCURATE_SHARE;
     if (!(smallest >= share * share * largest))
         return false;
+    double pace = demand->has_posture ? 1.0 : 0.0;
+    if (demand->has_posture && demand->paced) { /* posed.py, _pace */
+        const Chase *chase = &demand->chase;
+        for (int i = 0; i < 6; i++) {
+            double ahead = demand->chased ? dot(6, demand->root[i], chase->ahead) : b[i];
+            y[i] = demand->chased ? ahead + chase->steady * (b[i] - ahead) : b[i];
+        }
+        solved(6, (const Row *)L, y, y);
+        for (int j = 0; j < n; j++) {
+            x[j] = 0.0;
+            for (int i = 0; i < 6; i++)
+                x[j] += y[i] * A[i][j];
+        }
+        pace = posture_share(demand, x);
+    }
     for (int i = 0; i < 6; i++)
-        y[i] = demand->has_posture ? b[i] - dot(n, A[i], demand->posture) : b[i];
+        y[i] = pace > 0.0 ? b[i] - pace * dot(n, A[i], demand->posture) : b[i];
     solved(6, (const Row *)L, y, y);
     for (int j = 0; j < n; j++) {
-        double sum = demand->has_posture ? demand->posture[j] : 0.0;
+        double sum = pace * demand->posture[j];
         for (int i = 0; i < 6; i++)
             sum += y[i] * A[i][j];
         x[j] = sum;

@@ -57,7 +57,7 @@ static void shortened(const Demand *demand, const Row y, Row x)
 }
 
 /* The velocity without rounding past its bounds, the joints at them, and the residual. */
-static void clipped(const Demand *demand, const Row x, Solution *solution)
+void clipped(const Demand *demand, const Row x, Solution *solution)
 {
     for (int j = 0; j < demand->m; j++) {
         double lower = demand->lower[j], upper = demand->upper[j], value = between(x[j], lower, upper);
@@ -69,23 +69,67 @@ static void clipped(const Demand *demand, const Row x, Solution *solution)
         solution->residual[i] = demand->s[i] - dot(demand->m, demand->J[i], solution->velocity);
 }
 
-void reported(const Demand *demand, const Row A[6], const double wanted[6], const Objective *objective, const Row y,
-              const Share *share, const Optimum *found, double blended, Solution *solution)
+/* Whether the errors of position and angle each fall at FALLING of the rate asked for; those within slack do. */
+static bool falls(const Demand *demand, const Row x)
 {
-    double size = norm(6, wanted);
+    double asked[6], done[6], twist[6];
+    if (!demand->chased)
+        return false;
+    for (int i = 0; i < 6; i++)
+        twist[i] = demand->s[i] - demand->chase.ahead[i];
+    for (int i = 0; i < 6; i++)
+        asked[i] = dot(6, demand->root[i], twist);
+    for (int i = 0; i < 6; i++)
+        twist[i] = dot(demand->m, demand->J[i], x) - demand->chase.ahead[i];
+    for (int i = 0; i < 6; i++)
+        done[i] = dot(6, demand->root[i], twist);
+    int size = demand->chase.apart ? 3 : 6;
+    for (int i = 0; i < 6; i += size) {
+        double rate = norm(size, asked + i);
+        if (!(dot(size, asked + i, done + i) >= rate * (FALLING * rate - demand->chase.slack)))
+            return false;
+    }
+    return true;
+}
+
+/* The share of the measured twist that x misses, or of what is possible of it; 0 where it is met but for rounding. */
+static double missed_share(int m, const Row A[6], const double wanted[6], const double *possible, const Row x)
+{
+    double left[6], size = norm(6, possible);
+    if (is_met(m, A, wanted, x) || (possible != wanted && is_met(m, A, possible, x)))
+        return 0.0;
+    for (int i = 0; i < 6; i++)
+        left[i] = possible[i] - dot(m, A[i], x);
+    return size > 0.0 ? norm(6, left) / size : INFINITY;
+}
+
+/* posed.py, _pace: by the joint velocity x that the task needs */
+double posture_share(const Demand *demand, const Row x)
+{
+    double t = 0.0;
+    for (int j = 0; j < demand->m; j++)
+        t = fmax(t, fabs(x[j]) / demand->fastest[j]);
+    return t * t / (t * t + POSTURE_PACE * POSTURE_PACE);
+}
+
+void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
+              const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
+              double blended, Solution *solution)
+{
     Row x;
     shortened(demand, y, x);
     clipped(demand, x, solution);
     solution->scale = share->value;
+    solution->pace = pace;
     solution->slow = share->value < WHOLE_SPEED;
     solution->method = solution->slow || found->met ? QP : objective->damping > 0.0 ? DAMPED : CLOSED_FORM;
     solution->m = demand->m;
     solution->stuck = is_stuck(demand, A, wanted, solution->velocity, share->value);
-    solution->lost = objective->lost > LOSS_TOLERANCE * size;
+    solution->missed = missed_share(demand->m, A, wanted, possible, solution->velocity);
+    solution->limited = solution->stuck || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->damping = objective->damping;
     solution->blended = blended;
     solution->ratio = objective->ratio;
-    solution->lost_share = size > 0.0 ? objective->lost / size : 0.0;
     solution->met = found->met;
     solution->fast = share->fast;
     solution->limits = demand->limits;

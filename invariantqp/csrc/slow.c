@@ -57,7 +57,7 @@ Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull,
         along(n, k, Q, M[i]);
     }
     velocity(slow, n, e, v);
-    if (spectrum(3, n, (const Row *)M, v, &found) == HAND_BACK)
+    if (spectrum(3, n, (const Row *)M, v, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < 3; i++) {
         gains[i] = found.sigma[i] * found.sigma[i];

@@ -18,24 +18,31 @@ static bool achieves(const Demand *demand, const Row x)
     return true;
 }
 
+/* Whether the exact rows ask for what the twist without its chase does, for a posture that is paced by it. */
+static bool agrees(const Demand *demand)
+{
+    for (int i = 0; i < demand->rows && demand->has_posture && demand->paced && demand->chased; i++) {
+        double told = demand->of_twist ? dot(6, demand->D[i], demand->chase.ahead) : 0.0, size = fabs(told);
+        double asked = demand->chase.rows_ahead[i];
+        if (!(fabs(told - asked) <= ROW_ROUNDING * fmax(size, fabs(asked))))
+            return false;
+    }
+    return true;
+}
+
 static bool quick(const Demand *demand, const Row A[6], const double b[6], Solution *solution)
 {
     Row x;
     int m = demand->m;
-    if (demand->metric != NULL || !regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x) ||
+    if (demand->metric != NULL || !agrees(demand) || !regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x) ||
         excess_deviation(m, A, b, norm(m, x), demand->dt) > 0.0)
         return false;
-    for (int j = 0; j < m; j++) {
-        solution->velocity[j] = x[j];
-        solution->active[j] = false;
-    }
-    for (int i = 0; i < 6; i++)
-        solution->residual[i] = demand->s[i] - dot(m, demand->J[i], x);
+    clipped(demand, x, solution);
     solution->m = m;
     solution->rows = 0;
     solution->method = CLOSED_FORM;
-    solution->stuck = solution->lost = solution->slow = solution->met = false;
-    solution->scale = 1.0;
+    solution->stuck = solution->limited = solution->slow = solution->met = false;
+    solution->scale = solution->pace = 1.0;
     solution->damping = solution->blended = 0.0;
     return true;
 }
@@ -49,6 +56,8 @@ Outcome solve(const Demand *demand, Solution *solution)
         b[i] = dot(6, demand->root[i], demand->s);
     product_of_rows(6, demand->root, m, demand->J, A);
     bool plain = usual(6, b) && usual(m, demand->posture);
+    for (int j = 0; j < m && demand->paced; j++)
+        plain = plain && demand->fastest[j] > 0.0;
     for (int i = 0; i < 6; i++)
         plain = plain && usual(m, A[i]);
     for (int i = 0; i < demand->rows; i++)

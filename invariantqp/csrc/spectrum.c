@@ -103,25 +103,27 @@ static void completed(int n, int rank, Row *V)
     }
 }
 
-/* wanted = U'b */
-void want(Spectrum *found, const double b[6])
+/* wanted = U'b, and the same of what is not chased */
+void want(Spectrum *found, const double b[6], const double *ahead)
 {
-    for (int i = 0; i < 6; i++)
+    for (int i = 0; i < 6; i++) {
         found->wanted[i] = dot(6, found->U[i], b);
+        found->ahead[i] = ahead == NULL ? 0.0 : dot(6, found->U[i], ahead);
+    }
 }
 
-/* Without a b (NULL), k is 6. */
-Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
+/* Without a b (NULL), k is 6; `ahead` is another b, or NULL. */
+Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahead, Spectrum *found)
 {
     bool wide = n >= k;
-    int rows = wide ? k : n, length = wide ? n : k, with = !wide ? n : b == NULL ? k : 1;
+    int rows = wide ? k : n, length = wide ? n : k, with = !wide ? n : b == NULL ? k : 2;
     Rotated R[MOST];
     memset(R, 0, (size_t)rows * sizeof *R);
     for (int i = 0; i < rows; i++) {
         for (int j = 0; j < length; j++)
             R[i].row[j] = wide ? A[i][j] : A[j][i];
         for (int j = 0; j < with; j++)
-            R[i].with[j] = wide && b != NULL ? b[i] : i == j ? 1.0 : 0.0;
+            R[i].with[j] = !wide || b == NULL ? i == j : j == 0 ? b[i] : ahead != NULL ? ahead[i] : 0.0;
     }
     double size = norm_of_rows(k, n, A);
     if (orthogonalised(rows, length, with, R, NOTHING * NOTHING * size * size) == HAND_BACK)
@@ -138,6 +140,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
     }
     memset(found->sigma, 0, sizeof found->sigma);
     memset(found->wanted, 0, sizeof found->wanted);
+    memset(found->ahead, 0, sizeof found->ahead);
     if (b == NULL)
         memset(found->U, 0, sizeof found->U);
     int rank = 0;
@@ -149,10 +152,12 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, Spectrum *found)
             found->U[i][j] = wide ? r->with[j] : moving ? r->row[j] / value : 0.0;
         if (wide) {
             found->wanted[i] = r->with[0];
+            found->ahead[i] = r->with[1];
             for (int j = 0; j < n && moving; j++)
                 found->V[i][j] = r->row[j] / value;
         } else {
             found->wanted[i] = value > 0.0 && b != NULL ? dot(k, r->row, b) / value : 0.0;
+            found->ahead[i] = value > 0.0 && ahead != NULL ? dot(k, r->row, ahead) / value : 0.0;
             for (int j = 0; j < n; j++)
                 found->V[i][j] = r->with[j];
         }

@@ -14,8 +14,9 @@ typedef struct {
     const Demand *demand;
     const Row *A; /* on y, as all that follows */
     const double *wanted, *attempt; /* the same array where no form changes anything */
+    double ahead[6], unchased[6];   /* of `wanted` and of `attempt`, without the chase */
     Row posture;
-    Polytope limits;
+    Polytope limits, placed; /* placed: without the limits of velocity and acceleration */
     Cone cone;
     Reduction reduction;
     Spectrum spectrum; /* of A, or of A B where there are exact rows */
@@ -24,15 +25,23 @@ typedef struct {
     Row product[6];    /* A T */
 } Posed;
 
+/* What is left to minimise over at a share of the exact rows' speed: the limits on z, and a z inside them. */
+typedef struct {
+    const Share *share;
+    Polytope limits, placed;
+    Cone cone;
+    Row inside;
+} Room;
+
 /* posed.py, limits_of */
-static void limits_of(const Demand *demand, Polytope *limits)
+static void limits_of(const Demand *demand, const Row lower, const Row upper, Polytope *limits)
 {
     int m = demand->m;
     const Metric *metric = demand->metric;
     limits->count = m + demand->limits;
     limits->box = metric == NULL && demand->limits == 0;
-    memcpy(limits->lower, demand->lower, (size_t)m * sizeof(double));
-    memcpy(limits->upper, demand->upper, (size_t)m * sizeof(double));
+    memcpy(limits->lower, lower, (size_t)m * sizeof(double));
+    memcpy(limits->upper, upper, (size_t)m * sizeof(double));
     for (int j = 0; j < m && !limits->box; j++)
         for (int l = 0; l < m; l++)
             limits->A[j][l] = metric != NULL ? metric->T[j][l] : j == l ? 1.0 : 0.0;
@@ -43,6 +52,59 @@ static void limits_of(const Demand *demand, Polytope *limits)
     }
     if (demand->limits > 0 && metric != NULL)
         product_with(demand->limits, m, limits->A + m, metric->T);
+}
+
+/* posed.py, _pace: the share of the posture that is followed, by the joint speed that the task needs. */
+static Outcome pace(Posed *problem, double *share)
+{
+    const Demand *demand = problem->demand;
+    const Chase *chase = &demand->chase;
+    int m = demand->m, n = demand->rows > 0 ? problem->reduction.n : m;
+    static const Row STILL = {0.0};
+    double b[6], steady = demand->chased ? chase->steady : 1.0;
+    Spectrum *found = &problem->spectrum;
+    Spectrum needed = *found;
+    Objective task;
+    Row z, y = {0.0}, x;
+    if (demand->rows > 0) {
+        Demand rows = *demand;
+        Reduction reduction;
+        Row C[MOST_ROWS];
+        for (int i = 0; i < 6; i++)
+            rows.s[i] = demand->chased ? chase->ahead[i] + steady * (demand->s[i] - chase->ahead[i]) : demand->s[i];
+        for (int i = 0; i < demand->rows && demand->chased; i++)
+            rows.e[i] = chase->rows_ahead[i] + steady * (demand->e[i] - chase->rows_ahead[i]);
+        memcpy(C, demand->C, (size_t)demand->rows * sizeof(Row));
+        if (demand->metric != NULL)
+            product_with(demand->rows, m, C, demand->metric->T);
+        if (reduce(&rows, (const Row *)C, &reduction) == HAND_BACK)
+            return HAND_BACK;
+        memcpy(y, reduction.full, sizeof(Row));
+        for (int i = 0; i < 6; i++)
+            b[i] = problem->ahead[i] + steady * (problem->wanted[i] - problem->ahead[i]) - dot(m, problem->A[i], y);
+        want(&needed, b, NULL);
+    } else if (demand->form != NULL || m < 6) {
+        for (int i = 0; i < 6; i++)
+            b[i] = problem->ahead[i] + steady * (problem->wanted[i] - problem->ahead[i]);
+        want(&needed, b, NULL);
+    } else
+        for (int i = 0; i < 6; i++)
+            needed.wanted[i] = found->ahead[i] + steady * (found->wanted[i] - found->ahead[i]);
+    if (least_squares(demand, n, &needed, STILL, problem->largest, &task) == HAND_BACK)
+        return HAND_BACK;
+    centre(&task, z);
+    if (demand->rows > 0)
+        for (int j = 0; j < m; j++)
+            for (int i = 0; i < n; i++)
+                y[j] += problem->reduction.basis[i][j] * z[i];
+    else
+        memcpy(y, z, sizeof(Row));
+    if (demand->metric != NULL)
+        transformed(m, demand->metric->T, y, x);
+    else
+        memcpy(x, y, sizeof(Row));
+    *share = posture_share(demand, x);
+    return DONE;
 }
 
 static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6], Posed *problem)
@@ -57,7 +119,12 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
     problem->cone = demand->cone;
     memcpy(problem->posture, demand->posture, sizeof(Row));
     memcpy(C, demand->C, (size_t)demand->rows * sizeof(Row));
-    limits_of(demand, &problem->limits);
+    for (int i = 0; i < 6; i++) /* all of a twist by itself */
+        problem->ahead[i] = demand->chased ? dot(6, demand->root[i], demand->chase.ahead) : wanted[i];
+    memcpy(problem->unchased, problem->ahead, sizeof problem->unchased);
+    limits_of(demand, demand->lower, demand->upper, &problem->limits);
+    if (demand->chased)
+        limits_of(demand, demand->chase.lower, demand->chase.upper, &problem->placed);
     if (metric != NULL) {
         memcpy(problem->product, A, sizeof problem->product);
         product_with(6, m, problem->product, metric->T);
@@ -78,44 +145,55 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
             if (!usual(m, C[i]))
                 return HAND_BACK;
     }
-    bool formed = demand->form != NULL;
+    bool directions = demand->form != NULL || m < 6; /* whether U is needed */
     Spectrum *found = &problem->spectrum;
     if ((demand->rows > 0 && reduce(demand, (const Row *)C, &problem->reduction) == HAND_BACK) ||
-        spectrum(6, m, problem->A, formed ? NULL : wanted, found) == HAND_BACK)
+        spectrum(6, m, problem->A, directions ? NULL : wanted, directions ? NULL : problem->ahead, found) == HAND_BACK)
         return HAND_BACK;
-    if (formed) {
-        if (attempted(demand, m, found, wanted, problem->instead) == HAND_BACK)
+    if (demand->form != NULL) {
+        if (attempted(demand, m, found, wanted, problem->instead) == HAND_BACK ||
+            (demand->chased && attempted(demand, m, found, problem->ahead, problem->unchased) == HAND_BACK))
             return HAND_BACK;
         if (memcmp(problem->instead, wanted, sizeof problem->instead) != 0)
             problem->attempt = problem->instead;
     }
-    if (demand->rows == 0)
-        return DONE;
-    problem->largest = found->sigma[0];
-    Row AB[6];
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < problem->reduction.n; j++)
-            AB[i][j] = dot(m, problem->A[i], problem->reduction.basis[j]);
-    return spectrum(6, problem->reduction.n, (const Row *)AB, NULL, found);
+    if (demand->rows > 0) {
+        problem->largest = found->sigma[0];
+        Row AB[6];
+        for (int i = 0; i < 6; i++)
+            for (int j = 0; j < problem->reduction.n; j++)
+                AB[i][j] = dot(m, problem->A[i], problem->reduction.basis[j]);
+        if (spectrum(6, problem->reduction.n, (const Row *)AB, NULL, NULL, found) == HAND_BACK)
+            return HAND_BACK;
+    }
+    double share = 1.0;
+    if (demand->has_posture && demand->paced && pace(problem, &share) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < m; j++)
+        problem->posture[j] *= share;
+    return DONE;
 }
 
-/* The objective in z at a share of the speed. */
-static Outcome objective(Posed *problem, const double *attempt, double share, Objective *result)
+/* The objective in z at a share of the speed, for an attempt and its part that is not chased. */
+static Outcome objective(Posed *problem, const double *attempt, const double *unchased, double share, Objective *result)
 {
     const Demand *demand = problem->demand;
     const Reduction *reduction = &problem->reduction;
     int m = demand->m;
     if (demand->rows == 0) {
-        if (demand->form != NULL)
-            want(&problem->spectrum, attempt);
+        if (demand->form != NULL || m < 6)
+            want(&problem->spectrum, attempt, unchased);
         return least_squares(demand, m, &problem->spectrum, problem->posture, 0.0, result);
     }
     Row posture = {0.0}, start;
-    double left[6];
+    double left[6], still[6];
     origin(reduction, m, share, start);
-    for (int i = 0; i < 6; i++)
-        left[i] = share * attempt[i] - dot(m, problem->A[i], start);
-    want(&problem->spectrum, left);
+    for (int i = 0; i < 6; i++) {
+        double fixed = dot(m, problem->A[i], start);
+        left[i] = share * attempt[i] - fixed;
+        still[i] = share * unchased[i] - fixed;
+    }
+    want(&problem->spectrum, left, still);
     if (demand->has_posture) {
         Row wanted;
         for (int j = 0; j < m; j++)
@@ -152,34 +230,174 @@ static void moved(const Demand *demand, const Row y, Row x)
         memcpy(x, y, (size_t)demand->m * sizeof(double));
 }
 
-/* The optimum inside the limits, as y; it begins with the active limits of `found`, which is written over. */
-static Outcome minimised(const Posed *problem, const Share *share, const Objective *objective, Optimum *found, Row y)
+/* The limits on z at a share of the exact rows' speed. */
+static void room_at(const Posed *problem, const Share *share, Room *room)
 {
-    int m = problem->demand->m;
-    Quadratic cost;
-    Row inside;
-    Outcome outcome;
-    quadratic(objective, &cost);
-    free_part(problem, share->inside, share->value, inside);
-    if (problem->demand->rows == 0)
-        outcome = minimise(&cost, &problem->limits, &problem->cone, inside, found, found);
-    else {
-        const Reduction *reduction = &problem->reduction;
-        Polytope limits;
-        Cone cone = problem->cone;
-        Row start;
-        origin(reduction, m, share->value, start);
-        polytope_on(&problem->limits, m, start, reduction->n, reduction->basis, &limits);
-        if (cone.limit > 0.0)
-            cone_on(&problem->cone, m, start, reduction->n, reduction->basis, &cone);
-        outcome = minimise(&cost, &limits, &cone, inside, found, found);
+    const Reduction *reduction = &problem->reduction;
+    const Demand *demand = problem->demand;
+    int m = demand->m;
+    room->share = share;
+    room->cone = problem->cone;
+    free_part(problem, share->inside, share->value, room->inside);
+    if (demand->rows == 0) {
+        room->limits = problem->limits;
+        if (demand->chased)
+            room->placed = problem->placed;
+        return;
     }
-    if (outcome == DONE)
-        joints(problem, found->z, share->value, y);
-    return outcome;
+    Row start;
+    origin(reduction, m, share->value, start);
+    polytope_on(&problem->limits, m, start, reduction->n, reduction->basis, &room->limits);
+    if (demand->chased)
+        polytope_on(&problem->placed, m, start, reduction->n, reduction->basis, &room->placed);
+    if (room->cone.limit > 0.0)
+        cone_on(&problem->cone, m, start, reduction->n, reduction->basis, &room->cone);
 }
 
-static double calming(const Posed *problem, const Share *share, const Objective *objective, const Row y)
+/* Whether z is inside all limits, but for rounding. */
+static bool is_allowed(const Room *room, int n, const Row z)
+{
+    for (int i = 0; i < room->limits.count; i++) {
+        double value = room->limits.box ? z[i] : dot(n, room->limits.A[i], z);
+        double lower = room->limits.lower[i], upper = room->limits.upper[i];
+        double size = FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper)));
+        if (!(value <= upper + size && value >= lower - size))
+            return false;
+    }
+    return room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + CONE_TOLERANCE);
+}
+
+/* The chase from z0 by `way`, whose direction is u in the objective, and what limits take away of it. */
+typedef struct {
+    const Room *room;
+    Quadratic *cost;
+    Optimum *found;
+    Row z0, way, u;
+    double delta;
+} Slowed;
+
+static Outcome missed(Slowed *slowed, double pace, double *by)
+{
+    Quadratic *cost = slowed->cost;
+    Row apart;
+    int n = cost->n;
+    for (int j = 0; j < n; j++)
+        cost->centre[j] = slowed->z0[j] + pace * slowed->way[j];
+    if (optimum_of(cost, &slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->found) ==
+        HAND_BACK)
+        return HAND_BACK;
+    *by = -slowed->delta;
+    for (int j = 0; j < n; j++)
+        apart[j] = cost->centre[j] - slowed->found->z[j];
+    for (int i = 0; i < n; i++)
+        *by += slowed->u[i] * dot(n, cost->K[i], apart);
+    return DONE;
+}
+
+/* The largest pace in [0, 1] at which no more than delta is missed, or 0; `found` is the optimum there. */
+static Outcome largest(Slowed *slowed, double *pace)
+{
+    double low = 0.0, high = 1.0, over, under, whole;
+    int side = 0;
+    *pace = high;
+    if (missed(slowed, high, &over) == HAND_BACK)
+        return HAND_BACK;
+    if (over <= 0.0)
+        return DONE;
+    *pace = low;
+    if (missed(slowed, low, &under) == HAND_BACK)
+        return HAND_BACK;
+    whole = over - under;
+    if (under >= -NO_CHASE * whole)
+        return DONE;
+    while (high - low > PACE_ROUNDING) {
+        double at;
+        *pace = low + (high - low) * under / (under - over); /* the secant: exact once both ends are on one piece */
+        if (missed(slowed, *pace, &at) == HAND_BACK)
+            return HAND_BACK;
+        if (fabs(at) <= PACE_ROUNDING * whole || !(low < *pace && *pace < high))
+            break;
+        if (at > 0.0) {
+            under *= side > 0 ? 0.5 : 1.0; /* an end that stays is weighed down, so that it moves, too */
+            high = *pace;
+            over = at;
+            side = 1;
+        } else {
+            over *= side < 0 ? 0.5 : 1.0;
+            low = *pace;
+            under = at;
+            side = -1;
+        }
+    }
+    return DONE;
+}
+
+/* The velocity inside the limits, as y: position limits bend the chase of a target, all others slow it down first.
+   `found` begins with limits that are likely to be active; `slowed` is what of the chase is slowed down. */
+static Outcome within(const Posed *problem, const Room *room, const Objective *objective, Optimum *found, Row y,
+                      Row slowed, double *pace)
+{
+    const Demand *demand = problem->demand;
+    int n = objective->n, m = demand->m;
+    double length;
+    Quadratic cost;
+    Row z1, chase, apart;
+    *pace = 1.0;
+    memset(slowed, 0, sizeof(Row));
+    quadratic(objective, &cost);
+    if (!demand->chased) {
+        if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+            return HAND_BACK;
+        joints(problem, found->z, room->share->value, y);
+        return DONE;
+    }
+    static const Cone NONE = {.limit = 0.0};
+    if (optimum_of(&cost, &room->placed, &NONE, room->inside, found, found) == HAND_BACK)
+        return HAND_BACK;
+    memcpy(z1, found->z, sizeof z1);
+    if (is_allowed(room, n, z1)) {
+        joints(problem, z1, room->share->value, y);
+        return found->undecided ? HAND_BACK : DONE;
+    }
+    Objective unchased = *objective;
+    Optimum still;
+    Slowed way = {.room = room, .cost = &cost, .found = found, .delta = demand->chase.slack};
+    memcpy(unchased.optimum, objective->still, sizeof unchased.optimum);
+    centre(&unchased, cost.centre);
+    if (optimum_of(&cost, &room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
+        return HAND_BACK;
+    memcpy(way.z0, still.z, sizeof way.z0);
+    for (int j = 0; j < n; j++)
+        apart[j] = way.way[j] = z1[j] - way.z0[j];
+    for (int i = 0; i < n; i++)
+        way.u[i] = dot(n, cost.K[i], apart);
+    length = norm(n, way.u);
+    for (int i = 0; i < n; i++)
+        apart[i] = dot(n, cost.K[i], z1);
+    if (length <= NO_CHASE * norm(n, apart)) {
+        memcpy(cost.centre, z1, sizeof z1);
+        if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+            return HAND_BACK;
+        joints(problem, found->z, room->share->value, y);
+        return DONE;
+    }
+    for (int i = 0; i < n; i++)
+        way.u[i] /= length;
+    way.delta += room->share->value * norm(6, problem->ahead);
+    if (largest(&way, pace) == HAND_BACK || found->undecided)
+        return HAND_BACK;
+    joints(problem, found->z, room->share->value, y);
+    for (int j = 0; j < n; j++)
+        chase[j] = (1.0 - *pace) * way.way[j];
+    for (int j = 0; j < m && demand->rows > 0; j++)
+        for (int i = 0; i < n; i++)
+            slowed[j] += problem->reduction.basis[i][j] * chase[i];
+    if (demand->rows == 0)
+        memcpy(slowed, chase, sizeof(Row));
+    return DONE;
+}
+
+static double calming(const Posed *problem, const Share *share, const Objective *objective, const Row y, const Row slowed)
 {
     Row z;
     const Demand *demand = problem->demand;
@@ -187,26 +405,27 @@ static double calming(const Posed *problem, const Share *share, const Objective 
         return 0.0;
     free_part(problem, y, share->value, z);
     double factor = demand->rows == 0 ? CALM : CALM * problem->reduction.bend;
-    return calm(demand->m, problem->A, problem->wanted, y, speed(objective, z), demand->dt, factor);
+    return calm(demand->m, problem->A, problem->wanted, y, slowed, speed(objective, z), demand->dt, factor);
 }
 
 /* y, with as much least squares blended in as descent requires; `near` has the limits that hold the rows. */
-static Outcome guarded(Posed *problem, const Share *share, double mu, Row y, double *blended)
+static Outcome guarded(Posed *problem, const Room *room, double mu, Row y, double *blended)
 {
     const Demand *demand = problem->demand;
+    const Share *share = room->share;
     Objective plain;
     Optimum best = share->near;
-    Row least;
-    double wanted[6];
+    Row least, slowed;
+    double wanted[6], pace;
     *blended = 0.0;
     if (problem->attempt == problem->wanted || demand->form->fraction < 0.0)
         return DONE;
     if (demand->cone.limit > 0.0 && share->value < 1.0) /* a share that is told loosely */
         return HAND_BACK;
-    if (objective(problem, problem->wanted, share->value, &plain) == HAND_BACK)
+    if (objective(problem, problem->wanted, problem->ahead, share->value, &plain) == HAND_BACK)
         return HAND_BACK;
     calmed(&plain, mu);
-    if (minimised(problem, share, &plain, &best, least) == HAND_BACK)
+    if (within(problem, room, &plain, &best, least, slowed, &pace) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < 6; i++)
         wanted[i] = share->value * problem->wanted[i];
@@ -257,44 +476,75 @@ static void beside(const Posed *problem, const Share *share, Solution *solution)
     }
 }
 
+/* report.py: the measured twist that joints can do at all, where they are fewer than six or rows come first. */
+static const double *possible(const Posed *problem, double done[6])
+{
+    const Demand *demand = problem->demand;
+    const Spectrum *found = &problem->spectrum;
+    int m = demand->m, n = demand->rows > 0 ? problem->reduction.n : m;
+    double largest = demand->rows > 0 ? problem->largest : found->sigma[0], rest[6];
+    if (demand->rows == 0 && m >= 6)
+        return problem->wanted;
+    for (int i = 0; i < 6; i++) {
+        done[i] = demand->rows > 0 ? dot(m, problem->A[i], problem->reduction.full) : 0.0;
+        rest[i] = problem->wanted[i] - done[i];
+    }
+    for (int k = 0; k < (n < 6 ? n : 6); k++) {
+        if (!(found->sigma[k] > NULL_RATIO * largest))
+            continue;
+        double along = dot(6, found->U[k], rest);
+        for (int i = 0; i < 6; i++)
+            done[i] += along * found->U[k][i];
+    }
+    return done;
+}
+
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution)
 {
     Posed problem;
     Objective cost;
     Optimum found;
     Share share;
-    Row x, y;
+    Room room;
+    Row x, y, slowed = {0.0};
     int m = demand->m;
-    found.met = share.near.met = share.fast = false;
+    found.met = found.undecided = share.near.met = share.fast = false;
     share.value = 1.0;
-    double blended;
-    if (posed(demand, A, wanted, &problem) == HAND_BACK || objective(&problem, problem.attempt, 1.0, &cost) == HAND_BACK)
+    double blended, pace = 1.0, done[6];
+    if (posed(demand, A, wanted, &problem) == HAND_BACK ||
+        objective(&problem, problem.attempt, problem.unchased, 1.0, &cost) == HAND_BACK)
         return HAND_BACK;
     centre(&cost, found.z);
     joints(&problem, found.z, 1.0, y);
     moved(demand, y, x);
     if (!all_finite(m, x))
         return HAND_BACK;
-    if (allows(demand, x))
+    bool free = allows(demand, x);
+    if (free)
         memcpy(share.inside, y, (size_t)m * sizeof(double));
-    else {
-        if (roomy(&problem, &share) == HAND_BACK ||
-            (demand->rows > 0 && objective(&problem, problem.attempt, share.value, &cost) == HAND_BACK))
-            return HAND_BACK;
+    else if (roomy(&problem, &share) == HAND_BACK ||
+             (demand->rows > 0 && objective(&problem, problem.attempt, problem.unchased, share.value, &cost) == HAND_BACK))
+        return HAND_BACK;
+    double mu = free ? calming(&problem, &share, &cost, y, slowed) : 0.0;
+    if (!free || mu > 0.0 || demand->form != NULL)
+        room_at(&problem, &share, &room);
+    if (!free) {
         found = share.near;
-        if (minimised(&problem, &share, &cost, &found, y) == HAND_BACK)
+        if (within(&problem, &room, &cost, &found, y, slowed, &pace) == HAND_BACK)
             return HAND_BACK;
+        mu = calming(&problem, &share, &cost, y, slowed);
     }
-    double mu = calming(&problem, &share, &cost, y);
     if (mu > 0.0) {
         calmed(&cost, mu);
-        if (minimised(&problem, &share, &cost, &found, y) == HAND_BACK)
+        if (within(&problem, &room, &cost, &found, y, slowed, &pace) == HAND_BACK)
             return HAND_BACK;
     }
-    if (guarded(&problem, &share, mu, y, &blended) == HAND_BACK)
+    if (demand->form != NULL && guarded(&problem, &room, mu, y, &blended) == HAND_BACK)
         return HAND_BACK;
     moved(demand, y, x);
-    reported(demand, A, wanted, &cost, x, &share, &found, blended, solution);
+    found.met = found.met || pace < 1.0;
+    reported(demand, A, wanted, possible(&problem, done), &cost, x, &share, pace, &found, demand->form == NULL ? 0.0 : blended,
+             solution);
     beside(&problem, &share, solution);
     return DONE;
 }

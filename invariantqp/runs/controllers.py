@@ -38,6 +38,7 @@ def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
         "damping": law.damping,
         "guard": law.guard,
         "posture": law.posture,
+        "posture_gain": law.posture_gain,
         "joint_metric": law.joint_metric,
         "backend": law.backend,
         "exact": None if law.exact is None else ExactPoint(law.point),

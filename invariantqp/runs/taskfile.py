@@ -25,7 +25,7 @@ from invariantqp.runs.path import Path
 from invariantqp.runs.physics import Physics
 from invariantqp.runs.problems import problems
 from invariantqp.runs.robotspec import RobotSpec
-from invariantqp.runs.section import LARGEST, NotNegative, Positive, Section, Vector3
+from invariantqp.runs.section import LARGEST, NotNegative, Number, Positive, Section, Vector3
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -87,9 +87,13 @@ class LawSpec(Section):
         None, description="what a radian counts for there [m/rad]; left out: the arm's reach", examples=[0.5]
     )
     guard: StrictBool = Field(True, description="whether the descent guard is on", examples=[True])
-    posture: StrictBool | NotNegative = Field(
-        True, description="gain of the motion towards the middle of the joint ranges [1/s]; true is 1", examples=[True]
+    posture: StrictBool | list[Number] = Field(
+        True,
+        description="joint positions to stay near as far as the path leaves joints free; true is the middle of their "
+        "ranges, for more than six joints",
+        examples=[True],
     )
+    posture_gain: NotNegative = Field(1.0, description="how fast, while the tool moves [1/s]", examples=[1.0])
     joint_metric: list[Positive] | None = Field(
         None, description="one weight for each joint: what a joint velocity costs", examples=[[1.0, 1.0, 25.0]]
     )

@@ -35,7 +35,7 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     policy = law.compiled
     if core is None or policy is None:
         return None
-    J, s, root, lower, upper, exact, posture, rows, cone, row_rank = demand
+    J, s, root, lower, upper, exact, posture, rows, cone, row_rank, chase, fastest = demand
     if cone is not None and cone.program is not None:
         return None
     demands = None if exact is None else (exact.A, exact.b, exact.of_twist, row_rank)
@@ -43,7 +43,7 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     limits = None if rows is None else (rows.C, rows.lower, rows.upper)
     metric = _metric(law)
     found: VelocitySolution | None = core.tick(
-        J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric
+        J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric, chase, fastest
     )
     return found
 

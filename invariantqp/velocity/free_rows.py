@@ -18,7 +18,8 @@ from invariantqp.velocity.damping import Adaptive, Fixed
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.measure import length_at, own_point
 from invariantqp.velocity.objective import NULL_RATIO
-from invariantqp.velocity.regular import ACCURATE_SHARE
+
+ACCURATE_SHARE = 1e-2
 from invariantqp.velocity.report import MET_TOLERANCE, PROGRESS_SHARE
 from invariantqp.velocity.solution import at_bounds
 

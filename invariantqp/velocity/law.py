@@ -5,7 +5,7 @@ minimise |A x - b|^2 + ...   inside the limits,    A = root J,   b = root s (or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
@@ -25,6 +25,18 @@ from invariantqp.velocity.qp.backends import Backend, Daqp
 Policy: TypeAlias = tuple[float, float, float, float, tuple[float, float, Array] | None]
 
 
+class Chase(NamedTuple):
+    """Which part of a twist closes an error: limits slow that part down before they bend it."""
+
+    ahead: Array  # (6,) the other part of s, the target's own twist
+    rows_ahead: Array | None  # (k,) what the exact rows demand for `ahead` alone; None without rows
+    lower: Array  # (m,) velocity bounds by position limits alone
+    upper: Array  # (m,)
+    slack: float  # a measured twist that counts as nothing: `SLACK` of the gain times a radian
+    steady: float  # the share of the chase that counts as motion of the task, `STEADY_GAIN` over the gain
+    apart: bool  # whether the measure tells position and angle apart, as a point's does
+
+
 class Demand(NamedTuple):
     """The input of one tick; already checked."""
 
@@ -38,6 +50,10 @@ class Demand(NamedTuple):
     rows: LimitRows | None = None  # limits on combinations of joint velocities, or None
     cone: Cone | None = None  # speed limit of a point, or None
     row_rank: int | None = None  # how many independent exact rows the arm can keep at best; None is all
+    chase: Chase | None = None  # None is a twist by itself: least squares inside the limits
+    # (m,) speeds beside which joint velocities count, where the posture rests while the task rests; None is a posture
+    # that is followed as it is
+    fastest: Array | None = None
 
     def allows(self, x: Array) -> bool:
         """Whether x is inside all limits: clipping to the box changes no bit, rows and cone hold."""
@@ -61,6 +77,14 @@ class Demand(NamedTuple):
         return bool((np.abs(C.dot(x) - e) <= ROW_ROUNDING * (np.abs(C).dot(np.abs(x)) + np.abs(e))).all())
 
 
+# A twist of this share of gain times a radian is none: limits may take that much away before they slow the chase down,
+# and an error of a position or an angle that small may stay. Measured (`examples/14_defaults.py`).
+SLACK = 3e-3
+# The gain [1/s] up to which the whole chase counts as motion of the task; with a larger one, noise of the measured
+# positions would.
+STEADY_GAIN = 10.0
+# Threshold and ceiling of the default damping where a path is looked at ahead: it slows down before joints would be fast.
+PLANNED_DAMPING = 1e-3, 3e-5
 # Rounding of C x - e, relative to the size of its terms.
 ROW_ROUNDING = 1e-14
 # Likewise of two ways to say what a point does, relative to what is asked of it.
@@ -86,6 +110,12 @@ class VelocityLaw:
     metric: Array | None = None
     backend: Backend = field(default_factory=Daqp)
     dt: float = 0.0
+
+    @cached_property
+    def planned(self) -> VelocityLaw:
+        """For a joint motion that was looked at ahead: not calm, and by default hardly damped."""
+        damping = Adaptive(*PLANNED_DAMPING) if self.damping == Adaptive() else self.damping
+        return replace(self, damping=damping, dt=0.0)
 
     @cached_property
     def compiled(self) -> Policy | None:

@@ -40,6 +40,11 @@ class Objective(NamedTuple):
     lost: float = 0.0
     rank: int = 0  # how many directions, the first of V, move something
     ratio: float = 1.0  # smallest singular value over the largest, among the min(n, 6) that may move something
+    still: Array | None = None  # (n,) V'z* of the twist without its chase, where it has one
+
+    def unchased(self) -> Objective:
+        """The same for the twist without its chase."""
+        return self if self.still is None else self._replace(optimum=self.still)
 
     def centre(self) -> Array:
         """z*, the optimum where no limit is met."""
@@ -59,7 +64,9 @@ class Objective(NamedTuple):
     def calmed(self, mu: float) -> Objective:
         """The same with 1/2 mu |z|^2 added."""
         weights = self.weights + mu
-        return self._replace(weights=weights, optimum=self.optimum * (self.weights / weights))
+        left = self.weights / weights
+        still = None if self.still is None else self.still * left
+        return self._replace(weights=weights, optimum=self.optimum * left, still=still)
 
 
 class Spectrum(NamedTuple):
@@ -84,7 +91,9 @@ def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:
     return Spectrum(U, sigma, Vt, float(sigma[0]) if largest is None else largest)
 
 
-def least_squares(spectrum: Spectrum, b: Array, posture: Array | None, damping: Damping) -> Objective:
+def least_squares(
+    spectrum: Spectrum, b: Array, posture: Array | None, damping: Damping, ahead: Array | None = None
+) -> Objective:
     """The damped least-squares objective.
 
     Args:
@@ -92,6 +101,7 @@ def least_squares(spectrum: Spectrum, b: Array, posture: Array | None, damping: 
         b: (6,) measured twist wanted of them.
         posture: (n,) z_p; None is zero.
         damping: the policy.
+        ahead: (6,) of b, without its chase; None where it has none.
     """
     U, singular, Vt, largest = spectrum
     n = len(Vt)
@@ -100,6 +110,10 @@ def least_squares(spectrum: Spectrum, b: Array, posture: Array | None, damping: 
     k = len(singular)
     wanted, sigma = np.zeros(n), np.zeros(n)
     wanted[:k] = b.dot(U[:, :k])
+    unchased = None
+    if ahead is not None:
+        unchased = np.zeros(n)
+        unchased[:k] = ahead.dot(U[:, :k])
     sigma[:k] = singular
     towards = np.zeros(n) if posture is None else Vt.dot(posture)
     if largest == 0.0:
@@ -123,4 +137,5 @@ def least_squares(spectrum: Spectrum, b: Array, posture: Array | None, damping: 
         lost=sqrt(float(missed.dot(missed))),
         rank=n - int(np.count_nonzero(null)),
         ratio=float(singular[-1]) / largest if singular[-1] > NULL_RATIO * largest else 0.0,
+        still=None if unchased is None else (sigma * unchased + squares * towards) / weights,
     )

@@ -1,21 +1,24 @@
 """The solution that a tick returns: the velocity as it may be commanded, its status, and the reason in words.
 
-"degraded"   demands contradict limits or the arm, damping gives up part of the twist, or no velocity reduces the error
+"degraded"   demands contradict limits or the arm
 "scaled"     limits slow the exact rows down
 "guarded"    the descent guard blended in least squares
-"ok"         none of these
+"limited"    limits or a singularity keep more of the twist away than "ok" allows; the best inside the limits
+"ok"         none of these: at most MISSED of the twist is missed, or the errors of position and of angle each fall at
+             FALLING of the rate asked for. Of fewer than six joints, and beside exact rows, the twist is what is left
+             of it for the joints to do.
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.objective import Objective
+from invariantqp.velocity.objective import NULL_RATIO, Objective
 from invariantqp.velocity.posed import Posed
 from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, named
 from invariantqp.velocity.solution import VelocitySolution, clipped
@@ -25,10 +28,12 @@ from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, unkept
 MET_TOLERANCE = 1e-9
 # ... or less than the rounding of J x itself: an arm rests on its target while its null space moves.
 PRODUCT_ROUNDING = 1e-14
-# The solution is "degraded" where damping gives up more than this share of a twist that the joints could do.
-LOSS_TOLERANCE = 1e-6
+# What "ok" promises.
+MISSED = 0.05
+FALLING = 0.5
 # Exact rows at this share of their speed count as not slowed down: regularising the share takes 1e-7 of it.
 WHOLE_SPEED = 1.0 - 1e-6
+STUCK = "no velocity reduces the error: it is the least that these joints and limits allow"
 # A velocity that achieves less than this share of the twist makes no progress.
 PROGRESS_SHARE = 1e-4
 
@@ -39,27 +44,31 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
     slow = answer.share < WHOLE_SPEED
     x, active = clipped(demand, _shortened(demand, answer.y))
     residual = demand.s - demand.J.dot(x)
-    size = sqrt(float(problem.wanted.dot(problem.wanted)))
-    lost = objective.lost > LOSS_TOLERANCE * size
+    missed = _missed(demand, problem, x)
+    stuck = _is_stuck(demand, problem.wanted, x, answer.share)
+    limited = stuck or (missed > MISSED and not _falls(demand, problem, x))
     troubles = [*answer.troubles, *_row_troubles(demand, problem)]
-    if _is_stuck(demand, problem.wanted, x, answer.share):
-        troubles.append("no velocity reduces the error: it is the least that these joints and limits allow")
-    words = list(troubles)
+    words = [*troubles, *([STUCK] if stuck else [])]
     if slow:
         by = f" (held by {answer.held_by})" if answer.held_by else ""
         words.append(f"limits allow {answer.share:.3g} of the exact rows' speed{by}")
         words.extend(filter(None, [answer.beside]))
+    if answer.pace < WHOLE_SPEED:
+        words.append(f"limits allow {answer.pace:.3g} of the approach's speed")
     if answer.blended > 0.0:
         words.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
     if objective.damping > 0.0:
-        words.append(damping_reason(objective) + (_loss_words(objective.lost, size) if lost else ""))
+        words.append(damping_reason(objective))
+    status = _status(degraded=bool(troubles), slow=slow, guarded=answer.blended > 0.0, limited=limited)
+    if status == "limited" and not stuck and answer.pace >= WHOLE_SPEED:
+        words.append(f"{missed:.2g} of the twist is missed")
     if active:
         words.append(f"at the limits of {named(list(active), len(x))}")
     multipliers, row_multipliers = _multipliers(demand, answer)
     return VelocitySolution(
         velocity=x,
         method="qp" if slow or found is not None else "damped" if objective.damping > 0.0 else "closed-form",
-        status=_status(degraded=bool(troubles) or lost, slow=slow, guarded=answer.blended > 0.0),
+        status=status,
         reason="; ".join(words),
         active=active,
         residual=residual,
@@ -85,13 +94,43 @@ def is_met(A: Array, b: Array, x: Array) -> bool:
     return left <= MET_TOLERANCE * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
 
 
-def _status(*, degraded: bool, slow: bool, guarded: bool) -> str:
-    return "degraded" if degraded else "scaled" if slow else "guarded" if guarded else "ok"
+def _status(*, degraded: bool, slow: bool, guarded: bool, limited: bool) -> str:
+    return "degraded" if degraded else "scaled" if slow else "guarded" if guarded else "limited" if limited else "ok"
 
 
-def _loss_words(lost: float, size: float) -> str:
-    """How much damping gives up; without a wanted twist, it is of what the exact rows leave to correct."""
-    return f": {lost / size:.2g} of the twist is given up" if size > 0.0 else ": part of the motion is given up"
+def _missed(demand: Demand, problem: Posed, x: Array) -> float:
+    """The share of the measured twist that x misses; of what joints can do of it, where they are fewer or rows come first.
+
+    0 where it is met but for rounding.
+    """
+    wanted, A = problem.wanted, demand.root.dot(demand.J)
+    if is_met(A, wanted, x):
+        return 0.0
+    if (problem.reduction is not None or A.shape[1] < 6) and problem.spectrum is not None:
+        U, sigma, _, largest = problem.spectrum
+        fixed = np.zeros(6) if problem.reduction is None else problem.A.dot(problem.reduction.full)
+        done = U[:, : len(sigma)][:, sigma > NULL_RATIO * largest]
+        wanted = fixed + done.dot((wanted - fixed).dot(done))
+        if is_met(A, wanted, x):
+            return 0.0
+    size = norm(wanted)
+    return norm(wanted - A.dot(x)) / size if size > 0.0 else inf
+
+
+def _falls(demand: Demand, problem: Posed, x: Array) -> bool:
+    """Whether the errors of position and angle each fall at `FALLING` of the rate asked for; those within slack do.
+
+    By a carried metric position and angle are not measured apart, and are one error.
+    """
+    chase = demand.chase
+    if chase is None:
+        return False
+    asked = demand.root.dot(demand.s - chase.ahead)
+    done = demand.root.dot(demand.J.dot(x) - chase.ahead)
+    parts = [slice(0, 3), slice(3, 6)] if chase.apart else [slice(0, 6)]
+    return all(
+        asked[part].dot(done[part]) >= norm(asked[part]) * (FALLING * norm(asked[part]) - chase.slack) for part in parts
+    )
 
 
 def _row_troubles(demand: Demand, problem: Posed) -> list[str]:

@@ -12,11 +12,13 @@ Contradictions are reported in words (`troubles`). Only `SolverFailure` is raise
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.calm import CALM, calm
 from invariantqp.velocity.exact import ExactRows, Reduction
 from invariantqp.velocity.guard import Guard, blend
@@ -27,11 +29,15 @@ from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Left, Posed, limits_of
 from invariantqp.velocity.qp.backends import Backend
 from invariantqp.velocity.qp.polytope import Polytope, named
-from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
+from invariantqp.velocity.qp.quadratic import FEASIBLE, Optimum, Quadratic
 from invariantqp.velocity.share import Share, share_of
 
 # Exact rows of which more than this, relative, cannot be met: the joints cannot keep the direction of the demand.
 UNMET_TOLERANCE = 1e-9
+# Rounding of a pace, and of what it misses relative to the whole chase.
+ROUNDING = 1e-14
+# A chase, and what is left of one, below this share of what it is part of is rounding.
+NOTHING = 1e-12
 # A motion of an exact row below this share of the joints' is none: the weight below leaves 1e-9 of it.
 BESIDE_TOLERANCE = 1e-6
 # Weight of |y|^2 beside the squared motion of the rows where the least motion of the rows is computed.
@@ -46,6 +52,8 @@ class Answer(NamedTuple):
     objective: Objective  # what was minimised last
     # the optimum of the QP, with multipliers (k,) of the polytope on y; None where no limit is met
     found: Optimum | None
+    slowed: Array  # (m,) the part of the chase, as a velocity y, that limits slow down; zero where they do not
+    pace: float  # share of the chase that is left, 1 where limits do not slow it down
     blended: float  # share of least squares that the guard blended in
     troubles: tuple[str, ...]  # what was not as asked, in words
     held_by: str  # the limits that slow the exact rows down, in words
@@ -56,6 +64,7 @@ class Limits(NamedTuple):
     """The limits on y, after contradictions gave way (`troubles` says which), and a y (m,) inside them."""
 
     polytope: Polytope
+    placed: Polytope  # without the limits of velocity and acceleration
     cone: Cone | None
     troubles: tuple[str, ...]
     inside: Array
@@ -69,7 +78,8 @@ class Room(NamedTuple):
     left: Left  # what the rows leave at that share
     polytope: Polytope  # the limits on z at that share
     cone: Cone | None  # likewise, or None
-    inside: Array  # (n,) a z inside both
+    placed: Polytope  # the limits on z but those of velocity and acceleration
+    inside: Array  # (n,) a z inside all
     held_by: str  # the limits that slow the exact rows down, in words
     beside: str  # how far limits move the exact rows besides, in words
     troubles: tuple[str, ...]  # contradictions between limits
@@ -87,7 +97,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     y = problem.left(1.0).joint(objective.centre())
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
-        first = Answer(y, 1.0, objective, None, 0.0, (), "", "")
+        first = Answer(y, 1.0, objective, None, np.zeros(len(y)), 1.0, 0.0, (), "", "")
         room = _room(law, problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
     else:
         limits = given_way(law, demand)
@@ -98,10 +108,10 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
                 problem = problem._replace(reduction=reduction)
             objective = problem.slowed(objective, share.value)
         room = _room(law, problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
-        first = _minimised(law, room, objective)
+        first = _within(law, room, objective, demand)
     mu = _calm(law, room, first)
-    answer = first if mu == 0.0 else _minimised(law, room, first.objective.calmed(mu), first)
-    return answer if guard is None else _guarded(law, guard, room, answer, mu)
+    answer = first if mu == 0.0 else _within(law, room, first.objective.calmed(mu), demand)
+    return answer if guard is None else _guarded(law, guard, room, answer, mu, demand)
 
 
 def given_way(law: VelocityLaw, demand: Demand) -> Limits:
@@ -118,14 +128,14 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
             what = f"the bounds of {joints}" if joints else "each other"
             troubles.append(f"rows contradict {what}: exceeded at {by}")
             demand = demand._replace(rows=moved.rows)
-    polytope, cone = limits_of(law, demand)
+    polytope, placed, cone = limits_of(law, demand)
     y = x if law.from_joint is None else law.from_joint.dot(x)
     if cone is not None and not cone.allows(y):
         slower, y = slowed(cone, polytope, y)
         if slower.limit > cone.limit:
             troubles.append(f"the tool's speed is {slower.limit:.3g}, not {cone.limit:.3g}: other limits require it")
             cone = slower
-    return Limits(polytope, cone, tuple(troubles), y)
+    return Limits(polytope, placed, cone, tuple(troubles), y)
 
 
 def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
@@ -140,6 +150,7 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved:
         left,
         left.limits(limits.polytope),
         left.cone(limits.cone),
+        left.limits(limits.placed),
         left.free(share.velocity),
         " and ".join(by),
         moved,
@@ -188,15 +199,89 @@ def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array 
     return f"limits require motion beside it: {moved}" if moved else ""
 
 
-def _minimised(law: VelocityLaw, room: Room, objective: Objective, near: Answer | None = None) -> Answer:
-    """The optimum inside the limits; `near` is the answer for a similar objective, to start from."""
-    begin, troubles = (room.near, room.troubles) if near is None else (near.found, near.troubles)
-    found = minimise_in_cone(law.backend, objective.quadratic(), room.polytope, room.cone, room.inside, begin)
-    if found.trouble:
-        troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
-    y = room.left.joint(found.z)
+def _within(law: VelocityLaw, room: Room, objective: Objective, demand: Demand) -> Answer:
+    """The velocity inside the limits: position limits bend the chase of a target, all others slow it down first.
+
+        z1, z0    nearest to z* inside the position limits and rows; the same for the twist without its chase
+        z(p)      nearest to z0 + p (z1 - z0) inside all limits,      u = K (z1 - z0) / |K (z1 - z0)|
+        p         the largest pace in [0, 1] with   u'K (z0 + p (z1 - z0) - z(p)) <= delta,   delta = |ahead| + slack
+
+    So limits may take away delta along the chase, as least squares has it; what is more slows the chase down, in all
+    its directions alike. It is the minimum of one convex function, 1/2 |K (z - z0 - p (z1 - z0))|^2 +
+    delta |K (z1 - z0)| (1 - p) over z inside the limits and p, so the answer is continuous in all data.
+    """
+    quadratic = objective.quadratic()
+    if demand.chase is None or objective.still is None:
+        return _answer(room, objective, _nearest(law, room, quadratic))
+    found = minimise_in_cone(law.backend, quadratic, room.placed, None, room.inside)
+    if _allowed(room, found.z):
+        return _answer(room, objective, found)
+    unchased = objective.unchased().quadratic()
+    z0 = minimise_in_cone(law.backend, unchased, room.placed, None, room.inside).z
+    chase = found.z - z0
+    whole = quadratic.K.dot(chase)
+    length = norm(whole)
+    if length <= NOTHING * norm(quadratic.K.dot(found.z)):
+        return _answer(room, objective, _nearest(law, room, quadratic._replace(centre=found.z)))
+    u = whole / length
+    delta = norm(demand.root.dot(demand.chase.ahead)) * room.share + demand.chase.slack
+    tried: dict[float, Optimum] = {}
+
+    def missed(pace: float) -> float:
+        centre = z0 + pace * chase
+        tried[pace] = _nearest(law, room, quadratic._replace(centre=centre))
+        return float(u.dot(quadratic.K.dot(centre - tried[pace].z))) - delta
+
+    pace = _largest(missed)
+    return _answer(room, objective, tried[pace], (1.0 - pace) * chase, pace)
+
+
+def _largest(missed: Callable[[float], float]) -> float:
+    """The largest p in [0, 1] with missed(p) <= 0, or 0: `missed` does not fall and is linear, piece by piece."""
+    low, high, pace = 0.0, 1.0, 1.0
+    over = missed(high)
+    if over <= 0.0:
+        return high
+    under = missed(low)
+    whole, side = over - under, 0
+    if under >= -NOTHING * whole:
+        return low
+    while high - low > ROUNDING:
+        pace = low + (high - low) * under / (under - over)  # the secant: exact once both ends are on one piece
+        at = missed(pace)
+        if abs(at) <= ROUNDING * whole or not low < pace < high:
+            break
+        if at > 0.0:
+            under *= 0.5 if side > 0 else 1.0  # an end that stays is weighed down, so that it moves, too
+            high, over, side = pace, at, 1
+        else:
+            over *= 0.5 if side < 0 else 1.0
+            low, under, side = pace, at, -1
+    return pace
+
+
+def _nearest(law: VelocityLaw, room: Room, quadratic: Quadratic) -> Optimum:
+    """The optimum inside all limits."""
+    return minimise_in_cone(law.backend, quadratic, room.polytope, room.cone, room.inside, room.near)
+
+
+def _allowed(room: Room, z: Array) -> bool:
+    """Whether z is inside all limits, but for rounding."""
+    value, limits = room.polytope.value(z), room.polytope
+    size = FEASIBLE * (1.0 + np.minimum(np.abs(limits.lower), np.abs(limits.upper)))
+    inside = bool(((value <= limits.upper + size) & (value >= limits.lower - size)).all())
+    return inside and (room.cone is None or room.cone.nearly_allows(z))
+
+
+def _answer(room: Room, objective: Objective, found: Optimum, slowed: Array | None = None, pace: float = 1.0) -> Answer:
+    """The answer for an optimum in z."""
+    troubles = (*room.troubles, f"{found.trouble}; solved by {found.backend}") if found.trouble else room.troubles
+    y, m = room.left.joint(found.z), room.problem.A.shape[1]
+    basis = room.left.basis
+    lost = np.zeros(m) if slowed is None else slowed if basis is None else basis.dot(slowed)
     met = found.nu > 0.0 or bool(found.multipliers.any())
-    return Answer(y, room.share, objective, found if met else None, 0.0, troubles, room.held_by, room.beside)
+    held = found if met or pace < 1.0 else None
+    return Answer(y, room.share, objective, held, lost, pace, 0.0, troubles, room.held_by, room.beside)
 
 
 def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
@@ -205,14 +290,15 @@ def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
         return 0.0
     factor = CALM if problem.reduction is None else CALM * problem.reduction.bend
     speed = answer.objective.speed(room.left.free(answer.y))
-    return calm(problem.A, problem.wanted, problem.A.dot(answer.y), speed, law.dt, factor)
+    return calm(problem.A, problem.wanted, problem.A.dot(answer.y + answer.slowed), speed, law.dt, factor)
 
 
-def _guarded(law: VelocityLaw, guard: Guard, room: Room, answer: Answer, mu: float) -> Answer:
+def _guarded(law: VelocityLaw, guard: Guard, room: Room, answer: Answer, mu: float, demand: Demand) -> Answer:
     """The answer of a form, with as much least squares blended in as descent requires."""
     problem = room.problem
-    plain = problem._replace(attempt=problem.wanted)
-    best = _minimised(law, room, plain.objective(room.share).calmed(mu))
+    ahead = None if demand.chase is None else demand.root.dot(demand.chase.ahead)
+    plain = problem._replace(attempt=problem.wanted, ahead=ahead)
+    best = _within(law, room, plain.objective(room.share).calmed(mu), demand)
     wanted = room.share * problem.wanted
     t = blend(problem.A, wanted, mu, answer.y, best.y, guard.fraction)
     if t == 0.0:

@@ -14,7 +14,7 @@ import invariantqp as iq
 from invariantqp.velocity import solve as python
 from invariantqp.velocity.calm import CALM
 from invariantqp.velocity.compiled import compiled
-from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.law import Chase, Demand, VelocityLaw
 from invariantqp.velocity.posed import posed
 
 # The answers agree to this, relative, wherever they are well determined.
@@ -71,7 +71,24 @@ def random_tick(rng):
     slow = iq.limits.ToolSpeed(size * np.abs(s).max() * 10.0 ** rng.uniform(-1.5, 1.0) + 1e-300, point)
     cone = slow.cone(size * J, point) if rng.random() < 0.3 else None
     rows = random_limits(rng, lower, upper) if rng.random() < 0.3 else None
-    return law, Demand(size * J, size * s, root, lower, upper, exact, posture, rows, cone)
+    demand = Demand(size * J, size * s, root, lower, upper, exact, posture, rows, cone)
+    return law, chasing(rng, demand) if rng.random() < 0.6 else demand
+
+
+def chasing(rng, demand):
+    """The demand as of a loop: part of the twist closes an error, and the posture rests while the task rests."""
+    m, exact = len(demand.lower), demand.exact
+    part = (0.0, 0.0, 1.0, rng.uniform(0.0, 1.0), rng.normal(size=6))[rng.integers(5)]
+    rows_ahead = None
+    if exact is not None:
+        rows_ahead = exact.b * (part if np.ndim(part) == 0 else rng.normal(size=len(exact.b)))
+    room = demand.upper - demand.lower
+    wider = np.where(np.isfinite(room), room, 0.0) * rng.uniform(0.0, 3.0, (2, m)) * (rng.random((2, m)) < 0.8)
+    placed = demand.lower - wider[0], demand.upper + wider[1]
+    slack = np.linalg.norm(demand.root @ demand.s) * (1e-4, 1e-3, 0.1)[rng.integers(3)]
+    chase = Chase(part * demand.s, rows_ahead, *placed, slack, rng.uniform(0.1, 1.0), bool(rng.random() < 0.8))
+    fastest = 10.0 ** rng.uniform(-2, 1, m) if rng.random() < 0.7 else None
+    return demand._replace(chase=chase, fastest=fastest)
 
 
 def random_law(rng, m):

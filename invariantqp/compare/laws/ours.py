@@ -68,7 +68,8 @@ def paper_law(robot: Robot, law: LawSpec) -> Controller:
     """The formula of [DS] with Lambda = lambda I, clipped to the limits; pitch and gain are those of the task."""
     form = pitch_of(robot, law)
     damping = PaperLambda(PAPER_LAMBDA)
-    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=damping, posture=law.posture)
+    posture = {"posture": law.posture, "posture_gain": law.posture_gain}
+    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=damping, **posture)
 
 
 def _alone(setting: Setting) -> Solve:

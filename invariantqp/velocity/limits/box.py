@@ -145,6 +145,11 @@ class JointBox(Value):
         upper = np.maximum(np.minimum(self._high - place, ahead), back)
         return lower, upper
 
+    def placed(self, q: Array) -> tuple[Array, Array]:
+        """(lower, upper), each (m,), by the position limits alone; not above what leads back from outside in time."""
+        place = q * self._rate
+        return np.minimum(self._low - place, self.velocity_limit), np.maximum(self._high - place, self._slowest)
+
     def outside(self, q: ArrayLike, joints: Iterable[int]) -> tuple[tuple[int, str], ...]:
         """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
         x: Any = q

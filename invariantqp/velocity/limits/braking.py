@@ -36,6 +36,8 @@ class BrakingBounds(NamedTuple):
     lower: Array  # (m,)
     upper: Array  # (m,)
     strained: tuple[tuple[int, str], ...]  # joint and what gave way there, in words
+    placed_lower: Array  # (m,) by the room to the position limits alone
+    placed_upper: Array  # (m,)
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -56,7 +58,9 @@ class BrakingBox(Value):
         lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)
         lower = np.minimum(np.maximum(lower, -fastest), fastest)
         upper = np.maximum(np.minimum(np.maximum(upper, -fastest), fastest), lower)
-        return BrakingBounds(lower, upper, self._strained(q, before, lower, upper))
+        down, up = (braking_speed(room, self.acceleration, self.box.dt) for room in (behind, ahead))
+        placed = np.minimum(lower, -down), np.maximum(upper, up)
+        return BrakingBounds(lower, upper, self._strained(q, before, lower, upper), *placed)
 
     def _towards(self, room: Array, before: Array) -> tuple[Array, Array]:
         """(least, most) velocities (2, m) towards the limits `room` (2, m) away, up and down.
