@@ -54,7 +54,9 @@ class LoopLimits(NamedTuple):
             lower, upper = self.box.at(q)
             placed = self.box.placed(q)
         else:
-            lower, upper, strained, *placed = self.braking.at(q, before)
+            bounds = self.braking.at(q, before)
+            lower, upper, strained = bounds[:3]
+            placed = bounds[3:]
         rows = cone = None
         trouble = ""
         if self.tool_speed is not None:
@@ -62,7 +64,7 @@ class LoopLimits(NamedTuple):
             cone = self.tool_speed.cone(sighting.J, robot.points(sighting, target, point)[0])
         if self.joint_rows is not None:
             rows, trouble = self.joint_rows.at(q, before)
-        return TickLimits(lower, upper, rows, cone, strained, trouble, (placed[0], placed[1]))
+        return TickLimits(lower, upper, rows, cone, strained, trouble, placed)
 
     def told(
         self, solution: VelocitySolution, q: ArrayLike, names: tuple[str, ...], strained: Strained = ()

@@ -83,7 +83,7 @@ SLACK = 3e-3
 # The gain [1/s] up to which the whole chase counts as motion of the task; with a larger one, noise of the measured
 # positions would.
 STEADY_GAIN = 10.0
-# Threshold and ceiling of the default damping where a path is looked at ahead: it slows down before joints would be fast.
+# Threshold and ceiling of the default damping of a path that is looked at ahead: it slows down before joints are fast.
 PLANNED_DAMPING = 1e-3, 3e-5
 # Rounding of C x - e, relative to the size of its terms.
 ROW_ROUNDING = 1e-14

@@ -46,7 +46,7 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
     residual = demand.s - demand.J.dot(x)
     missed = _missed(demand, problem, x)
     stuck = _is_stuck(demand, problem.wanted, x, answer.share)
-    limited = stuck or (missed > MISSED and not _falls(demand, problem, x))
+    limited = stuck or (missed > MISSED and not _falls(demand, x))
     troubles = [*answer.troubles, *_row_troubles(demand, problem)]
     words = [*troubles, *([STUCK] if stuck else [])]
     if slow:
@@ -99,9 +99,9 @@ def _status(*, degraded: bool, slow: bool, guarded: bool, limited: bool) -> str:
 
 
 def _missed(demand: Demand, problem: Posed, x: Array) -> float:
-    """The share of the measured twist that x misses; of what joints can do of it, where they are fewer or rows come first.
+    """The share of the measured twist that x misses, 0 where it is met but for rounding.
 
-    0 where it is met but for rounding.
+    Of fewer than six joints, and beside exact rows, the share of what is left for them to do.
     """
     wanted, A = problem.wanted, demand.root.dot(demand.J)
     if is_met(A, wanted, x):
@@ -117,7 +117,7 @@ def _missed(demand: Demand, problem: Posed, x: Array) -> float:
     return norm(wanted - A.dot(x)) / size if size > 0.0 else inf
 
 
-def _falls(demand: Demand, problem: Posed, x: Array) -> bool:
+def _falls(demand: Demand, x: Array) -> bool:
     """Whether the errors of position and angle each fall at `FALLING` of the rate asked for; those within slack do.
 
     By a carried metric position and angle are not measured apart, and are one error.

@@ -68,8 +68,8 @@ def paper_law(robot: Robot, law: LawSpec) -> Controller:
     """The formula of [DS] with Lambda = lambda I, clipped to the limits; pitch and gain are those of the task."""
     form = pitch_of(robot, law)
     damping = PaperLambda(PAPER_LAMBDA)
-    posture = {"posture": law.posture, "posture_gain": law.posture_gain}
-    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=damping, **posture)
+    at, pull = law.posture, law.posture_gain
+    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=damping, posture=at, posture_gain=pull)
 
 
 def _alone(setting: Setting) -> Solve:
