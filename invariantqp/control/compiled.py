@@ -36,7 +36,7 @@ def compiled_loop(
     gain: float,
     posture: Array,
     pull: Array,
-    chase: tuple[float, float],
+    slack: float,
     slow: float,
     exact: tuple[Exact, ...],
     row_rank: int | None,
@@ -51,7 +51,7 @@ def compiled_loop(
         gain: of the error [1/s].
         posture: (m,) joint positions.
         pull: (m,) gains of the posture [1/s].
-        chase: its slack and steady share.
+        slack: of a chase.
         slow: 1 / |v|, v the measured twist at full speed.
         exact: what is met exactly.
         row_rank: how many of its rows the arm can keep at best.
@@ -62,7 +62,7 @@ def compiled_loop(
         return None
     if speed is not None and speed.exact:
         return None
-    m, (slack, steady), planned = len(posture), chase, (law.planned.compiled or law.compiled)[:2]
+    m, planned = len(posture), (law.planned.compiled or law.compiled)[:2]
     if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None
     wanted, rows = compiled_demands(exact, m), _rows(joint_rows, m)
@@ -72,7 +72,7 @@ def compiled_loop(
     numbers += [-1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit, braking is not None]
     kind = 0 if carried is None else 2 if carried.follows_tool else 1
     numbers += [len(wanted), len(rows[0]), law.metric is not None, 0, kind]
-    numbers += [box.dt, 0.0 if braking is None else braking.delay, slack, steady, *planned]
+    numbers += [box.dt, 0.0 if braking is None else braking.delay, slack, *planned]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
     point = np.zeros(3) if measure.point is None else measure.point

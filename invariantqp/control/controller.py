@@ -34,7 +34,7 @@ from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.law import SLACK, STEADY_GAIN, Chase, Demand, VelocityLaw
+from invariantqp.velocity.law import SLACK, Chase, Demand, VelocityLaw
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
@@ -147,8 +147,7 @@ class Controller:
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
         self._fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
-        slack = SLACK * self.gain * self.measure.radian(seen.J, seen.pose)
-        self._chase = slack, min(1.0, STEADY_GAIN / self.gain)
+        self._slack = SLACK * self.gain * self.measure.radian(seen.J, seen.pose)
         self._limits = loop_limits(robot, self.dt, delay, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
@@ -161,7 +160,7 @@ class Controller:
             self.gain,
             self._posture,
             self._pull,
-            self._chase,
+            self._slack,
             slow,
             self.exact,
             self.row_rank,
@@ -324,7 +323,7 @@ class Controller:
         if chased:
             rows_ahead = self._rows(sighting, target, 0.0, ahead, more)
             still = None if rows_ahead is None else rows_ahead.b
-            chase = Chase(ahead, still, *limits.placed, *self._chase, self.measure.carried is None)
+            chase = Chase(ahead, still, *limits.placed, self._slack, self.measure.carried is None)
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank, chase, fastest)
         law = self.law if calm else self.law.planned
         solution = solve(law, demand) if stand is None else standing(law, demand, stand)

@@ -80,15 +80,14 @@ bool metric(PyObject *tuple, int m, Metric *into)
            matrix(PyTuple_GetItem(tuple, 1), m, m, MOST, into->inverse[0]);
 }
 
-/* Read a chase: (ahead, what exact rows demand for it or None, lower, upper, slack, steady, apart); after `exact`. */
+/* Read a chase: (ahead, what exact rows demand for it or None, lower, upper, slack, apart); after `exact`. */
 bool chase(PyObject *tuple, Demand *demand)
 {
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 7)
+    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 6)
         return false;
     Chase *into = &demand->chase;
     into->slack = PyFloat_AsDouble(PyTuple_GetItem(tuple, 4));
-    into->steady = PyFloat_AsDouble(PyTuple_GetItem(tuple, 5));
-    into->apart = PyObject_IsTrue(PyTuple_GetItem(tuple, 6)) == 1;
+    into->apart = PyObject_IsTrue(PyTuple_GetItem(tuple, 5)) == 1;
     return !PyErr_Occurred() && vector(PyTuple_GetItem(tuple, 0), 6, into->ahead) &&
            (demand->rows == 0 || vector(PyTuple_GetItem(tuple, 1), demand->rows, into->rows_ahead)) &&
            vector(PyTuple_GetItem(tuple, 2), demand->m, into->lower) &&

@@ -56,7 +56,7 @@ typedef struct {
 
 /* law.py: which part of a twist closes an error, and what may be slowed down for it. */
 typedef struct {
-    double ahead[6], rows_ahead[MOST_ROWS], slack, steady;
+    double ahead[6], rows_ahead[MOST_ROWS], slack;
     Row lower, upper;
     bool apart;
 } Chase;
@@ -231,6 +231,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
               const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
               double blended, Solution *solution);
 void clipped(const Demand *demand, const Row x, Solution *solution);
+double steady_share(const Demand *demand, const double wanted[6], const double ahead[6]);
 double posture_share(const Demand *demand, const Row x);
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6]);
 Outcome reduce(const Demand *demand, const Row *C, Reduction *reduction);
@@ -278,7 +279,7 @@ extern const Constant CONSTANTS[];
 #define PRODUCT_ROUNDING 1e-14
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
-#define POSTURE_PACE 0.01
+#define POSTURE_PACE 3e-3
 #define PACE_ROUNDING 1e-14
 #define NO_CHASE 1e-12
 #define PROGRESS_SHARE 1e-4

@@ -170,7 +170,6 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
         for (int i = 0; i < 6; i++)
             demand.chase.ahead[i] = feedforward == NULL ? 0.0 : feedforward[i];
         demand.chase.slack = loop->slack;
-        demand.chase.steady = loop->steady;
         demand.chase.apart = loop->carried == 0.0;
         if (loop->wanted > 0.0) {
             if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, wanted, feedforward, &demand) == HAND_BACK)

@@ -21,7 +21,7 @@ typedef struct {
     double time, delay;                /* of the way to a position limit, and until a command shows, with braking */
     double threshold, ceiling, fixed, speed;
     double planned_threshold, planned_ceiling; /* damping where the joint motion is planned */
-    double slack, steady;                      /* of a chase */
+    double slack;                              /* of a chase */
     double point[3];                   /* of the tool, where the error is measured */
     double fast[3];                    /* of the tool, a point whose speed is limited */
     double home[16];

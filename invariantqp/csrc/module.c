@@ -17,7 +17,7 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     demand.cone.limit = 0.0;
     if (count != 14 || !policy(arguments[7], &demand, &form))
         return refused("tick(J, s, root, lower, upper, posture, dt, " POLICY ", (A, b, of_twist, rank), (J, limit, start), "
-                       "(C, lower, upper), (T, inverse), (ahead, rows_ahead, lower, upper, slack, steady, apart), fastest)");
+                       "(C, lower, upper), (T, inverse), (ahead, rows_ahead, lower, upper, slack, apart), fastest)");
     demand.m = joints_of(arguments[0]);
     if (demand.m == 0)
         Py_RETURN_NONE;
@@ -69,13 +69,13 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 {
     (void)module;
     static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, row_rank, speed_limit, has_braking, "
-                                   "k, r, has_metric, 0, carried, time, delay, slack, steady, planned threshold and "
+                                   "k, r, has_metric, 0, carried, time, delay, slack, planned threshold and "
                                    "ceiling), point, fast, home, screws, low, high, fastest, posture, pull, position_lower, position_upper, acceleration, "
                                    "(k, 8 + m) exact, C, lower, upper of r rows, T, its inverse, " POLICY ", root)";
     Loop made = {.joints = 0.0};
     Demand read;
-    double first[20];
-    bool good = count == 21 && vector(arguments[0], 20, first) && first[0] >= 1.0 && first[0] <= MOST &&
+    double first[19];
+    bool good = count == 21 && vector(arguments[0], 19, first) && first[0] >= 1.0 && first[0] <= MOST &&
                 first[9] >= 0.0 && first[9] <= MOST_ROWS && first[10] >= 0.0 && first[10] <= MOST &&
                 policy(arguments[19], &read, &made.form) && matrix(arguments[20], 6, 6, 6, made.root[0]);
     if (!good)
@@ -83,9 +83,8 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     int m = (int)first[0], k = (int)first[9];
     memcpy(&made, first, 16 * sizeof(double));
     made.slack = first[16];
-    made.steady = first[17];
-    made.planned_threshold = first[18];
-    made.planned_ceiling = first[19];
+    made.planned_threshold = first[17];
+    made.planned_ceiling = first[18];
     made.has_form = read.form != NULL;
     made.threshold = read.threshold;
     made.ceiling = read.ceiling;

@@ -37,11 +37,12 @@ bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], R
         return false;
     double pace = demand->has_posture ? 1.0 : 0.0;
     if (demand->has_posture && demand->paced) { /* posed.py, _pace */
-        const Chase *chase = &demand->chase;
-        for (int i = 0; i < 6; i++) {
-            double ahead = demand->chased ? dot(6, demand->root[i], chase->ahead) : b[i];
-            y[i] = demand->chased ? ahead + chase->steady * (b[i] - ahead) : b[i];
-        }
+        double ahead[6];
+        for (int i = 0; i < 6; i++)
+            ahead[i] = demand->chased ? dot(6, demand->root[i], demand->chase.ahead) : b[i];
+        double share = steady_share(demand, b, ahead);
+        for (int i = 0; i < 6; i++)
+            y[i] = ahead[i] + share * (b[i] - ahead[i]);
         solved(6, (const Row *)L, y, y);
         for (int j = 0; j < n; j++) {
             x[j] = 0.0;

@@ -61,7 +61,7 @@ static Outcome pace(Posed *problem, double *share)
     const Chase *chase = &demand->chase;
     int m = demand->m, n = demand->rows > 0 ? problem->reduction.n : m;
     static const Row STILL = {0.0};
-    double b[6], steady = demand->chased ? chase->steady : 1.0;
+    double b[6], steady = steady_share(demand, problem->wanted, problem->ahead);
     Spectrum *found = &problem->spectrum;
     Spectrum needed = *found;
     Objective task;
@@ -339,61 +339,59 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
 {
     const Demand *demand = problem->demand;
     int n = objective->n, m = demand->m;
-    double length;
+    static const Cone NONE = {.limit = 0.0};
+    double length = 0.0, size = 0.0;
     Quadratic cost;
-    Row z1, chase, apart;
+    Row z1, unchased, whole, part;
     *pace = 1.0;
     memset(slowed, 0, sizeof(Row));
     quadratic(objective, &cost);
-    if (!demand->chased) {
-        if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+    memcpy(whole, cost.centre, sizeof whole);
+    if (demand->chased) {
+        if (optimum_of(&cost, &room->placed, &NONE, room->inside, found, found) == HAND_BACK)
             return HAND_BACK;
-        joints(problem, found->z, room->share->value, y);
-        return DONE;
-    }
-    static const Cone NONE = {.limit = 0.0};
-    if (optimum_of(&cost, &room->placed, &NONE, room->inside, found, found) == HAND_BACK)
-        return HAND_BACK;
-    memcpy(z1, found->z, sizeof z1);
-    if (is_allowed(room, n, z1)) {
-        joints(problem, z1, room->share->value, y);
-        return found->undecided ? HAND_BACK : DONE;
-    }
-    Objective unchased = *objective;
-    Optimum still;
-    Slowed way = {.room = room, .cost = &cost, .found = found, .delta = demand->chase.slack};
-    memcpy(unchased.optimum, objective->still, sizeof unchased.optimum);
-    centre(&unchased, cost.centre);
-    if (optimum_of(&cost, &room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
-        return HAND_BACK;
-    memcpy(way.z0, still.z, sizeof way.z0);
-    for (int j = 0; j < n; j++)
-        apart[j] = way.way[j] = z1[j] - way.z0[j];
-    for (int i = 0; i < n; i++)
-        way.u[i] = dot(n, cost.K[i], apart);
-    length = norm(n, way.u);
-    for (int i = 0; i < n; i++)
-        apart[i] = dot(n, cost.K[i], z1);
-    if (length <= NO_CHASE * norm(n, apart)) {
-        memcpy(cost.centre, z1, sizeof z1);
-        if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+        if (is_allowed(room, n, found->z)) {
+            joints(problem, found->z, room->share->value, y);
+            return found->undecided ? HAND_BACK : DONE;
+        }
+        memcpy(z1, found->z, sizeof z1);
+        Objective rest = *objective;
+        Optimum still;
+        Slowed way = {.room = room, .cost = &cost, .found = found, .delta = demand->chase.slack};
+        memcpy(rest.optimum, objective->still, sizeof rest.optimum);
+        centre(&rest, unchased);
+        memcpy(cost.centre, unchased, sizeof unchased);
+        if (optimum_of(&cost, &room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
             return HAND_BACK;
-        joints(problem, found->z, room->share->value, y);
-        return DONE;
+        memcpy(way.z0, still.z, sizeof way.z0);
+        for (int j = 0; j < n; j++)
+            way.way[j] = z1[j] - way.z0[j];
+        for (int i = 0; i < n; i++) {
+            way.u[i] = dot(n, cost.K[i], way.way);
+            part[i] = dot(n, cost.K[i], z1);
+        }
+        length = norm(n, way.u);
+        size = norm(n, part);
+        if (length > NO_CHASE * size) {
+            for (int i = 0; i < n; i++)
+                way.u[i] /= length;
+            way.delta += room->share->value * norm(6, problem->ahead);
+            if (largest(&way, pace) == HAND_BACK)
+                return HAND_BACK;
+        }
+        for (int j = 0; j < n; j++) {
+            part[j] = (1.0 - *pace) * (whole[j] - unchased[j]);
+            cost.centre[j] = whole[j] - part[j];
+        }
+        for (int j = 0; j < m && demand->rows > 0; j++)
+            for (int i = 0; i < n; i++)
+                slowed[j] += problem->reduction.basis[i][j] * part[i];
+        if (demand->rows == 0)
+            memcpy(slowed, part, sizeof(Row));
     }
-    for (int i = 0; i < n; i++)
-        way.u[i] /= length;
-    way.delta += room->share->value * norm(6, problem->ahead);
-    if (largest(&way, pace) == HAND_BACK || found->undecided)
+    if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
         return HAND_BACK;
     joints(problem, found->z, room->share->value, y);
-    for (int j = 0; j < n; j++)
-        chase[j] = (1.0 - *pace) * way.way[j];
-    for (int j = 0; j < m && demand->rows > 0; j++)
-        for (int i = 0; i < n; i++)
-            slowed[j] += problem->reduction.basis[i][j] * chase[i];
-    if (demand->rows == 0)
-        memcpy(slowed, chase, sizeof(Row));
     return DONE;
 }
 

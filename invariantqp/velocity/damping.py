@@ -24,8 +24,8 @@ from invariantqp.geometry.fields import Value, own
 # Damping starts where a direction needs a thousand times the joint speed of the strongest one, and lets none need more
 # than 1 / (2 ceiling), seventeen thousand times. Velocity limits act long before that; `examples/14_defaults.py`
 # measures what other values cost.
-DEFAULT_THRESHOLD = 2e-2
-DEFAULT_CEILING = 1e-3
+DEFAULT_THRESHOLD = 1e-2
+DEFAULT_CEILING = 2e-3
 # Where some joint has no velocity limit, damping alone bounds its speed: 50 times that of the strongest direction.
 UNLIMITED_THRESHOLD = 1e-2
 UNLIMITED_CEILING = 1e-2

@@ -33,7 +33,6 @@ class Chase(NamedTuple):
     lower: Array  # (m,) velocity bounds by position limits alone
     upper: Array  # (m,)
     slack: float  # a measured twist that counts as nothing: `SLACK` of the gain times a radian
-    steady: float  # the share of the chase that counts as motion of the task, `STEADY_GAIN` over the gain
     apart: bool  # whether the measure tells position and angle apart, as a point's does
 
 
@@ -80,9 +79,6 @@ class Demand(NamedTuple):
 # A twist of this share of gain times a radian is none: limits may take that much away before they slow the chase down,
 # and an error of a position or an angle that small may stay. Measured (`examples/14_defaults.py`).
 SLACK = 3e-3
-# The gain [1/s] up to which the whole chase counts as motion of the task; with a larger one, noise of the measured
-# positions would.
-STEADY_GAIN = 10.0
 # Threshold and ceiling of the default damping of a path that is looked at ahead: it slows down before joints are fast.
 PLANNED_DAMPING = 1e-3, 3e-5
 # Rounding of C x - e, relative to the size of its terms.

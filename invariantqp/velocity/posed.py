@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.attempt import attempted
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.exact import Reduction, reduce
@@ -58,7 +59,7 @@ class Left(NamedTuple):
 # The joint speed of a task, as a share of the fastest, at which half of the posture is followed. Measured on 144 tight
 # tasks of seven-joint arms and on arms that are told to stay (`examples/14_defaults.py`): 0.02 loses more of the tasks,
 # and with positions read to 2e-5 rad an arm that stays moves by less than 0.1 deg in ten seconds.
-POSTURE_PACE = 0.01
+POSTURE_PACE = 3e-3
 
 # Without rows.
 EVERY = Left(None, np.empty(0))
@@ -140,15 +141,18 @@ def _pace(
 ) -> float:
     """The share of the posture that is followed: t^2 / (t^2 + POSTURE_PACE^2), t the joint speed that the task needs.
 
-    t is a share of the joints' fastest, with the chase counted by its steady share. So a task at rest leaves the
-    joints at rest, and the noise of measured positions, which the chase follows, hardly moves them.
+    t is a share of the joints' fastest. Of a chase d counts (1 - slack^2 / |d|^2) d, and nothing within its slack. So a
+    task at rest leaves the joints at rest, and the noise of measured positions, which the chase follows, does not move
+    them.
     """
     s, exact, T = demand.s, demand.exact, law.to_joint
     if demand.chase is not None:
         chase = demand.chase
-        s = chase.ahead + chase.steady * (s - chase.ahead)
+        size = norm(demand.root.dot(s - chase.ahead))
+        share = 0.0 if size <= chase.slack else 1.0 - (chase.slack / size) ** 2
+        s = chase.ahead + share * (s - chase.ahead)
         if exact is not None and chase.rows_ahead is not None:
-            exact = exact.demanding(chase.rows_ahead + chase.steady * (exact.b - chase.rows_ahead))
+            exact = exact.demanding(chase.rows_ahead + share * (exact.b - chase.rows_ahead))
     b = demand.root.dot(s)
     if exact is None or reduction is None:
         y = least_squares(spectrum, b, None, damping).centre()

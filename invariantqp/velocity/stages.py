@@ -202,12 +202,14 @@ def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array 
 def _within(law: VelocityLaw, room: Room, objective: Objective, demand: Demand) -> Answer:
     """The velocity inside the limits: position limits bend the chase of a target, all others slow it down first.
 
-        z1, z0    nearest to z* inside the position limits and rows; the same for the twist without its chase
-        z(p)      nearest to z0 + p (z1 - z0) inside all limits,      u = K (z1 - z0) / |K (z1 - z0)|
-        p         the largest pace in [0, 1] with   u'K (z0 + p (z1 - z0) - z(p)) <= delta,   delta = |ahead| + slack
+        z*(p)     the optimum without limits for the twist whose chase has the pace p in [0, 1]
+        z         nearest to z*(p) inside all limits: least squares of that twist
+        z1, z0    nearest to z*(1) and z*(0) inside the position limits and rows,   u = K (z1 - z0) / |K (z1 - z0)|
+        p         the largest pace with   u'K (z0 + p (z1 - z0) - z(p)) <= delta,   delta = |ahead| + slack,
+                  z(p) nearest to z0 + p (z1 - z0) inside all limits
 
     So limits may take away delta along the chase, as least squares has it; what is more slows the chase down, in all
-    its directions alike. It is the minimum of one convex function, 1/2 |K (z - z0 - p (z1 - z0))|^2 +
+    its directions alike. p is part of the minimum of one convex function, 1/2 |K (z - z0 - p (z1 - z0))|^2 +
     delta |K (z1 - z0)| (1 - p) over z inside the limits and p, so the answer is continuous in all data.
     """
     quadratic = objective.quadratic()
@@ -222,18 +224,19 @@ def _within(law: VelocityLaw, room: Room, objective: Objective, demand: Demand) 
     whole = quadratic.K.dot(chase)
     length = norm(whole)
     if length <= NOTHING * norm(quadratic.K.dot(found.z)):
-        return _answer(room, objective, _nearest(law, room, quadratic._replace(centre=found.z)))
+        return _answer(room, objective, _nearest(law, room, quadratic))
     u = whole / length
     delta = norm(demand.root.dot(demand.chase.ahead)) * room.share + demand.chase.slack
-    tried: dict[float, Optimum] = {}
 
     def missed(pace: float) -> float:
         centre = z0 + pace * chase
-        tried[pace] = _nearest(law, room, quadratic._replace(centre=centre))
-        return float(u.dot(quadratic.K.dot(centre - tried[pace].z))) - delta
+        nearest = _nearest(law, room, quadratic._replace(centre=centre)).z
+        return float(u.dot(quadratic.K.dot(centre - nearest))) - delta
 
     pace = _largest(missed)
-    return _answer(room, objective, tried[pace], (1.0 - pace) * chase, pace)
+    slowed = (1.0 - pace) * (quadratic.centre - unchased.centre)
+    found = _nearest(law, room, quadratic._replace(centre=quadratic.centre - slowed))
+    return _answer(room, objective, found, slowed, pace)
 
 
 def _largest(missed: Callable[[float], float]) -> float:

@@ -86,7 +86,7 @@ def chasing(rng, demand):
     wider = np.where(np.isfinite(room), room, 0.0) * rng.uniform(0.0, 3.0, (2, m)) * (rng.random((2, m)) < 0.8)
     placed = demand.lower - wider[0], demand.upper + wider[1]
     slack = np.linalg.norm(demand.root @ demand.s) * (1e-4, 1e-3, 0.1)[rng.integers(3)]
-    chase = Chase(part * demand.s, rows_ahead, *placed, slack, rng.uniform(0.1, 1.0), bool(rng.random() < 0.8))
+    chase = Chase(part * demand.s, rows_ahead, *placed, slack, bool(rng.random() < 0.8))
     fastest = 10.0 ** rng.uniform(-2, 1, m) if rng.random() < 0.7 else None
     return demand._replace(chase=chase, fastest=fastest)
 
