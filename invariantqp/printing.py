@@ -90,8 +90,12 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
     if trace.along is not None:
         yield from _path_lines(trace.along, figures)
     yield f"{figures['ticks']} ticks; a limit was active in {_percent(figures['limits_active'])} of them"
-    excess, speed = figures["limit_violation"], figures["peak_speed"]
-    yield f"largest excess over a limit: {excess:.1e}; largest joint speed: {speed:.3g} (SI units)"
+    speed, acceleration = figures["peak_speed"], figures["peak_acceleration"]
+    yield (
+        f"largest joint speed: {speed:.3g}, acceleration: {acceleration:.3g}, counted from rest "
+        "(rad/s, rad/s^2; of a slide m/s, m/s^2)"
+    )
+    yield f"largest excess over a limit: {figures['limit_violation']:.1e} (SI units)"
     if figures["form"]:
         yield f"attempted of a twist beyond the joints: by the {figures['form']}"
     yield f"methods: {_shares(figures['methods'])}; statuses: {_shares(figures['statuses'])}"

@@ -2,7 +2,7 @@
 
     {"schema": 1, "machine": {...}, "versions": {...}, "seed": 0, "quick": false, "tasks": [...],
      "methods": [Method.as_json(), ...],
-     "cells": [{"kind": "loop", "task": "panda_path", "method": "DLS", "result": {...}}, ...]}
+     "cells": [{"kind": "loop", "task": "compare/panda_limits", "method": "DLS", "result": {...}}, ...]}
 
 A figure that is not finite is null. A measurement that failed has the result {"failed": "why"}: charts leave it out,
 and the report lists it.

@@ -40,7 +40,7 @@ from invariantqp.runs.taskfile import load_task
 # Seven, six and five joints, each on a path that meets no limit and on one that meets some.
 DEFAULT_TASKS = (
     "compare/panda",
-    "panda_path",
+    "compare/panda_limits",
     "compare/ur5",
     "compare/ur5_limits",
     "so101_line",

@@ -1,7 +1,8 @@
-"""A run in one picture: the tracking error, and the joint positions and velocities relative to their limits.
+"""A run in one picture: the tracking error, and the joints' positions, velocities and accelerations by their limits.
 
 Positions are drawn as shares of the joint's range, (q - lower) / (upper - lower), so that 0 and 1 are the limits of
-every joint; velocities are divided by the joint's velocity limit.
+every joint; velocities are divided by the joint's velocity limit, accelerations by the task's acceleration limit, so
+that -1 and 1 are. Without such limits they are drawn as they are.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.contact import contact_picture
@@ -27,8 +29,8 @@ if TYPE_CHECKING:
 def picture(trace: Trace, path: Path | str) -> Path:
     """Write the picture of a run to a file.
 
-    Without contact it shows errors, joint positions and joint velocities over time; with contact it shows the force,
-    the path error, and the curve that the tool drew.
+    Without contact it shows errors, joint positions, velocities and accelerations over time; with contact it shows the
+    force, the path error, and the curve that the tool drew.
 
     Args:
         trace: from `run_task`.
@@ -45,26 +47,30 @@ def picture(trace: Trace, path: Path | str) -> Path:
     from cycler import cycler  # Matplotlib brings it
 
     style = {"axes.prop_cycle": cycler(color=COLOURS), "font.size": 9, "axes.grid": True}
-    rows = 3 if trace.along is None else 4
-    with figure_file(path, (7.5, 2.7 * rows), style) as figure:
-        error, position, velocity, *progress = figure.subplots(rows, 1, sharex=True)
+    rows = 4 if trace.along is None else 5
+    with figure_file(path, (7.5, 2.3 * rows), style) as figure:
+        error, position, velocity, acceleration, *progress = figure.subplots(rows, 1, sharex=True)
         _errors(error, trace)
         _positions(position, trace)
-        _velocities(velocity, trace)
-        for axes in (error, position, velocity):
+        speeds = trace.velocity_limit if np.isfinite(trace.velocity_limit).all() else None
+        _by_limit(velocity, trace, trace.velocity, speeds, "velocity", "rad/s, m/s")
+        allowed = trace.task.law.acceleration_limit
+        _by_limit(acceleration, trace, trace.acceleration, allowed, "acceleration", "rad/s², m/s²")
+        for axes in (error, position, velocity, acceleration):
             axes.grid(alpha=0.25)
             _shade(axes, trace)
         if trace.along is not None:
             _progress(progress[0], trace.time[1:], trace.along)
-        (progress or [velocity])[-1].set_xlabel("time [s]")
+        (progress or [acceleration])[-1].set_xlabel("time [s]")
         figure.suptitle(_title(trace), fontsize=10)
     return Path(path)
 
 
 def _title(trace: Trace) -> str:
     mm = 1e3 * trace.position_error
-    limits = f"limits active in {100.0 * np.mean(trace.limit_active):.0f} % of ticks (shaded)"
-    return f"{trace.task.name}: error median {np.median(mm):.2g} mm, max {mm.max():.2g} mm; {limits}"
+    active = np.mean(trace.limit_active)
+    limits = f"; limits active in {100.0 * active:.2g} % of ticks (shaded)" if active else ""
+    return f"{trace.task.name}: error median {np.median(mm):.2g} mm, max {mm.max():.2g} mm{limits}"
 
 
 def _errors(axes: Axes, trace: Trace) -> None:
@@ -87,14 +93,14 @@ def _positions(axes: Axes, trace: Trace) -> None:
         _legend_beside(axes)
 
 
-def _velocities(axes: Axes, trace: Trace) -> None:
-    limit: Array = np.where(np.isfinite(trace.velocity_limit), trace.velocity_limit, 1.0)
-    for i in range(len(trace.names)):
-        axes.plot(trace.time[1:], trace.velocity[:, i] / limit[i], linewidth=1.1)
-    for edge in (-1.0, 1.0):
-        axes.axhline(edge, color=RULE, linestyle="--", linewidth=0.8)
-    axes.set_ylim(-1.1, 1.1)
-    axes.set_ylabel("velocity / limit")
+def _by_limit(axes: Axes, trace: Trace, values: Array, limit: ArrayLike | None, what: str, unit: str) -> None:
+    """(n, m) values over the joints' limits, which are at -1 and 1; as they are where there is no limit."""
+    axes.plot(trace.time[1:], values if limit is None else values / np.asarray(limit), linewidth=1.1)
+    axes.set_ylabel(f"{what} [{unit}]" if limit is None else f"{what} / limit")
+    if limit is not None:
+        for edge in (-1.0, 1.0):
+            axes.axhline(edge, color=RULE, linestyle="--", linewidth=0.8)
+        axes.set_ylim(-1.1, 1.1)
 
 
 def _progress(axes: Axes, time: Array, along: PathTrace) -> None:

@@ -119,7 +119,11 @@ class Acceptance(Section):
     force_error: Positive | None = Field(
         None, description="rms of the true contact force's error, relative to the wanted force", examples=[0.02]
     )
-    limit_violation: Positive = Field(1e-9, description="largest [rad, m; rad/s, m/s]", examples=[1e-9])
+    limit_violation: Positive = Field(
+        1e-9,
+        description="largest [rad, m; rad/s, m/s], of an acceleration limit by the velocity that a tick is beyond it",
+        examples=[1e-9],
+    )
 
 
 class Task(Section):

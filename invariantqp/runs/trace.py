@@ -70,18 +70,26 @@ class Trace:
         return outside
 
     @property
+    def acceleration(self) -> Array:
+        """(n, m) change of the commanded velocity in each tick over dt [rad/s^2, m/s^2]; the first is from rest."""
+        change: Array = np.diff(self.velocity, axis=0, prepend=0.0)
+        return change / self.task.law.dt
+
+    @property
     def limit_violation(self) -> float:
-        """Largest excess over a position [rad, m] or velocity [rad/s, m/s] limit; 0 when inside."""
-        return max(float(self.outside[1:].max()), float((np.abs(self.velocity) - self.velocity_limit).max()))
+        """Largest excess over a position [rad, m] or velocity [rad/s, m/s] limit; 0 when inside.
+
+        The task's acceleration limit, if it has one, counts as the velocities that it leaves a tick.
+        """
+        velocity = float((np.abs(self.velocity) - self.velocity_limit).max())
+        change = self.task.law.dt * (self.acceleration_violation or 0.0)
+        return max(float(self.outside[1:].max()), velocity, change)
 
     @property
     def acceleration_violation(self) -> float | None:
         """Largest excess over the task's acceleration limit [rad/s^2, m/s^2], from rest; None where it has none."""
         limit = self.task.law.acceleration_limit
-        if limit is None:
-            return None
-        jumps = np.diff(self.velocity, axis=0, prepend=np.zeros((1, len(self.names))))
-        return max(0.0, float((np.abs(jumps) / self.task.law.dt - np.asarray(limit)).max()))
+        return None if limit is None else max(0.0, float((np.abs(self.acceleration) - np.asarray(limit)).max()))
 
     @property
     def shortfalls(self) -> list[str]:
@@ -138,6 +146,7 @@ class Trace:
             "limit_violation": self.limit_violation,
             "acceleration_violation": self.acceleration_violation,
             "peak_speed": float(np.abs(self.velocity).max()),
+            "peak_acceleration": float(np.abs(self.acceleration).max()),
             "limits_active": sum(self.limit_active) / n,
             "methods": {name: count / n for name, count in Counter(self.methods).items()},
             "form": self.form,

@@ -2,7 +2,7 @@
 
 Run with `pytest tests/benchmarks/bench_tick.py --benchmark-enable -n 0`; a plain `pytest` does not collect it, and
 nothing is asserted about time. Each tick is pose, Jacobian, law and limits for the Panda on the states of
-tasks/panda_path.toml.
+tasks/compare/panda_limits.toml.
 """
 
 import daqp
@@ -13,7 +13,7 @@ import pytest
 
 import invariantqp as iq
 
-TASK = iq.load_task("panda_path")
+TASK = iq.load_task("compare/panda_limits")
 DT = TASK.law.dt
 GAIN = 0.1 / DT
 

@@ -19,8 +19,8 @@ from pathlib import Path
 import invariantqp as iq
 
 CASES = (
-    ("Panda, free", "panda_path", {}, False),
-    ("Panda, limits met", "panda_path", {}, True),
+    ("Panda, free", "compare/panda_limits", {}, False),
+    ("Panda, limits met", "compare/panda_limits", {}, True),
     ("SO-101, exact position", "so101_line", {"exact": "position"}, False),
     ("SO-101, exact position, limits met", "stability/limit_all_along", {"exact": "position"}, True),
 )

@@ -77,7 +77,7 @@ def joint(name, kind, parent, child, xyz, axis, limit, rpy=(0.0, 0.0, 0.0)):
 def main():
     print("| tick | compiled | placo | compiled / placo |\n|---|---|---|---|")
     for title, wanted in (("Panda, free", lambda s: not s.active), ("Panda, limits met", lambda s: s.active)):
-        controller, ticks = ticks_of(iq.load_task("panda_path"), wanted)
+        controller, ticks = ticks_of(iq.load_task("compare/panda_limits"), wanted)
         ticks = [(q, target.homogeneous, ahead) for q, target, ahead in ticks]
         theirs = Placo(controller.robot, controller.dt)
         took = [[], []]

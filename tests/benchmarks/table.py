@@ -221,17 +221,22 @@ def main():
     print(f"| tick | {' | '.join(COLUMNS)} |")
     print("|---" * (1 + len(COLUMNS)) + "|")
     cases = (
-        ("Panda, free", "panda_path", lambda s: not s.active, {}),
-        ("Panda, limits met", "panda_path", lambda s: s.active, {}),
+        ("Panda, free", "compare/panda_limits", lambda s: not s.active, {}),
+        ("Panda, limits met", "compare/panda_limits", lambda s: s.active, {}),
         ("UR5, near a singularity", "ur5_wrist", lambda s: s.damping > 0.0, {}),
         ("SO-101, exact position", "so101_line", lambda s: not s.active, {"exact": "position"}),
         ("SO-101, exact position, limits met", "stability/limit_all_along", lambda s: s.active, {"exact": "position"}),
-        ("Panda, exact position, limits met", "panda_path", lambda s: s.active, {"exact": "position"}),
-        ("Panda, tool speed met", "panda_path", lambda s: s.method == "qp", {"tool_speed": 0.1}),
-        ("Panda, acceleration limits", "panda_path", lambda _: True, {"acceleration_limit": 10.0}),
-        ("Panda, joint metric, limits met", "panda_path", lambda s: s.active, {"joint_metric": np.arange(1.0, 8.0)}),
-        ("Panda, a coupling of joints met", "panda_path", lambda s: s.method == "qp", {"rows": COUPLED}),
-        ("Panda, exact point and axis", "panda_path", lambda s: not s.active, {"exact": [POINT, AXIS]}),
+        ("Panda, exact position, limits met", "compare/panda_limits", lambda s: s.active, {"exact": "position"}),
+        ("Panda, tool speed met", "compare/panda_limits", lambda s: s.method == "qp", {"tool_speed": 0.1}),
+        ("Panda, acceleration limits", "compare/panda_limits", lambda _: True, {"acceleration_limit": 10.0}),
+        (
+            "Panda, joint metric, limits met",
+            "compare/panda_limits",
+            lambda s: s.active,
+            {"joint_metric": np.arange(1.0, 8.0)},
+        ),
+        ("Panda, a coupling of joints met", "compare/panda_limits", lambda s: s.method == "qp", {"rows": COUPLED}),
+        ("Panda, exact point and axis", "compare/panda_limits", lambda s: not s.active, {"exact": [POINT, AXIS]}),
     )
     for title, name, wanted, options in cases:
         task = iq.load_task(name)

@@ -78,13 +78,16 @@ def test_quiet_is_silent(run, task):
 
 def test_json_has_the_fixed_keys(run, task, tmp_path):
     file = tmp_path / "out.json"
-    assert run("run", task, "--json", file, "--quiet")[0] == 0
+    status, out, _ = run("run", task, "--json", file)
+    assert status == 0
     figures = json.loads(file.read_text(encoding="utf-8"))
     asked = "task passed ticks position_error_mm orientation_error_deg limit_violation peak_speed methods statuses"
-    assert {*asked.split(), "tick_us", "force_error_relative_rms", "q"} <= set(figures)
+    assert {*asked.split(), "peak_acceleration", "tick_us", "force_error_relative_rms", "q"} <= set(figures)
     assert np.shape(figures["q"]) == (26, 7)
     assert figures["task"] == "short"
     assert figures["passed"] is True
+    speed, acceleration = figures["peak_speed"], figures["peak_acceleration"]
+    assert f"speed: {speed:.3g}, acceleration: {acceleration:.3g}, counted from rest" in out
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
@@ -92,6 +95,15 @@ def test_a_picture(run, task, tmp_path, suffix):
     file = tmp_path / f"out.{suffix}"
     assert run("run", task, "--plot", file, "--quiet") == (0, "", "")
     assert file.stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("law", "axis"), [("", "acceleration [rad/s²"), ("\nacceleration_limit = 40.0", "acceleration / limit")]
+)
+def test_a_picture_shows_accelerations_by_their_limit(run, task, tmp_path, law, axis):
+    task.write_text(TASK.replace("dt = 0.002", "dt = 0.002" + law), encoding="utf-8")
+    assert run("run", task, "--plot", tmp_path / "out.svg", "--quiet") == (0, "", "")
+    assert f"<!-- {axis}" in (tmp_path / "out.svg").read_text(encoding="utf-8")  # each text is a comment, too
 
 
 def test_another_back_end_and_the_frame_check(run, task):

@@ -64,25 +64,25 @@ def test_cells_are_kinds_times_tasks_times_methods(toys):
 
 def test_an_interrupted_sweep_takes_up_what_it_has(toys, tmp_path):
     seen = []
-    first = sweep(["panda_path"], FEW, tmp_path, progress=lambda *k: seen.append(k))
+    first = sweep(["compare/panda_limits"], FEW, tmp_path, progress=lambda *k: seen.append(k))
     assert seen[-1] == (7, 7)
     assert len(MEASURED) == 7
-    again = sweep(["panda_path"], FEW, tmp_path)
+    again = sweep(["compare/panda_limits"], FEW, tmp_path)
     assert len(MEASURED) == 7
     assert again == first == load_results(tmp_path / "results.json")
     files = sorted((tmp_path / "cells").rglob("output.pkl"))
     files[0].unlink()
     files[1].write_bytes(files[1].read_bytes()[:20])
-    assert sweep(["panda_path"], FEW, tmp_path) == first
+    assert sweep(["compare/panda_limits"], FEW, tmp_path) == first
     assert len(MEASURED) == 9
-    sweep(["panda_path"], FEW, tmp_path, seed=1)  # other settings are other cells
+    sweep(["compare/panda_limits"], FEW, tmp_path, seed=1)  # other settings are other cells
     assert len(MEASURED) == 16
 
 
 def test_a_changed_package_is_measured_again(toys, tmp_path, monkeypatch):
-    sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    sweep(["compare/panda_limits"], FEW, tmp_path, only=["counted"])
     monkeypatch.setattr(module, "source_digest", lambda: "other")
-    sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    sweep(["compare/panda_limits"], FEW, tmp_path, only=["counted"])
     assert len(MEASURED) == 4
 
 
@@ -98,21 +98,21 @@ def test_results_have_their_schema(toys, tmp_path):
 
 def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys, tmp_path):
     toys["counted"] = Kind(stumbling)
-    results = sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    results = sweep(["compare/panda_limits"], FEW, tmp_path, only=["counted"])
     (failed,) = [c for c in results["cells"] if "failed" in c["result"]]
     assert failed["method"] == "DLS"
     assert failed["result"]["failed"] == "ValueError: no such thing"
-    assert list(results_of(results, "counted")) == [("panda_path", "Moore-Penrose")]
+    assert list(results_of(results, "counted")) == [("compare/panda_limits", "Moore-Penrose")]
 
 
 def test_what_failed_is_tried_again_and_what_did_not_is_kept(toys, tmp_path):
     toys["counted"] = Kind(stumbling)
-    sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    sweep(["compare/panda_limits"], FEW, tmp_path, only=["counted"])
     assert [cell.method for cell in MEASURED] == ["Moore-Penrose"]
     toys["counted"] = Kind(counted)
-    results = sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    results = sweep(["compare/panda_limits"], FEW, tmp_path, only=["counted"])
     assert [cell.method for cell in MEASURED] == ["Moore-Penrose", "DLS"]
-    assert set(results_of(results, "counted")) == {("panda_path", name) for name in FEW}
+    assert set(results_of(results, "counted")) == {("compare/panda_limits", name) for name in FEW}
 
 
 def test_processes_share_what_is_kept(tmp_path):
@@ -141,8 +141,8 @@ def test_a_method_that_ends_its_process_is_a_row_and_not_an_end():
 
 def test_references_that_disagree_end_it(toys, tmp_path):
     toys["counted"] = Kind(disagreeing)
-    with pytest.raises(ReferenceFailure, match="counted, panda_path: two references differ"):
-        sweep(["panda_path"], FEW, tmp_path, only=["counted"])
+    with pytest.raises(ReferenceFailure, match="counted, compare/panda_limits: two references differ"):
+        sweep(["compare/panda_limits"], FEW, tmp_path, only=["counted"])
     assert not (tmp_path / "results.json").exists()
 
 
@@ -150,7 +150,7 @@ def test_wrong_settings_are_told_before_the_work(toys, tmp_path):
     with pytest.raises(UnknownName, match="task 'panda_pat'"):
         sweep(["panda_pat"], FEW, tmp_path)
     with pytest.raises(UnknownName, match="method"):
-        sweep(["panda_path"], ["pinf"], tmp_path)
+        sweep(["compare/panda_limits"], ["pinf"], tmp_path)
     assert not MEASURED
     for text in ("{}", "[]", "no json"):
         file = tmp_path / "other.json"

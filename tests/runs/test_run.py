@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,6 +63,7 @@ def test_the_figures_of_a_run():
         "orientation_error_deg",
         "limit_violation",
         "peak_speed",
+        "peak_acceleration",
         "methods",
         "statuses",
         "tick_us",
@@ -77,7 +79,44 @@ def test_the_figures_of_a_run():
     assert figures["force_error_relative_rms"] is None
     assert figures["ticks"] == len(figures["q"]) - 1 == 25
     assert figures["peak_speed"] == pytest.approx(np.abs(trace.velocity).max())
+    assert figures["peak_acceleration"] == pytest.approx(np.abs(trace.acceleration).max())
     assert figures["position_error_mm"]["max"] == pytest.approx(1e3 * trace.position_error.max())
+
+
+def test_accelerations_are_changes_of_velocity_and_the_first_is_from_rest():
+    trace = iq.run_task(panda())
+    x = np.zeros_like(trace.velocity)  # ticks of 2 ms
+    x[:, 2], x[3:, 5] = 0.05, -0.03
+    drawn = replace(trace, velocity=x)
+    assert drawn.acceleration.shape == x.shape
+    assert drawn.summary()["peak_acceleration"] == pytest.approx(25.0)
+    x[0, 2] = 0.0  # a tick later, and a sixth joint that turns round
+    x[4, 5] = 0.04
+    assert replace(trace, velocity=x).summary()["peak_acceleration"] == pytest.approx(35.0)
+
+
+def test_more_than_the_acceleration_limit_is_not_accepted():
+    trace = iq.run_task(panda(law__acceleration_limit=30.0))
+    assert trace.passed
+    trace.velocity[10:, 1] = 0.0628  # 1.4 rad/s^2 too much, 2.8e-3 rad/s in a tick
+    trace.velocity[:10, 1] = 0.0
+    assert trace.limit_violation == pytest.approx(2.8e-3)
+    assert "limit violation 0.0028" in trace.shortfalls[0]
+
+
+def test_the_panda_of_the_first_page_keeps_what_its_maker_allows():
+    task = iq.load_task("panda_path")
+    assert task.law.acceleration_limit == [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]
+    trace = iq.run_task(task)
+    allowed = np.array(task.law.acceleration_limit)
+    share = np.abs(np.diff(trace.velocity, axis=0, prepend=0.0)) / task.law.dt / allowed
+    assert share.max() < 1.0 + 1e-9
+    assert share.max() > 0.99  # limits bind on the way, a position limit too
+    low, high = trace.position_limits
+    assert (np.minimum(trace.q - low, high - trace.q) < 1e-3).any()
+    assert 0.02 < np.mean(trace.limit_active) < 0.5
+    speed = [np.abs(np.diff(T[:, :3, 3], axis=0)).max() / task.law.dt for T in (trace.wanted[:2], trace.wanted[-2:])]
+    assert max(speed) < 1e-6  # the path begins and ends at rest [m/s]
 
 
 def test_what_was_missed_is_said():

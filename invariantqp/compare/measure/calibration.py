@@ -29,7 +29,7 @@ from invariantqp.velocity.solution import VelocitySolution
 # Standard deviations of how far each joint is turned and shifted, about and along each axis of the base [rad], [m]:
 # an arm whose links were measured by a ruler.
 TURNED, SHIFTED = 5e-3, 5e-3
-TASKS = ("compare/panda", "panda_path", "compare/ur5_limits", "compare/so101_limits")
+TASKS = ("compare/panda", "compare/panda_limits", "compare/ur5_limits", "compare/so101_limits")
 
 
 class Seen:

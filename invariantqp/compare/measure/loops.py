@@ -77,5 +77,5 @@ KINDS = {
     "loop": Kind(loops),
     "beyond": Kind(loops, tasks=FRAME_TASKS),
     "turns": Kind(turns, tasks=(TURN_TASK,), slow=True),
-    "noise": Kind(noise, tasks=("panda_path", "compare/so101_limits"), slow=True),
+    "noise": Kind(noise, tasks=("compare/panda_limits", "compare/so101_limits"), slow=True),
 }

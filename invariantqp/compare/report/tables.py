@@ -15,7 +15,7 @@ ABOVE_CONTROL, ROUNDING = 100.0, 1e-9
 # How reports call the tasks of a full run.
 TASKS = {
     "compare/panda": "Panda",
-    "panda_path": "Panda, limits met",
+    "compare/panda_limits": "Panda, limits met",
     "compare/ur5": "UR5",
     "compare/ur5_limits": "UR5, limits met",
     "so101_line": "SO-101",

@@ -30,7 +30,7 @@ def test_a_frame_changes_who_measures_in_it_and_nobody_else(limited):
 
 def test_chaos_is_seen_by_the_control():
     """Gradient projection without a posture drifts: rounding in the start grows as another frame does."""
-    task = load_task("panda_path")
+    task = load_task("compare/panda_limits")
     task = task.model_copy(update={"law": task.law.model_copy(update={"posture": False})})
     setup = prepare(task)
     _, plain = watched_run(setup, controller_named("Moore-Penrose"))
@@ -71,7 +71,7 @@ def test_noise_is_worse_than_none(limited):
 
 
 def test_ticks_are_timed_at_limits_where_the_run_meets_some():
-    task = load_task("panda_path")
+    task = load_task("compare/panda_limits")
     task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.01})})
     robot = task.load_robot()
     near = [

@@ -17,11 +17,11 @@ def results(**rows):
     for method, (us, mm, deg, frame, control) in rows.items():
         loop = {"position_mm": mm, "orientation_deg": deg, "frame": frame, "control": control}
         for kind, result in (("loop", loop), ("tick", {"median_us": us, "p99_us": 2.0 * us})):
-            cells.append({"kind": kind, "task": "panda_path", "method": method, "result": result})
+            cells.append({"kind": kind, "task": "compare/panda_limits", "method": method, "result": result})
     methods = [{"name": n, "family": "QP", "why": "w", "problem": "", "shown": True, "takes": TAKES} for n in rows]
     machine = {"processor": "a processor", "cores": 2, "system": "Linux", "python": "3.11"}
     base = {"schema": 1, "machine": machine, "versions": {}, "seed": 0, "quick": False}
-    return {**base, "tasks": ["panda_path"], "methods": methods, "cells": cells}
+    return {**base, "tasks": ["compare/panda_limits"], "methods": methods, "cells": cells}
 
 
 def test_who_is_as_good_and_who_is_not():
@@ -42,7 +42,7 @@ def test_a_change_that_the_control_makes_too_is_no_dependence():
         told
         == "Panda, limits met: another tool frame moves the joints by [rad]: other 0.0001; not: invariantqp, chaos."
     )
-    colours = [p.colour for p in chart.points(found, "panda_path", tables.shown(found), chart.LIGHT)]
+    colours = [p.colour for p in chart.points(found, "compare/panda_limits", tables.shown(found), chart.LIGHT)]
     assert colours == [chart.LIGHT.same, chart.LIGHT.same, chart.LIGHT.other]
 
 
