@@ -11,7 +11,6 @@ from typing import Any
 
 import daqp
 import numpy as np
-import pinocchio as pin
 
 from invariantqp.compare.laws.quadratic import EQUALITY, FIXED, IN_OBJECTIVE, INSIDE
 from invariantqp.compare.method import Method, Takes, posture_of
@@ -34,6 +33,9 @@ class HandWritten:
         Raises:
             RobotModelError: the robot has no Pinocchio model.
         """
+        import pinocchio
+
+        self.pin = pinocchio
         self.model: Any = getattr(robot, "model", None)
         if self.model is None:
             raise RobotModelError("the hand-written loop needs a robot with a Pinocchio model")
@@ -47,12 +49,13 @@ class HandWritten:
         self.exact, self.point = law.exact is not None, np.asarray(law.point)
         self.sense = np.concatenate((np.zeros(m), np.full(3 if self.exact else 0, 5))).astype(np.int32)
 
-    def target(self, pose: Any) -> pin.SE3:
+    def target(self, pose: Any) -> Any:
         """A target as such a loop has it."""
-        return pin.SE3(pose)
+        return self.pin.SE3(pose)
 
     def step(self, q: Any, target: Any, feedforward: Any = None) -> VelocitySolution:
         """One tick."""
+        pin = self.pin
         pin.forwardKinematics(self.model, self.data, q)
         tool = pin.updateFramePlacement(self.model, self.data, self.frame)
         J = pin.computeFrameJacobian(self.model, self.data, q, self.frame, pin.LOCAL)
@@ -84,5 +87,7 @@ METHODS = [
         why="Pinocchio and DAQP called one after the other in forty lines, least squares with metres and radians alike",
         takes=Takes(IN_OBJECTIVE, EQUALITY, INSIDE, FIXED),
         system=HandWritten,
+        needs=("pinocchio",),
+        extra="pin",
     ),
 ]

@@ -18,6 +18,7 @@ from invariantqp.compare.method import Method, Question, Setting, Solve, answer,
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
+from invariantqp.extras import require
 from invariantqp.geometry import arrays
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
@@ -70,8 +71,10 @@ def controller_of(method: Method) -> MakeController:
     """The control loop of a method: its own, or this one around its function of a tick.
 
     Raises:
+        MissingExtra: a module that it needs is not installed.
         BadInput: the method has neither.
     """
+    require(method.extra, *method.needs)
     if method.system is not None:
         return method.system
     make = method.make

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from invariantqp.compare.names import OURS
 from invariantqp.compare.report import chart, tables
 from invariantqp.compare.report.tables import Table
 from invariantqp.compare.report.verdict import short, verdict
@@ -78,7 +79,9 @@ def _opening(results: Results) -> str:
     quick = " This was a quick run: few states, and ticks ten times as long." if results["quick"] else ""
     told = "Every method is told the same posture, exact rows, limits, gain and feedforward."
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
-    return f"{counts} {told}{quick}"
+    own = results.get("kinematics") == OURS
+    seen = f" Pinocchio was not installed: the loops of other methods read the arm from {OURS}." if own else ""
+    return f"{counts} {told}{seen}{quick}"
 
 
 def _machine(results: Results) -> str:
