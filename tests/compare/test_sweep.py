@@ -304,9 +304,10 @@ def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
 BARE = """
 import sys
 from importlib.abc import MetaPathFinder
+ABSENT = {"pinocchio", "pink", "mink", "mujoco", "placo", "pydrake", "qpsolvers", "osqp", "mpmath"}
 class Nowhere(MetaPathFinder):
     def find_spec(self, name, path, target=None):
-        if name.split(".")[0] in {"pinocchio", "pink", "mink", "mujoco", "placo", "pydrake", "qpsolvers", "osqp", "mpmath"}:
+        if name.split(".")[0] in ABSENT:
             raise ModuleNotFoundError(f"no module named {name!r}", name=name)
 sys.meta_path.insert(0, Nowhere())
 """
