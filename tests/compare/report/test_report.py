@@ -112,3 +112,19 @@ def test_the_chart_is_drawn_for_dark_pages_too(tmp_path):
     text = file.read_text(encoding="utf-8").upper()
     for colour in (chart.DARK.paper, chart.DARK.same, chart.DARK.other, chart.DARK.text):
         assert colour.upper() in text
+
+
+def test_points_stand_at_their_values_and_each_has_its_name(tmp_path, monkeypatch):
+    drawn = []
+    keep = chart._names
+    monkeypatch.setattr(chart, "_names", lambda axes, *rest: (drawn.append(axes), keep(axes, *rest)))
+    chart.draw(RESULTS, tmp_path / "chart.svg")
+    assert len(drawn) == len(RESULTS["tasks"])
+    for axes, task in zip(drawn, RESULTS["tasks"], strict=True):
+        found = chart.points(RESULTS, task, tables.shown(RESULTS), chart.LIGHT)
+        assert len(found) == 10
+        dots = {tuple(line.get_xydata()[0]) for line in axes.lines if line.get_marker() == "o"}
+        assert dots == {(p.time, p.error) for p in found}
+        assert sorted(text.get_text() for text in axes.texts) == sorted(p.name for p in found)
+        low, high = axes.get_ylim()
+        assert all(low < p.error < high for p in found)
