@@ -84,10 +84,10 @@ def test_every_frame_of_a_film_has_the_same_layout(tmp_path, monkeypatch):
     with Image.open(tmp_path / "film.gif") as gif:
         frames = [np.asarray(frame.convert("L")) for frame in ImageSequence.Iterator(gif)]
     assert len(frames) > 1
-    titles = [frame[:30] for frame in frames]
+    titles = [frame[:30].astype(int) for frame in frames]
     assert titles[0].min() < 100 < titles[0][0].min()  # all of the titles, and paper above them
     for strip in titles[1:]:
-        np.testing.assert_array_equal(strip, titles[0])
+        np.testing.assert_allclose(strip, titles[0], atol=16)  # each frame has a palette of its own
 
 
 def test_an_example_runs_in_a_process_of_its_own(tmp_path):

@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import time
+from importlib import metadata
 
 import joblib
 import numpy as np
@@ -14,7 +15,9 @@ from invariantqp.cli import app
 from invariantqp.compare import sweep as module
 from invariantqp.compare.exact import ReferenceFailure
 from invariantqp.compare.measure.cell import Cell, Kind
+from invariantqp.compare.measure.machine import LIBRARIES, versions
 from invariantqp.compare.measure.ticks import interleaved, spread
+from invariantqp.compare.registry import methods
 from invariantqp.compare.report.ranking import rank_agreement
 from invariantqp.compare.results import load_results, plain, results_of
 from invariantqp.compare.sweep import cells, in_parallel, measure_cell, sweep
@@ -102,6 +105,16 @@ def test_results_have_their_schema(toys, tmp_path):
     assert results["cells"][0]["result"]["nothing"] is None
     assert results["versions"]["numpy"] == np.__version__
     assert "NaN" not in (tmp_path / "results.json").read_text(encoding="utf-8")
+
+
+def test_results_say_the_version_of_every_library_that_a_row_needs():
+    called = {"pinocchio": "pin", "pink": "pin-pink", "pydrake": "drake"}
+    for row in methods().values():
+        for module_name in row.needs:
+            name = called.get(module_name, module_name)
+            assert name in LIBRARIES
+            assert not row.installed or versions()[name] == metadata.version(name)
+    assert versions().keys() >= {"invariantqp", "numpy", "scipy", "daqp", "pin", "mpmath", "example-robot-data"}
 
 
 def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys, tmp_path):

@@ -53,7 +53,7 @@ def html(results: Results, svg: str) -> str:
         "caption": caption(),
         "summary": tables.summary(results),
         "folded": folded(results),
-        "machine": _machine(results),
+        "machine": machine(results),
         "command": f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison",
     }
     return fill_template("invariantqp.compare.report", "page.html", values)
@@ -84,11 +84,11 @@ def _opening(results: Results) -> str:
     return f"{counts} {told}{seen}{quick}"
 
 
-def _machine(results: Results) -> str:
-    """The machine and the versions."""
+def machine(results: Results) -> str:
+    """The machine and the versions, as far as the results have them."""
     m = results["machine"]
-    releases = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
-    return f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases}."
+    releases = ", ".join(f"{name} {version}" for name, version in results.get("versions", {}).items())
+    return f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases or 'No versions'}."
 
 
 def inline_svg(file: Path) -> str:

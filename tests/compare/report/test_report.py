@@ -128,3 +128,11 @@ def test_points_stand_at_their_values_and_each_has_its_name(tmp_path, monkeypatc
         assert sorted(text.get_text() for text in axes.texts) == sorted(p.name for p in found)
         low, high = axes.get_ylim()
         assert all(low < p.error < high for p in found)
+
+
+def test_the_page_says_versions_as_far_as_the_results_have_them():
+    assert "pin 3.8.0" in report.machine(RESULTS)
+    old = {key: value for key, value in RESULTS.items() if key not in {"versions", "kinematics"}}
+    assert "No versions." in report.html(old, "")
+    assert "read the arm from" not in report.html(old, "")
+    assert "read the arm from invariantqp" in report.html({**old, "kinematics": "invariantqp"}, "")
