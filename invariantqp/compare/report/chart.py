@@ -1,4 +1,4 @@
-"""The chart: time of a tick against the largest error of a run, a row an arm, without limits met and with.
+"""The chart: time of a tick against the largest error of a run, a panel a task.
 
 A point is a method, and a thin line leads to its name where that is not beside it. Its colour says whether another tool
 frame changes the motion by more than a start moved by 1e-12 does.
@@ -22,8 +22,8 @@ from invariantqp.compare.report.tables import depends, shown, title
 from invariantqp.compare.results import Results, results_of
 from invariantqp.pictures.figure import figure_file
 
-# Inches at 100 dots: 850 pixels, the width of a README; drawn at twice that.
-WIDTH, ROW, LEGEND, DOTS = 8.5, 3.2, 0.4, 200
+# Inches at 100 dots: two panels are 850 pixels wide, as a README is, one is as wide as a phone; drawn at twice that.
+WIDTH, ROW, LEGEND, DOTS = 4.25, 3.2, 0.25, 200
 FONT, NAME, DIAMETER = 12.0, 10.0, 7.0
 # Room beside the fastest and the slowest; beyond the nearest and the furthest off.
 ROOM, HEADROOM = 1.5, 12.0
@@ -56,10 +56,12 @@ class Point(NamedTuple):
     ours: bool
 
 
-def draw(results: Results, file: Path, colours: Colours = LIGHT) -> None:
-    """Draw the chart; the ending of the file tells the format."""
+def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 2) -> None:
+    """Draw the chart with at most so many panels in a row; the ending of the file tells the format."""
     names, tasks = shown(results), results["tasks"]
-    rows = (len(tasks) + 1) // 2
+    columns = min(columns, len(tasks))
+    rows = -(-len(tasks) // columns)
+    legend = 1 if columns > 1 else 3
     style = {
         "font.size": FONT,
         "axes.titlesize": FONT,
@@ -70,8 +72,8 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT) -> None:
         **{f"{part}color": colours.text for part in ("text.", "axes.label", "axes.edge", "xtick.", "ytick.")},
         **dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), colours.paper),
     }
-    with figure_file(file, (WIDTH, ROW * rows + LEGEND), style, dots=DOTS) as figure:
-        panels = figure.subplots(rows, min(2, len(tasks)), squeeze=False).ravel()
+    with figure_file(file, (WIDTH * columns, ROW * rows + LEGEND * legend), style, dots=DOTS) as figure:
+        panels = figure.subplots(rows, columns, squeeze=False).ravel()
         drawn = [points(results, task, names, colours) for task in tasks]
         times = [p.time for found in drawn for p in found]
         span = (min(times) / ROOM, max(times) * ROOM * ROOM) if times else (1.0, 10.0)
@@ -79,11 +81,11 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT) -> None:
             _panel(axes, title(task), found, span, colours)
         for axes in panels[len(tasks) :]:
             axes.set_visible(False)
-        for k in range(0, len(tasks), 2):
+        for k in range(0, len(tasks), columns):
             panels[k].set_ylabel("largest error, mm")
-        for axes in panels[max(0, len(tasks) - 2) : len(tasks)]:
+        for axes in panels[len(tasks) - columns : len(tasks)]:
             axes.set_xlabel("time of a tick, us")
-        _legend(figure, colours)
+        _legend(figure, colours, legend)
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
         figure.set_layout_engine("none")
@@ -152,7 +154,7 @@ def _names(axes: Axes, found: Sequence[Point], colours: Colours) -> None:
         axes.plot(*to_data((at, end)).T, color=p.colour, linewidth=0.8, zorder=2)
 
 
-def _legend(figure: Figure, colours: Colours) -> None:
+def _legend(figure: Figure, colours: Colours, rows: int) -> None:
     """Below the panels: what the colours say."""
     kinds = (
         (colours.same, "no change in another tool frame"),
@@ -161,4 +163,4 @@ def _legend(figure: Figure, colours: Colours) -> None:
     )
     coloured = [Line2D([], [], marker="o", color=c, linestyle="", markersize=8.0, label=label) for c, label in kinds]
     look = {"frameon": False, "fontsize": FONT, "handletextpad": 0.2}
-    figure.legend(handles=coloured, loc="outside lower center", ncols=3, **look)
+    figure.legend(handles=coloured, loc="outside lower center", ncols=-(-len(kinds) // rows), **look)

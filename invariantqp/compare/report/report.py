@@ -6,6 +6,7 @@ Every sentence with a figure or a winner is computed from the results.
 from __future__ import annotations
 
 import re
+import tempfile
 from pathlib import Path
 
 from invariantqp.compare.names import OURS
@@ -30,12 +31,24 @@ ABOUT = {
 def write_report(results: Results, out: Path) -> list[Path]:
     """Write report.html and the chart into a folder that exists: the files, the report first, then the chart if any."""
     drawn = []
+    inline = ""
     if {"loop", "tick"} <= kinds_in(results):
         drawn.append(out / "speed_and_accuracy.svg")
         chart.draw(results, drawn[0])
+        with tempfile.TemporaryDirectory() as folder:
+            narrow = Path(folder) / "narrow.svg"
+            chart.draw(results, narrow, columns=1)
+            inline = themed(f'<div class="two">{inline_svg(drawn[0])}</div><div class="one">{inline_svg(narrow)}</div>')
     report = out / "report.html"
-    report.write_text(html(results, inline_svg(drawn[0]) if drawn else ""), encoding="utf-8")
+    report.write_text(html(results, inline), encoding="utf-8")
     return [report, *drawn]
+
+
+def themed(svg: str) -> str:
+    """A drawing in light colours with the page's in their place, which are dark where the reader's are."""
+    for name, colour in chart.LIGHT._asdict().items():
+        svg = svg.replace(colour.lower(), f"var(--{name})")
+    return svg
 
 
 def caption() -> str:
@@ -44,12 +57,14 @@ def caption() -> str:
 
 
 def html(results: Results, svg: str) -> str:
-    """The page as one HTML file that needs no other file; `svg` is the chart, "" without one."""
+    """The page as one HTML file that needs no other file; `svg` is the chart by `themed`, "" without one."""
     quick = " --quick" if results["quick"] else ""
     values = {
         "opening": _opening(results),
         "verdict": short(results),
         "chart": svg,
+        "light": chart.LIGHT._asdict(),
+        "dark": chart.DARK._asdict(),
         "caption": caption(),
         "summary": tables.summary(results),
         "folded": folded(results),

@@ -66,8 +66,13 @@ def test_few_results_are_a_page_all_the_same(rows, tmp_path):
     assert files[0].read_text(encoding="utf-8").count("<table>") >= 2
 
 
-def test_the_page_has_the_first_things_first_and_the_rest_folded(tmp_path):
-    files = report.write_report(RESULTS, tmp_path)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The report of the committed results."""
+    return report.write_report(RESULTS, tmp_path_factory.mktemp("report"))
+
+
+def test_the_page_has_the_first_things_first_and_the_rest_folded(files):
     text = files[0].read_text(encoding="utf-8")
     assert [file.name for file in files] == ["report.html", "speed_and_accuracy.svg"]
     first = text[: text.index("<details>")]
@@ -136,3 +141,23 @@ def test_the_page_says_versions_as_far_as_the_results_have_them():
     assert "No versions." in report.html(old, "")
     assert "read the arm from" not in report.html(old, "")
     assert "read the arm from invariantqp" in report.html({**old, "kinematics": "invariantqp"}, "")
+
+
+def test_one_task_is_not_all_one_tasks():
+    both = dict.fromkeys(("invariantqp", "hand-written loop"), (10.0, 0.5, 0.1, 0.0, 0.0))
+    assert "is as near here; it takes 1 times our time." in " ".join(verdict.short(results(**both)))
+
+
+def test_the_page_is_dark_where_its_reader_is_and_fits_a_phone(files):
+    text = files[0].read_text(encoding="utf-8")
+    light, dark = text.index("prefers-color-scheme"), text.index("</style>")
+    for name, colour in chart.LIGHT._asdict().items():
+        assert text.lower().count(colour.lower()) == 1  # where it gets its name, and nowhere else
+        assert f"--{name}: {colour}" in text[:light]
+        assert f"--{name}: {getattr(chart.DARK, name)}" in text[light:dark]
+        assert f"var(--{name})" in text[dark:]
+    # Two panels in a row, and one for narrow screens.
+    sizes = [tuple(map(float, size)) for size in re.findall(r'<svg[^>]* viewBox="0 0 ([\d.]+) ([\d.]+)"', text)]
+    assert [round(100.0 / 72.0 * width) for width, _ in sizes] == [850, 425]
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
