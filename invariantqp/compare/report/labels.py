@@ -22,9 +22,9 @@ COVERED, CROSSED = 1000.0, 15.0
 # How far from its point a name may be, and the steps of its places [line heights].
 FARTHEST, STEP = 8.0, 0.5
 # Orders in which names are moved, and rounds of moving them in each.
-ORDERS, ROUNDS = 4, 20
-# Room between two names, and the length of a line that is seen [line heights].
-MARGIN, VISIBLE = 0.15, 0.8
+ORDERS, ROUNDS = 10, 20
+# Room between two names beside and above each other, and the length of a line that is seen [line heights].
+MARGIN, VISIBLE = (0.5, 0.15), 0.8
 # So many of the places nearest to a point are looked at before all.
 FEW = 80
 
@@ -68,8 +68,8 @@ class _Choices:
     def __init__(self, i: int, points: Array, size: Array, room: Room, radius: float) -> None:
         self.i, self.points = i, points
         point, (width, height) = points[i], size
-        self.margin = MARGIN * height
-        along, up = np.arange(0.0, FARTHEST, STEP), np.arange(-FARTHEST, FARTHEST + STEP, STEP)
+        self.margin = np.array(MARGIN) * height
+        along, up = np.arange(0.0, FARTHEST, 2.0 * STEP), np.arange(-FARTHEST, FARTHEST + STEP, STEP)
         right = 1.5 * radius + along * height
         left = point[0] + np.concatenate((right, -right - width, -0.5 * width + right, -0.5 * width - right))
         x, y = (grid.ravel() for grid in np.meshgrid(left, point[1] + (up - 0.5) * height))
@@ -81,7 +81,7 @@ class _Choices:
         cost = own / height
         for j, other in enumerate(points):
             disc = np.concatenate((other - radius, other + radius))
-            cost += COVERED * _covered(self.names, disc, 0.0)
+            cost += COVERED * _covered(self.names, disc, np.zeros(2))
             if j != i:
                 theirs = np.linalg.norm(nearest(self.names, other) - other, axis=1)
                 ambiguous = (own < radius + VISIBLE * height) & (theirs < own + VISIBLE * height)
@@ -113,8 +113,8 @@ class _Choices:
 Mask = NDArray[np.bool_]
 
 
-def _covered(names: Array, other: Array, margin: float) -> Mask:
-    """Whether (k, 4) names are on another rectangle, or nearer to it than a margin."""
+def _covered(names: Array, other: Array, margin: Array) -> Mask:
+    """Whether (k, 4) names are on another rectangle, or nearer to it than a margin (2,)."""
     return np.asarray(((names[:, :2] < other[2:] + margin) & (names[:, 2:] > other[:2] - margin)).all(axis=1))
 
 
