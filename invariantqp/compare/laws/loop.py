@@ -19,7 +19,7 @@ from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
-from invariantqp.geometry import arrays
+from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
@@ -59,7 +59,7 @@ class MethodLaw:
         if self._exact:
             there = wanted[:3, :3].dot(self._point) + wanted[:3, 3]
             C = self._at_point.dot(J)
-            e = self._gain * (there - self._point) + ahead[3:] + np.cross(ahead[:3], there)
+            e = self._gain * (there - self._point) + ahead[3:] + se3.cross(ahead[:3], there)
         lower, upper = self._box.at(positions)
         pull = self._pull * (self._middle - positions)
         tick = Question(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
