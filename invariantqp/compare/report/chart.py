@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from invariantqp.compare.names import OURS
-from invariantqp.compare.report.labels import Room, nearest, placed
+from invariantqp.compare.report.labels import Area, nearest, placed
 from invariantqp.compare.report.tables import depends, shown, title
 from invariantqp.compare.results import Results, results_of
 from invariantqp.pictures.figure import figure_file
@@ -146,7 +146,7 @@ def _names(axes: Axes, found: Sequence[Point], colours: Colours) -> None:
     points = axes.transData.transform([(p.time, p.error) for p in found])
     radius = 0.65 * DIAMETER * DOTS / 72.0
     to_data = axes.transData.inverted().transform
-    places = placed(points, sizes, Room(*axes.bbox.extents), radius)
+    places = placed(points, sizes, Area(*axes.bbox.extents), radius)
     for p, at, text, place in zip(found, points, texts, places, strict=True):
         centre = 0.5 * (place[:2] + place[2:])
         text.set(position=to_data(centre), horizontalalignment="center", verticalalignment="center")

@@ -29,7 +29,7 @@ MARGIN, VISIBLE = (0.5, 0.15), 0.8
 FEW = 80
 
 
-class Room(NamedTuple):
+class Area(NamedTuple):
     """A rectangle that names have to be in."""
 
     left: float
@@ -38,7 +38,7 @@ class Room(NamedTuple):
     top: float
 
 
-def placed(points: Array, sizes: Array, room: Room, radius: float) -> Array:
+def placed(points: Array, sizes: Array, room: Area, radius: float) -> Array:
     """(n, 4) left, bottom, right, top of names of (n, 2) sizes beside (n, 2) points, discs of a radius, in a room."""
     choices = [_Choices(i, points, size, room, radius) for i, size in enumerate(sizes)]
     rng, n = np.random.default_rng(0), len(points)
@@ -65,7 +65,7 @@ def nearest(names: Array, point: Array) -> Array:
 class _Choices:
     """Where one name may be, and what each place costs by itself."""
 
-    def __init__(self, i: int, points: Array, size: Array, room: Room, radius: float) -> None:
+    def __init__(self, i: int, points: Array, size: Array, room: Area, radius: float) -> None:
         self.i, self.points = i, points
         point, (width, height) = points[i], size
         self.margin = np.array(MARGIN) * height

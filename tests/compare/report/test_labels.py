@@ -3,9 +3,9 @@ import itertools
 import numpy as np
 import pytest
 
-from invariantqp.compare.report.labels import Room, nearest, placed
+from invariantqp.compare.report.labels import Area, nearest, placed
 
-ROOM = Room(0.0, 0.0, 400.0, 300.0)
+ROOM = Area(0.0, 0.0, 400.0, 300.0)
 RADIUS = 4.0
 
 
