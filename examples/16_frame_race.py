@@ -48,14 +48,22 @@ def stick(robot, q):
     return VIEW @ np.vstack((np.zeros(3), robot.origins(q), robot.pose(q)[:3, 3])).T
 
 
+def changed_sides(paths):
+    """How many of the moved frames end with joints more than 1 rad from where they end with the frame as it is."""
+    return sum(bool(np.abs(paths[0] - q)[-1].max() > 1.0) for q in paths[2:])
+
+
 def draw(found, file, frames):
-    figure = Figure(figsize=(8.5, 3.9), dpi=100, layout="constrained")
+    figure = Figure(figsize=(8.5, 3.95), dpi=100)  # with a layout of its own: every frame has the same
     panels = figure.subplots(1, 2)
+    figure.subplots_adjust(left=0.01, right=0.99, top=0.92, bottom=0.12, wspace=0.03)
     lines = []
     for axes, (title, (paths, setup)) in zip(panels, found.items(), strict=True):
         axes.set_aspect("equal")
         axes.set(xlim=(-0.3, 1.15), ylim=(-0.35, 0.75), xticks=[], yticks=[])
         axes.set_title(title, fontsize=14, fontweight="bold")
+        often = f"the elbow flips with {changed_sides(paths)} of {len(paths) - 2} tool frames"
+        axes.text(0.03, 0.92, often, transform=axes.transAxes, fontsize=12)
         goal = axes.plot([], [], "+", color="#222222", markersize=16, markeredgewidth=2.5, zorder=5, label="target")[0]
         arms = [
             axes.plot(
@@ -73,7 +81,12 @@ def draw(found, file, frames):
             )
         )
     figure.legend(
-        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=13
+        *panels[0].get_legend_handles_labels(),
+        loc="lower center",
+        bbox_to_anchor=(0.5, -0.01),
+        ncols=3,
+        frameon=False,
+        fontsize=13,
     )
 
     def show(k):
@@ -90,9 +103,9 @@ def draw(found, file, frames):
 def main(word, frames):
     found = {title: runs(method, min(SEEDS, frames)) for method, title in ROWS.items()}
     for title, ((plain, nudged, *moved), _) in found.items():
-        apart, last = ([np.abs(plain - q)[part].max() for q in moved] for part in (slice(None), -1))
+        apart = [np.abs(plain - q).max() for q in moved]
         print(f"{title}, {len(moved)} other tool frames: the joints part by {min(apart):.1e} to {max(apart):.1e} rad,")
-        print(f"  at the end by more than 1 rad in {sum(x > 1.0 for x in last)} of them;", end=" ")
+        print(f"  at the end by more than 1 rad in {changed_sides([plain, nudged, *moved])} of them;", end=" ")
         print(f"a start moved by 1e-12 parts them by {np.abs(plain - nudged).max():.1e} rad")
     draw(found, PICTURE if word == "--picture" else word, frames)
 

@@ -5,7 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image, ImageSequence
+
+import invariantqp as iq
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -68,6 +72,22 @@ def test_an_example_runs(example, tmp_path, monkeypatch, capfd):
     assert SAYS.get(example.stem, "") in said
     assert said
     assert not complained
+
+
+def test_every_frame_of_a_film_has_the_same_layout(tmp_path, monkeypatch):
+    example = next(e for e in EXAMPLES if e.stem == "16_frame_race")
+    monkeypatch.syspath_prepend(example.parent)
+    film = runpy.run_path(str(example))
+    plain = film["prepare"](iq.load_task(film["TASK"]))
+    q = np.tile(plain.plant.measure().q, (len(plain.wanted), 1))
+    film["draw"]({"one": ([q] * 5, plain), "other": ([q] * 5, plain)}, str(tmp_path / "film.gif"), 3)
+    with Image.open(tmp_path / "film.gif") as gif:
+        frames = [np.asarray(frame.convert("L")) for frame in ImageSequence.Iterator(gif)]
+    assert len(frames) > 1
+    titles = [frame[:30].astype(int) for frame in frames]
+    assert titles[0].min() < 100 < titles[0][0].min()  # all of the titles, and paper above them
+    for strip in titles[1:]:
+        np.testing.assert_allclose(strip, titles[0], atol=16)  # each frame has a palette of its own
 
 
 def test_an_example_runs_in_a_process_of_its_own(tmp_path):

@@ -149,18 +149,12 @@ EXTRAS = {
     "cvxpy": ("iq.limits.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "mink": ("from invariantqp.mink import InvariantFrameTask", ["mink"]),
-    "peers": (
-        "import invariantqp.compare.laws.pink_law as p; p.PinkLaw(iq.load_robot('ur5'), iq.load_task('scara').law)",
-        ["pink"],
-    ),
+    "peers": ("from invariantqp.compare.registry import controller_named as c; c('Pink')", ["pink"]),
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
     "view": ("iq.view.Viewer(iq.load_task('scara'))", ["viser"]),
     "compare": ("import invariantqp.compare.exact.references", ["mpmath"]),
-    "placo": (
-        "import invariantqp.compare.laws.placo_law as p; p.PlacoLaw(iq.load_robot('ur5'), iq.load_task('scara').law)",
-        ["placo"],
-    ),
-    "drake": ("from invariantqp.compare.laws.drake_law import METHODS; METHODS[0].make(None)", ["pydrake"]),
+    "placo": ("from invariantqp.compare.registry import controller_named as c; c('placo')", ["placo"]),
+    "drake": ("from invariantqp.compare.registry import controller_named as c; c('Drake')", ["pydrake"]),
 }
 ABSENT = """
 import sys

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from invariantqp.compare.report.report import ABOUT
+from invariantqp.compare.report.report import ABOUT, machine
 from invariantqp.compare.report.tables import Table, figure, shown, summary, title
 from invariantqp.compare.results import Results, results_of
 
@@ -21,6 +21,7 @@ def guide(results: Results) -> str:
         markdown(summary(results, libraries)),
         f"{ABOUT['calibration']}: largest position error [mm] · variation of the joint velocities [rad/s] of the run.",
         markdown(calibrated(results)),
+        f"Measured on {machine(results)}",
     )
     return "\n\n".join(parts)
 

@@ -64,17 +64,14 @@ def compare(
     from invariantqp.compare.report.report import write_report
     from invariantqp.compare.results import load_results
     from invariantqp.compare.sweep import DEFAULT_TASKS, not_installed, sweep
-    from invariantqp.runs.taskfile import load_task
 
     if json_file is not None:
         raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
-    for task in tasks or ():
-        load_task(task)  # a wrong name is told before a folder is made
     other = None if against is None else load_results(against)
     kinds = None if only is None else [word.strip() for word in only.split(",")]
-    missing = not_installed(methods, kinds)
+    missing = not_installed(tasks or DEFAULT_TASKS, methods, kinds)  # a wrong name is told before a folder is made
     if not quiet:
         print_not_installed(missing)
     folder("--out", out)
@@ -93,10 +90,12 @@ def _compare_stability(json_file: Path | None, quiet: bool) -> None:
     Raises:
         NotAccepted: our law was not finite, or left its limits.
     """
-    from invariantqp.compare.measure.stability import compare_stability
+    from invariantqp.compare.measure.stability import compare_stability, not_installed
     from invariantqp.compare.names import OURS
 
     writable("--json", json_file)
+    if not quiet:
+        print_not_installed(not_installed())
     with progress("comparing", quiet) as report:
         outcomes = compare_stability(report)
     if json_file is not None:

@@ -111,7 +111,7 @@ class Method:
         make: makes the function of a tick; None for a loop of its own.
         system: a whole control loop, (robot, law) to controller; None where `make` is all there is.
         problem: the problem of a tick without posture and exact rows whose exact answer it claims; "" for none.
-        needs: Python modules that have to be installed.
+        needs: Python modules that have to be installed; imported only where the loop is made.
         extra: the extra of this package that installs them; "" where none does.
         shown: whether the first table and the chart have it.
     """
@@ -124,7 +124,7 @@ class Method:
     system: MakeController | None = None
     problem: Literal["", "law", "least squares", "ridge", "damped"] = ""
     needs: tuple[str, ...] = ()
-    extra: Literal["", "drake", "peers", "placo"] = ""
+    extra: Literal["", "drake", "peers", "pin", "placo"] = ""
     shown: bool = True
 
     @property

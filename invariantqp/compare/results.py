@@ -1,7 +1,7 @@
 """results.json: everything that a sweep measured, and all that charts and report read.
 
-    {"schema": 1, "machine": {...}, "versions": {...}, "seed": 0, "quick": false, "tasks": [...],
-     "methods": [Method.as_json(), ...],
+    {"schema": 1, "machine": {...}, "versions": {...}, "kinematics": "Pinocchio", "seed": 0, "quick": false,
+     "tasks": [...], "methods": [Method.as_json(), ...],
      "cells": [{"kind": "loop", "task": "compare/panda_limits", "method": "DLS", "result": {...}}, ...]}
 
 A figure that is not finite is null. A measurement that failed has the result {"failed": "why"}: charts leave it out,

@@ -28,14 +28,14 @@ from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from invariantqp.compare.exact import ReferenceFailure
+from invariantqp.compare.laws.view import kinematics
 from invariantqp.compare.measure import calibration, loops, solves, ticks
-from invariantqp.compare.measure.cell import Cell, Kind, Result
+from invariantqp.compare.measure.cell import Cell, Kind, Result, absent, with_robot, without_robot
 from invariantqp.compare.measure.machine import machine, source_digest, versions
 from invariantqp.compare.registry import chosen, left_out
 from invariantqp.compare.results import SCHEMA, Results, plain, write_results
 from invariantqp.errors import UnknownName
 from invariantqp.progress import Progress
-from invariantqp.runs.taskfile import load_task
 
 # Seven, six and five joints, each on a path that meets no limit and on one that meets some.
 DEFAULT_TASKS = (
@@ -94,11 +94,15 @@ def _groups(kind: Kind, methods: Sequence[str]) -> list[tuple[str, ...]]:
     return [(method,) for method in fitting]
 
 
-def not_installed(methods: str | Sequence[str] | None, only: Sequence[str] | None = None) -> dict[str, list[str]]:
-    """What a sweep with these arguments leaves out: methods and measurements by the extra that would install them."""
-    missing: dict[str, list[str]] = {}
-    for method in left_out(methods):
-        missing.setdefault(method.extra, []).append(method.name)
+def not_installed(
+    tasks: Sequence[str], methods: str | Sequence[str] | None, only: Sequence[str] | None = None
+) -> dict[str, list[str]]:
+    """What a sweep with these arguments leaves out, by the extra that would install it: methods, measurements, tasks.
+
+    Raises:
+        BadInput, UnknownName: there is no such task, method or measurement.
+    """
+    missing = absent(left_out(methods), tasks)
     for name, kind in _wanted(only).items():
         if not kind.installed:
             missing.setdefault("compare", []).append(f"the measurement {name!r}")
@@ -131,17 +135,20 @@ def sweep(
     Returns:
         The content of results.json.
 
+    Tasks whose robot is not installed are left out, as methods are; `not_installed` names them.
+
     Raises:
         BadInput, UnknownName: there is no such task, method or measurement, or a method is not installed.
-        MissingExtra: the model of a task's robot is not installed.
+        MissingExtra: of no task is the robot installed.
         ReferenceFailure: an exact answer cannot be computed.
     """
     table = chosen(methods)
     if quick and methods is None:
         table = {name: method for name, method in table.items() if method.shown}
-    for task in tasks:
-        load_task(task).load_robot()  # a wrong name or a missing model ends the sweep before its first measurement
+    tasks = with_robot(tasks)  # a wrong name ends the sweep before its first measurement
     work = cells(tasks, list(table), seed=seed, quick=quick, only=only)
+    immobile = without_robot(dict.fromkeys(cell.task for cell in work))
+    work = [cell for cell in work if cell.task not in immobile]
     found: dict[Cell, dict[str, Result]] = {}
     for cell, result in _attempts(work, out.resolve() / "cells", jobs):
         if isinstance(result, str):
@@ -154,6 +161,7 @@ def sweep(
             "schema": SCHEMA,
             "machine": machine(),
             "versions": versions(),
+            "kinematics": kinematics(),
             "seed": seed,
             "quick": quick,
             "tasks": list(tasks),

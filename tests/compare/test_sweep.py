@@ -1,5 +1,9 @@
 import json
+import os
+import subprocess
+import sys
 import time
+from importlib import metadata
 
 import joblib
 import numpy as np
@@ -11,11 +15,14 @@ from invariantqp.cli import app
 from invariantqp.compare import sweep as module
 from invariantqp.compare.exact import ReferenceFailure
 from invariantqp.compare.measure.cell import Cell, Kind
+from invariantqp.compare.measure.machine import LIBRARIES, versions
 from invariantqp.compare.measure.ticks import interleaved, spread
+from invariantqp.compare.registry import methods
 from invariantqp.compare.report.ranking import rank_agreement
 from invariantqp.compare.results import load_results, plain, results_of
 from invariantqp.compare.sweep import cells, in_parallel, measure_cell, sweep
-from invariantqp.errors import BadInput, UnknownName
+from invariantqp.errors import BadInput, MissingExtra, UnknownName
+from invariantqp.robots import load
 
 FEW = ["DLS", "Moore-Penrose"]
 MEASURED = []
@@ -38,7 +45,11 @@ def disagreeing(cell):
 
 @pytest.fixture
 def toys(monkeypatch):
-    table = {"counted": Kind(counted), "together": Kind(counted, together=True), "own": Kind(counted, tasks=("a", "b"))}
+    table = {
+        "counted": Kind(counted),
+        "together": Kind(counted, together=True),
+        "own": Kind(counted, tasks=("arm_3r", "scara")),
+    }
     monkeypatch.setattr(module, "kinds", lambda: table)
     MEASURED.clear()
     return table
@@ -50,7 +61,7 @@ def test_cells_are_kinds_times_tasks_times_methods(toys):
     by_kind = {kind: [c for c in work if c.kind == kind] for kind in toys}
     assert [(c.task, c.methods) for c in by_kind["counted"]] == [(t, (m,)) for t in "tu" for m in FEW]
     assert [(c.task, c.methods) for c in by_kind["together"]] == [("t", tuple(FEW)), ("u", tuple(FEW))]
-    assert {c.task for c in by_kind["own"]} == {"a", "b"}
+    assert {c.task for c in by_kind["own"]} == {"arm_3r", "scara"}
     assert [c.methods for c in by_kind["timed"]] == [("Moore-Penrose",)] * 2
     assert [c.kind for c in work[-2:]] == ["timed", "timed"]
     assert {c.seed for c in work} == {3}
@@ -88,12 +99,22 @@ def test_a_changed_package_is_measured_again(toys, tmp_path, monkeypatch):
 
 def test_results_have_their_schema(toys, tmp_path):
     results = sweep(["so101_line"], FEW, tmp_path, seed=2, quick=True)
-    assert set(results) == {"schema", "machine", "versions", "seed", "quick", "tasks", "methods", "cells"}
+    assert set(results) == {"schema", "machine", "versions", "kinematics", "seed", "quick", "tasks", "methods", "cells"}
     assert results["methods"][0].keys() >= {"name", "family", "why", "problem", "takes", "shown"}
     assert all(set(cell) == {"kind", "task", "method", "result"} for cell in results["cells"])
     assert results["cells"][0]["result"]["nothing"] is None
     assert results["versions"]["numpy"] == np.__version__
     assert "NaN" not in (tmp_path / "results.json").read_text(encoding="utf-8")
+
+
+def test_results_say_the_version_of_every_library_that_a_row_needs():
+    called = {"pinocchio": "pin", "pink": "pin-pink", "pydrake": "drake"}
+    for row in methods().values():
+        for module_name in row.needs:
+            name = called.get(module_name, module_name)
+            assert name in LIBRARIES
+            assert not row.installed or versions()[name] == metadata.version(name)
+    assert versions().keys() >= {"invariantqp", "numpy", "scipy", "daqp", "pin", "mpmath", "example-robot-data"}
 
 
 def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys, tmp_path):
@@ -267,22 +288,65 @@ def test_wrong_words_are_told(words, said, tmp_path):
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_what_is_not_installed_is_told_before_the_work(toys, tmp_path, monkeypatch):
+def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
     toys["exact"] = Kind(counted, needs=("mpmath",))
-    without = {"mink", "mpmath"}
+    without = {"pinocchio", "mink", "mpmath"}
     monkeypatch.setattr(extras, "find_spec", lambda name: None if name in without else object())
+    monkeypatch.setattr(load, "DATA", "no-such-robots")
 
-    assert "exact" not in {cell.kind for cell in cells(["t"], FEW)}
+    done = CliRunner().invoke(app, ["compare", "scara", "panda_path", "so101_line", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    for left_out, extra in (
+        ("hand-written loop", "pin"),
+        ("Pink; Pink with lm_damping; mink", "peers"),
+        ("the measurement 'exact'", "compare"),
+        ("the robots of panda_path, so101_line", "robots"),
+    ):
+        assert f"not installed, so left out: {left_out}. Run: pip install 'invariantqp[{extra}]'" in done.stderr
+    results = load_results(tmp_path / "results.json")
+    assert results["tasks"] == ["scara"]
+    assert {cell["kind"] for cell in results["cells"]} == {"counted", "together", "own"}
+    assert not {"hand-written loop", "Pink", "mink"} & {method["name"] for method in results["methods"]}
 
-    def first_step(_):
-        raise BadInput("task", "nothing", "this sweep to end before its first measurement")
+    done = CliRunner().invoke(app, ["compare", "panda_path", "--out", str(tmp_path / "none")])
+    assert isinstance(done.exception, MissingExtra)
+    assert not list(tmp_path.rglob("none/results.json"))
 
-    monkeypatch.setattr(module, "load_task", first_step)
-    done = CliRunner().invoke(app, ["compare", "--out", str(tmp_path)])
-    assert isinstance(done.exception, BadInput)
-    assert "left out: the measurement 'exact'. Run: pip install 'invariantqp[compare]'" in done.stderr
-    assert "left out: mink. Run: pip install 'invariantqp[peers]'" in done.stderr
-    assert not MEASURED
+
+# Put before every program of an environment: what README's own install does not bring cannot be imported.
+BARE = """
+import sys
+from importlib.abc import MetaPathFinder
+ABSENT = {"pinocchio", "pink", "mink", "mujoco", "placo", "pydrake", "qpsolvers", "osqp", "mpmath"}
+class Nowhere(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name.split(".")[0] in ABSENT:
+            raise ModuleNotFoundError(f"no module named {name!r}", name=name)
+sys.meta_path.insert(0, Nowhere())
+"""
+
+
+@pytest.mark.parametrize("python", [pytest.param("1", id="compiled"), pytest.param("0", id="Python alone")])
+def test_it_runs_on_what_robots_installs(tmp_path, python):
+    (tmp_path / "sitecustomize.py").write_text(BARE, encoding="utf-8")
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    words = ["so101_line", "--quick", "--only", "loop,tick", "--jobs", "1", "--out", str(tmp_path)]
+    chosen = [word for name in ("invariantqp", "QP", "Moore-Penrose") for word in ("--methods", name)]
+    done = subprocess.run(
+        [sys.executable, "-m", "invariantqp", "compare", *words, *chosen],
+        env={**os.environ, "PYTHONPATH": path, "INVARIANTQP_NATIVE": python},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "left out: hand-written loop. Run: pip install 'invariantqp[pin]'" in done.stderr
+    results = load_results(tmp_path / "results.json")
+    assert not [cell for cell in results["cells"] if "failed" in cell["result"]]
+    names = {method["name"] for method in results["methods"]}
+    assert {"invariantqp", "QP with length and LM", "Moore-Penrose"} <= names
+    assert set(results_of(results, "loop")) == set(results_of(results, "tick")) == {("so101_line", n) for n in names}
+    assert "read the arm from invariantqp" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_place_that_is_no_folder_is_told(tmp_path):

@@ -18,7 +18,8 @@ from invariantqp.compare.method import Method, Question, Setting, Solve, answer,
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
-from invariantqp.geometry import arrays
+from invariantqp.extras import require
+from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
@@ -58,7 +59,7 @@ class MethodLaw:
         if self._exact:
             there = wanted[:3, :3].dot(self._point) + wanted[:3, 3]
             C = self._at_point.dot(J)
-            e = self._gain * (there - self._point) + ahead[3:] + np.cross(ahead[:3], there)
+            e = self._gain * (there - self._point) + ahead[3:] + se3.cross(ahead[:3], there)
         lower, upper = self._box.at(positions)
         pull = self._pull * (self._middle - positions)
         tick = Question(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
@@ -70,8 +71,10 @@ def controller_of(method: Method) -> MakeController:
     """The control loop of a method: its own, or this one around its function of a tick.
 
     Raises:
+        MissingExtra: a module that it needs is not installed.
         BadInput: the method has neither.
     """
+    require(method.extra, *method.needs)
     if method.system is not None:
         return method.system
     make = method.make

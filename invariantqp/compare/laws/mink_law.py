@@ -16,7 +16,6 @@ from invariantqp.compare.laws.peers import AHEAD, at_point, joints_of
 from invariantqp.compare.laws.task_law import TaskLaw
 from invariantqp.compare.method import Method, Takes
 from invariantqp.compare.names import MINK
-from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
@@ -34,13 +33,10 @@ class MinkLaw(TaskLaw):
         """Build mink's model of the robot, and its tasks.
 
         Raises:
-            MissingExtra: mink is not installed.
             RobotModelError: the robot has a helical joint.
         """
-        try:
-            import mink
-        except ImportError as error:
-            raise MissingExtra("mink", "peers") from error
+        import mink
+
         model = _model(robot, at_point(law))
         speeds = {n: v for n, v in zip(robot.names, robot.velocity_limit.tolist(), strict=True) if np.isfinite(v)}
         super().__init__(

@@ -16,7 +16,7 @@ from invariantqp.compare.laws.peers import AHEAD, at_point, joints_of
 from invariantqp.compare.laws.task_law import TaskLaw
 from invariantqp.compare.method import Method, Takes
 from invariantqp.compare.names import PINK
-from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.errors import RobotModelError
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
 
@@ -33,18 +33,15 @@ class PinkLaw(TaskLaw):
         """Set up Pink's tasks for the robot.
 
         Raises:
-            MissingExtra: Pink is not installed.
             RobotModelError: the robot has no Pinocchio model, or a helical joint, which Pink cannot have.
         """
         joints_of(robot)
         if getattr(robot, "model", None) is None:
             raise RobotModelError("Pink needs a robot with a Pinocchio model; this one has none")
-        try:
-            import pink
+        import pink
 
-            from invariantqp.robots.pinocchio import pin
-        except ImportError as error:
-            raise MissingExtra("pin-pink", "peers") from error
+        from invariantqp.robots.pinocchio import pin
+
         model: Any = robot.model.copy()  # type: ignore[attr-defined]
         frame = str(getattr(robot, "tool", ""))
         if law.exact is not None:
@@ -75,7 +72,7 @@ METHODS = [
         why="frame task and posture task of Pink's solve_ik with DAQP, and its limits",
         takes=_takes("1e-6 without a posture task"),
         system=PinkLaw,
-        needs=("pink",),
+        needs=("pink", "pinocchio"),
         extra="peers",
     ),
     Method(
@@ -84,7 +81,7 @@ METHODS = [
         why="the same with lm_damping = 1, as in Pink's examples",
         takes=_takes("lm_damping = 1"),
         system=partial(PinkLaw, lm_damping=LM_DAMPING),
-        needs=("pink",),
+        needs=("pink", "pinocchio"),
         extra="peers",
         shown=False,
     ),

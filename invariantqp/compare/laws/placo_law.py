@@ -27,7 +27,6 @@ from invariantqp.compare.laws.peers import (
 )
 from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.method import Method, Takes, answer, posture_of
-from invariantqp.errors import MissingExtra
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import UNLIMITED, Robot
 from invariantqp.runs.taskfile import LawSpec
@@ -53,13 +52,10 @@ class PlacoLaw:
         """Set up placo's tasks for the robot; of `law`, dt, gain, posture, exact and point are used.
 
         Raises:
-            MissingExtra: placo is not installed.
             RobotModelError: the robot has a helical joint.
         """
-        try:
-            import placo
-        except ImportError as error:
-            raise MissingExtra("placo", "placo") from error
+        import placo
+
         self._dt, self._share, self._names = law.dt, share_of(law), robot.names
         self._between = placo.interpolate_frames
         self._offset = at_point(law)

@@ -1,4 +1,4 @@
-"""What a hand-written loop reads of an arm: everything in the tool frame, by Pinocchio's own functions where it can.
+"""What a hand-written loop reads of an arm: everything in the tool frame, by Pinocchio where it is installed.
 
 A loop around a method is timed as one writes it by hand, so it does not go through the base frame of this library.
 """
@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.compare.names import OURS
+from invariantqp.extras import is_installed
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
@@ -32,7 +34,13 @@ Look = Callable[[Array, Any, Any], ToolView]
 
 def look_at(robot: Robot) -> Look:
     """The function of (q, target, feedforward) that views an arm."""
-    return _by_pinocchio(robot) if getattr(robot, "model", None) is not None else _by_twists(robot)
+    by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
+    return _by_pinocchio(robot) if by_pinocchio else _by_twists(robot)
+
+
+def kinematics() -> str:
+    """The library whose functions they are; a time is to be read with it."""
+    return "Pinocchio" if is_installed("pinocchio") else OURS
 
 
 def _by_pinocchio(robot: Any) -> Look:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from invariantqp.compare.method import Method
+from invariantqp.errors import MissingExtra
 from invariantqp.extras import is_installed
 from invariantqp.runs.taskfile import Task, load_task
 
@@ -58,6 +60,48 @@ class Kind:
     def installed(self) -> bool:
         """Whether every module that it needs is installed."""
         return all(map(is_installed, self.needs))
+
+
+def absent(methods: Iterable[Method], tasks: Iterable[str]) -> dict[str, list[str]]:
+    """What is left out by the extra that would install it: these methods, and the tasks whose robot is missing."""
+    found: dict[str, list[str]] = {}
+    for method in methods:
+        found.setdefault(method.extra, []).append(method.name)
+    immobile: dict[str, list[str]] = {}
+    for task, error in without_robot(dict.fromkeys(tasks)).items():
+        immobile.setdefault(error.extra, []).append(task)
+    for extra, names in immobile.items():
+        found.setdefault(extra, []).append(f"the robots of {', '.join(names)}")
+    return found
+
+
+def without_robot(tasks: Iterable[str]) -> dict[str, MissingExtra]:
+    """The tasks whose robot is not installed, each with what says so.
+
+    Raises:
+        UnknownName: there is no such task.
+    """
+    found = {}
+    for task in tasks:
+        try:
+            load_task(task).load_robot()
+        except MissingExtra as error:
+            found[task] = error
+    return found
+
+
+def with_robot(tasks: Sequence[str]) -> list[str]:
+    """The tasks whose robot is installed.
+
+    Raises:
+        UnknownName: there is no such task.
+        MissingExtra: there are tasks, and the robot of none is installed.
+    """
+    immobile = without_robot(dict.fromkeys(tasks))
+    kept = [task for task in tasks if task not in immobile]
+    if immobile and not kept:
+        raise next(iter(immobile.values()))
+    return kept
 
 
 def with_law(task: Task, **changes: Any) -> Task:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from invariantqp.version import __version__
 
-# Distributions whose version may change a result.
+# Distributions whose version may change a result: solvers, the methods' own, references, and models of arms.
 LIBRARIES = (
     "numpy",
     "scipy",
@@ -25,6 +25,7 @@ LIBRARIES = (
     "drake",
     "mujoco",
     "mpmath",
+    "example-robot-data",
 )
 
 

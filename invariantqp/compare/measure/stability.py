@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.compare.measure.cell import absent, with_robot
 from invariantqp.compare.measure.watched import INSIDE, Watched, figures, watched_run
+from invariantqp.compare.method import Method
 from invariantqp.compare.names import TOLD_LEAST_SQUARES
-from invariantqp.compare.registry import chosen, controller_named
-from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.compare.registry import chosen, controller_named, left_out
+from invariantqp.errors import RobotModelError
 from invariantqp.progress import Progress
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.prepare import prepare
@@ -97,7 +99,16 @@ ALSO = ("SDLS", "[DS] Lambda")
 
 def laws() -> dict[str, MakeController]:
     """The loops by name, as far as they are installed: the rows of the first table and two more; ours is the first."""
-    return {name: controller_named(name) for name, row in chosen().items() if row.shown or name in ALSO}
+    return {name: controller_named(name) for name, row in chosen().items() if _compared(row)}
+
+
+def _compared(row: Method) -> bool:
+    return row.shown or row.name in ALSO
+
+
+def not_installed() -> dict[str, list[str]]:
+    """What a comparison leaves out, by the extra that would install it: laws, and cases whose robot is missing."""
+    return absent(filter(_compared, left_out()), [case.task for case in cases()])
 
 
 def cases() -> list[Case]:
@@ -110,7 +121,7 @@ def run_case(case: Case, law: str, make: MakeController) -> tuple[StabilityOutco
     """Run one case under one law.
 
     Raises:
-        RobotModelError, MissingExtra: the law cannot control this robot.
+        RobotModelError: the law cannot control this robot.
     """
     watched, trace = watched_run(prepare(load_task(case.task)), make, case.broken)
     return _outcome(case, law, watched, trace), trace
@@ -138,17 +149,16 @@ def _outcome(case: Case, law: str, watched: Watched, trace: Trace) -> StabilityO
 
 
 def compare_stability(progress: Progress | None = None) -> list[StabilityOutcome]:
-    """Run every case under every law that can control its robot.
+    """Run every case whose robot is installed under every law that can control it.
 
     Args:
         progress: called with (runs done, runs in all).
 
     Raises:
-        MissingExtra: the robot models are not installed; raised before the first run.
+        MissingExtra: no robot is installed; raised before the first run.
     """
-    picked = cases()
-    for name in dict.fromkeys(case.task for case in picked):
-        load_task(name).load_robot()
+    there = with_robot([case.task for case in cases()])
+    picked = [case for case in cases() if case.task in there]
     table = laws()
     outcomes: list[StabilityOutcome] = []
     total = len(picked) * len(table)
@@ -157,7 +167,7 @@ def compare_stability(progress: Progress | None = None) -> list[StabilityOutcome
         for j, (name, make) in enumerate(table.items()):
             try:
                 runs[name] = run_case(case, name, make)[0]
-            except (RobotModelError, MissingExtra):
+            except RobotModelError:
                 continue  # Pink cannot control a robot that is given by joint screws
             finally:
                 if progress is not None:

@@ -6,8 +6,10 @@ Every sentence with a figure or a winner is computed from the results.
 from __future__ import annotations
 
 import re
+import tempfile
 from pathlib import Path
 
+from invariantqp.compare.names import OURS
 from invariantqp.compare.report import chart, tables
 from invariantqp.compare.report.tables import Table
 from invariantqp.compare.report.verdict import short, verdict
@@ -29,12 +31,24 @@ ABOUT = {
 def write_report(results: Results, out: Path) -> list[Path]:
     """Write report.html and the chart into a folder that exists: the files, the report first, then the chart if any."""
     drawn = []
+    inline = ""
     if {"loop", "tick"} <= kinds_in(results):
         drawn.append(out / "speed_and_accuracy.svg")
         chart.draw(results, drawn[0])
+        with tempfile.TemporaryDirectory() as folder:
+            narrow = Path(folder) / "narrow.svg"
+            chart.draw(results, narrow, columns=1)
+            inline = themed(f'<div class="two">{inline_svg(drawn[0])}</div><div class="one">{inline_svg(narrow)}</div>')
     report = out / "report.html"
-    report.write_text(html(results, inline_svg(drawn[0]) if drawn else ""), encoding="utf-8")
+    report.write_text(html(results, inline), encoding="utf-8")
     return [report, *drawn]
+
+
+def themed(svg: str) -> str:
+    """A drawing in light colours with the page's in their place, which are dark where the reader's are."""
+    for name, colour in chart.LIGHT._asdict().items():
+        svg = svg.replace(colour.lower(), f"var(--{name})")
+    return svg
 
 
 def caption() -> str:
@@ -43,16 +57,18 @@ def caption() -> str:
 
 
 def html(results: Results, svg: str) -> str:
-    """The page as one HTML file that needs no other file; `svg` is the chart, "" without one."""
+    """The page as one HTML file that needs no other file; `svg` is the chart by `themed`, "" without one."""
     quick = " --quick" if results["quick"] else ""
     values = {
         "opening": _opening(results),
         "verdict": short(results),
         "chart": svg,
+        "light": chart.LIGHT._asdict(),
+        "dark": chart.DARK._asdict(),
         "caption": caption(),
         "summary": tables.summary(results),
         "folded": folded(results),
-        "machine": _machine(results),
+        "machine": machine(results),
         "command": f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison",
     }
     return fill_template("invariantqp.compare.report", "page.html", values)
@@ -78,14 +94,16 @@ def _opening(results: Results) -> str:
     quick = " This was a quick run: few states, and ticks ten times as long." if results["quick"] else ""
     told = "Every method is told the same posture, exact rows, limits, gain and feedforward."
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
-    return f"{counts} {told}{quick}"
+    own = results.get("kinematics") == OURS
+    seen = f" Pinocchio was not installed: the loops of other methods read the arm from {OURS}." if own else ""
+    return f"{counts} {told}{seen}{quick}"
 
 
-def _machine(results: Results) -> str:
-    """The machine and the versions."""
+def machine(results: Results) -> str:
+    """The machine and the versions, as far as the results have them."""
     m = results["machine"]
-    releases = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
-    return f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases}."
+    releases = ", ".join(f"{name} {version}" for name, version in results.get("versions", {}).items())
+    return f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases or 'No versions'}."
 
 
 def inline_svg(file: Path) -> str:

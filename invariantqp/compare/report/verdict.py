@@ -144,7 +144,8 @@ def _plain_qp(results: Results) -> list[str]:
     ratios, alone = (sorted(_ratios(results, name)) for name in (OURS, OURS_PYTHON))
     if not good or not ratios:
         return []
-    where = f"in all {len(good)} tasks" if not off else f"in {len(good)} of {len(good) + len(off)} tasks"
+    count = len(good) + len(off)
+    where = f"in {len(good)} of {count} tasks" if off else f"in all {count} tasks" if count > 1 else "here"
     text = f"A {HAND_WRITTEN} of Pinocchio and DAQP is as near {where}; it takes {_span(ratios)} times our time"
     slower = (
         f". Without the compiled core ours takes {_span(sorted(1.0 / r for r in alone))} times its time"

@@ -66,8 +66,13 @@ def test_few_results_are_a_page_all_the_same(rows, tmp_path):
     assert files[0].read_text(encoding="utf-8").count("<table>") >= 2
 
 
-def test_the_page_has_the_first_things_first_and_the_rest_folded(tmp_path):
-    files = report.write_report(RESULTS, tmp_path)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The report of the committed results."""
+    return report.write_report(RESULTS, tmp_path_factory.mktemp("report"))
+
+
+def test_the_page_has_the_first_things_first_and_the_rest_folded(files):
     text = files[0].read_text(encoding="utf-8")
     assert [file.name for file in files] == ["report.html", "speed_and_accuracy.svg"]
     first = text[: text.index("<details>")]
@@ -112,3 +117,47 @@ def test_the_chart_is_drawn_for_dark_pages_too(tmp_path):
     text = file.read_text(encoding="utf-8").upper()
     for colour in (chart.DARK.paper, chart.DARK.same, chart.DARK.other, chart.DARK.text):
         assert colour.upper() in text
+
+
+def test_points_stand_at_their_values_and_each_has_its_name(tmp_path, monkeypatch):
+    drawn = []
+    keep = chart._names
+    monkeypatch.setattr(chart, "_names", lambda axes, *rest: (drawn.append(axes), keep(axes, *rest)))
+    chart.draw(RESULTS, tmp_path / "chart.svg")
+    assert len(drawn) == len(RESULTS["tasks"])
+    for axes, task in zip(drawn, RESULTS["tasks"], strict=True):
+        found = chart.points(RESULTS, task, tables.shown(RESULTS), chart.LIGHT)
+        assert len(found) == 10
+        dots = {tuple(line.get_xydata()[0]) for line in axes.lines if line.get_marker() == "o"}
+        assert dots == {(p.time, p.error) for p in found}
+        assert sorted(text.get_text() for text in axes.texts) == sorted(p.name for p in found)
+        low, high = axes.get_ylim()
+        assert all(low < p.error < high for p in found)
+
+
+def test_the_page_says_versions_as_far_as_the_results_have_them():
+    assert "pin 3.8.0" in report.machine(RESULTS)
+    old = {key: value for key, value in RESULTS.items() if key not in {"versions", "kinematics"}}
+    assert "No versions." in report.html(old, "")
+    assert "read the arm from" not in report.html(old, "")
+    assert "read the arm from invariantqp" in report.html({**old, "kinematics": "invariantqp"}, "")
+
+
+def test_one_task_is_not_all_one_tasks():
+    both = dict.fromkeys(("invariantqp", "hand-written loop"), (10.0, 0.5, 0.1, 0.0, 0.0))
+    assert "is as near here; it takes 1 times our time." in " ".join(verdict.short(results(**both)))
+
+
+def test_the_page_is_dark_where_its_reader_is_and_fits_a_phone(files):
+    text = files[0].read_text(encoding="utf-8")
+    light, dark = text.index("prefers-color-scheme"), text.index("</style>")
+    for name, colour in chart.LIGHT._asdict().items():
+        assert text.lower().count(colour.lower()) == 1  # where it gets its name, and nowhere else
+        assert f"--{name}: {colour}" in text[:light]
+        assert f"--{name}: {getattr(chart.DARK, name)}" in text[light:dark]
+        assert f"var(--{name})" in text[dark:]
+    # Two panels in a row, and one for narrow screens.
+    sizes = [tuple(map(float, size)) for size in re.findall(r'<svg[^>]* viewBox="0 0 ([\d.]+) ([\d.]+)"', text)]
+    assert [round(100.0 / 72.0 * width) for width, _ in sizes] == [850, 425]
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
