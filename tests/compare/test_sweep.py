@@ -15,7 +15,7 @@ from invariantqp.compare.measure.ticks import interleaved, spread
 from invariantqp.compare.report.ranking import rank_agreement
 from invariantqp.compare.results import load_results, plain, results_of
 from invariantqp.compare.sweep import cells, in_parallel, measure_cell, sweep
-from invariantqp.errors import BadInput, UnknownName
+from invariantqp.errors import BadInput, UnknownName, install_command
 
 FEW = ["DLS", "Moore-Penrose"]
 MEASURED = []
@@ -280,8 +280,8 @@ def test_what_is_not_installed_is_told_before_the_work(toys, tmp_path, monkeypat
     monkeypatch.setattr(module, "load_task", first_step)
     done = CliRunner().invoke(app, ["compare", "--out", str(tmp_path)])
     assert isinstance(done.exception, BadInput)
-    assert "left out: the measurement 'exact'. Run: pip install 'invariantqp[compare]'" in done.stderr
-    assert "left out: mink. Run: pip install 'invariantqp[peers]'" in done.stderr
+    assert f"left out: the measurement 'exact'. Run: {install_command('compare')}" in done.stderr
+    assert f"left out: mink. Run: {install_command('peers')}" in done.stderr
     assert not MEASURED
 
 

@@ -12,16 +12,14 @@ from __future__ import annotations
 import numpy as np
 
 from invariantqp.compare.method import Method, Question, Setting, Solve, Takes
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.qp.backends import SolverFailure
 
 
 def _drake(setting: Setting) -> Solve:
-    try:
+    with optional("drake", "drake"):
         from pydrake.multibody import inverse_kinematics as drake
-    except ImportError as error:
-        raise MissingExtra("drake", "drake") from error
     parameters = drake.DifferentialInverseKinematicsParameters(setting.m, setting.m)
     parameters.set_time_step(setting.dt)
     parameters.set_joint_centering_gain(np.eye(setting.m))

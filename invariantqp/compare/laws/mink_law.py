@@ -16,7 +16,7 @@ from invariantqp.compare.laws.peers import AHEAD, at_point, joints_of
 from invariantqp.compare.laws.task_law import TaskLaw
 from invariantqp.compare.method import Method, Takes
 from invariantqp.compare.names import MINK
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
@@ -37,10 +37,8 @@ class MinkLaw(TaskLaw):
             MissingExtra: mink is not installed.
             RobotModelError: the robot has a helical joint.
         """
-        try:
+        with optional("peers", "mink"):
             import mink
-        except ImportError as error:
-            raise MissingExtra("mink", "peers") from error
         model = _model(robot, at_point(law))
         speeds = {n: v for n, v in zip(robot.names, robot.velocity_limit.tolist(), strict=True) if np.isfinite(v)}
         super().__init__(

@@ -16,7 +16,8 @@ from invariantqp.compare.laws.peers import AHEAD, at_point, joints_of
 from invariantqp.compare.laws.task_law import TaskLaw
 from invariantqp.compare.method import Method, Takes
 from invariantqp.compare.names import PINK
-from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.errors import RobotModelError
+from invariantqp.extras import optional
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
 
@@ -39,12 +40,10 @@ class PinkLaw(TaskLaw):
         joints_of(robot)
         if getattr(robot, "model", None) is None:
             raise RobotModelError("Pink needs a robot with a Pinocchio model; this one has none")
-        try:
+        with optional("peers", "pin-pink"):
             import pink
+        from invariantqp.robots.pinocchio import pin
 
-            from invariantqp.robots.pinocchio import pin
-        except ImportError as error:
-            raise MissingExtra("pin-pink", "peers") from error
         model: Any = robot.model.copy()  # type: ignore[attr-defined]
         frame = str(getattr(robot, "tool", ""))
         if law.exact is not None:

@@ -27,7 +27,7 @@ from invariantqp.compare.laws.peers import (
 )
 from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.method import Method, Takes, answer, posture_of
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import UNLIMITED, Robot
 from invariantqp.runs.taskfile import LawSpec
@@ -56,10 +56,8 @@ class PlacoLaw:
             MissingExtra: placo is not installed.
             RobotModelError: the robot has a helical joint.
         """
-        try:
+        with optional("placo", "placo"):
             import placo
-        except ImportError as error:
-            raise MissingExtra("placo", "placo") from error
         self._dt, self._share, self._names = law.dt, share_of(law), robot.names
         self._between = placo.interpolate_frames
         self._offset = at_point(law)
