@@ -17,7 +17,7 @@ from types import ModuleType
 
 WITHOUT = (
     "invariantqp runs from its sources in {folder}, where no compiled core was built: ticks take seven to fifty times "
-    "as long. Run there: pip install -e . (or set INVARIANTQP_NATIVE=0, where there is no C compiler)"
+    "as long. With a C compiler, run there: pip install -e . Without one, INVARIANTQP_NATIVE=0 silences this."
 )
 
 

@@ -58,5 +58,5 @@ def test_sources_without_a_core_say_so_once(tmp_path, wheel):
     done = run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="1")
     assert done.stdout == "False\n"
     said = f"invariantqp runs from its sources in {tmp_path}, where no compiled core was built"
-    assert (said in done.stderr, done.stderr.count("Run there: pip install -e .")) == (not wheel, int(not wheel))
+    assert (said in done.stderr, done.stderr.count("run there: pip install -e .")) == (not wheel, int(not wheel))
     assert run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="0").stderr == ""
