@@ -52,7 +52,8 @@ def main(scratch: Path) -> None:
     """Run all blocks."""
     shell = [block.code for block in blocks(README) if not block.language and block.mark != "test"]
     python = in_python(README)
-    places = {(INSTALLED.search(code) or [""])[1] or "": code for code in shell}  # by the extras that are installed
+    installs = [(INSTALLED.search(code), code) for code in shell]
+    places = {found[1] or "": code for found, code in installs if found}  # by the extras that are installed
     places |= {extras: INSTALL.format(extras) for _, _, extras in python if extras not in places}
     folders = {code: fresh(scratch / str(number)) for number, code in enumerate({*shell, *places.values()})}
     with ThreadPoolExecutor() as pool:  # installing waits for disk and network
