@@ -2,13 +2,23 @@
 
 The core computes ticks of the velocity law faster than Python does. It answers what the Python law would answer, or
 hands the tick back to it. `INVARIANTQP_NATIVE=0` in the environment switches it off.
+
+A folder with the sources hides an installed package from a Python that is started in it. Another build's core is not
+taken from there, since it need not be of these sources; that there is none is told.
 """
 
 from __future__ import annotations
 
 import os
+import warnings
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
+
+WITHOUT = (
+    "invariantqp runs from its sources in {folder}, where no compiled core was built: ticks take seven to fifty times "
+    "as long. With a C compiler, run there: pip install -e . Without one, INVARIANTQP_NATIVE=0 silences this."
+)
 
 
 def _found() -> tuple[ModuleType | None, str]:
@@ -18,6 +28,9 @@ def _found() -> tuple[ModuleType | None, str]:
     try:
         return import_module("invariantqp._native"), "compiled core"
     except ImportError:  # none was built, or one for another machine
+        package = Path(__file__).parent
+        if (package / "csrc").is_dir():  # no wheel has it
+            warnings.warn(WITHOUT.format(folder=package.parent), stacklevel=2)
         return None, "pure Python: no compiled core was built"
 
 

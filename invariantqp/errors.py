@@ -7,7 +7,9 @@ they cross from a worker process to the one that waits for it.
 
 from __future__ import annotations
 
+import re
 import reprlib
+from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -233,14 +235,27 @@ class TaskFileError(InvariantQPError):
 
 
 class MissingExtra(InvariantQPError, ImportError):
-    """An optional dependency is not installed; says which extra brings it.
+    """An optional dependency is not installed; says how to install it.
 
     Attributes:
         what: the package that is missing.
-        extra: the extra of this package that installs it.
+        extra: the extra of this package that brings it.
+        install: the command that installs what the extra brings.
     """
 
     def __init__(self, what: str, extra: str) -> None:
         self.what = what
         self.extra = extra
-        super().__init__(f"{what} is not installed. Run: pip install 'invariantqp[{extra}]'")
+        self.install: str = install_command(extra)
+        super().__init__(f"{what} is not installed. Run: {self.install}")
+
+
+def install_command(extra: str) -> str:
+    """The command that installs what an extra brings, wherever this package itself came from."""
+    try:
+        requirements = metadata.requires("invariantqp") or []
+    except metadata.PackageNotFoundError:  # the sources alone, on the path
+        requirements = []
+    marked = (text.partition(";") for text in requirements)
+    brought = [f"'{name.strip()}'" for name, _, marker in marked if re.search(rf"extra *== *.{extra}\b", marker)]
+    return " ".join(["pip install", *(brought or [f"'.[{extra}]'"])])

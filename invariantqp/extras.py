@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 
 from invariantqp.errors import MissingExtra
@@ -16,6 +18,21 @@ def require(extra: str, *packages: str) -> None:
     for package in packages:
         if not is_installed(package):
             raise MissingExtra(package, extra)
+
+
+@contextmanager
+def optional(extra: str, what: str) -> Iterator[None]:
+    """A block that imports what an extra brings, under the name `what`.
+
+    Raises:
+        MissingExtra: it is not installed, or what is installed cannot be loaded: that error is its cause.
+    """
+    try:
+        yield
+    except ModuleNotFoundError:
+        raise MissingExtra(what, extra) from None
+    except ImportError as error:
+        raise MissingExtra(what, extra) from error
 
 
 def is_installed(package: str) -> bool:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from invariantqp.errors import install_command
 from invariantqp.progress import Progress
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def print_not_installed(missing: dict[str, list[str]]) -> None:
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     for extra, names in missing.items():
         listed = "; ".join(names)
-        console.print(f"not installed, so left out: {listed}. Run: pip install 'invariantqp[{extra}]'", markup=False)
+        console.print(f"not installed, so left out: {listed}. Run: {install_command(extra)}", markup=False)
 
 
 def print_stability(outcomes: list[StabilityOutcome]) -> None:

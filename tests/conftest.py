@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import sys
+from importlib.util import find_spec
 
 import pytest
 
@@ -14,6 +15,10 @@ for library in ("OPENBLAS", "MKL", "OMP"):
 # Where no bytecode is to be kept, every process that a test starts compiles the package anew: a fifth of its time.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# Where no core could be built, the tests run as with the core switched off.
+if find_spec("invariantqp._native") is None:
+    os.environ["INVARIANTQP_NATIVE"] = "0"
 
 # A shell starts what is followed by "&" with Ctrl-C ignored, and so would be the commands that tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

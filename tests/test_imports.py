@@ -1,17 +1,24 @@
 import ast
 import json
 import pickle
+import re
+import shlex
 import subprocess
 import sys
-from importlib import import_module
+from importlib import import_module, metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.requirements import Requirement
 
 import invariantqp as iq
+from invariantqp.errors import install_command
+from invariantqp.extras import optional
+from invariantqp.runs.taskfile import tomllib
 
 PACKAGE = Path(iq.__file__).parent
+PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 FOREIGN = ["pinocchio", "daqp", "osqp", "qpsolvers", "cvxpy", "scipy", "matplotlib", "pydantic", "typer", "rich"]
 
 
@@ -136,8 +143,34 @@ def test_errors_have_one_base():
         assert issubclass(getattr(iq.errors, name), iq.InvariantQPError)
     assert issubclass(iq.errors.UnknownName, iq.errors.RobotModelError)
     error = iq.errors.MissingExtra("cvxpy", "cvxpy")
-    assert str(error) == "cvxpy is not installed. Run: pip install 'invariantqp[cvxpy]'"
+    assert str(error) == f"cvxpy is not installed. Run: {error.install}"
     assert isinstance(error, ImportError)
+
+
+def listed(extra):
+    """What pyproject.toml lists for an extra, and for the extras that it names."""
+    for requirement in PROJECT["optional-dependencies"][extra]:
+        named = re.fullmatch(r"invariantqp\[(.+)\]", requirement)
+        for name in named[1].split(",") if named else ():
+            yield from listed(name)
+        if not named:
+            yield requirement
+
+
+def test_what_to_install_is_what_the_extra_brings():
+    """No name of this package is in it: a checkout, or an address, is not where pip would look for one."""
+    for extra in PROJECT["optional-dependencies"]:
+        pip, install, *names = shlex.split(iq.errors.MissingExtra("a package", extra).install)
+        assert (pip, install) == ("pip", "install")
+        assert {Requirement(name) for name in names} == {Requirement(name) for name in listed(extra)}
+
+
+def test_sources_that_were_never_installed_name_the_extra(monkeypatch):
+    def nowhere(name):
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "requires", nowhere)
+    assert iq.errors.MissingExtra("viser", "view").install == "pip install '.[view]'"
 
 
 # What a user does first with each extra, and the packages that are not there.
@@ -183,7 +216,8 @@ for name, (use, missing) in {extras}.items():
     try:
         exec(use)
     except iq.errors.MissingExtra as error:
-        told[name] = [str(error), loaded]
+        chained = error.__cause__ or (error.__context__ and not error.__suppress_context__)
+        told[name] = [str(error), loaded, bool(chained)]
 print(json.dumps(told))"""
 
 
@@ -193,14 +227,21 @@ def test_without_an_extra_its_first_use_says_how_to_install_it():
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert list(told) == list(EXTRAS)
-    for extra, (said, loaded) in told.items():
-        assert said.endswith(f"Run: pip install 'invariantqp[{extra}]'")
-        assert loaded == []
+    for extra, (said, loaded, chained) in told.items():
+        assert said.endswith(f" is not installed. Run: {install_command(extra)}")
+        assert (loaded, chained) == ([], False)
+
+
+def test_what_is_installed_and_cannot_be_loaded_says_why():
+    with pytest.raises(iq.errors.MissingExtra, match="Pinocchio") as told, optional("pin", "Pinocchio"):
+        raise ImportError("libpinocchio.so: no such file")
+    assert str(told.value.__cause__) == "libpinocchio.so: no such file"
 
 
 # Every command that an extra is missing for, what is missing, and which extra is named.
 COMMANDS = {
     "no command line": (["tasks"], "typer", "cli"),
+    "no help": (["--help"], "typer", "cli"),
     "run --plot": (["run", "scara", "--plot", "out.png"], "matplotlib", "pictures"),
     "run --view": (["run", "scara", "--view", "out.html"], "jinja2", "pictures"),
     "run --backend": (["run", "scara", "--backend", "osqp"], "osqp", "solvers"),
@@ -233,7 +274,7 @@ def test_every_command_says_what_it_lacks_before_it_does_any_work(command_line, 
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
     for name, (status, out, err) in json.loads(done.stdout).items():
         _, absent, extra = COMMANDS[name]
-        said = f"error: {absent} is not installed. Run: pip install 'invariantqp[{extra}]'\n"
+        said = f"error: {absent} is not installed. Run: {install_command(extra)}\n"
         assert (status, out, err) == (2, "", said), name
     assert list(tmp_path.iterdir()) == []
 

@@ -1,6 +1,7 @@
 """Which engine an installation has, and how it is switched off."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,11 +14,14 @@ from invariantqp.engine import core, engine
 PYTHON = "import invariantqp as iq; print(iq.native, iq.solve_velocity([[1]] + 5 * [[0]], [1, 0, 0, 0, 0, 0]).velocity)"
 
 
+def run(*command, folder=None, **environment):
+    environment = {**os.environ, **environment}
+    command = [sys.executable, *command]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+
+
 def told(*command, **environment):
-    done = subprocess.run(
-        [sys.executable, *command], env={**os.environ, **environment}, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
+    return run(*command, **environment).stdout.strip()
 
 
 def test_native_tells_whether_there_is_a_core():
@@ -43,3 +47,16 @@ def test_without_a_core_everything_is_there():
     assert told("-c", code, INVARIANTQP_NATIVE="1") == "False [1.]"
     code = "import sys; sys.modules['invariantqp._native'] = None; from invariantqp.engine import engine; print(engine)"
     assert told("-c", code, INVARIANTQP_NATIVE="1") == "pure Python: no compiled core was built"
+
+
+@pytest.mark.parametrize("wheel", [False, True])
+def test_sources_without_a_core_say_so_once(tmp_path, wheel):
+    """As in a clone, where what is installed is hidden by the folder; a wheel without a core has been told of."""
+    without = ["_native*.so", "_native*.pyd", "__pycache__", *(["csrc"] if wheel else [])]
+    shutil.copytree(Path(iq.__file__).parent, tmp_path / "invariantqp", ignore=shutil.ignore_patterns(*without))
+    use = "import invariantqp as iq; iq.solve_pose; iq.Controller; print(iq.native)"
+    done = run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="1")
+    assert done.stdout == "False\n"
+    said = f"invariantqp runs from its sources in {tmp_path}, where no compiled core was built"
+    assert (said in done.stderr, done.stderr.count("run there: pip install -e .")) == (not wheel, int(not wheel))
+    assert run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="0").stderr == ""

@@ -1,21 +1,21 @@
 """Every line of code in the README is a line that runs; every name and every file in it is there."""
 
-import ast
 import re
 import shlex
 import sys
-import textwrap
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from support.readme import Block, blocks, in_python
 
 import invariantqp as iq
 from invariantqp import cli
+from invariantqp.runs.taskfile import tomllib
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-FENCED = re.findall(r"^```(\w*)\n(.*?)^```", README, flags=re.DOTALL | re.MULTILINE)
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PROSE = re.sub(r"^```.*?^```", "", README, flags=re.DOTALL | re.MULTILINE)
 # Names that the text has introduced where a block of code uses them.
 PREAMBLE = """
@@ -36,27 +36,8 @@ reading = np.zeros(6)
 Z, matrix, pose = np.eye(6), np.eye(6), np.eye(4)
 hand_pose = pose
 """
-PINK = "import pink\n"
-
-
-def indented():
-    """Blocks of code that are indented, as Markdown has them: between empty lines, four spaces in."""
-    for code, lines in groupby(PROSE.splitlines(), lambda line: line.startswith("    ") or not line):
-        block = textwrap.dedent("\n".join(lines)).strip()
-        if code and block:
-            yield from re.split(r"\n\n(?=\S)", block)
-
-
-def is_python(block):
-    try:
-        ast.parse(block)
-    except SyntaxError:
-        return False
-    return True
-
-
-BLOCKS = [block for language, block in FENCED if language == "python"] + [b for b in indented() if is_python(b)]
-SHELL = [block for language, block in FENCED if not language] + [b for b in indented() if b.startswith("invariantqp ")]
+BLOCKS = in_python(README)
+SHELL = [block.code for block in blocks(README) if not block.language]
 
 
 @pytest.fixture
@@ -74,18 +55,34 @@ def python(monkeypatch, tmp_path, capsys):
 
 def test_no_block_is_overlooked():
     assert len(BLOCKS) >= 4
-    others = [b for b in indented() if not is_python(b) and not b.startswith(("invariantqp ", "invariantqp/"))]
-    assert others == []  # the map of the package starts with invariantqp/
-    assert {language for language, _ in FENCED} == {"", "python"}
+    assert {block.language for block in blocks(README)} == {"", "python"}
+    assert {block.mark for block in blocks(README)} == {"", "run", "test"}
+    assert (BLOCKS[0][2], BLOCKS[-1][2]) == ("", "pink")
+    page = (
+        "Words\n\n    a\n\n    # pip install -e '.[b,c]'\n\n<!-- d -->\n```\ne\n```\n- f\n    g\n\n```python\nh\n```\n"
+    )
+    first = "a\n\n# pip install -e '.[b,c]'\n"
+    assert blocks(page) == [Block("python", first), Block("", "e\n", "d"), Block("python", "h\n")]
+    assert in_python(page) == [(first, first, "b,c"), ("h\n", f"{first}h\n", "b,c")]
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=[block.splitlines()[0][:50] for block in BLOCKS])
-def test_a_block_of_python_runs(block, python):
-    if "pink" in block:
-        pytest.importorskip("pink")
-    said = python(("" if "import invariantqp as iq" in block else PREAMBLE + PINK * ("pink." in block)) + block)
-    if "solution.method, solution.status" in block:
-        assert "closed-form ok" in said
+@pytest.mark.parametrize("block", [code for _, code, _ in BLOCKS], ids=range(len(BLOCKS)))
+def test_a_block_of_python_runs_after_those_before_it(block, python):
+    """`.ci/readme.py` runs each with no other extras than those that it names."""
+    pytest.importorskip("pink") if "pink" in block else None
+    said = python(block + "print('', solution.status, solution.reason)")
+    assert "closed-form ok" in said
+    if "reading" in block:
+        assert said.endswith(" lost no contact yet: approaching\n")
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *(ROOT / "examples").rglob("*.md")], ids=lambda page: page.name)
+def test_what_is_to_be_installed_is_this_checkout(page):
+    """No index of packages has it."""
+    for command in re.findall(r"pip install ([^`\n]+)", page.read_text(encoding="utf-8")):
+        for word in set(shlex.split(command)) - {"-e", "--quiet"}:
+            assert re.fullmatch(r"\.(\[[\w,]+\])?", word)
+            assert set(re.findall(r"\w+", word)) <= PROJECT["optional-dependencies"].keys()
 
 
 def inline():

@@ -14,7 +14,7 @@ from invariantqp.printing import say
 
 
 def new(
-    task: Annotated[str, typer.Argument(help="What the task is called; it is written to TASK.toml.")],
+    task: Annotated[str, typer.Argument(help="What the task is called, or TASK.toml, the file it is written to.")],
     robot: Annotated[str, typer.Option(metavar="ROBOT", help="A robot's name, or a URDF or MJCF file.")] = "panda",
     start: Annotated[
         str | None, typer.Option(metavar="NUMBERS", help="Joint positions; a well-conditioned state if left out.")
@@ -29,7 +29,7 @@ def new(
     """Write a task file for TASK that runs as it is, with every key explained, to change and to run."""
     from invariantqp.runs.newtask import new_task
 
-    file = Path(f"{task}.toml") if out is None else out
+    file = Path(f"{task.removesuffix('.toml')}.toml") if out is None else out
     writable("TASK" if out is None else "--out", file, (".toml",))
     if file.exists():
         raise BadInput("TASK" if out is None else "--out", f"{file}, which exists", "the name of a new file")

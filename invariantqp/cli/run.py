@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import webbrowser
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -52,7 +53,7 @@ def run(
         str | None,
         typer.Option(
             metavar="[FILE]",
-            help="Watch in a browser; with a FILE, or without a display, write an .html page.",
+            help="Watch in a browser; with a FILE, write an .html page; without viser, write one and open it.",
         ),
     ] = None,
     backend: Annotated[
@@ -91,8 +92,8 @@ def run(
         observer = None if viewer is None else viewer.watch
         trace = run_task(problem, physics=physics, progress=report, observer=observer, **overrides)
     _write(trace, json_file, plot, page)
-    if page is not None and not view and not quiet:
-        say(f"no display: the view is written to {page}")
+    if page is not None and not view:
+        _open(page, quiet)
     if not quiet:
         print_run(trace)
     if check_frame:
@@ -109,8 +110,8 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
         return None, None
     from invariantqp.view.display import has_display, is_remote, page_name
 
-    remote = is_remote() and is_installed("viser")
-    if view or not (has_display() or remote):
+    remote = is_remote()
+    if view or not (is_installed("viser") and (has_display() or remote)):
         page = Path(view or page_name(task))
         writable("--view", page, PAGES)
         require("pictures", "jinja2")
@@ -142,6 +143,17 @@ def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path |
         from invariantqp.view.page import page as page_of
 
         write(page, page_of(film_of(trace)))
+
+
+def _open(page: Path, quiet: bool) -> None:
+    """Show a page that nobody named, where there is a display."""
+    from invariantqp.view.display import has_display
+
+    display = has_display()
+    if not quiet:
+        say(f"{'' if display else 'no display: '}the view is written to {page}")
+    if display:
+        webbrowser.open(page.resolve().as_uri())
 
 
 def _check_frames(trace: Trace, seed: int) -> None:

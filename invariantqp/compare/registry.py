@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from invariantqp.compare.laws import drake_law, hand_written, linear, mink_law, ours, pink_law, placo_law, quadratic
 from invariantqp.compare.laws.loop import controller_of
 from invariantqp.compare.method import FAMILIES, Method
-from invariantqp.errors import BadInput, UnknownName
+from invariantqp.errors import BadInput, UnknownName, install_command
 from invariantqp.runs.controllers import MakeController
 
 # A known name at least this similar to an unknown one (ratio of difflib) is suggested.
@@ -58,7 +58,7 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
                 "--methods",
                 f"{method.name}, which needs {' and '.join(method.needs)}",
                 "installed methods",
-                f"Run: pip install 'invariantqp[{method.extra}]'",
+                f"Run: {install_command(method.extra)}",
             )
     return {name: method for name, method in meant.items() if method.installed}
 

@@ -11,14 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from invariantqp.errors import BadInput, MissingExtra
+from invariantqp.errors import BadInput
+from invariantqp.extras import optional
 
-try:
+with optional("pictures", "matplotlib"):
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-except ImportError as error:
-    raise MissingExtra("matplotlib", "pictures") from error
 
 
 @contextmanager

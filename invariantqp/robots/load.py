@@ -188,6 +188,6 @@ def urdf_of(source: str | PathLike[str]) -> Path:
 def _data_folder() -> Path:
     try:
         distribution = metadata.distribution(DATA)
-    except metadata.PackageNotFoundError as error:
-        raise MissingExtra(DATA, "robots") from error
+    except metadata.PackageNotFoundError:
+        raise MissingExtra(DATA, "robots") from None
     return Path(str(distribution.locate_file("cmeel.prefix/share/example-robot-data/robots")))

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.errors import RobotModelError
+from invariantqp.extras import optional
 from invariantqp.geometry.se3 import adjoint
 from invariantqp.robots.chain import Chain
 
-try:
+with optional("mink", "mink"):
     from mink import SE3, Configuration, FrameTask, Objective
-except ImportError as error:
-    raise MissingExtra("mink", "mink") from error
 
 __all__ = ["SE3", "Configuration", "FrameTask", "Objective", "chain_to"]
 

@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.errors import MissingExtra, RobotModelError, UnknownName
+from invariantqp.errors import RobotModelError, UnknownName
+from invariantqp.extras import optional
 from invariantqp.geometry import se3
 from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.tree import cannot_move, selected
 
-try:
+with optional("sim", "mujoco"):
     import mujoco
-except ImportError as error:
-    raise MissingExtra("mujoco", "sim") from error
 
 MODEL = "the MuJoCo model"
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)

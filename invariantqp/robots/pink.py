@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 
-try:
+with optional("pink", "pin-pink"):
     from pink import Configuration
     from pink.tasks import FrameTask
-except ImportError as error:
-    raise MissingExtra("pin-pink", "pink") from error
 
 __all__ = ["Configuration", "FrameTask"]

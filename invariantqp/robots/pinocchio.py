@@ -11,16 +11,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, MissingExtra
+from invariantqp.errors import BadInput
+from invariantqp.extras import optional
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import pitch
 from invariantqp.robots.kinematics import UNLIMITED
 
-try:
+with optional("pin", "Pinocchio"):
     import pinocchio as pin
-except ImportError as error:
-    raise MissingExtra("Pinocchio", "pin") from error
 
 __all__ = ["ANGULAR_FIRST", "Eyes", "joint_twists", "model_of", "pin", "placement"]
 

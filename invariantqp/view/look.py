@@ -65,7 +65,7 @@ def read_look(file: Path, names: tuple[str, ...]) -> Look:
     except ValueError:
         return Look(missing="drawn by its joints: a visual shape of its URDF has numbers that are none")
     except MissingExtra as error:
-        return Look(missing=f"pip install 'invariantqp[{error.extra}]' draws its meshes")
+        return Look(missing=f"{error.install} draws its meshes")
 
 
 @lru_cache(maxsize=8)

@@ -11,15 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.errors import RobotModelError
+from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 
-try:
+with optional("meshes", "trimesh, pycollada or fast-simplification"):
     import collada  # noqa: F401 (trimesh reads DAE with it)
     import fast_simplification
     import trimesh
-except ImportError as error:
-    raise MissingExtra(error.name or "trimesh", "meshes") from error
 
 # Cells along a mesh's longest side: at the first, half a millimetre of an arm's link; at a millimetre what is behind
 # the shell of a Panda's wrist comes through.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
@@ -57,10 +57,8 @@ class Viewer:
             MissingExtra: viser is not installed.
             RobotModelError, UnknownName: the robot cannot be loaded.
         """
-        try:
+        with optional("view", "viser"):
             import viser
-        except ImportError as error:
-            raise MissingExtra("viser", "view") from error
         self._robot = task.load_robot()
         self._dt = task.law.dt
         self._film = film_before(task)

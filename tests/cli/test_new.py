@@ -13,6 +13,9 @@ def test_a_new_task_is_a_file_that_can_be_loaded(monkeypatch, capsys, tmp_path):
     assert iq.load_task("mine.toml").robot.start == [0.0, -1.0, 1.0, -1.0, -1.0, 0.0]
     status, _, err = call(monkeypatch, capsys, "new", "mine")
     assert (status, err.split(";")[0]) == (2, "error: TASK: found mine.toml, which exists")
+    status, _, err = call(monkeypatch, capsys, "new", "other.toml", "--robot", "ur5e")
+    assert (status, err) == (0, "written: other.toml. Change it, then: invariantqp run other.toml\n")
+    assert iq.load_task("other.toml").name == "other"
     assert call(monkeypatch, capsys, "new", "x", "--out", "a.json")[0] == 2
     assert call(monkeypatch, capsys, "new", "x", "--contact", "ball")[0] == 2
     assert not (tmp_path / "x.toml").exists()

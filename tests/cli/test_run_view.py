@@ -66,11 +66,18 @@ def test_a_place_that_cannot_be_written_to_is_told_before_the_run(run, tmp_path,
     assert said in err
 
 
-def test_without_viser_the_extra_is_named(run, monkeypatch):
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)], ids=["told", "quiet"])
+def test_without_viser_a_page_is_written_and_opened(run, monkeypatch, tmp_path, quiet):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setenv("DISPLAY", ":7")
     monkeypatch.setitem(sys.modules, "viser", None)
-    status, _, err = run("short.toml", "--view")
-    assert (status, err) == (2, "error: viser is not installed. Run: pip install 'invariantqp[view]'\n")
+    status, _, err = run("short.toml", "--view", *quiet)
+    assert (status, err) == (0, "" if quiet else "the view is written to a_short_one.html\n")
+    assert opened == [(tmp_path / "a_short_one.html").as_uri()]
+    assert read((tmp_path / "a_short_one.html").read_text(encoding="utf-8")).tags[0][0] == "html"
+    assert run("short.toml", "--view", "seen.html", *quiet)[0] == 0
+    assert len(opened) == 1  # a page with a name is for later
 
 
 @pytest.mark.parametrize(

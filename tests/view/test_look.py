@@ -11,6 +11,7 @@ import trimesh
 from support.views import TASK
 
 import invariantqp as iq
+from invariantqp.errors import install_command
 from invariantqp.robots.load import urdf_of
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view import look, meshes
@@ -95,7 +96,7 @@ def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     monkeypatch.delitem(sys.modules, "invariantqp.view.meshes")
     said = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
-    assert said == Look(missing="pip install 'invariantqp[meshes]' draws its meshes")
+    assert said == Look(missing=f"{install_command('meshes')} draws its meshes")
 
 
 @pytest.mark.filterwarnings("error")

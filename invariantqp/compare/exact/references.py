@@ -16,13 +16,11 @@ from invariantqp.compare.exact import NoReference
 from invariantqp.compare.laws.linear import DLS_DAMPING
 from invariantqp.compare.laws.quadratic import FIXED_WEIGHT
 from invariantqp.compare.method import Question, Setting
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 
-try:
+with optional("compare", "mpmath"):
     import mpmath as mp
-except ImportError as error:
-    raise MissingExtra("mpmath", "compare") from error
 
 from invariantqp.compare.exact.law import shipped
 from invariantqp.compare.exact.linear import Way, ridge, ridge_box, shortest

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
@@ -21,10 +21,8 @@ from invariantqp.runs.plants.sensor import SimulatedSensor
 from invariantqp.runs.plants.solids import Solids
 from invariantqp.runs.plants.springs import Springs
 
-try:
+with optional("sim", "mujoco"):
     import mujoco
-except ImportError as error:
-    raise MissingExtra("mujoco", "sim") from error
 
 from invariantqp.runs.plants.mujoco_model import arm_model, tool_body
 

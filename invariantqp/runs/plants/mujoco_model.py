@@ -11,7 +11,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-from invariantqp.errors import MissingExtra, RobotModelError
+from invariantqp.errors import RobotModelError
+from invariantqp.extras import optional
 from invariantqp.force.wrench import GRAVITY
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
@@ -22,10 +23,8 @@ from invariantqp.runs.plants.solids import Solid, SolidKind, Solids, solids_of
 from invariantqp.runs.plants.springs import HingeSprings, Springs, SurfaceSprings
 from invariantqp.runs.plants.urdf import chain_xml
 
-try:
+with optional("sim", "mujoco"):
     import mujoco
-except ImportError as error:
-    raise MissingExtra("mujoco", "sim") from error
 
 # MuJoCo's impedance d of a contact. Its spring is solref / ((1 - d) A), A the inverse mass it assumes, and a mass of
 # d / ((1 - d) A) sticks to it. A small d makes a spring; d near 1, as is usual for stiff contact, adds some 30 kg.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.errors import MissingExtra
+from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.qp.scaling import BoxQP
@@ -38,10 +38,8 @@ class Cvxpy:
     _kept: dict[tuple[int, int], Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        try:
+        with optional("cvxpy", "cvxpy"):
             import cvxpy  # noqa: F401 (is it there?)
-        except ImportError as error:
-            raise MissingExtra("cvxpy", "cvxpy") from error
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy or a pickle is made from: the kept problems have one owner."""

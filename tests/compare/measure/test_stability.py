@@ -51,7 +51,7 @@ def test_missing_robot_models_are_told_before_the_first_run(few, monkeypatch):
 
     monkeypatch.setattr(Task, "load_robot", no_models)
     monkeypatch.setattr(stability, "run_case", lambda *_: pytest.fail("a case was run"))
-    with pytest.raises(MissingExtra, match=r"pip install 'invariantqp\[robots\]'"):
+    with pytest.raises(MissingExtra, match="pip install 'example-robot-data>="):
         compare_stability()
 
 
