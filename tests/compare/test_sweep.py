@@ -21,7 +21,7 @@ from invariantqp.compare.registry import methods
 from invariantqp.compare.report.ranking import rank_agreement
 from invariantqp.compare.results import load_results, plain, results_of
 from invariantqp.compare.sweep import cells, in_parallel, measure_cell, sweep
-from invariantqp.errors import BadInput, MissingExtra, UnknownName
+from invariantqp.errors import BadInput, MissingExtra, UnknownName, install_command
 from invariantqp.robots import load
 
 FEW = ["DLS", "Moore-Penrose"]
@@ -302,7 +302,7 @@ def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
         ("the measurement 'exact'", "compare"),
         ("the robots of panda_path, so101_line", "robots"),
     ):
-        assert f"not installed, so left out: {left_out}. Run: pip install 'invariantqp[{extra}]'" in done.stderr
+        assert f"not installed, so left out: {left_out}. Run: {install_command(extra)}" in done.stderr
     results = load_results(tmp_path / "results.json")
     assert results["tasks"] == ["scara"]
     assert {cell["kind"] for cell in results["cells"]} == {"counted", "together", "own"}
@@ -340,7 +340,7 @@ def test_it_runs_on_what_robots_installs(tmp_path, python):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "left out: hand-written loop. Run: pip install 'invariantqp[pin]'" in done.stderr
+    assert f"left out: hand-written loop. Run: {install_command('pin')}" in done.stderr
     results = load_results(tmp_path / "results.json")
     assert not [cell for cell in results["cells"] if "failed" in cell["result"]]
     names = {method["name"] for method in results["methods"]}
