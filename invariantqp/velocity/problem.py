@@ -17,11 +17,11 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.box import Bounds, bounds_of
-from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.measure import length_at, own_point, root_at
 from invariantqp.velocity.qp.backends import Backend, backend_of
+from invariantqp.velocity.qp.quadratic import Cone
 
 # Where |omega| L of a joint is below this share of its |v|, it is rounding: the joint is prismatic.
 SLIDING = 1e-9

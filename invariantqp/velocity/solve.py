@@ -1,33 +1,29 @@
 """One tick of the law: closed form where no limit is met, otherwise the optimum of the same problem inside them.
 
-    six joints or more, far from singular, no limit active    one Cholesky factor (`regular`)
-    no limit active                                           singular values, damped (`objective`)
-    otherwise                                                 a QP, stage by stage (`stages`)
+    no limit active    singular values, damped (`objective`)
+    otherwise          a QP, stage by stage (`stages`)
 
-The compiled core, where there is one, is asked first (`compiled`): it computes the same for the most common ticks.
+The compiled core, where there is one, is asked first (`compiled`): it computes the same, sooner.
 
 Continuity. Each answer is the optimum of one strictly convex problem whose data are continuous in (J, s, limits). The
-first two cases compute its optimum without limits, which is the optimum of the third wherever it is inside them.
+first case computes its optimum without limits, which is the optimum of the second wherever it is inside them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, isfinite
+from math import isfinite
 
 import numpy as np
 
 from invariantqp.engine import core
-from invariantqp.geometry.se3 import norm
-from invariantqp.velocity.calm import excess_deviation
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.qp.backends import SolverFailure
-from invariantqp.velocity.regular import regular_velocity
-from invariantqp.velocity.report import is_met, reported
+from invariantqp.velocity.report import reported
 from invariantqp.velocity.solution import VelocitySolution, clipped, held
 from invariantqp.velocity.stages import answered
 from invariantqp.velocity.stationary import printed
@@ -60,22 +56,7 @@ def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     damping = law.damping
     if isinstance(damping, PaperLambda):
         return _as_printed(law, damping, demand)
-    quick = _quick(law, demand, damping) if law.metric is None and not _is_convexified(law) else None
-    return _general(law, demand, damping) if quick is None else quick
-
-
-def _quick(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution | None:
-    """The closed form by one Cholesky factor where nothing is damped and no limit is active; None elsewhere."""
-    if damping.threshold == inf or not demand.agrees():
-        return None
-    A, b = demand.root.dot(demand.J), demand.root.dot(demand.s)
-    x = regular_velocity(A, b, demand.posture, damping.threshold)
-    if x is None or not (demand.allows(x) and demand.achieves(x) and is_met(A, b, x)):
-        return None
-    if excess_deviation(A, b, norm(x), law.dt) > 0.0:
-        return None
-    residual = demand.s - demand.J.dot(x)
-    return VelocitySolution(x, "closed-form", "ok", "", (), residual, 1.0, 0.0, 0.0, "")
+    return _general(law, demand, damping)
 
 
 def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
@@ -93,10 +74,6 @@ def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolu
     if law.to_joint is not None:
         answer = answer._replace(y=law.to_joint.dot(answer.y))
     return reported(demand, problem, answer)
-
-
-def _is_convexified(law: VelocityLaw) -> bool:
-    return isinstance(law.form, PitchForm) and law.form.convexified
 
 
 def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:

@@ -21,13 +21,11 @@ from invariantqp.velocity.calm import CALM, calm
 from invariantqp.velocity.exact import ExactRows, Reduction
 from invariantqp.velocity.guard import Guard, blend
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.limits.conflicts import relaxed, slowed
 from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Left, Posed, limits_of
 from invariantqp.velocity.qp.backends import Backend
-from invariantqp.velocity.qp.polytope import Polytope, named
-from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
+from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise, named
 from invariantqp.velocity.share import Share, share_of
 
 # Exact rows of which more than this, relative, cannot be met: the joints cannot keep the direction of the demand.
@@ -69,11 +67,9 @@ class Room(NamedTuple):
     left: Left  # what the rows leave at that share
     polytope: Polytope  # the limits on z at that share
     cone: Cone | None  # likewise, or None
-    inside: Array  # (n,) a z inside both
     held_by: str  # the limits that slow the exact rows down, in words
     beside: str  # how far limits move the exact rows besides, in words
     troubles: tuple[str, ...]  # contradictions between limits
-    near: Optimum | None  # an optimum with limits that are likely to be active, or None
 
 
 def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
@@ -88,7 +84,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         first = Answer(y, 1.0, objective, None, 0.0, (), "", "")
-        room = _room(law, problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
+        room = _room(problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
     else:
         limits = given_way(law, demand)
         share = Share(1.0, limits.inside, [])
@@ -97,10 +93,10 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
             if reduction is not problem.reduction:
                 problem = problem._replace(reduction=reduction)
             objective = problem.slowed(objective, share.value)
-        room = _room(law, problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
+        room = _room(problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
         first = _minimised(law, room, objective)
     mu = _calm(law, room, first)
-    answer = first if mu == 0.0 else _minimised(law, room, first.objective.calmed(mu), first)
+    answer = first if mu == 0.0 else _minimised(law, room, first.objective.calmed(mu), first.troubles)
     return answer if guard is None else _guarded(law, guard, room, answer, mu)
 
 
@@ -110,7 +106,7 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     m = len(demand.lower)
     x = np.minimum(np.maximum(np.zeros(m), demand.lower), demand.upper)
     if demand.rows is not None and not demand.rows.allow(x):
-        moved = relaxed(demand.rows, demand.lower, demand.upper)
+        moved = relaxed(demand.rows, demand.lower, demand.upper, law.to_joint)
         x = moved.inside
         if moved.violation.any():
             by = ", ".join(f"row {i} by {abs(moved.violation[i]):.3g}" for i in np.flatnonzero(moved.violation))
@@ -121,30 +117,27 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     polytope, cone = limits_of(law, demand)
     y = x if law.from_joint is None else law.from_joint.dot(x)
     if cone is not None and not cone.allows(y):
-        slower, y = slowed(cone, polytope, y)
+        slower, y = slowed(cone, polytope)
         if slower.limit > cone.limit:
             troubles.append(f"the tool's speed is {slower.limit:.3g}, not {cone.limit:.3g}: other limits require it")
             cone = slower
     return Limits(polytope, cone, tuple(troubles), y)
 
 
-def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
+def _room(problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     left = problem.left(share.value)
     by = [named(share.held_by, problem.A.shape[1])] if share.held_by else []
     by += ["the tool's speed"] if share.fast else []
-    near = None if share.multipliers is None else Optimum(share.velocity, share.multipliers, law.backend.name)
     return Room(
         problem,
         share.value,
         left,
         left.limits(limits.polytope),
         left.cone(limits.cone),
-        left.free(share.velocity),
         " and ".join(by),
         moved,
         limits.troubles,
-        near,
     )
 
 
@@ -159,7 +152,7 @@ def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backen
         m = len(inside)
         rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
         still = Quadratic.diagonal(np.full(m, np.sqrt(REGULARISATION)), np.zeros(m)).plus(rows, np.zeros(m))
-        inside = minimise_in_cone(backend, still, limits.polytope, limits.cone, inside).z
+        inside = minimise(backend, still, limits.polytope, limits.cone).z
         reduction = reduction._replace(start=reduction.fixed(inside))
     if reduction.unmet > UNMET_TOLERANCE:  # the share tends to zero as the joints lose a direction of the rows
         return reduction, Share(0.0, inside, [])
@@ -188,10 +181,10 @@ def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array 
     return f"limits require motion beside it: {moved}" if moved else ""
 
 
-def _minimised(law: VelocityLaw, room: Room, objective: Objective, near: Answer | None = None) -> Answer:
-    """The optimum inside the limits; `near` is the answer for a similar objective, to start from."""
-    begin, troubles = (room.near, room.troubles) if near is None else (near.found, near.troubles)
-    found = minimise_in_cone(law.backend, objective.quadratic(), room.polytope, room.cone, room.inside, begin)
+def _minimised(law: VelocityLaw, room: Room, objective: Objective, told: tuple[str, ...] = ()) -> Answer:
+    """The optimum inside the limits; `told` are troubles so far, instead of the room's."""
+    troubles = told or room.troubles
+    found = minimise(law.backend, objective.quadratic(), room.polytope, room.cone)
     if found.trouble:
         troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
     y = room.left.joint(found.z)

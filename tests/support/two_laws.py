@@ -211,6 +211,8 @@ def spreads(law, problem, demand, native, answer):
     if law.form is not None:  # what it attempts is known to rounding of the twist
         spread += ROUNDING * np.linalg.norm(problem.wanted) / np.sqrt(objective.weights.min(initial=largest))
     gradient = AGREE * largest * far + largest * spread
+    if demand.cone is not None and answer.multipliers is not None:  # beside a root that is known to rounding
+        gradient += 1e-8 * np.abs(answer.multipliers).max()
     if problem.reduction is not None and answer.multipliers is not None:  # of rows that may nearly depend on each other
         gradient += 1e-6 * np.abs(answer.multipliers).max()
     return spread, gradient

@@ -11,7 +11,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.limits.box import Bounds
-from invariantqp.velocity.qp.polytope import Polytope
+from invariantqp.velocity.qp.quadratic import Polytope
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
