@@ -98,7 +98,7 @@ class Controller:
             posture: gain [1/s] of the null-space motion to the middle of the joint ranges, for arms with more than six
                 joints; True is 1/s, False switches it off.
             joint_metric: as in `solve_velocity`.
-            backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
+            backend: as in `solve_velocity`.
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
             point: (3,) in the tool frame, the physical point where accuracy is asked for; None is the point met exactly

@@ -18,7 +18,8 @@ from invariantqp.velocity.qp.quadratic import Polytope
 class LimitRows(Value):
     """lower <= C x <= upper: a coupling of joints, the distance to an obstacle, one direction of a point's velocity.
 
-    Where box and rows leave no velocity, the rows give way by the least sum of squares; the box never does.
+    Where box and rows leave no velocity, the rows give way by the least sum of squares, each measured by its length (so
+    its scale does not count); the box never does.
 
     Attributes:
         C: (k, m) rows on the joint velocity.
