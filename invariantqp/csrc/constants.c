@@ -15,7 +15,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.calm", CALM),
     ONE("velocity.calm", DEVIATION_SHARE),
     ONE("velocity.calm", QUIET_SHARE),
-    ONE("velocity.qp.quadratic", ROW_TOLERANCE),
+    ONE("velocity.qp.quadratic", COSINE_ROUNDING),
     ONE("velocity.qp.quadratic", ACTIVE_TOLERANCE),
     ONE("velocity.solution", SLOWEST),
     ONE("velocity.report", MET_TOLERANCE),

@@ -30,8 +30,10 @@ from invariantqp.velocity.qp.backends import UNBOUNDED, Backend, BoxQP, Cvxpy, D
 
 # A limit this close, relative to its value (or 1), is at it.
 ACTIVE_TOLERANCE = 1e-6
-# What is left of a row below this share of it is rounding: exact rows fix its value.
-ROW_TOLERANCE = 1e-12
+# A row and a column whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that the
+# law has no jump.
+COSINE_ROUNDING = 1e-13
+TINY = np.finfo(float).tiny
 # A limit this close to the solver's answer, on the scaled problem, is taken to be active until the check.
 CLOSE = 1e-7
 # A value outside its limit by less than this, relative to the velocities that it comes from, is at it.
@@ -69,7 +71,7 @@ class Polytope:
 
     def on(self, origin: Array, basis: Array) -> Polytope:
         """The same limits on z, x = origin + basis z."""
-        A, (lower, upper) = _rows_on(self.rows, basis), self.about(origin)
+        A, (lower, upper) = _product(self.rows, basis), self.about(origin)
         rounding = np.where(A.any(axis=1), 0.0, ROUNDING * self.lengths * np.linalg.norm(origin))
         lower, upper = (np.where(np.abs(side) <= rounding, 0.0, side) for side in (lower, upper))
         return Polytope(A, lower, upper)
@@ -98,15 +100,14 @@ class Cone(NamedTuple):
 
     def on(self, origin: Array, basis: Array) -> Cone:
         """The same cone on z, x = origin + basis z."""
-        return self._replace(start=self.velocity(origin), J=_rows_on(self.J, basis))
+        return self._replace(start=self.velocity(origin), J=_product(self.J, basis))
 
 
-def _rows_on(A: Array, basis: Array) -> Array:
-    """(k, n) A basis, zero where the basis leaves nothing of a row but rounding."""
-    rows: Array = A.dot(basis)
-    size = np.linalg.norm(A, axis=1) * np.linalg.norm(basis)
-    rows[np.linalg.norm(rows, axis=1) <= ROW_TOLERANCE * size] = 0.0
-    return rows
+def _product(A: Array, B: Array) -> Array:
+    """(k, n) A B, zero where it is only rounding."""
+    rounding = COSINE_ROUNDING * np.outer(np.linalg.norm(A, axis=1), np.linalg.norm(B, axis=0)) + TINY
+    C: Array = A.dot(B)
+    return np.clip(np.abs(C) / rounding - 1.0, 0.0, 1.0) * C
 
 
 class Quadratic(NamedTuple):
@@ -199,7 +200,7 @@ def _in_cone(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone)
             if cone.speed(found.z) <= cone.limit * (1.0 + ACTIVE_TOLERANCE):
                 return found._replace(nu=high)
             raise SolverFailure("the limits", "no velocity inside them is slow enough for the tool", infeasible=True)
-    nu = brentq(excess, low, high, xtol=np.finfo(float).tiny)
+    nu = brentq(excess, low, high, xtol=TINY)
     return at(nu)._replace(nu=nu)
 
 
@@ -230,7 +231,7 @@ class Nearest(NamedTuple):
     def of(cls, problem: Quadratic, limits: Polytope, outside: float = 0.0) -> Nearest:
         """The problem in units of how far outside its optimum without limits is: by `outside` at least."""
         moving = limits.lengths.nonzero()[0]
-        rows = limits.rows[moving].dot(problem.T)
+        rows = _product(limits.rows[moving], problem.T)
         lengths = np.linalg.norm(rows, axis=1)
         lower, upper = (side[moving] / lengths for side in limits.about(problem.centre))
         size = float(np.maximum(lower, -upper).max(initial=outside))
@@ -299,7 +300,8 @@ def _non_negative(E: Array, f: Array) -> Array:
 def _in_polytope(backend: Backend, problem: Quadratic, limits: Polytope) -> Optimum:
     """The optimum inside the limits."""
     lower, upper = limits.about(problem.centre)
-    if (lower <= 0.0).all() and (upper >= 0.0).all():
+    rounding = ROUNDING * limits.lengths * np.linalg.norm(problem.centre)
+    if (lower <= rounding).all() and (upper >= -rounding).all():
         return Optimum(problem.centre, np.zeros(len(lower)))
     if (np.maximum(lower, -upper)[limits.lengths == 0.0] > 0.0).any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
