@@ -21,7 +21,7 @@ from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic
 # Weight of |y|^2 beside |t|^2, only to make the problem strictly convex. Rows that need a motion v then give way by
 # this share of v more than necessary; the second pass, centred at the first one's velocity, by the square of that.
 REGULARISATION = 1e-8
-# A violation below this share of the velocity is rounding.
+# A violation below this share of the velocity is rounding, and what a joint's bound adds to it below this share of it.
 VIOLATION_TOLERANCE = 1e-9
 # Limits that gave way are widened by this share of the violation more, so that the next problem has an interior.
 WIDENING = 1e-7
@@ -62,15 +62,15 @@ def relaxed(rows: LimitRows, lower: Array, upper: Array, to_joint: Array | None)
     found = _least_violation(
         LimitRows(C / lengths[:, None], rows.lower / lengths, rows.upper / lengths), lower, upper, T
     )
-    t = np.where(found.multipliers[m:] == 0.0, 0.0, found.z[m:])
-    wider = t + np.sign(t) * WIDENING * np.abs(t).max()
-    low, high = (
-        side + lengths * np.where(t * way > 0.0, wider, 0.0) for side, way in ((rows.lower, -1.0), (rows.upper, 1.0))
-    )
-    moved = LimitRows(C, low, high)
-    violation = lengths * np.where(np.abs(t) > VIOLATION_TOLERANCE * np.linalg.norm(found.z), t, 0.0)
-    held_by = np.concatenate((found.multipliers[:m], violation)).nonzero()[0].tolist()
-    return Relaxed(moved, violation, held_by if violation.any() else [], _least(moved, lower, upper, T))
+    t = found.z[m:]
+    told = np.abs(t) > VIOLATION_TOLERANCE * np.linalg.norm(found.z)
+    t = np.where(told | ~told.any(), t, 0.0)
+    wider = lengths * (t + np.sign(t) * WIDENING * np.abs(t).max())
+    moved = LimitRows(C, rows.lower + np.minimum(wider, 0.0), rows.upper + np.maximum(wider, 0.0))
+    violation = np.where(told, lengths * t, 0.0)
+    pulls = np.abs(found.multipliers[:m]) * np.linalg.norm(T, axis=1) > VIOLATION_TOLERANCE * np.abs(t).max()
+    held_by = np.append(pulls, told).nonzero()[0].tolist() if told.any() else []
+    return Relaxed(moved, violation, held_by, _least(moved, lower, upper, T))
 
 
 def _least(rows: LimitRows, lower: Array, upper: Array, T: Array) -> Array:
