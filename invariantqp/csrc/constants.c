@@ -28,7 +28,6 @@ const Constant CONSTANTS[] = {
     ONE("velocity.share", WHOLE),
     ONE("velocity.share", INTERIOR),
     ONE("velocity.stages", BESIDE_TOLERANCE),
-    ONE("velocity.qp.quadratic", CONE_TOLERANCE),
     ONE("velocity.qp.quadratic", MOST_SHARE),
     ONE("control.convergence", MEMORY),
     ONE("control.convergence", KEPT_SHARE),

@@ -168,7 +168,7 @@ def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone
         slow = None if cone is None else (cone.J, cone.limit, cone.start)
         found = core.optimum(*problem, limits.A, limits.lower, limits.upper, slow, inside)
     if found is None:
-        return minimise(backend, problem, limits, cone)
+        return minimise(backend, problem, limits, cone, inside)
     z, multipliers, nu = found
     return Optimum(z, multipliers, "native" if nu > 0.0 or multipliers.any() else "", "", nu)
 

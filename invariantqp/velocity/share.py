@@ -73,11 +73,13 @@ def share_of(
         room = Polytope(np.vstack((room.rows, np.eye(1, n))), *whole)
     slow = None if cone is None else cone.on(start, basis)
 
+    first = (inside - start).dot(basis)
+
     def best(nu: float) -> Optimum:
         weight = REGULARISATION + nu
         root, centre = np.full(n, sqrt(weight)), np.zeros(n)
         root[0], centre[0] = sqrt(1.0 + weight), length / (1.0 + weight)
-        return minimise(backend, Quadratic.diagonal(root, centre), room, slow)
+        return minimise(backend, Quadratic.diagonal(root, centre), room, slow, first)
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)

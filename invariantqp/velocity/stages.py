@@ -67,6 +67,7 @@ class Room(NamedTuple):
     left: Left  # what the rows leave at that share
     polytope: Polytope  # the limits on z at that share
     cone: Cone | None  # likewise, or None
+    inside: Array  # (n,) a z inside both
     held_by: str  # the limits that slow the exact rows down, in words
     beside: str  # how far limits move the exact rows besides, in words
     troubles: tuple[str, ...]  # contradictions between limits
@@ -135,6 +136,7 @@ def _room(problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room
         left,
         left.limits(limits.polytope),
         left.cone(limits.cone),
+        left.free(share.velocity),
         " and ".join(by),
         moved,
         limits.troubles,
@@ -152,7 +154,7 @@ def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backen
         m = len(inside)
         rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
         still = Quadratic.diagonal(np.full(m, np.sqrt(REGULARISATION)), np.zeros(m)).plus(rows, np.zeros(m))
-        inside = minimise(backend, still, limits.polytope, limits.cone).z
+        inside = minimise(backend, still, limits.polytope, limits.cone, inside).z
         reduction = reduction._replace(start=reduction.fixed(inside))
     if reduction.unmet > UNMET_TOLERANCE:  # the share tends to zero as the joints lose a direction of the rows
         return reduction, Share(0.0, inside, [])
@@ -184,7 +186,7 @@ def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array 
 def _minimised(law: VelocityLaw, room: Room, objective: Objective, told: tuple[str, ...] = ()) -> Answer:
     """The optimum inside the limits; `told` are troubles so far, instead of the room's."""
     troubles = told or room.troubles
-    found = minimise(law.backend, objective.quadratic(), room.polytope, room.cone)
+    found = minimise(law.backend, objective.quadratic(), room.polytope, room.cone, room.inside)
     if found.trouble:
         troubles = (*troubles, f"{found.trouble}; solved by {found.backend}")
     y = room.left.joint(found.z)

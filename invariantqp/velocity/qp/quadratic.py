@@ -16,7 +16,7 @@ the speed is the limit. The speed falls as nu grows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import sqrt
 from typing import NamedTuple
@@ -36,12 +36,10 @@ COSINE_ROUNDING = 1e-13
 TINY = np.finfo(float).tiny
 # A limit this close to the solver's answer, on the scaled problem, is taken to be active until the check.
 CLOSE = 1e-7
-# A value outside its limit by less than this, relative to the velocities that it comes from, is at it.
-ROUNDING = 1e-11
+# A value outside its limit by less than this, relative to the velocities that it comes from, is at it; it is clipped.
+ROUNDING = 1e-9
 # What answers are called that no solver gave.
 OWN = "least distance"
-# A speed this far above the limit, relative to it, is at it; the velocity is then shortened to it.
-CONE_TOLERANCE = 1e-9
 # A multiplier with which the speed limit outweighs the rest by this factor is the largest tried.
 MOST_SHARE = 1e8
 
@@ -53,6 +51,7 @@ class Polytope:
     A: Array | None  # (k, n) or None: the joints of the box first, then the rows; zero where no z moves a limit
     lower: Array  # (k,), -inf where there is none
     upper: Array  # (k,), inf where there is none
+    rounding: Array | float = 0.0  # (k,) how far a value may be outside: rounding of what exact rows fix of it
 
     @cached_property
     def rows(self) -> Array:
@@ -64,6 +63,16 @@ class Polytope:
         """(k,) of the rows."""
         return np.asarray(np.linalg.norm(self.rows, axis=1))
 
+    def margin(self, *velocities: Array) -> Array:
+        """(k,) how far a value may be outside its limit: rounding, where it comes from some z (n,)."""
+        speed = sum(float(np.linalg.norm(z)) for z in velocities)
+        return np.asarray(self.rounding + ROUNDING * self.lengths * speed)
+
+    def admitting(self, z: Array) -> Polytope:
+        """The same limits, widened so far that z is inside by rounding."""
+        value, margin = self.rows.dot(z), self.margin(z)
+        return replace(self, lower=np.minimum(self.lower, value - margin), upper=np.maximum(self.upper, value + margin))
+
     def about(self, z: Array) -> tuple[Array, Array]:
         """(lower, upper), each (k,), on A d for the z + d."""
         value = self.rows.dot(z)
@@ -71,10 +80,8 @@ class Polytope:
 
     def on(self, origin: Array, basis: Array) -> Polytope:
         """The same limits on z, x = origin + basis z."""
-        A, (lower, upper) = _product(self.rows, basis), self.about(origin)
-        rounding = np.where(A.any(axis=1), 0.0, ROUNDING * self.lengths * np.linalg.norm(origin))
-        lower, upper = (np.where(np.abs(side) <= rounding, 0.0, side) for side in (lower, upper))
-        return Polytope(A, lower, upper)
+        rounding = self.rounding + ROUNDING * self.lengths * np.linalg.norm(origin)
+        return Polytope(_product(self.rows, basis), *self.about(origin), rounding)
 
 
 class Cone(NamedTuple):
@@ -97,6 +104,10 @@ class Cone(NamedTuple):
     def allows(self, x: Array) -> bool:
         """Whether the point is slow enough."""
         return self.speed(x) <= self.limit
+
+    def nearly_allows(self, x: Array) -> bool:
+        """Whether the point is slow enough but for rounding."""
+        return self.speed(x) <= self.limit * (1.0 + ROUNDING)
 
     def on(self, origin: Array, basis: Array) -> Cone:
         """The same cone on z, x = origin + basis z."""
@@ -152,7 +163,9 @@ class Optimum(NamedTuple):
     nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
 
 
-def minimise(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None = None) -> Optimum:
+def minimise(
+    backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None = None, inside: Array | None = None
+) -> Optimum:
     """The optimum inside limits and cone.
 
     Args:
@@ -160,48 +173,57 @@ def minimise(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone 
         problem: what is minimised.
         limits: on z; infinite where there is none.
         cone: likewise, or None.
+        inside: (n,) a z inside both, but for rounding, where one is known: the answer where no other is found.
 
     Raises:
         SolverFailure: no answer was found; `.infeasible` when a solver says that there is none, or where exact rows
             alone are outside.
     """
-    found = _in_polytope(backend, problem, limits)
-    if cone is None or cone.allows(found.z):
+    found = _in_polytope(backend, problem, limits, inside)
+    if cone is None or cone.nearly_allows(found.z):
         return found
     if not cone.J.any():
-        if cone.speed(found.z) <= cone.limit * (1.0 + CONE_TOLERANCE):
-            return found
-        raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
+        if inside is None:
+            raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
+        return found
+    trouble = ""
     if cone.program is not None:
         try:
             return _by_program(cone.program, problem, limits, cone)
         except SolverFailure as failure:
-            if failure.infeasible:
-                raise
-            return _in_cone(backend, problem, limits, cone)._replace(trouble=str(failure))
-    return _in_cone(backend, problem, limits, cone)
+            trouble = str(failure)
+    return _in_cone(backend, problem, limits, cone, inside)._replace(trouble=trouble)
 
 
-def _in_cone(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone) -> Optimum:
+def _in_cone(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, inside: Array | None) -> Optimum:
     """The optimum at the speed limit, by its multiplier."""
 
     def at(nu: float) -> Optimum:
-        return _in_polytope(backend, problem.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start), limits)
+        priced = problem.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
+        return _in_polytope(backend, priced, limits, inside)._replace(nu=nu)
 
     def excess(nu: float) -> float:
-        return 1.0 - cone.limit / cone.speed(at(nu).z)  # nearly linear in nu
+        return 1.0 - cone.limit / max(cone.speed(at(nu).z), TINY)  # nearly linear in nu
 
-    unit = float(np.vdot(problem.K, problem.K)) / float(np.vdot(cone.J, cone.J))  # the speed weighs as all the rest
+    size = float(np.linalg.norm(cone.J))
+    unit = float(np.vdot(problem.K, problem.K)) / (size * size)  # the speed weighs as much as all the rest
     low, high = 0.0, unit
     while excess(high) > 0.0:
         low, high = high, 10.0 * high
         if high > MOST_SHARE * unit:
-            found = at(high)
-            if cone.speed(found.z) <= cone.limit * (1.0 + ACTIVE_TOLERANCE):
-                return found._replace(nu=high)
-            raise SolverFailure("the limits", "no velocity inside them is slow enough for the tool", infeasible=True)
-    nu = brentq(excess, low, high, xtol=TINY)
-    return at(nu)._replace(nu=nu)
+            if inside is None:
+                raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
+            return _slowed(cone, at(low), inside)
+    return at(brentq(excess, low, high, xtol=TINY))
+
+
+def _slowed(cone: Cone, found: Optimum, inside: Array) -> Optimum:
+    """The velocity, moved towards one that is inside until the speed is the limit."""
+    start, step = cone.velocity(found.z), cone.J.dot(inside - found.z)
+    a, b, c = float(step.dot(step)), float(start.dot(step)), float(start.dot(start)) - cone.limit**2
+    root = sqrt(max(0.0, b * b - a * c)) - b  # of a t^2 + 2 b t + c = 0, the smaller t
+    share = min(max(c / root, 0.0), 1.0) if root > 0.0 else 1.0
+    return found._replace(z=found.z + share * (inside - found.z))
 
 
 def scaled(problem: Quadratic, limits: Polytope, outside: float = 0.0) -> tuple[BoxQP, float]:
@@ -262,7 +284,7 @@ class Nearest(NamedTuple):
         T, centre, sides = self.problem.T, self.problem.centre, (self.limits.upper, -self.limits.lower)
         A = np.vstack([sign * self.limits.rows[self.moving] for sign in (1.0, -1.0)])
         limit, lengths = np.concatenate([side[self.moving] for side in sides]), np.tile(self.lengths, 2)
-        reach, near = np.linalg.norm(A, axis=1), guess.copy()
+        near = guess.copy()
         while True:
             at = self.pulling(near)
             shortest = np.linalg.pinv(self.N[at])
@@ -270,8 +292,7 @@ class Nearest(NamedTuple):
             found = self.optimum(d, at, np.maximum(-d.dot(shortest), 0.0))
             missing = (limit[at] - A[at].dot(found.z)) / lengths[at]
             z = found.z + T.dot(shortest.dot(missing))  # at its limits to rounding, whatever the condition of T
-            speed = np.linalg.norm(z) + np.linalg.norm(z - centre)
-            outside = A.dot(z) - limit - ROUNDING * reach * speed
+            outside = A.dot(z) - limit - np.tile(self.limits.margin(z, z - centre)[self.moving], 2)
             worst = int(outside.argmax())
             if outside[worst] <= 0.0:
                 return found._replace(z=z)
@@ -297,13 +318,26 @@ def _non_negative(E: Array, f: Array) -> Array:
         return np.zeros(E.shape[1])
 
 
-def _in_polytope(backend: Backend, problem: Quadratic, limits: Polytope) -> Optimum:
-    """The optimum inside the limits."""
+def _in_polytope(backend: Backend, problem: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
+    """The optimum inside the limits; limits that leave hardly more room than rounding are widened by that, once."""
+    try:
+        return _optimum(backend, problem, limits)
+    except SolverFailure as failure:
+        if inside is None:
+            raise
+        trouble = "" if failure.infeasible else str(failure)
+    try:
+        return _optimum(backend, problem, limits.admitting(inside))
+    except SolverFailure:
+        return Optimum(inside, np.zeros(len(limits.lower)), OWN, trouble)
+
+
+def _optimum(backend: Backend, problem: Quadratic, limits: Polytope) -> Optimum:
     lower, upper = limits.about(problem.centre)
-    rounding = ROUNDING * limits.lengths * np.linalg.norm(problem.centre)
-    if (lower <= rounding).all() and (upper >= -rounding).all():
+    outside = np.maximum(lower, -upper) - limits.margin(problem.centre)
+    if (outside <= 0.0).all():
         return Optimum(problem.centre, np.zeros(len(lower)))
-    if (np.maximum(lower, -upper)[limits.lengths == 0.0] > 0.0).any():
+    if (outside[limits.lengths == 0.0] > 0.0).any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
     nearest, (qp, size) = Nearest.of(problem, limits), scaled(problem, limits)
     try:
