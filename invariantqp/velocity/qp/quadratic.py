@@ -31,7 +31,7 @@ from invariantqp.velocity.qp.backends import UNBOUNDED, Backend, BoxQP, Cvxpy, D
 # A limit this close, relative to its value (or 1), is at it.
 ACTIVE_TOLERANCE = 1e-6
 # A row and a column whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that the
-# law has no jump.
+# law has no jump. The optimum without limits may be outside one by this share of it.
 COSINE_ROUNDING = 1e-13
 TINY = np.finfo(float).tiny
 # A limit this close to the solver's answer, on the scaled problem, is taken to be active until the check.
@@ -334,10 +334,11 @@ def _in_polytope(backend: Backend, problem: Quadratic, limits: Polytope, inside:
 
 def _optimum(backend: Backend, problem: Quadratic, limits: Polytope) -> Optimum:
     lower, upper = limits.about(problem.centre)
-    outside = np.maximum(lower, -upper) - limits.margin(problem.centre)
+    fixed, size = limits.lengths == 0.0, float(np.linalg.norm(problem.centre))
+    outside = np.maximum(lower, -upper) - np.where(fixed, limits.rounding, COSINE_ROUNDING * limits.lengths * size)
     if (outside <= 0.0).all():
         return Optimum(problem.centre, np.zeros(len(lower)))
-    if (outside[limits.lengths == 0.0] > 0.0).any():
+    if (outside[fixed] > 0.0).any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
     nearest, (qp, size) = Nearest.of(problem, limits), scaled(problem, limits)
     try:
