@@ -192,7 +192,8 @@ def minimise(
             return _by_program(cone.program, problem, limits, cone)
         except SolverFailure as failure:
             trouble = str(failure)
-    return _in_cone(backend, problem, limits, cone, inside)._replace(trouble=trouble)
+    found = _in_cone(backend, problem, limits, cone, inside)
+    return found._replace(trouble=trouble or found.trouble)
 
 
 def _in_cone(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, inside: Array | None) -> Optimum:
@@ -214,7 +215,9 @@ def _in_cone(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone,
             if inside is None:
                 raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
             return _slowed(cone, at(low), inside)
-    return at(brentq(excess, low, high, xtol=TINY))
+    if excess(low) <= 0.0:  # it was above the limit by rounding
+        return at(low)
+    return at(brentq(excess, low, high, xtol=TINY, disp=False))
 
 
 def _slowed(cone: Cone, found: Optimum, inside: Array) -> Optimum:
