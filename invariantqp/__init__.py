@@ -26,7 +26,7 @@ MOVED = {
     "platform_stiffness point_motion principal_screws reciprocal_has_pseudoinverse screw_system self_reciprocal "
     "stationary_point system_meet system_sum vanishing_pitches wrench_pseudoinverse",
     "invariantqp.tasks": "ContactTrace Task Trace shipped_tasks",
-    "invariantqp.velocity": "Adaptive BoxQP Fixed JointTask MethodChoice Osqp PaperLambda Selective TwistTask "
+    "invariantqp.velocity": "Adaptive BoxQP Fixed JointTask MethodChoice PaperLambda Selective TwistTask "
     "VelocitySolution VelocitySolutions method_for solve_tasks",
     "invariantqp.view": "Viewer animation",
 }

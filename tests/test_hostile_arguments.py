@@ -33,7 +33,7 @@ NOT_CALLED = {
 # Public methods that are not called here, and why.
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
-    "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share Osqp.solve PaperLambda.of_size "
+    "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
     "Controller.posture_pull Controller.told "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",

@@ -100,7 +100,7 @@ class Controller:
                 do the joints.
             posture_gain: how fast the posture is approached while the tool moves [1/s].
             joint_metric: as in `solve_velocity`.
-            backend: as in `solve_velocity`; "osqp" keeps its workspace from tick to tick.
+            backend: as in `solve_velocity`.
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
             point: (3,) in the tool frame, the physical point where accuracy is asked for; None is the point met exactly

@@ -13,9 +13,8 @@ with lazily(__name__):
     from invariantqp.velocity.exact import ExactRows as ExactRows
     from invariantqp.velocity.guard import Guard as Guard
     from invariantqp.velocity.qp.backends import Backend as Backend
-    from invariantqp.velocity.qp.backends import Osqp as Osqp
+    from invariantqp.velocity.qp.backends import BoxQP as BoxQP
     from invariantqp.velocity.qp.backends import SolverFailure as SolverFailure
-    from invariantqp.velocity.qp.scaling import BoxQP as BoxQP
     from invariantqp.velocity.request import MethodChoice as MethodChoice
     from invariantqp.velocity.request import method_for as method_for
     from invariantqp.velocity.request import solve_velocity as solve_velocity

@@ -1,7 +1,6 @@
-"""Many twists at once: the compiled core has the rows, or Python those without active limits; the others go one by one.
+"""Many twists at once: the compiled core has the rows; those that it hands back, or all without it, go one by one.
 
-In Python a row with an active limit, with damping, or whose form matters goes through `solve` by itself. So each row is
-the answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollouts.
+Each row is the answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollouts.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.compiled import LEFT, PLAIN, Rows, Written, compiled_rows
+from invariantqp.velocity.compiled import LEFT, Rows, Written, compiled_rows
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, form_of
-from invariantqp.velocity.free_rows import free_rows, measures
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.measure import measures
 from invariantqp.velocity.problem import guard_of, measure_of, metric_of, prismatic
 from invariantqp.velocity.qp.backends import backend_of
 from invariantqp.velocity.solution import VelocitySolution
@@ -150,16 +149,8 @@ class _Batch(NamedTuple):
         written = compiled_rows(law, twists, s, roots, box, posture)
         if written is not None:
             return written
-        self.check()
-        with np.errstate(all="ignore"):  # rows that overflow are not done
-            A, b = np.matmul(roots, twists), np.matmul(roots, s[:, :, None])[:, :, 0]
-            done, x = free_rows(law, A, b, box, posture)
-        own = law.metric is None and prismatic(twists, 1.0).any(axis=1)  # a metric of its own in each such row
-        written = Written.empty(len(x), x.shape[1], 0)._replace(
-            velocity=x, residual=s - np.einsum("nij,nj->ni", twists, x)
-        )
-        written.record[:] = np.where(~done | own, LEFT, PLAIN)
-        written.method[:], written.status[:], written.numbers[:] = "closed-form", "ok", (1.0, 0.0, 0.0)
+        written = Written.empty(len(twists), twists.shape[2], 0)
+        written.record[:] = LEFT
         return written
 
     def check(self) -> None:

@@ -16,16 +16,14 @@ from numpy.typing import NDArray
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.qp.backends import Backend, Daqp
-from invariantqp.velocity.qp.polytope import Polytope
-from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
+from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise
 from invariantqp.velocity.solution import VelocitySolution
 
 # Rows below which a thread is not worth its start, and those that one takes at a time.
 ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 16
-# In place of the number of a record: a row that is a closed form and no more, or Python's.
-PLAIN, LEFT = -1, -2
+# In place of the number of a record: a row that is Python's; -1 is a closed form and no more.
+LEFT = -2
 if core is not None:
     core.answer_as(VelocitySolution)
 
@@ -53,7 +51,7 @@ class Written(NamedTuple):
 
     velocity: Array  # (N, m)
     residual: Array  # (N, 6)
-    record: NDArray[np.int32]  # (N,) the number of its record, or `PLAIN` or `LEFT`
+    record: NDArray[np.int32]  # (N,) the number of its record, `LEFT`, or -1
     method: NDArray[np.str_]  # (N,) strings, as in VelocitySolution
     status: NDArray[np.str_]  # likewise
     numbers: Array  # (N, 3) scale, damping, guard
@@ -164,13 +162,13 @@ def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType
 
 
 def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
-    """`minimise_in_cone` without a guess, by the core where it can; it raises the same."""
+    """`minimise` by the core where it can, from a z (n,) inside; it raises the same."""
     found = None
     if core is not None and type(backend) is Daqp and (cone is None or (cone.program is None and cone.J.any())):
         slow = None if cone is None else (cone.J, cone.limit, cone.start)
         found = core.optimum(*problem, limits.A, limits.lower, limits.upper, slow, inside)
     if found is None:
-        return minimise_in_cone(backend, problem, limits, cone, inside)
+        return minimise(backend, problem, limits, cone, inside)
     z, multipliers, nu = found
     return Optimum(z, multipliers, "native" if nu > 0.0 or multipliers.any() else "", "", nu)
 

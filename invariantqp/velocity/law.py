@@ -16,9 +16,9 @@ from invariantqp.velocity.damping import Adaptive, Damping, Fixed, PaperLambda, 
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import Complement, Form, PitchForm
 from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.qp.backends import Backend, Daqp
+from invariantqp.velocity.qp.quadratic import Cone
 
 # Threshold, ceiling and fixed lambda of damping, its speed for one direction or 0; pitch, fraction of the guard or -1,
 # and complement Z' of a form, or None.
@@ -61,30 +61,12 @@ class Demand(NamedTuple):
             return boxed
         return boxed and (self.rows is None or self.rows.allow(x)) and (self.cone is None or self.cone.allows(x))
 
-    def agrees(self) -> bool:
-        """Whether the exact rows ask for what the twist does: else no velocity does both."""
-        if self.exact is None or self.exact.of_twist is None:
-            return True
-        apart = self.exact.of_twist.dot(self.s) - self.exact.b
-        return bool(apart.dot(apart) <= AGREEMENT**2 * self.exact.b.dot(self.exact.b))
-
-    def achieves(self, x: Array) -> bool:
-        """Whether the exact rows hold, to rounding."""
-        if self.exact is None:
-            return True
-        C, e = np.asarray(self.exact.A), np.asarray(self.exact.b)
-        return bool((np.abs(C.dot(x) - e) <= ROW_ROUNDING * (np.abs(C).dot(np.abs(x)) + np.abs(e))).all())
-
 
 # A twist of this share of gain times a radian is none: limits may take that much away before they slow the chase down,
 # and an error of a position or an angle that small may stay. Measured (`examples/14_defaults.py`).
 SLACK = 3e-3
 # Threshold and ceiling of the default damping of a path that is looked at ahead: it slows down before joints are fast.
 PLANNED_DAMPING = 1e-3, 3e-5
-# Rounding of C x - e, relative to the size of its terms.
-ROW_ROUNDING = 1e-14
-# Likewise of two ways to say what a point does, relative to what is asked of it.
-AGREEMENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

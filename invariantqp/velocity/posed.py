@@ -21,9 +21,8 @@ from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.exact import Reduction, reduce
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.objective import Objective, Spectrum, least_squares, spectrum_of
-from invariantqp.velocity.qp.polytope import Polytope
+from invariantqp.velocity.qp.quadratic import Cone, Polytope
 from invariantqp.velocity.stationary import convexified
 
 

@@ -17,11 +17,11 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.box import Bounds, bounds_of
-from invariantqp.velocity.limits.cone import Cone
 from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.measure import length_at, own_point, root_at
 from invariantqp.velocity.qp.backends import Backend, backend_of
+from invariantqp.velocity.qp.quadratic import Cone
 
 # Where |omega| L of a joint is below this share of its |v|, it is rounding: the joint is prismatic.
 SLIDING = 1e-9
@@ -38,7 +38,7 @@ class VelocityOptions(TypedDict, total=False):
     exact: rows A x = b, met before anything is minimised; they slow down where limits forbid their full speed.
     joint_metric: (m, m) or (m,) positive definite M, the size of a joint velocity is x'Mx; None is the identity, with
         1/L^2 for prismatic joints.
-    backend: "daqp", "osqp", any solver qpsolvers has, or a `Backend` of yours (a kept `Osqp()`, for instance).
+    backend: "daqp", any solver that qpsolvers has, or a `Backend` of yours: it says which limits are near.
     guard: the descent guard of a form; False switches it off.
     posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
     rows: limits on combinations of joint velocities; they give way where they contradict the bounds.

@@ -20,7 +20,7 @@ from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.objective import NULL_RATIO, Objective
 from invariantqp.velocity.posed import Posed
-from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, named
+from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE, named
 from invariantqp.velocity.solution import VelocitySolution, clipped
 from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, unkept
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.problem import VelocityProblem
-from invariantqp.velocity.qp.polytope import named
+from invariantqp.velocity.qp.quadratic import named
 from invariantqp.velocity.report import damping_reason
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve

@@ -19,10 +19,8 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.exact import Reduction
-from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.qp.backends import Backend
-from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE, Polytope
-from invariantqp.velocity.qp.quadratic import Optimum, Quadratic
+from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE, Cone, Optimum, Polytope, Quadratic, minimise
 
 # The least nu: it makes the problem strictly convex, and the share smaller by this much, relative.
 REGULARISATION = 1e-9
@@ -42,9 +40,6 @@ class Share(NamedTuple):
     velocity: Array  # (m,) a y with that share
     held_by: list[int]  # limits (indices of the polytope) that keep it from being larger
     fast: bool = False  # whether a tool speed limit does
-    # (k,) of the limits; None where none is active. The smallest is 0: on what the rows leave free, the limits that
-    # hold them depend on each other, and the next optimum is at all but one.
-    multipliers: Array | None = None
 
 
 def share_of(
@@ -75,22 +70,22 @@ def share_of(
     count = len(room.lower)
     if inside.any():  # else part of the way from standing still costs less than a share outside [0, 1]
         whole = np.append(room.lower, 0.0), np.append(room.upper, length)
-        room = Polytope(np.vstack((room.rows(), np.eye(1, n))), *whole)
+        room = Polytope(np.vstack((room.rows, np.eye(1, n))), *whole)
     slow = None if cone is None else cone.on(start, basis)
 
     first = (inside - start).dot(basis)
 
-    def best(nu: float, near: Optimum | None = None) -> Optimum:
+    def best(nu: float) -> Optimum:
         weight = REGULARISATION + nu
         root, centre = np.full(n, sqrt(weight)), np.zeros(n)
         root[0], centre[0] = sqrt(1.0 + weight), length / (1.0 + weight)
-        return minimise_in_cone(backend, Quadratic.diagonal(root, centre), room, slow, first, near)
+        return minimise(backend, Quadratic.diagonal(root, centre), room, slow, first)
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
     nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort
     if nu > REGULARISATION:
-        found = best(nu, found)
+        found = best(nu)
     value = min(max(found.z[0] / length, 0.0), 1.0)
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:
@@ -99,7 +94,4 @@ def share_of(
     fast = slow is not None and slow.speed(found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE)
     given = 1.0 - INTERIOR * (1.0 - value)
     held_by = multipliers.nonzero()[0].tolist()
-    near = multipliers.copy()
-    if len(held_by) > 1:
-        near[min(held_by, key=np.abs(multipliers).__getitem__)] = 0.0
-    return Share(value * given, inside + given * (velocity - inside), held_by, fast, near)
+    return Share(value * given, inside + given * (velocity - inside), held_by, fast)

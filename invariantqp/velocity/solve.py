@@ -3,7 +3,7 @@
     no limit active    singular values, damped (`objective`)
     otherwise          QPs, stage by stage (`stages`)
 
-The compiled core, where there is one, is asked first (`compiled`): it computes the same for the most common ticks.
+The compiled core, where there is one, is asked first (`compiled`): it computes the same, sooner.
 
 Continuity. Each answer is the optimum of one strictly convex problem whose data are continuous in (J, s, limits). The
 first case computes its optimum without limits, which is the optimum of the second wherever it is inside them.

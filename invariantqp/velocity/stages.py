@@ -23,13 +23,11 @@ from invariantqp.velocity.calm import CALM, calm
 from invariantqp.velocity.exact import ExactRows, Reduction
 from invariantqp.velocity.guard import Guard, blend
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.cone import Cone, minimise_in_cone
 from invariantqp.velocity.limits.conflicts import relaxed, slowed
 from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Left, Posed, limits_of
 from invariantqp.velocity.qp.backends import Backend
-from invariantqp.velocity.qp.polytope import Polytope, named
-from invariantqp.velocity.qp.quadratic import FEASIBLE, Optimum, Quadratic
+from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise, named
 from invariantqp.velocity.share import Share, share_of
 
 # Exact rows of which more than this, relative, cannot be met: the joints cannot keep the direction of the demand.
@@ -83,7 +81,6 @@ class Room(NamedTuple):
     held_by: str  # the limits that slow the exact rows down, in words
     beside: str  # how far limits move the exact rows besides, in words
     troubles: tuple[str, ...]  # contradictions between limits
-    near: Optimum | None  # an optimum with limits that are likely to be active, or None
 
 
 def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
@@ -98,7 +95,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         first = Answer(y, 1.0, objective, None, np.zeros(len(y)), 1.0, 0.0, (), "", "")
-        room = _room(law, problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
+        room = _room(problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
     else:
         limits = given_way(law, demand)
         share = Share(1.0, limits.inside, [])
@@ -107,7 +104,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
             if reduction is not problem.reduction:
                 problem = problem._replace(reduction=reduction)
             objective = problem.slowed(objective, share.value)
-        room = _room(law, problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
+        room = _room(problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
         first = _within(law, room, objective, demand)
     mu = _calm(law, room, first)
     answer = first if mu == 0.0 else _within(law, room, first.objective.calmed(mu), demand)
@@ -120,7 +117,7 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     m = len(demand.lower)
     x = np.minimum(np.maximum(np.zeros(m), demand.lower), demand.upper)
     if demand.rows is not None and not demand.rows.allow(x):
-        moved = relaxed(demand.rows, demand.lower, demand.upper)
+        moved = relaxed(demand.rows, demand.lower, demand.upper, law.to_joint)
         x = moved.inside
         if moved.violation.any():
             by = ", ".join(f"row {i} by {abs(moved.violation[i]):.3g}" for i in np.flatnonzero(moved.violation))
@@ -131,19 +128,18 @@ def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     polytope, placed, cone = limits_of(law, demand)
     y = x if law.from_joint is None else law.from_joint.dot(x)
     if cone is not None and not cone.allows(y):
-        slower, y = slowed(cone, polytope, y)
+        slower, y = slowed(cone, polytope)
         if slower.limit > cone.limit:
             troubles.append(f"the tool's speed is {slower.limit:.3g}, not {cone.limit:.3g}: other limits require it")
             cone = slower
     return Limits(polytope, placed, cone, tuple(troubles), y)
 
 
-def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
+def _room(problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     left = problem.left(share.value)
     by = [named(share.held_by, problem.A.shape[1])] if share.held_by else []
     by += ["the tool's speed"] if share.fast else []
-    near = None if share.multipliers is None else Optimum(share.velocity, share.multipliers, law.backend.name)
     return Room(
         problem,
         share.value,
@@ -155,7 +151,6 @@ def _room(law: VelocityLaw, problem: Posed, limits: Limits, share: Share, moved:
         " and ".join(by),
         moved,
         limits.troubles,
-        near,
     )
 
 
@@ -170,7 +165,7 @@ def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backen
         m = len(inside)
         rows = np.eye(m) - reduction.basis.dot(reduction.basis.T)
         still = Quadratic.diagonal(np.full(m, np.sqrt(REGULARISATION)), np.zeros(m)).plus(rows, np.zeros(m))
-        inside = minimise_in_cone(backend, still, limits.polytope, limits.cone, inside).z
+        inside = minimise(backend, still, limits.polytope, limits.cone, inside).z
         reduction = reduction._replace(start=reduction.fixed(inside))
     if reduction.unmet > UNMET_TOLERANCE:  # the share tends to zero as the joints lose a direction of the rows
         return reduction, Share(0.0, inside, [])
@@ -215,11 +210,11 @@ def _within(law: VelocityLaw, room: Room, objective: Objective, demand: Demand) 
     quadratic = objective.quadratic()
     if demand.chase is None or objective.still is None:
         return _answer(room, objective, _nearest(law, room, quadratic))
-    found = minimise_in_cone(law.backend, quadratic, room.placed, None, room.inside)
-    if _allowed(room, found.z):
+    found = minimise(law.backend, quadratic, room.placed, None, room.inside)
+    if room.polytope.allows(found.z) and (room.cone is None or room.cone.nearly_allows(found.z)):
         return _answer(room, objective, found)
     unchased = objective.unchased().quadratic()
-    z0 = minimise_in_cone(law.backend, unchased, room.placed, None, room.inside).z
+    z0 = minimise(law.backend, unchased, room.placed, None, room.inside).z
     chase = found.z - z0
     whole = quadratic.K.dot(chase)
     length = norm(whole)
@@ -265,15 +260,7 @@ def _largest(missed: Callable[[float], float]) -> float:
 
 def _nearest(law: VelocityLaw, room: Room, quadratic: Quadratic) -> Optimum:
     """The optimum inside all limits."""
-    return minimise_in_cone(law.backend, quadratic, room.polytope, room.cone, room.inside, room.near)
-
-
-def _allowed(room: Room, z: Array) -> bool:
-    """Whether z is inside all limits, but for rounding."""
-    value, limits = room.polytope.value(z), room.polytope
-    size = FEASIBLE * (1.0 + np.minimum(np.abs(limits.lower), np.abs(limits.upper)))
-    inside = bool(((value <= limits.upper + size) & (value >= limits.lower - size)).all())
-    return inside and (room.cone is None or room.cone.nearly_allows(z))
+    return minimise(law.backend, quadratic, room.polytope, room.cone, room.inside)
 
 
 def _answer(room: Room, objective: Objective, found: Optimum, slowed: Array | None = None, pace: float = 1.0) -> Answer:

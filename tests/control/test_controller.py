@@ -78,7 +78,7 @@ REFUSED = {
 def test_a_refused_tick_leaves_the_controller_as_it_was(case, backend):
     call, argument = REFUSED[case]
     fast = iq.exp([2.0, 0, 0, 1.0, 1.0, 0]) @ PANDA.pose(READY)  # far off: limits bind
-    loop, fresh = controller(backend=iq.velocity.Osqp() if backend == "osqp" else backend), controller(backend=backend)
+    loop, fresh = controller(backend=backend), controller(backend=backend)
     before = loop.step(READY, fast)
     with pytest.raises(iq.BadInput, match=f"^{argument}: found ") as caught:
         call(loop)

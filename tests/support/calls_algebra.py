@@ -144,7 +144,6 @@ ALGEBRA = {
     "Selective": lambda: (iq.velocity.Selective, {"speed": 1.0, "adaptive": None}),
     "PaperLambda": lambda: (iq.velocity.PaperLambda, {"matrix": np.ones(6)}),
     "Guard": lambda: (iq.Guard, {"fraction": 0.5}),
-    "Osqp": lambda: (iq.velocity.Osqp, {"name": "osqp", "tolerance": 1e-9, "polishing": False, "warm": True}),
     "Bounds": lambda: (iq.Bounds, {"lower": -np.ones(6), "upper": np.ones(6)}),
     "ExactRows": lambda: (iq.ExactRows, {"A": J[:2], "b": [0.1, 0.2], "of_twist": np.eye(6)[:2]}),
     "ExactRows.axis": lambda: (iq.ExactRows.axis, {"J": J, "axis": AXIS, "omega": POINT}),

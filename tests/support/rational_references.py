@@ -8,6 +8,8 @@ Reference: Murty 1974 (least-index pivoting), Judice & Pires 1992 (with bounds).
 """
 
 from fractions import Fraction
+from itertools import combinations
+from math import inf
 
 import mpmath as mp
 
@@ -169,3 +171,29 @@ def rational_solve(A, b):
     for k in reversed(range(n)):
         x[k] = (rows[k][n] - _product(rows[k][k + 1 : n], x[k + 1 :])) / rows[k][k]
     return x
+
+
+def limited_minimum(T, centre, A, lower, upper):
+    """The z with the least |T^-1 (z - centre)| inside lower <= A z <= upper, in rational numbers; None where none is.
+
+    Every set of limits is tried until the equations of an optimum hold, smaller sets first; all arguments are whole
+    numbers but for infinite limits.
+    """
+    n, values = len(centre), [_product(row, centre) for row in A]
+    N = [[_product(row, column) for column in zip(*T, strict=True)] for row in A]
+    sides = [(i, side, b) for i in range(len(A)) for side, b in ((1, upper[i]), (-1, lower[i])) if abs(b) < inf]
+    for k in range(n + 1):
+        for at in combinations(sides, k):
+            gram = [[_product(N[i], N[j]) for j, _, _ in at] for i, _, _ in at]
+            try:
+                y = rational_solve(gram, [values[i] - Fraction(b) for i, _, b in at])
+            except AssertionError:  # these depend on each other: fewer of them do
+                continue
+            if any(side * v < 0 for (_, side, _), v in zip(at, y, strict=True)):
+                continue
+            e = [-sum((N[i][l] * v for (i, _, _), v in zip(at, y, strict=True)), Fraction(0)) for l in range(n)]
+            z = [c + _product(row, e) for c, row in zip(centre, T, strict=True)]
+            here = [_product(row, z) for row in A]
+            if all(low <= v <= high for low, v, high in zip(lower, here, upper, strict=True)):
+                return z
+    return None

@@ -102,6 +102,7 @@ def test_every_row_is_what_solve_velocity_says(
         assert solution.damping == pytest.approx(one.damping, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.skipif(core is None, reason="no compiled core here")
 def test_rows_that_are_free_are_not_solved_one_by_one(monkeypatch):
     from invariantqp.velocity import batch
 
@@ -117,6 +118,7 @@ def test_rows_that_are_free_are_not_solved_one_by_one(monkeypatch):
         np.testing.assert_allclose(found.velocity, x[:, :, 0], rtol=0.0, atol=1e-12 * np.abs(x).max())
 
 
+@pytest.mark.skipif(core is None, reason="no compiled core here")
 def test_only_rows_that_meet_a_limit_are():
     rng = np.random.default_rng(1)
     J, s = rng.normal(size=(COUNT, 6, 7)), rng.normal(size=(COUNT, 6))

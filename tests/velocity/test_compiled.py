@@ -12,7 +12,7 @@ from support.two_laws import disagreements, native_answer, python_answer, random
 import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.qp.backends import Osqp
+from invariantqp.velocity.qp.backends import backend_of
 from invariantqp.velocity.solution import VelocitySolution
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
@@ -87,7 +87,7 @@ def test_solve_velocity_asks_the_core_first(monkeypatch):
     [
         {"form": iq.PitchForm(0.1, convexified=True)},
         {"form": Brought()},
-        {"backend": Osqp()},
+        {"backend": backend_of("osqp")},
         {"damping": iq.velocity.PaperLambda(0.1)},
     ],
     ids=lambda law: next(iter(law)),

@@ -13,7 +13,7 @@ from invariantqp.velocity import share as share_module
 from invariantqp.velocity.exact import reduce
 from invariantqp.velocity.limits.box import bounds_of
 from invariantqp.velocity.qp.backends import Daqp
-from invariantqp.velocity.qp.polytope import Polytope
+from invariantqp.velocity.qp.quadratic import Polytope
 from invariantqp.velocity.share import share_of
 
 # The share is at most this far from the largest, by what regularises it and keeps an inside.

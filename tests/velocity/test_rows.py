@@ -13,7 +13,7 @@ from support.velocity_reference import (
 )
 
 import invariantqp as iq
-from invariantqp.velocity.qp.polytope import ACTIVE_TOLERANCE
+from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
 
 BAD = {
     "one row": (([1.0, 2.0], [0.0], [1.0]), "C", "shape (2,)"),
@@ -175,7 +175,8 @@ def test_rows_that_contradict_the_box_give_way_by_the_least_squares(m):
         C = rng.normal(size=(2, m))
         want = C @ np.where(rng.random(m) < 0.5, bounds.lower, bounds.upper) + 5.0 * rng.choice([-1, 1], 2)
         rows = iq.limits.LimitRows(C, want, want)
-        least = lsq_linear(C, want, (bounds.lower, bounds.upper), tol=1e-14)
+        length = np.linalg.norm(C, axis=1)  # each row counts by how far it is from the velocities it allows
+        least = lsq_linear(C / length[:, None], want / length, (bounds.lower, bounds.upper), tol=1e-14)
         solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows)
         x = solution.velocity
         if least.cost < 1e-18:  # they fit after all
@@ -186,7 +187,8 @@ def test_rows_that_contradict_the_box_give_way_by_the_least_squares(m):
         assert "row 0 by" in solution.reason or "row 1 by" in solution.reason
         assert "bounds of joint" in solution.reason
         assert ((x >= bounds.lower) & (x <= bounds.upper)).all()
-        assert np.linalg.norm(C @ x - want) <= np.linalg.norm(C @ least.x - want) * (1.0 + 1e-4)
+        missed, possible = (np.linalg.norm((C @ z - want) / length) for z in (x, least.x))
+        assert missed <= possible * (1.0 + 1e-4)
 
 
 def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
@@ -198,6 +200,54 @@ def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
     assert "rows contradict the bounds of joint 2: exceeded at row 1 by 0.5" in solution.reason
     assert solution.velocity[2] == pytest.approx(0.5, abs=1e-6)
     assert abs(solution.velocity[0]) <= 0.2 + 1e-9  # a row that is in nobody's way does not give way
+
+
+def scaled_rows(rows, scale):
+    return iq.limits.LimitRows(scale[:, None] * rows.C, scale * rows.lower, scale * rows.upper)
+
+
+def test_the_scale_of_a_row_decides_nothing():
+    """Neither whether rows that some velocity satisfies are kept, nor which give way, nor by how much."""
+    rng, contrary, kept = np.random.default_rng(25), 0, 0
+    for k in range(60):
+        m = 2 + k % 6
+        J, s, h = regular_problem(rng, m)
+        bounds = iq.Bounds(-rng.uniform(0.1, 1.0, m), rng.uniform(0.1, 1.0, m))
+        C = rng.normal(size=(3, m))
+        C[2] = (C[0], C[2], -C[1])[k % 3]
+        inside = rng.uniform(bounds.lower, bounds.upper)
+        low = C @ inside - rng.uniform(0.0, 0.1, 3) + (k % 2) * rng.uniform(0.0, 2.0, 3)
+        rows, scale = iq.limits.LimitRows(C, low, low + 0.2), 10.0 ** rng.uniform(-6.0, 6.0, 3)
+        one, other = (iq.solve_velocity(J, s, form=h, bounds=bounds, rows=r) for r in (rows, scaled_rows(rows, scale)))
+        size = np.abs(one.velocity).max()
+        assert (one.status, one.active) == (other.status, other.active)
+        np.testing.assert_allclose(other.velocity, one.velocity, rtol=0.0, atol=1e-8 * size)
+        if k % 2 == 0:
+            kept += 1
+            assert "contradict" not in one.reason
+            assert (np.abs(rows.excess(one.velocity)) <= 1e-9 * size).all()
+        contrary += "contradict" in one.reason
+    assert kept > 20
+    assert contrary > 10
+
+
+@pytest.mark.parametrize("needed", [2.5, 5.0], ids=["possible", "too much"])
+def test_the_unit_of_length_decides_nothing(needed):
+    """A turn and a slide that are to make a sum of speeds, in metres and in millimetres."""
+    answers = []
+    for unit in (1.0, 1e3):
+        hinge = np.concatenate(([0.0, 1.0, 0.0], np.cross([0.3 * unit, 0.0, 0.0], [0.0, 1.0, 0.0])))
+        home = np.eye(4)
+        home[:3, 3] = [0.5 * unit, 0.0, 0.1 * unit]
+        twists = np.column_stack(([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0], hinge))
+        arm = iq.robots.Chain(twists, home, velocity_limit=[2.0, 2.0 * unit, 2.0])
+        rows = iq.limits.LimitRows([[1.0, 1.0 / unit, 0.0]], [needed], [np.inf])
+        solution = iq.Controller(arm, dt=0.01, rows=rows, posture=False).step(np.zeros(3), arm.pose(np.zeros(3)))
+        answers.append((solution, solution.velocity / [1.0, unit, 1.0]))
+    (one, x), (other, y) = answers
+    assert (one.status, one.reason) == (other.status, other.reason)
+    assert ("contradict" in one.reason) == (needed > 4.0)
+    np.testing.assert_allclose(y, x, rtol=1e-9, atol=1e-9)
 
 
 def test_rows_that_contradict_each_other():

@@ -234,9 +234,24 @@ def test_a_cone_solver_that_fails_is_replaced_and_the_status_says_so(monkeypatch
 
     monkeypatch.setattr(cvxpy.Problem, "solve", broken)
     solution = iq.solve_velocity(J, s, tool_speed=iq.limits.ToolSpeed(limit, p, exact=True), **options)
-    assert (solution.status, solution.backend) == ("degraded", "active set")
+    assert (solution.status, solution.backend) == ("degraded", "daqp")
     assert "cvxpy: SolverError: no licence" in solution.reason
     np.testing.assert_allclose(solution.velocity, priced.velocity, rtol=1e-12)  # the compiled core may have been first
+
+
+def test_a_solver_that_fails_at_the_speed_limit_is_told():
+    class Broken:
+        name = "broken"
+
+        def solve(self, qp):
+            raise iq.velocity.SolverFailure(self.name, f"no licence for {len(qp.c)} variables")
+
+    J, s, bounds, p, limit = problem(np.random.default_rng(7), 5)
+    options = {"point": p, "bounds": bounds, "tool_speed": iq.limits.ToolSpeed(limit, p)}
+    one, other = (iq.solve_velocity(J, s, backend=backend, **options) for backend in ("daqp", Broken()))
+    assert other.status == "degraded"
+    assert "broken: no licence for 5 variables; solved by daqp" in other.reason
+    np.testing.assert_allclose(other.velocity, one.velocity, rtol=1e-9)
 
 
 def test_a_task_files_tool_speed_is_kept_at_its_point_wherever_the_tool_frame_is():

@@ -11,14 +11,15 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.limits.box import Bounds
-from invariantqp.velocity.qp.polytope import Polytope
+from invariantqp.velocity.qp.quadratic import Polytope
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class LimitRows(Value):
     """lower <= C x <= upper: a coupling of joints, the distance to an obstacle, one direction of a point's velocity.
 
-    Where box and rows leave no velocity, the rows give way by the least sum of squares; the box never does.
+    Where box and rows leave no velocity, the rows give way by the least sum of squares, each measured by its length (so
+    its scale does not count); the box never does.
 
     Attributes:
         C: (k, m) rows on the joint velocity.

@@ -17,8 +17,8 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.velocity.limits.cone import Cone
-from invariantqp.velocity.qp.cones import Cvxpy
+from invariantqp.velocity.qp.backends import Cvxpy
+from invariantqp.velocity.qp.quadratic import Cone
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)

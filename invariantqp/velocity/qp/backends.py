@@ -1,41 +1,59 @@
-"""Quadratic programs, solved by established solvers: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
+"""Quadratic programs, solved by kept libraries: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
 
-DAQP by default, OSQP with a workspace kept between calls, anything else through qpsolvers. The problem comes scaled to
-O(1) (`scaling`), because solvers' tolerances are absolute; the answer is checked; a solver's own exception never gets
-out. This is the only file that imports a solver.
+DAQP by default, any other through qpsolvers, CVXPY where the speed of a point is given to it as the cone it is. The
+problem comes scaled to O(1), because solvers' tolerances are absolute; the answer is checked; a solver's own exception
+never gets out. This is the only file that imports a solver.
 """
 
 from __future__ import annotations
 
 import difflib
 import warnings
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import daqp
 import numpy as np
 
-from invariantqp.errors import BadInput, InvariantQPError, UnknownName
+from invariantqp.errors import BadInput, InvariantQPError, MissingExtra, UnknownName
 from invariantqp.extras import require
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.scaling import UNBOUNDED, BoxQP
 
-# After scaling, bounds and H are O(1). An answer may leave its bounds by this much and is clipped; more is a failure.
+# Stand-in for infinity in a scaled problem.
+UNBOUNDED = 1e30
+# An answer may leave its scaled bounds by this much; more is a failure.
 FEASIBILITY_TOLERANCE = 1e-7
-# Far below the feasibility tolerance, above what active-set arithmetic on cond(H) = 1e6 can lose.
+# Far below that, above what active-set arithmetic on cond(H) = 1e6 can lose.
 DAQP_TOLERANCE = 1e-10
-# OSQP stops on absolute residuals; 1e-9 on a scaled problem is 1e-9 of a velocity limit.
-OSQP_TOLERANCE = 1e-9
-OSQP_ITERATIONS = 20_000
-# qpsolvers' defaults leave errors up to 0.3 on ill-conditioned problems; these are what the solvers can be asked for.
+# What each solver is asked for: defaults leave errors up to 0.3 on ill-conditioned problems.
 TIGHT: dict[str, dict[str, Any]] = {
+    "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20_000},
     "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-10},
     "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
     "highs": {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9},
     "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9},
 }
+# Likewise Clarabel, by CVXPY.
+TIGHT_CONE = {"tol_feas": 1e-11, "tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12}
+
+
+class BoxQP(NamedTuple):
+    """Minimise 1/2 z'Hz - c'z over lower <= Cz <= upper; C = None is the identity. All O(1).
+
+    Attributes:
+        H: (n, n) positive definite.
+        c: (n,).
+        lower: (k,) at least -1e30, which stands for no limit.
+        upper: (k,) at most 1e30.
+        C: (k, n) rows, or None.
+    """
+
+    H: Array
+    c: Array
+    lower: Array
+    upper: Array
+    C: Array | None
 
 
 class SolverFailure(InvariantQPError):
@@ -78,70 +96,6 @@ class Daqp:
         return np.asarray(z)
 
 
-@cache
-def _upper_triangle(n: int) -> tuple[Any, Any]:
-    """Rows and columns of the upper triangle, column by column, as OSQP keeps its values."""
-    column, row = np.tril_indices(n)
-    return row, column
-
-
-@dataclass
-class Osqp:
-    """OSQP with its workspace kept between calls of the same size, warm started; one owner, one loop.
-
-    A run that does not reach its tolerances drops the workspace, so that no failure outlives its tick.
-
-    Attributes:
-        name: how statuses call it.
-        tolerance: its absolute and relative tolerance, on the scaled problem.
-        polishing: whether it solves once more on the active set it guessed.
-        warm: whether it starts from its last answer.
-    """
-
-    name: str = "osqp"
-    tolerance: float = OSQP_TOLERANCE
-    polishing: bool = False
-    warm: bool = True
-    _workspace: Any = field(default=None, init=False, repr=False)
-    _shape: tuple[int, int, bool] = field(default=(0, 0, False), init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        """Refuse to be made where OSQP is not installed."""
-        require("solvers", "osqp")
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What a copy or a pickle is made from: the settings, without the workspace, which has one owner."""
-        return {**vars(self), "_workspace": None}
-
-    def solve(self, qp: BoxQP) -> Array:
-        """The minimiser."""
-        import osqp  # 90 ms to import: only when this solver is asked for
-        from scipy import sparse
-
-        n = len(qp.c)
-        k = n if qp.C is None else len(qp.C)
-        row, column = _upper_triangle(n)
-        if self._workspace is None or self._shape != (k, n, qp.C is None):
-            C = np.eye(n) if qp.C is None else qp.C
-            # A dense pattern (explicit zeros kept), so that later values fit the workspace.
-            P = sparse.csc_matrix((qp.H[row, column], (row, column)), shape=(n, n))
-            A = sparse.csc_matrix((C.T.ravel(), np.tile(np.arange(k), n), np.arange(n + 1) * k), shape=(k, n))
-            self._workspace = osqp.OSQP()
-            self._shape = (k, n, qp.C is None)
-            settings = {"eps_abs": self.tolerance, "eps_rel": self.tolerance, "max_iter": OSQP_ITERATIONS}
-            settings |= {"warm_starting": self.warm, "polishing": self.polishing, "verbose": False}
-            self._workspace.setup(P, -qp.c, A, qp.lower, qp.upper, **settings)
-        else:
-            rows = {} if qp.C is None else {"Ax": qp.C.T.ravel()}
-            self._workspace.update(Px=qp.H[row, column], q=-qp.c, l=qp.lower, u=qp.upper, **rows)
-        result = self._workspace.solve(raise_error=False)
-        status = str(result.info.status)
-        if status != "solved":
-            self._workspace = None
-            raise SolverFailure(self.name, status, infeasible="primal infeasible" in status)
-        return np.asarray(result.x)
-
-
 @dataclass(frozen=True)
 class QpSolvers:
     """Any solver that qpsolvers knows and this machine has, at the tightest tolerances it takes."""
@@ -174,6 +128,46 @@ class QpSolvers:
         return np.asarray(solution.x)
 
 
+@dataclass(frozen=True)
+class Cvxpy:
+    """CVXPY with Clarabel: the speed of a point as the second-order cone it is.
+
+    Raises:
+        MissingExtra: CVXPY is not installed.
+    """
+
+    name: str = "cvxpy"
+
+    def __post_init__(self) -> None:
+        try:
+            import cvxpy  # noqa: F401 (is it there?)
+        except ImportError as error:
+            raise MissingExtra("cvxpy", "cvxpy") from error
+
+    def solve_in_cone(self, qp: BoxQP, J: Array, start: Array) -> Array:
+        """The minimiser with |start + J z| <= 1, J (3, n) and start (3,).
+
+        Raises:
+            SolverFailure: none was found; `.infeasible` where the solver says there is none.
+        """
+        import cvxpy as cp
+
+        z, C = cp.Variable(len(qp.c)), np.eye(len(qp.c)) if qp.C is None else qp.C
+        above, below = qp.upper < UNBOUNDED, qp.lower > -UNBOUNDED
+        limits = [C[above] @ z <= qp.upper[above], C[below] @ z >= qp.lower[below], cp.norm(start + J @ z, 2) <= 1.0]
+        cost = 0.5 * cp.sum_squares(np.linalg.cholesky(qp.H).T @ z) - qp.c @ z
+        problem = cp.Problem(cp.Minimize(cost), limits)
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # what it thinks of the problem is in its status
+            try:
+                problem.solve(solver="CLARABEL", **TIGHT_CONE)
+            except Exception as error:  # whatever it throws becomes a status
+                raise SolverFailure(self.name, f"{type(error).__name__}: {error}") from error
+        if z.value is None or not np.isfinite(z.value).all():
+            raise SolverFailure(self.name, str(problem.status), infeasible="infeasible" in str(problem.status))
+        return np.asarray(z.value)
+
+
 def backend_of(backend: Backend | str) -> Backend:
     """The back end of a name, or the given one.
 
@@ -187,9 +181,7 @@ def backend_of(backend: Backend | str) -> Backend:
         return backend
     if backend == "daqp":
         return Daqp()
-    if backend == "osqp":
-        return Osqp()
-    require("solvers", "qpsolvers")
+    require("solvers", "osqp" if backend == "osqp" else "qpsolvers")
     import qpsolvers
 
     known = sorted({"daqp", "osqp", *qpsolvers.available_solvers})

@@ -1,45 +1,129 @@
-"""A convex quadratic inside limits: the active set is a solver's, the numbers are computed on it.
+"""A convex quadratic inside limits: a library says which limits are active, the numbers are computed on those.
 
     minimise 1/2 |e|^2   over   lower <= A z <= upper,   |v_p| <= limit,   z = z* + T e
 
-T is the inverse of a root of the Hessian, so this is the point of a polytope nearest to e = 0. Solvers stop at
-tolerances of their own, so one is only used for the active set. The shortest e on that is computed by orthogonal
-factors and checked: it must be inside the other limits, with multipliers of the right sign. A limit that fails the
-check joins or leaves the set. So the answer depends on solver and frame only by rounding times the condition of T.
+T is the inverse of a root of the Hessian, so this is the point of a convex set nearest to e = 0: a least-distance
+problem. Solvers are given the QP in units of its limits and stop at tolerances of their own, so one only says which
+limits are near. Non-negative least squares decides which of these are active, and least squares gives the shortest e
+on them; a limit that it exceeds is added. So the answer depends on solver, frame and unit only by rounding times the
+condition of T.
+
+    e + N'y = 0,  N = A T:     y > 0 at an upper limit, y < 0 at a lower one; loosening limit i by d gains |y_i| d
+
+The speed limit of a point is kept by its one multiplier: 1/2 nu |v_p|^2 is added to the objective, nu >= 0 such that
+the speed is the limit. The speed falls as nu grows.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, nnls
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.active import Face, Sides, face_of, weakest
-from invariantqp.velocity.qp.backends import Backend, Daqp, SolverFailure, solved
-from invariantqp.velocity.qp.polytope import Polytope
-from invariantqp.velocity.qp.primal import from_inside
-from invariantqp.velocity.qp.scaling import BoxQP, scaled
-from invariantqp.velocity.qp.slow import Slow
+from invariantqp.velocity.qp.backends import UNBOUNDED, Backend, BoxQP, Cvxpy, Daqp, SolverFailure, solved
 
-# A limit this close to the solver's answer, on the scaled problem, is taken to be active until the check.
-CLOSE = 1e-7
-# How far an answer may be outside a limit, relative to the limit; it is clipped.
-FEASIBLE = 1e-9
-# Corrections of an active set, of a similar problem or empty, that are tried before a solver is called.
-CORRECTIONS = 6
-# Corrections begin with no active limit where z* exceeds so many at most. Measured with acceleration limits: where it
-# exceeds six or seven, nine of ten end without an answer.
-FEW = 4
-# An answer from no guess is within this of its limits, relative to them and to how far outside z* is: what is closer is
-# left to a solver, which tells limits apart that are.
-ROUNDING = 1e-12
-# What answers are called that no solver gave.
-OWN = "active set"
-# A row and a column of T whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that
-# the law has no jump.
+# A limit this close, relative to its value (or 1), is at it.
+ACTIVE_TOLERANCE = 1e-6
+# A row and a column whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that the
+# law has no jump. The optimum without limits may be outside one by this share of it.
 COSINE_ROUNDING = 1e-13
 TINY = np.finfo(float).tiny
+# A limit this close to the solver's answer, on the scaled problem, is taken to be active until the check.
+CLOSE = 1e-7
+# A value outside its limit by less than this, relative to the velocities that it comes from, is at it; it is clipped.
+ROUNDING = 1e-9
+# What answers are called that no solver gave.
+OWN = "least distance"
+# A multiplier with which the speed limit outweighs the rest by this factor is the largest tried.
+MOST_SHARE = 1e8
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """lower <= A z <= upper; A = None is the identity."""
+
+    A: Array | None  # (k, n) or None: the joints of the box first, then the rows; zero where no z moves a limit
+    lower: Array  # (k,), -inf where there is none
+    upper: Array  # (k,), inf where there is none
+    rounding: Array | float = 0.0  # (k,) how far a value may be outside: rounding of what exact rows fix of it
+
+    @cached_property
+    def rows(self) -> Array:
+        """(k, n) A as a matrix."""
+        return np.eye(len(self.lower)) if self.A is None else self.A
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(k,) of the rows."""
+        return np.asarray(np.linalg.norm(self.rows, axis=1))
+
+    def margin(self, *velocities: Array) -> Array:
+        """(k,) how far a value may be outside its limit: rounding, where it comes from some z (n,)."""
+        speed = sum(float(np.linalg.norm(z)) for z in velocities)
+        return np.asarray(self.rounding + ROUNDING * self.lengths * speed)
+
+    def allows(self, z: Array) -> bool:
+        """Whether z is inside but for rounding."""
+        value, margin = self.rows.dot(z), self.margin(z)
+        return bool(((value <= self.upper + margin) & (value >= self.lower - margin)).all())
+
+    def admitting(self, z: Array) -> Polytope:
+        """The same limits, widened so far that z is inside by rounding."""
+        value, margin = self.rows.dot(z), self.margin(z)
+        return replace(self, lower=np.minimum(self.lower, value - margin), upper=np.maximum(self.upper, value + margin))
+
+    def about(self, z: Array) -> tuple[Array, Array]:
+        """(lower, upper), each (k,), on A d for the z + d."""
+        value = self.rows.dot(z)
+        return self.lower - value, self.upper - value
+
+    def on(self, origin: Array, basis: Array) -> Polytope:
+        """The same limits on z, x = origin + basis z."""
+        rounding = self.rounding + ROUNDING * self.lengths * np.linalg.norm(origin)
+        return Polytope(_product(self.rows, basis), *self.about(origin), rounding)
+
+
+class Cone(NamedTuple):
+    """|start + J x| <= limit: the speed of a point."""
+
+    J: Array  # (3, m)
+    limit: float  # [length/s]
+    start: Array  # (3,)
+    program: Cvxpy | None = None  # a solver for second-order cones; None to use the multiplier
+
+    def velocity(self, x: Array) -> Array:
+        """(3,) of the point [length/s]."""
+        return np.asarray(self.start + self.J.dot(x), dtype=np.float64)
+
+    def speed(self, x: Array) -> float:
+        """|v_p| [length/s]."""
+        v = self.velocity(x)
+        return sqrt(float(v.dot(v)))
+
+    def allows(self, x: Array) -> bool:
+        """Whether the point is slow enough."""
+        return self.speed(x) <= self.limit
+
+    def nearly_allows(self, x: Array) -> bool:
+        """Whether the point is slow enough but for rounding."""
+        return self.speed(x) <= self.limit * (1.0 + ROUNDING)
+
+    def on(self, origin: Array, basis: Array) -> Cone:
+        """The same cone on z, x = origin + basis z."""
+        return self._replace(start=self.velocity(origin), J=_product(self.J, basis))
+
+
+def _product(A: Array, B: Array) -> Array:
+    """(k, n) A B, zero where it is only rounding."""
+    rounding = COSINE_ROUNDING * np.outer(np.linalg.norm(A, axis=1), np.linalg.norm(B, axis=0)) + TINY
+    C: Array = A.dot(B)
+    return np.clip(np.abs(C) / rounding - 1.0, 0.0, 1.0) * C
 
 
 class Quadratic(NamedTuple):
@@ -78,190 +162,220 @@ class Optimum(NamedTuple):
     """The minimiser, its multipliers, and how it was found."""
 
     z: Array  # (n,)
-    multipliers: Array  # (k,) y, zero where the limit is not active (`active` tells their sign)
+    multipliers: Array  # (k,) y, zero where the limit is not active
     backend: str = ""  # the solver; "" where none was needed
     trouble: str = ""  # what went wrong on the way, "" for nothing
     nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
 
 
 def minimise(
-    backend: Backend,
-    problem: Quadratic,
-    limits: Polytope,
-    inside: Array | None = None,
-    near: Optimum | None = None,
+    backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None = None, inside: Array | None = None
 ) -> Optimum:
-    """The optimum inside the limits.
+    """The optimum inside limits and cone.
 
     Args:
-        backend: the solver asked first; DAQP stands in for it, and is called where a few corrections do not succeed.
+        backend: the solver asked first; DAQP stands in for it.
         problem: what is minimised.
         limits: on z; infinite where there is none.
-        inside: (n,) a z inside the limits, where one is known: then there always is an answer.
-        near: the optimum of a similar problem with the same limits: no solver is called where its active set passes
-            the check here.
+        cone: likewise, or None.
+        inside: (n,) a z inside both, but for rounding, where one is known: the answer where no other is found.
 
     Raises:
-        SolverFailure: no answer was found; `.infeasible` when a solver says that there is none.
+        SolverFailure: no answer was found; `.infeasible` when a solver says that there is none, or where exact rows
+            alone are outside.
     """
-    lower, upper = limits.about(problem.centre)
-    count, outside = len(lower), max(float(lower.max()), -float(upper.min()))
-    if outside <= 0.0:
-        return Optimum(problem.centre, np.zeros(count))
-    room = Centred(_normals(problem, limits), lower, upper)
-    if near is not None:
-        answer = corrected(problem, limits, room, sides_of(near), CORRECTIONS, None, near.backend)
-    else:
-        few = np.count_nonzero((lower > 0.0) | (upper < 0.0)) <= FEW
-        answer = _unaided(problem, limits, room, outside) if few and type(backend) is Daqp else None
-    if answer is not None:
-        return answer
-    rows = limits.moving.nonzero()[0]
-    if len(rows) < count:
-        still = ~limits.moving
-        _check_constant(room.lower[still], room.upper[still])
-        if not len(rows):
-            return Optimum(problem.centre, np.zeros(count))
-    A = None if limits.A is None else limits.A[rows]
-    qp, size = scaled(problem.K, A, limits.lengths[rows], room.lower[rows], room.upper[rows])
+    found = _in_polytope(backend, problem, limits, inside)
+    if cone is None or cone.nearly_allows(found.z):
+        return found
+    if not cone.J.any():
+        if inside is None:
+            raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
+        return found
+    trouble = ""
+    if cone.program is not None:
+        try:
+            return _by_program(cone.program, problem, limits, cone)
+        except SolverFailure as failure:
+            trouble = str(failure)
+    found = _in_cone(backend, problem, limits, cone, inside)
+    return found._replace(trouble=trouble or found.trouble)
+
+
+def _in_cone(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone, inside: Array | None) -> Optimum:
+    """The optimum at the speed limit, by its multiplier."""
+
+    def at(nu: float) -> Optimum:
+        priced = problem.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
+        return _in_polytope(backend, priced, limits, inside)._replace(nu=nu)
+
+    def excess(nu: float) -> float:
+        return 1.0 - cone.limit / max(cone.speed(at(nu).z), TINY)  # nearly linear in nu
+
+    size = float(np.linalg.norm(cone.J))
+    unit = float(np.vdot(problem.K, problem.K)) / (size * size)  # the speed weighs as much as all the rest
+    low, high = 0.0, unit
+    while excess(high) > 0.0:
+        low, high = high, 10.0 * high
+        if high > MOST_SHARE * unit:
+            if inside is None:
+                raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
+            return _slowed(cone, at(low), inside)
+    if excess(low) <= 0.0:  # it was above the limit by rounding
+        return at(low)
+    return at(brentq(excess, low, high, xtol=TINY, disp=False))
+
+
+def _slowed(cone: Cone, found: Optimum, inside: Array) -> Optimum:
+    """The velocity, moved towards one that is inside until the speed is the limit."""
+    start, step = cone.velocity(found.z), cone.J.dot(inside - found.z)
+    a, b, c = float(step.dot(step)), float(start.dot(step)), float(start.dot(start)) - cone.limit**2
+    root = sqrt(max(0.0, b * b - a * c)) - b  # of a t^2 + 2 b t + c = 0, the smaller t
+    share = min(max(c / root, 0.0), 1.0) if root > 0.0 else 1.0
+    return found._replace(z=found.z + share * (inside - found.z))
+
+
+def scaled(problem: Quadratic, limits: Polytope, outside: float = 0.0) -> tuple[BoxQP, float]:
+    """The problem of the step z - z*, in units of how far outside z* is, and these units: `outside` at least."""
+    moving = limits.lengths.nonzero()[0]
+    lengths = limits.lengths[moving]
+    lower, upper = (side[moving] / lengths for side in limits.about(problem.centre))
+    size = float(np.maximum(lower, -upper).max(initial=outside))
+    lower, upper = np.maximum(lower / size, -UNBOUNDED), np.minimum(upper / size, UNBOUNDED)
+    H = problem.K.T.dot(problem.K)
+    C = None if limits.A is None else limits.A[moving] / lengths[:, None]
+    return BoxQP(H / H.diagonal().max(), np.zeros(len(H)), lower, upper, C), size
+
+
+class Nearest(NamedTuple):
+    """The least-distance problem of a quadratic: minimise 1/2 |d|^2 over N d <= b, e = size d, rows of length one."""
+
+    problem: Quadratic
+    limits: Polytope
+    moving: NDArray[np.intp]  # (r,) the limits that some z moves
+    lengths: Array  # (r,) of their rows A T
+    size: float  # how far outside e = 0 is
+    N: Array  # (2 r, n) upper limits, then lower ones
+    b: Array  # (2 r,)
+
+    @classmethod
+    def of(cls, problem: Quadratic, limits: Polytope, outside: float = 0.0) -> Nearest:
+        """The problem in units of how far outside its optimum without limits is: by `outside` at least."""
+        moving = limits.lengths.nonzero()[0]
+        rows = _product(limits.rows[moving], problem.T)
+        lengths = np.linalg.norm(rows, axis=1)
+        lower, upper = (side[moving] / lengths for side in limits.about(problem.centre))
+        size = float(np.maximum(lower, -upper).max(initial=outside))
+        rows, b = rows / lengths[:, None], np.concatenate((upper, -lower)) / size
+        return cls(problem, limits, moving, lengths, size, np.vstack((rows, -rows)), b)
+
+    def near(self, d: Array) -> NDArray[np.bool_]:
+        """(2 r,) the limits that d is at."""
+        return np.asarray(self.N.dot(d) >= self.b - CLOSE)
+
+    def balanced(self, d: Array, pull: Array | None = None) -> tuple[Optimum, float]:
+        """The optimum for a solver's d, and the multiplier nu of another pull (n,): d + N'y + nu pull = 0."""
+        near = self.near(d).nonzero()[0]
+        others = np.zeros((0, len(d))) if pull is None else pull[None]
+        y = _non_negative(np.vstack((self.N[near], others)).T, -d)
+        return self.optimum(d, near, y[: len(near)]), float(y[len(near) :].sum())
+
+    def optimum(self, d: Array, at: NDArray[np.intp], y: Array) -> Optimum:
+        """The optimum for d and the multipliers y (k,) of the limits `at` (k,) of b."""
+        both, r = np.zeros(len(self.b)), len(self.moving)
+        both[at] = y
+        multipliers = np.zeros(len(self.limits.lower))
+        multipliers[self.moving] = self.size * (both[:r] - both[r:]) / self.lengths
+        return Optimum(self.problem.centre + self.size * self.problem.T.dot(d), multipliers)
+
+    def corrected(self, guess: NDArray[np.bool_]) -> Optimum | None:
+        """The optimum at limits among those guessed (2 r,), to which those that it exceeds are added; None for none."""
+        T, centre, sides = self.problem.T, self.problem.centre, (self.limits.upper, -self.limits.lower)
+        A = np.vstack([sign * self.limits.rows[self.moving] for sign in (1.0, -1.0)])
+        limit, lengths = np.concatenate([side[self.moving] for side in sides]), np.tile(self.lengths, 2)
+        near = guess.copy()
+        while True:
+            at = self.pulling(near)
+            shortest = np.linalg.pinv(self.N[at])
+            d = shortest.dot(self.b[at])
+            found = self.optimum(d, at, np.maximum(-d.dot(shortest), 0.0))
+            missing = (limit[at] - A[at].dot(found.z)) / lengths[at]
+            z = found.z + T.dot(shortest.dot(missing))  # at its limits to rounding, whatever the condition of T
+            outside = A.dot(z) - limit - np.tile(self.limits.margin(z, z - centre)[self.moving], 2)
+            worst = int(outside.argmax())
+            if outside[worst] <= 0.0:
+                return found._replace(z=z)
+            if near[worst]:
+                return None
+            near[worst] = True
+
+    def pulling(self, near: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Those of some limits that are active at the shortest d inside these; they do not depend on each other.
+
+        Reference: Lawson and Hanson 1974, ch. 23 (least distance by non-negative least squares).
+        """
+        some = near.nonzero()[0]
+        E = np.vstack((-self.N[some].T, -self.b[some]))
+        return np.asarray(some[_non_negative(E, np.eye(len(E))[-1]) > 0.0])
+
+
+def _non_negative(E: Array, f: Array) -> Array:
+    """u >= 0 with the least |E u - f|; zero where SciPy does not find it."""
     try:
-        found = solved(backend, qp)
+        return np.asarray(nnls(E, f)[0]) if E.size else np.zeros(E.shape[1])
+    except RuntimeError:
+        return np.zeros(E.shape[1])
+
+
+def _in_polytope(backend: Backend, problem: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
+    """The optimum inside the limits; limits that leave hardly more room than rounding are widened by that, once."""
+    try:
+        return _optimum(backend, problem, limits)
     except SolverFailure as failure:
         if inside is None:
             raise
-        answer = primal(problem, limits, room, inside)
-        return answer._replace(backend=OWN, trouble="" if failure.infeasible else str(failure))
-    side = np.zeros(count, dtype=np.intp)
-    side[rows] = _sides(qp, found.z)
-    answer = corrected(problem, limits, room, side, len(rows), None, found.backend, found.trouble)
-    if answer is None and inside is not None:
-        answer = primal(problem, limits, room, inside)._replace(backend=found.backend, trouble=found.trouble)
-    if answer is None:
-        answer = Optimum(problem.centre + size * found.z, np.zeros(count), found.backend, found.trouble)
-    return answer
+        trouble = "" if failure.infeasible else str(failure)
+    try:
+        return _optimum(backend, problem, limits.admitting(inside))
+    except SolverFailure:
+        return Optimum(inside, np.zeros(len(limits.lower)), OWN, trouble)
 
 
-def _unaided(problem: Quadratic, limits: Polytope, room: Centred, outside: float) -> Optimum | None:
-    """The optimum by a few corrections of no active limit, where few are: sooner than DAQP is called."""
-    side = np.zeros(len(room.lower), dtype=np.intp)
-    return corrected(problem, limits, room, side, CORRECTIONS, None, OWN, "", ROUNDING * min(1.0, outside))
-
-
-def primal(problem: Quadratic, limits: Polytope, room: Centred, inside: Array, slow: Slow | None = None) -> Optimum:
-    """The optimum by way of points inside the limits, from one z (n,) that is."""
-    start = problem.K.dot(inside - problem.centre)
-    e, face, multipliers, nu = from_inside(room.N, room.lower, room.upper, start, slow)
-    z = problem.centre + problem.T.dot(e) if face is None else _precise(problem, limits, face, e)
-    return Optimum(z, multipliers, nu=nu)
-
-
-class Centred(NamedTuple):
-    """lower <= N e <= upper, the limits on e."""
-
-    N: Array
-    lower: Array
-    upper: Array
-
-
-def centred(problem: Quadratic, limits: Polytope) -> Centred:
-    """The limits on e."""
-    return Centred(_normals(problem, limits), *limits.about(problem.centre))
-
-
-def _normals(problem: Quadratic, limits: Polytope) -> Array:
-    """(k, n) N of the limits on e."""
-    T = problem.T
-    N = T if limits.A is None else limits.A.dot(T)
-    over = np.abs(N) / (np.outer(limits.lengths, COSINE_ROUNDING * np.sqrt((T * T).sum(axis=0))) + TINY)
-    if (over < 2.0).any():
-        N = np.minimum(np.maximum(over - 1.0, 0.0), 1.0) * N
-    if not limits.moving.all():
-        N = N * limits.moving[:, None]
-    return N
-
-
-def sides_of(optimum: Optimum) -> Sides:
-    """(k,) 1 at an active upper limit, -1 at an active lower one, 0 elsewhere."""
-    return np.sign(optimum.multipliers).astype(np.intp)
-
-
-def corrected(
-    problem: Quadratic,
-    limits: Polytope,
-    room: Centred,
-    side: Sides,
-    tries: int,
-    slow: Slow | None = None,
-    backend: str = "",
-    trouble: str = "",
-    feasible: float = FEASIBLE,
-) -> Optimum | None:
-    """The optimum, from a guess at its active set that is corrected where necessary; None where that fails.
-
-    Args:
-        problem: what is minimised.
-        limits: on z.
-        room: the same on e.
-        side: (k,) the guess; it is changed.
-        tries: of active sets, at most.
-        slow: a speed limit beside them.
-        backend: who guessed.
-        trouble: on the way there.
-        feasible: how far outside a limit the answer may be, relative to the limit.
-    """
-    N, lower, upper = room
-    side[~limits.moving] = 0
-    for _ in range(tries):
-        try:
-            face = face_of(N, lower, upper, side)
-        except np.linalg.LinAlgError:
-            return None
-        e, pull, nu = (face.e, face.e, 0.0) if slow is None else slow.on(face)
-        value = N.dot(e)
-        worst = _furthest_outside(value, lower, upper, face, feasible)
-        if worst >= 0:
-            side[worst] = 1 if value[worst] > upper[worst] else -1
-            continue
-        y = face.multipliers(pull)
-        wrong = weakest(N, face, pull, y)
-        if wrong >= 0:
-            side[wrong] = 0
-            continue
-        if slow is not None and nu > 0.0 and not slow.allows(e):
-            return None
-        return Optimum(_precise(problem, limits, face, e), face.spread(y, len(lower)), backend, trouble, nu)
-    return None
-
-
-def _furthest_outside(value: Array, lower: Array, upper: Array, face: Face, feasible: float) -> int:
-    """The limit that is exceeded by most, beyond rounding; -1 for none."""
-    outside = np.maximum(value - upper, lower - value)
-    outside[face.at] = -1.0
-    if outside[outside.argmax()] <= 0.0:
-        return -1
-    outside -= feasible * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
-    worst = int(outside.argmax())
-    return worst if outside[worst] > 0.0 else -1
-
-
-def _precise(problem: Quadratic, limits: Polytope, face: Face, e: Array) -> Array:
-    """(n,) z of an e on a face, on its active limits to rounding in z, whatever the condition of T."""
-    z: Array = problem.centre + problem.T.dot(e)
-    at = face.at
-    if len(at):
-        value = z[at] if limits.A is None else limits.A[at].dot(z)
-        z = z + problem.T.dot(face.shortest(np.where(face.above, limits.upper[at], limits.lower[at]) - value))
-    return z
-
-
-def _check_constant(lower: Array, upper: Array) -> None:
-    """Check rows that do not depend on z."""
-    size = sum(np.where(np.isfinite(limit), np.abs(limit), 0.0) for limit in (lower, upper))
-    if (np.maximum(lower, -upper) > FEASIBLE * (1.0 + size)).any():
+def _optimum(backend: Backend, problem: Quadratic, limits: Polytope) -> Optimum:
+    lower, upper = limits.about(problem.centre)
+    fixed, size = limits.lengths == 0.0, float(np.linalg.norm(problem.centre))
+    outside = np.maximum(lower, -upper) - np.where(fixed, limits.rounding, COSINE_ROUNDING * limits.lengths * size)
+    if (outside <= 0.0).all():
+        return Optimum(problem.centre, np.zeros(len(lower)))
+    if (outside[fixed] > 0.0).any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
+    nearest, (qp, size) = Nearest.of(problem, limits), scaled(problem, limits)
+    try:
+        step, name, trouble = solved(backend, qp)
+    except SolverFailure as failure:
+        found = nearest.corrected(np.zeros(len(nearest.b), dtype=bool))
+        if found is None:
+            raise
+        return found._replace(backend=OWN, trouble="" if type(backend) is Daqp else str(failure))
+    d = problem.K.dot(step) * (size / nearest.size)
+    found = nearest.corrected(nearest.near(d)) or nearest.balanced(d)[0]
+    return found._replace(backend=name, trouble=trouble)
 
 
-def _sides(qp: BoxQP, z: Array) -> Sides:
-    """(k,) 1 at an upper limit, -1 at a lower one, 0 away from both, of the scaled problem."""
-    value = z if qp.C is None else qp.C.dot(z)
-    return np.where(value >= qp.upper - CLOSE, 1, np.where(value <= qp.lower + CLOSE, -1, 0))
+def _by_program(program: Cvxpy, problem: Quadratic, limits: Polytope, cone: Cone) -> Optimum:
+    """The problem with the second-order cone, by CVXPY."""
+    J, start = cone.J / cone.limit, cone.velocity(problem.centre) / cone.limit
+    outside = float(np.linalg.norm(start)) - 1.0
+    nearest = Nearest.of(problem, limits, outside / float(np.linalg.norm(J.dot(problem.T))))
+    qp, size = scaled(problem, limits, outside / float(np.linalg.norm(J)))
+    step = size * program.solve_in_cone(qp, size * J, start)
+    found, nu = nearest.balanced(problem.K.dot(step) / nearest.size, (start + J.dot(step)).dot(J).dot(problem.T))
+    return found._replace(backend=program.name, nu=nu * nearest.size / cone.limit**2)
+
+
+def named(indices: list[int], m: int) -> str:
+    """Limits of a polytope on m joints in words: joints by number, then rows."""
+    words = []
+    for what, found in (("joint", [i for i in indices if i < m]), ("row", [i - m for i in indices if i >= m])):
+        if found:
+            words.append(f"{what}{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}")
+    return " and ".join(words)
