@@ -14,7 +14,7 @@ import numpy as np
 
 from invariantqp.extras import is_installed
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.solution import VelocitySolution

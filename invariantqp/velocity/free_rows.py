@@ -1,6 +1,6 @@
 """The rows of a batch that need no QP: the same decisions as in one tick, on (N, ...) arrays.
 
-    m >= 6, far from singular    x = x_p + A'(AA')^-1 (b - A x_p)          (`regular`)
+    m >= 6, far from singular    x = x_p + A'(AA')^-1 (b - A x_p)
     otherwise                    singular values                           (`objective`)
 
 Rows with an active limit, with damping, or whose form matters are not solved here.
@@ -18,15 +18,15 @@ from invariantqp.velocity.damping import Adaptive, Fixed
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.measure import length_at, own_point
 from invariantqp.velocity.objective import NULL_RATIO
-
-ACCURATE_SHARE = 1e-2
-from invariantqp.velocity.report import MET_TOLERANCE, PROGRESS_SHARE
+from invariantqp.velocity.report import MET_TOLERANCE, MISSED, PROGRESS_SHARE
 from invariantqp.velocity.solution import at_bounds
 
 Mask = NDArray[np.bool_]
 
 # det of |w|^2 I - ww' over its trace cubed (at most 1/27): above this a row's own point is found by one linear solve.
 WELL_POSED = 1e-4
+# A Cholesky factor is as accurate as singular values where the smallest of them is no less than this share.
+ACCURATE_SHARE = 1e-2
 
 
 def free_rows(
@@ -119,7 +119,7 @@ def _achieved(A: Array, b: Array, x: Array) -> Mask:
 
 
 def _regular(A: Array, b: Array, posture: Array | None, threshold: float) -> tuple[Mask, Array]:
-    """`regular_velocity` for all rows."""
+    """Which rows are far from singular, and their velocities."""
     n, _, m = A.shape
     S = np.matmul(A, A.transpose(0, 2, 1))
     certain = np.isfinite(S).all(axis=(1, 2))
@@ -142,7 +142,7 @@ def _regular(A: Array, b: Array, posture: Array | None, threshold: float) -> tup
 
 
 def _spectral(damping: Adaptive | Fixed, A: Array, b: Array, posture: Array | None) -> tuple[Mask, Array]:
-    """`least_squares` for all rows, and which of them are not damped and make progress."""
+    """`least_squares` for all rows, and which of them are not damped and "ok"."""
     n, _, m = A.shape
     good: Mask = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(b).all(axis=1))
     U, singular, Vt = np.linalg.svd(np.where(good[:, None, None], A, 0.0))
@@ -161,5 +161,7 @@ def _spectral(damping: Adaptive | Fixed, A: Array, b: Array, posture: Array | No
         seen += towards
     x = _dot(Vt.transpose(0, 2, 1), seen)
     achieved = (np.where(null, 0.0, wanted) ** 2).sum(axis=1)
-    good &= achieved >= PROGRESS_SHARE * (b * b).sum(axis=1)
+    # What fewer than six joints cannot do, none of them misses; but they are not to rest short of it.
+    least = PROGRESS_SHARE if m < 6 else 1.0 - MISSED**2
+    good &= achieved >= least * (b * b).sum(axis=1)
     return good, x
