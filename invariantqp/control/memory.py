@@ -13,18 +13,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.convergence import Convergence
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 # A delay this near to a whole number of ticks is one: quotients of decimals are.
 WHOLE_TICKS = 1e-9
+# A robot that is later than this many ticks is none: a delay in milliseconds, say.
+MOST_LATE = 10_000
 HEADER = 7
 
 
 def ticks_late(delay: float, dt: float) -> tuple[int, float]:
-    """A delay in ticks: the whole ones, and the share of one more."""
+    """A delay in ticks: the whole ones, and the share of one more.
+
+    Raises:
+        BadInput: a delay of more than `MOST_LATE` ticks.
+    """
     late = delay / dt
+    if late > MOST_LATE:
+        raise BadInput("delay", f"{delay:g} s, {late:.0f} ticks", f"seconds, at most {MOST_LATE} ticks")
     whole = int(late + WHOLE_TICKS)
     return whole, max(0.0, late - whole)
 

@@ -61,8 +61,7 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 
 #define MEMORY 50
 #define WHOLE_TICKS 1e-9
-/* Ticks that a robot may be late. */
-#define MOST_LATE 1000000
+#define MOST_LATE 10000
 #define KEPT_SHARE 0.2
 #define FAST_SHARE 0.02
 #define STRAIN_TOLERANCE 1e-9
