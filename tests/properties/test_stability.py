@@ -17,7 +17,7 @@ ROUNDING = 1e-12
 AS_GOOD, NOTHING = 1.05, 1e-3
 # Variation within this factor of the yardstick's, or this many rad/s of it, is as calm.
 AS_CALM, STILL = 1.2, 1.0
-# Where it is less calm by more, which is told as a price: damping takes part of a motion that passes exactly through the
+# Where it is less calm by more, told as a price: damping takes part of a motion that passes exactly through the
 # shoulder's singularity, and feedback chases it; out of reach a chase that limits slow down arrives by another way.
 LESS_CALM = {"ur5_shoulder": 1.6, "out_of_reach": 1.45}
 # Settled at a target they can reach, off it at most by this: mm and degrees.
