@@ -211,16 +211,21 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
 
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
-    """The summary of a comparison, its verdict, and the files that were written."""
-    from invariantqp.compare.report.tables import summary
+    """The tables of a comparison, its verdict, and the files that were written."""
+    from invariantqp.compare.report.tables import EVERYDAY_CELLS, everyday, summary
     from invariantqp.compare.report.verdict import short
 
-    found = summary(results)
-    table = Table(*found.columns, box=None)
-    for row in found.rows:
-        table.add_row(*(escape(cell) for cell in row))
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
-    console.print(table)
+    first = everyday(results)
+    for found, cells in ((summary(results), ""), (first, EVERYDAY_CELLS.replace("*", ""))):
+        if found is first and not found.rows:
+            continue
+        table = Table(*found.columns, box=None)
+        for row in found.rows:
+            table.add_row(*(escape(cell) for cell in row))
+        console.print(table)
+        if cells:
+            console.print(cells, markup=False)
     for sentence in short(results):
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])

@@ -13,7 +13,7 @@ import daqp
 import numpy as np
 
 from invariantqp.compare.laws.quadratic import EQUALITY, FIXED, IN_OBJECTIVE, INSIDE
-from invariantqp.compare.laws.ramp import Ramp
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.method import Method, Takes, posture_of
 from invariantqp.compare.names import HAND_WRITTEN
 from invariantqp.control.tracking import tracking_gain
@@ -46,7 +46,7 @@ class HandWritten:
         self.slowest = -self.speed
         self.middle, self.pull = posture_of(robot, law)
         m = len(self.middle)
-        self.ramp = Ramp(law, m)
+        self.ramp = RampBounds(law, m)
         self.damping = WEIGHT * np.eye(m)
         self.rows = np.zeros((0, m))
         self.exact, self.point = law.exact is not None, np.asarray(law.point)

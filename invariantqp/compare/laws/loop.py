@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.laws.ramp import Ramp
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.laws.view import look_at
 from invariantqp.compare.method import Method, Question, Setting, Solve, answer, posture_of
 from invariantqp.control.measure import ToolMeasure
@@ -48,7 +48,7 @@ class MethodLaw:
         self._middle, self._pull = posture_of(robot, law)
         limits = robot.position_lower, robot.position_upper, robot.velocity_limit
         self._box = JointBox(*limits, law.dt, law.position_margin)
-        self._ramp = Ramp(law, setting.m)
+        self._ramp = RampBounds(law, setting.m)
         self._exact, self._point = law.exact is not None, setting.point
         self._at_point = root_at(setting.point, 1.0)[3:]
         self._none = np.zeros((0, setting.m)), np.zeros(0)

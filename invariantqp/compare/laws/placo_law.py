@@ -25,7 +25,7 @@ from invariantqp.compare.laws.peers import (
     qp_damping,
     share_of,
 )
-from invariantqp.compare.laws.ramp import Ramp
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.method import Method, Takes, answer, posture_of
 from invariantqp.geometry.arrays import Array
@@ -58,7 +58,7 @@ class PlacoLaw:
         import placo
 
         self._dt, self._share, self._names = law.dt, share_of(law), robot.names
-        self._ramp = Ramp(law, len(robot.names))
+        self._ramp = RampBounds(law, len(robot.names))
         self._between = placo.interpolate_frames
         self._offset = at_point(law)
         with tempfile.TemporaryDirectory() as folder:

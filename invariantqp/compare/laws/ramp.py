@@ -9,7 +9,7 @@ from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.limits.box import accelerations
 
 
-class Ramp:
+class RampBounds:
     """The velocities within reach of the one commanded last; all of them where a law has no acceleration limit.
 
     Attributes:

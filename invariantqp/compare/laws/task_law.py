@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.peers import POSTURE_COST, at_point, lead_target, qp_damping, share_of
-from invariantqp.compare.laws.ramp import Ramp
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.method import answer, posture_of
 from invariantqp.geometry.arrays import Array
@@ -48,7 +48,7 @@ class TaskLaw:
         """
         self._name, self._solve, self._options, self._pose = library.__name__, library.solve_ik, options, pose
         self._configuration, self._offset = configuration, at_point(law)
-        self._dt, self._share, self._ramp = law.dt, share_of(law), Ramp(law, len(robot.names))
+        self._dt, self._share, self._ramp = law.dt, share_of(law), RampBounds(law, len(robot.names))
         self._task = library.FrameTask(*tool, 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
         self._tasks: list[Any] = [self._task]
         mid, pull = posture_of(robot, law)

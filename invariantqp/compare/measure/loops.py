@@ -99,8 +99,8 @@ def noise(cell: Cell) -> dict[str, Result]:
 
 KINDS = {
     "loop": Kind(loops),
-    "everyday": Kind(everyday, tasks=EVERYDAY),
     "beyond": Kind(loops, tasks=FRAME_TASKS),
+    "everyday": Kind(everyday, tasks=EVERYDAY),
     "turns": Kind(turns, tasks=(TURN_TASK,), slow=True),
     "noise": Kind(noise, tasks=("compare/panda_limits", "compare/so101_limits"), slow=True),
 }

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.compare.measure.cell import Result
 from invariantqp.control.controls import Controls
@@ -182,6 +182,6 @@ def grown_errors(trace: Trace, robot: Robot) -> Array:
     return np.asarray(errors.max(axis=0))
 
 
-def _jumps(wanted: Array) -> Array:
+def _jumps(wanted: Array) -> NDArray[np.intp]:
     """Indices of the poses (n, 4, 4) that differ from the one before."""
     return np.flatnonzero((wanted[1:] != wanted[:-1]).any(axis=(1, 2))) + 1

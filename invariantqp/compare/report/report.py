@@ -17,7 +17,8 @@ from invariantqp.compare.results import Results, kinds_in
 from invariantqp.template import fill_template
 
 ABOUT = {
-    "loop": "Runs: errors, frame dependence beside its control, jumps of the joint velocity, failed ticks",
+    "loop": "Runs: errors, frame dependence beside its control, joint acceleration, settling time, failed ticks",
+    "everyday": "What users meet first",
     "beyond": "A target out of reach",
     "turns": "Ten turns of a closed path: drift of the joints [rad] with a posture and without",
     "noise": "Encoders wrong by 0.1 mrad",
@@ -67,6 +68,8 @@ def html(results: Results, svg: str) -> str:
         "dark": chart.DARK._asdict(),
         "caption": caption(),
         "summary": tables.summary(results),
+        "everyday": tables.everyday(results),
+        "cells": tables.EVERYDAY_CELLS.replace("*", ""),
         "folded": folded(results),
         "machine": machine(results),
         "command": f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison",
@@ -77,6 +80,8 @@ def html(results: Results, svg: str) -> str:
 def folded(results: Results) -> list[tuple[str, Table]]:
     """Tables that a reader opens, with their titles."""
     found = [("Task by task", Table(("what the runs say",), [(sentence,) for sentence in verdict(results)]))]
+    if (moved := tables.motion(results)).rows:
+        found.append((tables.MOTION_CELLS, moved))
     names = [m["name"] for m in results["methods"]]
     if names != tables.shown(results):
         found.append(("Every method", tables.summary(results, names)))
