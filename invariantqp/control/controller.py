@@ -147,7 +147,7 @@ class Controller:
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
         self._fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
-        self._slack = SLACK * self.gain * self.measure.radian(seen.J, seen.pose)
+        self._slack = SLACK * self.gain * self.measure.radian
         self._limits = loop_limits(robot, self.dt, delay, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)

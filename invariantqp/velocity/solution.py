@@ -24,8 +24,10 @@ class VelocitySolution(NamedTuple):
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the bounds.
         method: "closed-form" (no limit is active), "damped" (likewise, with damping), "qp" (a limit is active), "hold".
-        status: "ok" (the error falls as demanded), "scaled" (exact rows slowed down), "guarded" (the descent guard
-            blended in least squares), "degraded" (a demand is not met: see the reason), "held" (standing still).
+        status: "ok" (at most 5 % of the twist is missed, or errors of position and angle each fall at half the asked
+            rate), "limited" (limits or a singularity keep more away), "scaled" (exact rows slowed down), "guarded" (the
+            descent guard blended in least squares), "degraded" (something declared does not hold: see the reason),
+            "held" (standing still).
         reason: why, in words, "" where there is nothing to report.
         active: joints at a bound.
         residual: (6,) s - J x in the frame of J.
