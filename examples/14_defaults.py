@@ -333,13 +333,13 @@ def _four(figures: np.ndarray) -> str:
 def main() -> None:
     """Run the studies and print a table for each, the default first in it."""
     parser = argparse.ArgumentParser(description="What each default costs, and what other values would.")
-    parser.add_argument("--tasks", type=int, default=320, help="number of random tasks")
+    parser.add_argument("--tasks", type=int, default=320, help="number of random tasks, and of others at most")
     parser.add_argument("--only", default="", help="part of the titles of the tables to print")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     given = parser.parse_args()
     titles = [title for title in STUDIES if given.only.lower() in title.lower()]
     shipped = [*dict.fromkeys((*EVERYDAY, *shipped_tasks("stability")))]
-    places = [*range(given.tasks), *shipped[: None if given.tasks > len(ARMS) else given.tasks]]
+    places = [*range(given.tasks), *shipped[: given.tasks]]
     with parallel_config(backend="loky", inner_max_num_threads=1):
         runs = Parallel(n_jobs=given.jobs)(delayed(measured)(place, titles) for place in places)
     console = Console(width=140)

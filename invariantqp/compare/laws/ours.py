@@ -91,7 +91,9 @@ def _alone(setting: Setting) -> Solve:
 
 
 WHERE_NEEDED = "where singular values are small, and with what is missed"
-OUR_TAKES = Takes("in the null space, while the tool moves", "exact, slowed down where limits forbid it", "inside", WHERE_NEEDED)
+OUR_TAKES = Takes(
+    "in the null space, while the tool moves", "exact, slowed down where limits forbid it", "inside", WHERE_NEEDED
+)
 
 
 METHODS = [
