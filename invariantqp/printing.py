@@ -214,12 +214,13 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
     """The tables of a comparison, its verdict, and the files that were written."""
     from invariantqp.compare.report.tables import EVERYDAY_CELLS, everyday, summary
     from invariantqp.compare.report.verdict import short
+    from invariantqp.compare.results import kinds_in
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
-    first = everyday(results)
-    for found, cells in ((summary(results), ""), (first, EVERYDAY_CELLS.replace("*", ""))):
-        if found is first and not found.rows:
-            continue
+    parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results) else []
+    if "everyday" in kinds_in(results):
+        parts.append((everyday(results), EVERYDAY_CELLS.replace("*", "")))
+    for found, cells in parts:
         table = Table(*found.columns, box=None)
         for row in found.rows:
             table.add_row(*(escape(cell) for cell in row))

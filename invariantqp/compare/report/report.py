@@ -67,7 +67,7 @@ def html(results: Results, svg: str) -> str:
         "light": chart.LIGHT._asdict(),
         "dark": chart.DARK._asdict(),
         "caption": caption(),
-        "summary": tables.summary(results),
+        "summary": tables.summary(results) if {"loop", "tick"} & kinds_in(results) else None,
         "everyday": tables.everyday(results),
         "cells": tables.EVERYDAY_CELLS.replace("*", ""),
         "folded": folded(results),
@@ -96,7 +96,8 @@ def folded(results: Results) -> list[tuple[str, Table]]:
 
 def _opening(results: Results) -> str:
     """What was measured."""
-    quick = " This was a quick run: few states, and ticks ten times as long." if results["quick"] else ""
+    rough = " This was a quick run: few states, and ticks ten times as long, but in what users meet first."
+    quick = rough if results["quick"] else ""
     told = "Every method is told the same posture, exact rows, limits, gain and feedforward."
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
     own = results.get("kinematics") == OURS
