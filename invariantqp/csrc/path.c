@@ -183,8 +183,8 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
 }
 
 /* path_drive.py and path_driver.py; `before` has the joint velocity now. */
-Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Order *order,
-              Progress *progress)
+Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Row there,
+              const Order *order, Progress *progress)
 {
     Beside here;
     Demand demand;
@@ -212,7 +212,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     slope_at(course, middle, slope);
     curve_tangent(course, middle, after->tangent);
     if (twist_of(loop, course, &here, q, rate, strayed, slope, after->tangent, &tool, &demand) == HAND_BACK ||
-        demand_in(loop, q, before->velocity, &tool, &demand) == HAND_BACK)
+        demand_in(loop, there, before->velocity, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
     demand.dt = 0.0; /* not calm, and hardly damped: the joint motion is planned */
     demand.threshold = loop->planned_threshold;

@@ -59,7 +59,7 @@ class Left(NamedTuple):
 # (`examples/14_defaults.py`): the smaller it is, the more suddenly the posture sets in where a motion begins or ends;
 # the larger, the nearer to their limits joints come where a path goes past one. With positions read to 2e-5 rad an arm
 # that stays moves by less than 0.1 deg in ten seconds.
-POSTURE_PACE = 3e-3
+POSTURE_PACE = 0.01
 
 # Without rows.
 EVERY = Left(None, np.empty(0))
