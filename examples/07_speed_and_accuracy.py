@@ -6,7 +6,8 @@ minutes on an idle machine (extras compare, peers, placo), draw the charts, and 
     python examples/07_speed_and_accuracy.py --measure
 
 Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart and prints table and verdict
-     python examples/07_speed_and_accuracy.py --readme           draws the charts, writes README's verdict and the table
+     python examples/07_speed_and_accuracy.py --readme           draws the charts, writes README's verdict and the page
+     python examples/07_speed_and_accuracy.py --everyday         measures the everyday tasks, a minute; writes the page
 """
 
 import sys
@@ -18,8 +19,8 @@ from invariantqp.compare.report import chart
 from invariantqp.compare.report.report import write_report
 from invariantqp.compare.report.tables import summary
 from invariantqp.compare.report.verdict import short, verdict
-from invariantqp.compare.results import load_results
-from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
+from invariantqp.compare.results import load_results, write_results
+from invariantqp.compare.sweep import DEFAULT_TASKS, kinds, sweep
 from invariantqp.printing import progress
 
 HERE = Path(__file__).parent
@@ -29,20 +30,24 @@ FOLDER, PICTURES = HERE / "comparison", HERE / "pictures"
 def main(word):
     if word == "--measure":
         with progress("measuring", quiet=False) as report:
-            write_report(sweep(DEFAULT_TASKS, None, FOLDER, jobs=-1, progress=report), FOLDER)
-    results = load_results(FOLDER / "results.json")
+            rest = [kind for kind in kinds() if kind != "everyday"]
+            write_report(sweep(DEFAULT_TASKS, None, FOLDER, jobs=-1, only=rest, progress=report), FOLDER)
+    if word in {"--measure", "--everyday"}:
+        with progress("measuring", quiet=False) as report:
+            first = sweep([], None, FOLDER / "everyday", jobs=-1, only=["everyday"], progress=report)
+        write_results(FOLDER / "everyday.json", first)
+    results, first = load_results(FOLDER / "results.json"), load_results(FOLDER / "everyday.json")
     print(markdown(summary(results)), "\n")
     for sentence in verdict(results):
         print("-", sentence)
+    if word in {"--measure", "--readme", "--everyday"}:
+        write_section(HERE / "guide" / "comparison.md", guide(results, first))
     if word in {"--measure", "--readme"}:
         chart.draw(results, PICTURES / "speed_and_accuracy.png")
         chart.draw(results, PICTURES / "speed_and_accuracy_dark.png", chart.DARK)
         write_section(HERE.parent / "README.md", listed(short(results)))
-        write_section(HERE / "guide" / "comparison.md", guide(results))
-        print(
-            "\nREADME.md has the verdict, examples/guide/comparison.md the table; the charts are in examples/pictures"
-        )
-    else:
+        print("\nREADME.md has the verdict, examples/guide/comparison.md the tables, examples/pictures the charts")
+    elif word != "--everyday":
         chart.draw(results, Path(word))
         print(f"\nmeasured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")
 

@@ -211,16 +211,22 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
 
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
-    """The summary of a comparison, its verdict, and the files that were written."""
-    from invariantqp.compare.report.tables import summary
+    """The tables of a comparison, its verdict, and the files that were written."""
+    from invariantqp.compare.report.tables import EVERYDAY_CELLS, everyday, summary
     from invariantqp.compare.report.verdict import short
+    from invariantqp.compare.results import kinds_in
 
-    found = summary(results)
-    table = Table(*found.columns, box=None)
-    for row in found.rows:
-        table.add_row(*(escape(cell) for cell in row))
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
-    console.print(table)
+    parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results) else []
+    if "everyday" in kinds_in(results):
+        parts.append((everyday(results), EVERYDAY_CELLS.replace("*", "")))
+    for found, cells in parts:
+        table = Table(*found.columns, box=None)
+        for row in found.rows:
+            table.add_row(*(escape(cell) for cell in row))
+        console.print(table)
+        if cells:
+            console.print(cells, markup=False)
     for sentence in short(results):
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])

@@ -26,7 +26,7 @@ SAYS = {
     "11_which_pitch": "h = 4 L",
     "12_tool_speed": "fastest tool 2",
     "13_pose_ik": "along a path of 50 poses",
-    "14_defaults": "posture: gain",
+    "14_defaults": "posture_gain [1/s]; 2 tasks",
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
     "25_pink_scripts": "ours settles later in 0, and is then farther off in 0",
     "16_frame_race": "a start moved by 1e-12 parts them",
@@ -46,7 +46,7 @@ SAYS = {
 ONE = ("--tasks", "1", "--jobs", "1")
 SHORTER = {
     "11_which_pitch": ("20",),
-    "14_defaults": ONE,
+    "14_defaults": (*ONE, "--only", "posture"),
     "15_elastic_paths": ONE,
     "25_pink_scripts": ("--short",),
     "22_contact_scenes": ("so101", "--physics", "mujoco", "--seconds", "0.3", "--scene", "bar"),
@@ -99,3 +99,43 @@ def test_an_example_runs_in_a_process_of_its_own(tmp_path):
 def test_the_first_examples_are_short_enough_to_read():
     first = [e for e in EXAMPLES if e.stem < "10"]
     assert [e.stem for e in first if len(e.read_text(encoding="utf-8").splitlines()) >= 80] == []
+
+
+# Where each constant that the study of defaults varies counts.
+COUNTS = {
+    "SLACK": "compare/turn",
+    "POSTURE_PACE": "stability/panda_wrist",
+    "CALM": "stability/five_joints_out_of_reach",
+    "EXACT_CALM": "stability/reach_and_back",
+}
+
+
+def test_every_constant_that_the_study_of_defaults_varies_counts(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    study = runpy.run_path(str(ROOT / "examples" / "14_defaults.py"))
+    varied = {}
+    for one in study["STUDIES"].values():
+        for choice in one.choices:
+            for module, name, value in choice.constants:
+                varied.setdefault(name, []).append((choice, module, value))
+    assert set(varied) == set(COUNTS)
+    for name, choices in varied.items():
+        own, module, value = choices[0]
+        assert value == getattr(module, name)  # the default is the first
+        other = own._replace(constants=((module, name, 100.0 * value),))
+        problem = study["shipped_problem"](COUNTS[name])
+        figures, others = (study["judged"](problem, choice) for choice in (own, other))
+        assert getattr(module, name) == value
+        assert np.abs(others - figures).max() > 0.01, name
+
+
+def test_the_study_of_defaults_says_which_choice_is_dominated(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    study = runpy.run_path(str(ROOT / "examples" / "14_defaults.py"))
+    usual = [1.0, 1.0, 10.0, 1.0, 2.0, 1.0, 1.0]  # mm, deg, rad/s^2, s, moved [deg]; random; stays
+    worse, other = [2.0, *usual[1:]], [0.5, 1.0, 20.0, *usual[3:]]
+    table = study["table_of"](["usual", "worse", "other"], np.array([[usual, worse, other]]))
+    cells = [list(column.cells) for column in table.columns]
+    assert cells[2] == ["2.00  1.00  1.00  1.00", "4.00  1.00  1.00  1.00", "1.00  1.00  2.00  1.00"]
+    assert cells[4] == ["0.0%", "100.0%", "0.0%"]
+    assert cells[5] == ["2.000", "2.000", "2.000"]

@@ -6,22 +6,43 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from invariantqp.compare.report.report import ABOUT, machine
-from invariantqp.compare.report.tables import Table, figure, shown, summary, title
+from invariantqp.compare.report.tables import (
+    EVERYDAY_CELLS,
+    MOTION_CELLS,
+    Table,
+    everyday,
+    figure,
+    motion,
+    shown,
+    summary,
+    title,
+)
 from invariantqp.compare.results import Results, results_of
 
 BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
 
+EVERYDAY_MORE = (
+    "After a path the target rests for a second. The way through the singularity, a UR5's wrist, has feedforward. The "
+    "posture that every row is told moves the joints of an arm that stays, but for those of invariantqp; without one "
+    "all would stay. The late arm is told as `delay`, which lowers every gain alike."
+)
 
-def guide(results: Results) -> str:
-    """The tables of the guide's page."""
+
+def guide(results: Results, first: Results) -> str:
+    """The tables of the guide's page; `first` are the results of the everyday tasks, measured by themselves."""
     libraries = [m["name"] for m in results["methods"] if m["family"] == "library"]
     parts = (
         markdown(summary(results)),
+        *((MOTION_CELLS, markdown(moved)) if (moved := motion(results)).rows else ()),
         "Other libraries, each where it was installed beside this one:",
         markdown(summary(results, libraries)),
         f"{ABOUT['calibration']}: largest position error [mm] · variation of the joint velocities [rad/s] of the run.",
         markdown(calibrated(results)),
         f"Measured on {machine(results)}",
+        "## What users meet first",
+        f"{EVERYDAY_CELLS} {EVERYDAY_MORE}",
+        markdown(everyday(first)),
+        f"Measured on {machine(first)}",
     )
     return "\n\n".join(parts)
 

@@ -11,7 +11,7 @@ from invariantqp.runs.section import NotNegative, Positive, Section
 
 
 class Physics(Section):
-    """Friction, lag, dead time and noise of the MuJoCo plant; the ideal plant has none of them."""
+    """Friction, lag, dead time and noise of the MuJoCo plant; of these the ideal plant has the dead time alone."""
 
     friction: NotNegative = Field(0.3, description="Coulomb coefficient between tool and surface", examples=[0.3])
     hinge_friction: NotNegative = Field(0.3, description="friction torque of a hinge [N m]", examples=[0.3])

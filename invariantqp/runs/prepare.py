@@ -94,7 +94,7 @@ def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
 def _plant(task: Task, robot: Robot, scene: ContactScene | None, physics: str) -> Plant:
     springs, sensor = (None, None) if scene is None else (scene.springs, scene.simulated_sensor)
     if physics == "ideal":
-        return IdealPlant(robot, task.start(), task.law.dt, springs, sensor)
+        return IdealPlant(robot, task.start(), task.law.dt, springs, sensor, task.physics.delay)
     if physics != "mujoco":
         raise BadInput("physics", repr(physics), '"ideal" or "mujoco"')
     from invariantqp.runs.plants.mujoco import MujocoPlant  # only where it is asked for

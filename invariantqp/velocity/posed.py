@@ -55,9 +55,10 @@ class Left(NamedTuple):
         return cone if cone is None or self.basis is None else cone.on(self.origin, self.basis)
 
 
-# The joint speed of a task, as a share of the fastest, at which half of the posture is followed. Measured on 144 tight
-# tasks of seven-joint arms and on arms that are told to stay (`examples/14_defaults.py`): 0.02 loses more of the tasks,
-# and with positions read to 2e-5 rad an arm that stays moves by less than 0.1 deg in ten seconds.
+# The joint speed of a task, as a share of the fastest, at which half of the posture is followed. Measured
+# (`examples/14_defaults.py`): the smaller it is, the more suddenly the posture sets in where a motion begins or ends;
+# the larger, the nearer to their limits joints come where a path goes past one. With positions read to 2e-5 rad an arm
+# that stays moves by less than 0.1 deg in ten seconds.
 POSTURE_PACE = 0.01
 
 # Without rows.

@@ -95,6 +95,25 @@ def test_what_a_row_says_of_the_posture_is_so(name, panda):
 
 
 @pytest.mark.parametrize("name", list(ROWS))
+def test_every_row_is_told_how_late_the_arm_is(name, panda):
+    late, slow = (first_tick(name, panda, READY, 0.01, **told) for told in ({"delay": 0.1}, {"gain": 2.5}))
+    np.testing.assert_array_equal(late, slow)
+    assert np.abs(first_tick(name, panda, READY, 0.01)).max() > 2.0 * np.abs(late).max()
+
+
+@pytest.mark.parametrize("name", list(ROWS))
+def test_no_row_exceeds_the_acceleration_limits_that_it_is_told(name, panda):
+    loop = controller_named(name)(panda, LawSpec(dt=0.001, acceleration_limit=5.0, posture=False))
+    q, x, target = READY, np.zeros(7), panda.pose(READY)
+    target[:3, 3] += (0.1, 0.05, 0.02)
+    for _ in range(5):
+        before, x = x, loop.step(q, panda.target(target)).velocity
+        assert np.abs(x - before).max() <= 0.005 * (1.0 + 1e-6)
+        q = q + 0.001 * x
+    assert np.abs(x).max() > 0.01
+
+
+@pytest.mark.parametrize("name", list(ROWS))
 def test_what_a_row_says_of_exact_rows_is_so(name, so101):
     """Five joints cannot do the twist, but can meet the point: who says so meets it, who cannot does not."""
     robot, q = so101, np.array([0.1, -0.4, 0.5, 0.6, 0.2])

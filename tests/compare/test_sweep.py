@@ -263,6 +263,20 @@ def test_two_methods_of_which_one_has_no_problem_are_no_crash(tmp_path):
     assert done.exit_code == 0, done.output
 
 
+def test_everyday_tasks_alone_are_a_table_and_a_page(tmp_path):
+    words = ["compare", "--only", "everyday", "--jobs", "1", "--out", str(tmp_path), "--methods", "invariantqp"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "turned in place" in done.output
+    assert "frame, rad" not in done.output
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<h2>What users meet first</h2>" in html
+    assert "frame, rad" not in html
+    found = results_of(load_results(tmp_path / "results.json"), "everyday")
+    assert len(found) == 7
+    assert found["compare/stay", "invariantqp"]["settling_s"] == 0.0
+
+
 def test_two_runs_are_told_apart_by_rank(small_run, tmp_path):
     out, _, words, chosen = small_run
     against = [*chosen, "--against", str(out / "results.json")]

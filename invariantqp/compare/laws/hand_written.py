@@ -13,6 +13,7 @@ import daqp
 import numpy as np
 
 from invariantqp.compare.laws.quadratic import EQUALITY, FIXED, IN_OBJECTIVE, INSIDE
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.method import Method, Takes, posture_of
 from invariantqp.compare.names import HAND_WRITTEN
 from invariantqp.control.tracking import tracking_gain
@@ -28,7 +29,7 @@ class HandWritten:
     """The loop for one arm."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Of `law`, dt, gain, posture, exact and point are used.
+        """Of `law`, dt, gain, delay, acceleration_limit, posture, exact and point are used.
 
         Raises:
             RobotModelError: the robot has no Pinocchio model.
@@ -40,11 +41,12 @@ class HandWritten:
         if self.model is None:
             raise RobotModelError("the hand-written loop needs a robot with a Pinocchio model")
         self.data, self.frame = self.model.createData(), self.model.getFrameId(robot.tool)  # type: ignore[attr-defined]
-        self.dt, self.gain = law.dt, tracking_gain(law.gain, law.dt)
+        self.dt, self.gain = law.dt, tracking_gain(law.gain, law.dt, law.delay)
         self.low, self.high, self.speed = robot.position_lower, robot.position_upper, robot.velocity_limit
         self.slowest = -self.speed
         self.middle, self.pull = posture_of(robot, law)
         m = len(self.middle)
+        self.ramp = RampBounds(law, m)
         self.damping = WEIGHT * np.eye(m)
         self.rows = np.zeros((0, m))
         self.exact, self.point = law.exact is not None, np.asarray(law.point)
@@ -72,6 +74,7 @@ class HandWritten:
         m = len(q)
         np.maximum(np.minimum((self.high - q) / self.dt, self.speed), self.slowest, out=self.upper[:m])
         np.minimum(np.maximum((self.low - q) / self.dt, self.slowest), self.speed, out=self.lower[:m])
+        self.lower[:m], self.upper[:m] = self.ramp.within(self.lower[:m], self.upper[:m])
         rows = self.rows
         if self.exact:
             there = gap.act(self.point)
@@ -83,6 +86,7 @@ class HandWritten:
         x, _, flag, _ = daqp.solve(H, f, rows, self.upper, self.lower, self.sense)
         if flag <= 0:
             raise RuntimeError(f"DAQP: exit flag {flag}")
+        self.ramp.last = x
         return VelocitySolution(x, "hand-written", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
 
 

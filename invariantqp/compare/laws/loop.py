@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.laws.view import look_at
 from invariantqp.compare.method import Method, Question, Setting, Solve, answer, posture_of
 from invariantqp.control.measure import ToolMeasure
@@ -39,14 +40,15 @@ class MethodLaw:
     """The loop of one method."""
 
     def __init__(self, robot: Robot, law: LawSpec, name: str, make: Callable[[Setting], Solve]) -> None:
-        """Of `law`, dt, gain, point, length, posture, exact and position_margin are used."""
+        """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
         self._name, self._robot, self._look = name, robot, look_at(robot)
-        self._gain = tracking_gain(law.gain, law.dt)
+        self._gain = tracking_gain(law.gain, law.dt, law.delay)
         setting = setting_of(robot, law)
         self._solve = make(setting)
         self._middle, self._pull = posture_of(robot, law)
         limits = robot.position_lower, robot.position_upper, robot.velocity_limit
         self._box = JointBox(*limits, law.dt, law.position_margin)
+        self._ramp = RampBounds(law, setting.m)
         self._exact, self._point = law.exact is not None, setting.point
         self._at_point = root_at(setting.point, 1.0)[3:]
         self._none = np.zeros((0, setting.m)), np.zeros(0)
@@ -60,11 +62,11 @@ class MethodLaw:
             there = wanted[:3, :3].dot(self._point) + wanted[:3, 3]
             C = self._at_point.dot(J)
             e = self._gain * (there - self._point) + ahead[3:] + se3.cross(ahead[:3], there)
-        lower, upper = self._box.at(positions)
+        lower, upper = self._ramp.within(*self._box.at(positions))
         pull = self._pull * (self._middle - positions)
         tick = Question(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
         x = np.minimum(np.maximum(self._solve(tick), lower), upper)
-        return answer(x, self._name)
+        return answer(self._ramp.cut(x), self._name)
 
 
 def controller_of(method: Method) -> MakeController:

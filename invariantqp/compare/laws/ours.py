@@ -13,6 +13,7 @@ from invariantqp.compare.method import CANNOT, Method, Setting, Solve, Takes
 from invariantqp.compare.names import OURS, OURS_PYTHON
 from invariantqp.control.controller import Controller
 from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.engine import native
 from invariantqp.robots import chain
 from invariantqp.robots.kinematics import Robot
@@ -69,7 +70,18 @@ def paper_law(robot: Robot, law: LawSpec) -> Controller:
     form = pitch_of(robot, law)
     damping = PaperLambda(PAPER_LAMBDA)
     at, pull = law.posture, law.posture_gain
-    return Controller(robot, dt=law.dt, gain=law.gain, form=form, damping=damping, posture=at, posture_gain=pull)
+    gain = tracking_gain(law.gain, law.dt, law.delay)
+    limit = law.acceleration_limit
+    return Controller(
+        robot,
+        dt=law.dt,
+        gain=gain,
+        form=form,
+        damping=damping,
+        posture=at,
+        posture_gain=pull,
+        acceleration_limit=limit,
+    )
 
 
 def _alone(setting: Setting) -> Solve:
@@ -79,7 +91,9 @@ def _alone(setting: Setting) -> Solve:
 
 
 WHERE_NEEDED = "where singular values are small, and with what is missed"
-OUR_TAKES = Takes("in the null space", "exact, slowed down where limits forbid it", "inside", WHERE_NEEDED)
+OUR_TAKES = Takes(
+    "in the null space, while the tool moves", "exact, slowed down where limits forbid it", "inside", WHERE_NEEDED
+)
 
 
 METHODS = [

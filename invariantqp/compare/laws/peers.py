@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.tracking import TRACKING_SHARE
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array
@@ -60,7 +60,7 @@ def qp_damping(pull: Array) -> float:
 
 def share_of(law: LawSpec) -> float:
     """The part of the tracking error that a control loop corrects in one tick."""
-    return TRACKING_SHARE if law.gain is None else law.gain * law.dt
+    return tracking_gain(law.gain, law.dt, law.delay) * law.dt
 
 
 def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:

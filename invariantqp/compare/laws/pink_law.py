@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.peers import AHEAD, at_point, joints_of
 from invariantqp.compare.laws.task_law import TaskLaw
@@ -19,6 +20,8 @@ from invariantqp.compare.names import PINK
 from invariantqp.errors import RobotModelError
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.limits.box import accelerations
+from invariantqp.velocity.solution import VelocitySolution
 
 # Pink's lm_damping in its own examples.
 LM_DAMPING = 1.0
@@ -48,17 +51,32 @@ class PinkLaw(TaskLaw):
             tool = model.frames[model.getFrameId(frame)]
             place = tool.placement * pin.SE3(at_point(law))
             model.addFrame(pin.Frame(POINT, tool.parentJoint, place, pin.FrameType.OP_FRAME))
+        configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
+        # What solve_ik has by default, and the limit of accelerations, which is told what was commanded last.
+        limits = [model.configuration_limit, model.velocity_limit]
+        self._accelerations = None
+        if law.acceleration_limit is not None:
+            self._accelerations = pink.limits.AccelerationLimit(model, accelerations(law.acceleration_limit, model.nv))
+            limits.append(self._accelerations)
         super().__init__(
             robot,
             law,
             pink,
-            pink.Configuration(model, model.createData(), np.zeros(model.nq)),
+            configuration,
             pose=pin.SE3,
             tool=(frame,),
             point=(POINT,),
             lm_damping=lm_damping,
             safety_break=False,
+            limits=limits,
         )
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; raises whatever Pink raises."""
+        found = super().step(q, target, feedforward)
+        if self._accelerations is not None:
+            self._accelerations.set_last_integration(found.velocity, self._dt)
+        return found
 
 
 def _takes(damping: str) -> Takes:

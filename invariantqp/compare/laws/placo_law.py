@@ -25,6 +25,7 @@ from invariantqp.compare.laws.peers import (
     qp_damping,
     share_of,
 )
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.method import Method, Takes, answer, posture_of
 from invariantqp.geometry.arrays import Array
@@ -49,7 +50,7 @@ class PlacoLaw:
     """placo's KinematicsSolver on a URDF of the robot's joints."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Set up placo's tasks for the robot; of `law`, dt, gain, posture, exact and point are used.
+        """Set up placo's tasks; of `law`, dt, gain, delay, acceleration_limit, posture, exact and point are used.
 
         Raises:
             RobotModelError: the robot has a helical joint.
@@ -57,6 +58,7 @@ class PlacoLaw:
         import placo
 
         self._dt, self._share, self._names = law.dt, share_of(law), robot.names
+        self._ramp = RampBounds(law, len(robot.names))
         self._between = placo.interpolate_frames
         self._offset = at_point(law)
         with tempfile.TemporaryDirectory() as folder:
@@ -94,7 +96,7 @@ class PlacoLaw:
             towards = positions + self._pull * (self._middle - positions)
             self._posture.set_joints(dict(zip(self._names, towards.tolist(), strict=True)))
         x = self._solver.solve(False)[BASE:] / self._dt
-        return answer(x, "placo", "eiquadprog")
+        return answer(self._ramp.cut(x), "placo", "eiquadprog")
 
     def _ahead(self, here: Array, pose: Array, feedforward: ArrayLike | None) -> Array:
         """The told share of the way to a pose, and as far on as the pose moves in a tick."""

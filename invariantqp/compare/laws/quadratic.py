@@ -98,7 +98,10 @@ def damper_bounds(tick: Question, setting: Setting) -> tuple[Array, Array]:
 
 
 def _scaling(setting: Setting) -> Solve:
-    """maximise alpha with J x = alpha s inside the limits, alpha <= 1; the posture in what is left."""
+    """maximise alpha with J x = alpha s inside the limits, alpha <= 1; the posture in what is left.
+
+    Where limits exclude every share, as those of accelerations may, it stops.
+    """
     m, daqp = setting.m, Daqp()
     H = np.diag(np.r_[np.full(m, 1e-3), WHOLE_TWIST])
 
@@ -106,7 +109,10 @@ def _scaling(setting: Setting) -> Solve:
         c = np.r_[1e-3 * tick.posture, WHOLE_TWIST]
         rows = np.vstack((np.eye(m + 1), np.column_stack((tick.J, -tick.s))))
         low, high = np.r_[tick.lower, 0.0, np.zeros(6)], np.r_[tick.upper, 1.0, np.zeros(6)]
-        return daqp.solve(BoxQP(H, c, low, high, rows))[:m]
+        try:
+            return daqp.solve(BoxQP(H, c, low, high, rows))[:m]
+        except SolverFailure:
+            return np.zeros(m)
 
     return velocity
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.laws.peers import POSTURE_COST, at_point, lead_target, qp_damping, share_of
+from invariantqp.compare.laws.ramp import RampBounds
 from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.method import answer, posture_of
 from invariantqp.geometry.arrays import Array
@@ -38,7 +39,8 @@ class TaskLaw:
         lm_damping: float = 0.0,
         **options: Any,
     ) -> None:
-        """Set up a library's tasks with its `Configuration` of the robot; dt, gain, posture, exact and point are used.
+        """Set up a library's tasks with its `Configuration` of the robot; of the law, dt, gain, delay,
+        acceleration_limit, posture, exact and point are used.
 
         `pose` makes the library's poses from (4, 4); `tool` and `point` are the tool frame and one at the told point as
         its `FrameTask` takes them, `posture` what its `PostureTask` takes before the cost, `options` go to its
@@ -46,7 +48,7 @@ class TaskLaw:
         """
         self._name, self._solve, self._options, self._pose = library.__name__, library.solve_ik, options, pose
         self._configuration, self._offset = configuration, at_point(law)
-        self._dt, self._share = law.dt, share_of(law)
+        self._dt, self._share, self._ramp = law.dt, share_of(law), RampBounds(law, len(robot.names))
         self._task = library.FrameTask(*tool, 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
         self._tasks: list[Any] = [self._task]
         mid, pull = posture_of(robot, law)
@@ -74,7 +76,7 @@ class TaskLaw:
             constraints=self._exact,
             **self._options,
         )
-        return answer(x, self._name, "daqp")
+        return answer(self._ramp.cut(x), self._name, "daqp")
 
 
 def _position_task(frame_task: Any) -> Any:

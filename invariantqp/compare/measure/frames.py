@@ -58,8 +58,9 @@ def moved_start(task: Task, setup: Setup) -> Setup:
     """The same motion of the tool from a start that is moved by rounding."""
     start = [x + NUDGE for x in task.robot.start]
     other = prepare(task.model_copy(update={"robot": task.robot.model_copy(update={"start": start})}))
-    brief = replace(other.brief, poses=setup.brief.poses, feedforward=setup.brief.feedforward)
-    return replace(other, brief=brief, wanted=setup.wanted)
+    told = setup.brief
+    brief = replace(other.brief, time=told.time, poses=told.poses, feedforward=told.feedforward)
+    return replace(other, brief=brief, wanted=setup.wanted, noise=setup.noise)
 
 
 def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:

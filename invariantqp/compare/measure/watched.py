@@ -10,15 +10,18 @@ import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.compare.measure.cell import Result
 from invariantqp.control.controls import Controls
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
+from invariantqp.runs.log import distance
 from invariantqp.runs.pilots import pilot_of
 from invariantqp.runs.prepare import Setup
 from invariantqp.runs.run import run
@@ -31,6 +34,10 @@ BROKEN_EVERY = 3
 INSIDE = 1e-9
 # A joint closer than this to a position limit, or this share of its speed below the largest, is at its limit.
 AT_LIMIT = 1e-9
+# How long the target is at rest after a path, for the tool to settle [s].
+REST = 1.0
+# A tool nearer to its target than this has settled [m], [rad]; a first look at a run says as much.
+SETTLED = 1e-3, np.radians(1.0)
 
 
 class Watched:
@@ -89,6 +96,28 @@ def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[W
         return law, run(setup, pilot_of(setup.brief, lambda *_: law))
 
 
+def rested(setup: Setup) -> Setup:
+    """The setup with a second more, in which the target is at rest; a path that may be late and contact as they are."""
+    brief, more = setup.brief, round(REST / setup.task.law.dt)
+    if setup.scene is not None or brief.elastic is not None:
+        return setup
+    time = setup.task.law.dt * np.arange(len(brief.time) + more, dtype=np.float64)
+    still = np.zeros((more, 6))
+    return replace(
+        setup,
+        wanted=_held(setup.wanted, more),
+        noise=np.resize(setup.noise, (len(setup.noise) + more, setup.noise.shape[1])),
+        brief=replace(
+            brief, time=time, poses=_held(brief.poses, more), feedforward=np.vstack((brief.feedforward, still))
+        ),
+    )
+
+
+def _held(poses: Array, more: int) -> Array:
+    """Poses (n, 4, 4), and the last of them again and again."""
+    return np.concatenate((poses, np.repeat(poses[-1:], more, axis=0)))
+
+
 @contextmanager
 def quietly() -> Iterator[None]:
     """Suppress warnings, which a failing law would give in every tick."""
@@ -120,9 +149,39 @@ def figures(law: Watched, trace: Trace) -> Result:
         "orientation_deg": float(np.degrees(trace.orientation_error.max())),
         "final_mm": 1e3 * float(trace.position_error[-1]),
         "limits_met": float((at_speed | at_end).any(axis=1).mean()),
-        "jump": float(jumps.max()),
+        "acceleration": float(np.abs(trace.acceleration[1:]).max(initial=0.0)),
+        "settling_s": settling_time(trace),
         "variation": float(jumps.sum()),
         "ticks": ticks,
         **ways,
         "failed_ticks": sum(ways.values()),
     }
+
+
+def settling_time(trace: Trace) -> float:
+    """When the tool is within a millimetre and a degree of its target for good, from when that came to rest on [s].
+
+    inf where it is not at the end of the run.
+    """
+    off = (trace.position_error > SETTLED[0]) | (trace.orientation_error > SETTLED[1])
+    if off[-1]:
+        return float("inf")
+    came = int(_jumps(trace.wanted).max(initial=0))
+    settled = int(np.flatnonzero(off).max(initial=-2)) + 2  # errors start with that after the first tick
+    return trace.task.law.dt * max(0, settled - came)
+
+
+def grown_errors(trace: Trace, robot: Robot) -> Array:
+    """(2,) the largest errors [m], [rad] beyond those that the target made by jumping: how far the tool swings."""
+    first = distance(robot.pose(trace.q[0]), trace.wanted[0])
+    errors = np.vstack((first, np.column_stack((trace.position_error, trace.orientation_error))))
+    if trace.task.path.jumps:
+        since = np.zeros(len(errors), dtype=int)
+        since[_jumps(trace.wanted)] = _jumps(trace.wanted)
+        errors = errors - errors[np.maximum.accumulate(since)]
+    return np.asarray(errors.max(axis=0))
+
+
+def _jumps(wanted: Array) -> NDArray[np.intp]:
+    """Indices of the poses (n, 4, 4) that differ from the one before."""
+    return np.flatnonzero((wanted[1:] != wanted[:-1]).any(axis=(1, 2))) + 1

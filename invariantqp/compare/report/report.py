@@ -17,7 +17,8 @@ from invariantqp.compare.results import Results, kinds_in
 from invariantqp.template import fill_template
 
 ABOUT = {
-    "loop": "Runs: errors, frame dependence beside its control, jumps of the joint velocity, failed ticks",
+    "loop": "Runs: errors, frame dependence beside its control, joint acceleration, settling time, failed ticks",
+    "everyday": "What users meet first",
     "beyond": "A target out of reach",
     "turns": "Ten turns of a closed path: drift of the joints [rad] with a posture and without",
     "noise": "Encoders wrong by 0.1 mrad",
@@ -66,7 +67,9 @@ def html(results: Results, svg: str) -> str:
         "light": chart.LIGHT._asdict(),
         "dark": chart.DARK._asdict(),
         "caption": caption(),
-        "summary": tables.summary(results),
+        "summary": tables.summary(results) if {"loop", "tick"} & kinds_in(results) else None,
+        "everyday": tables.everyday(results),
+        "cells": tables.EVERYDAY_CELLS.replace("*", ""),
         "folded": folded(results),
         "machine": machine(results),
         "command": f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison",
@@ -77,6 +80,8 @@ def html(results: Results, svg: str) -> str:
 def folded(results: Results) -> list[tuple[str, Table]]:
     """Tables that a reader opens, with their titles."""
     found = [("Task by task", Table(("what the runs say",), [(sentence,) for sentence in verdict(results)]))]
+    if (moved := tables.motion(results)).rows:
+        found.append((tables.MOTION_CELLS, moved))
     names = [m["name"] for m in results["methods"]]
     if names != tables.shown(results):
         found.append(("Every method", tables.summary(results, names)))
@@ -91,7 +96,8 @@ def folded(results: Results) -> list[tuple[str, Table]]:
 
 def _opening(results: Results) -> str:
     """What was measured."""
-    quick = " This was a quick run: few states, and ticks ten times as long." if results["quick"] else ""
+    rough = " This was a quick run: few states, and ticks ten times as long, but in what users meet first."
+    quick = rough if results["quick"] else ""
     told = "Every method is told the same posture, exact rows, limits, gain and feedforward."
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
     own = results.get("kinematics") == OURS

@@ -25,6 +25,26 @@ TASKS = {
     "stability/reach_and_back": "UR5, out of reach and back",
     "stability/ur5_elbow": "UR5, led beyond its reach",
 }
+# How the table of everyday tasks calls them.
+EVERYDAY = {
+    "compare/stay": "told to stay",
+    "compare/jump": "a jump of 150 mm",
+    "compare/turn": "turned in place by 45 deg",
+    "stability/ur5_wrist": "through a singularity",
+    "compare/too_fast": "a third too fast",
+    "stability/reach_and_back": "out of reach and back",
+    "compare/late": "12 ms late, 10 rad/s^2",
+}
+# What its cells are, and those of a run's motion.
+EVERYDAY_CELLS = (
+    "In each cell: largest position error [mm] · orientation error [deg], both beyond those that the target's own "
+    "jump makes · joint acceleration after the first tick [rad/s^2] · settling time, to 1 mm and 1 deg, from when the "
+    "target is at rest on [s]. *joints*: how far they move where they are told to stay."
+)
+MOTION_CELLS = (
+    "In each cell: largest joint acceleration after the first tick [rad/s^2] · settling time after the path, to 1 mm "
+    "and 1 deg [s]."
+)
 
 
 class Table(NamedTuple):
@@ -83,6 +103,36 @@ def summary(results: Results, names: Sequence[str] | None = None) -> Table:
         worst = worst_frame(results, name)
         rows.append([name, told(table[name]), *cells, figure(worst, "{:.0e}")])
     return Table(["method", "takes", *map(title, results["tasks"]), "frame, rad"], rows)
+
+
+def motion(results: Results) -> Table:
+    """Largest joint acceleration [rad/s^2] and settling time [s] of every task; no rows where none was measured."""
+    loops = results_of(results, "loop")
+    if not any("acceleration" in loop for loop in loops.values()):
+        return Table((), ())
+    rows = [[name, *(_moved(loops.get((task, name), {})) for task in results["tasks"])] for name in shown(results)]
+    return Table(["method", *map(title, results["tasks"])], rows)
+
+
+def everyday(results: Results) -> Table:
+    """Errors [mm], [deg], largest joint acceleration [rad/s^2] and settling time [s] of what users meet first."""
+    found = results_of(results, "everyday")
+    tasks = [task for task in EVERYDAY if any(task == place for place, _ in found)]
+    rows = []
+    for name in shown(results):
+        runs = [found.get((task, name), {}) for task in tasks]
+        if any(runs):
+            cells = [
+                " · ".join((figure(run.get("grown_mm")), figure(run.get("grown_deg")), _moved(run))) for run in runs
+            ]
+            rows.append([name, *cells, figure(found.get(("compare/stay", name), {}).get("joints_deg"))])
+    return Table(["method", *(EVERYDAY[task] for task in tasks), "joints, deg"], rows)
+
+
+def _moved(run: dict[str, Any]) -> str:
+    """Joint acceleration and settling time."""
+    settled = "never" if "settling_s" in run and run["settling_s"] is None else figure(run.get("settling_s"))
+    return f"{figure(run.get('acceleration'))} · {settled}"
 
 
 def worst_frame(results: Results, name: str, kind: str = "loop") -> float | None:

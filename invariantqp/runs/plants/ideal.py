@@ -1,9 +1,11 @@
 """The ideal plant, q <- q + dt x: the arm moves exactly as commanded, against springs where the tool touches.
 
-It has no inertia, no actuator lag, no delay, no friction and no noise.
+It has no inertia, no actuator lag, no friction and no noise; a dead time only where one is asked for.
 """
 
 from __future__ import annotations
+
+from collections import deque
 
 import numpy as np
 
@@ -27,12 +29,15 @@ class IdealPlant:
         dt: float,
         springs: Springs | None = None,
         sensor: SimulatedSensor | None = None,
+        delay: float = 0.0,
     ) -> None:
+        """An arm at rest at `start` (m,) that does what it is told `delay` seconds late, in whole ticks of dt [s]."""
         self._robot = robot
         self._dt = dt
         self._springs = springs
         self._sensor = SimulatedSensor(np.eye(4)) if sensor is None else sensor
         self._q = start.copy()
+        self._late = deque([np.zeros(len(start))] * round(delay / dt))
         self._angle = 0.0
         self._state: PlantState | None = None  # asked for twice in a tick
 
@@ -44,8 +49,9 @@ class IdealPlant:
         return Measurement(now.q, self._sensor.reading(now.pose, now.wrench))
 
     def command(self, velocity: Array) -> None:
-        """q <- q + dt x."""
-        self._q = self._q + self._dt * velocity
+        """q <- q + dt x, x the velocity that was commanded a dead time ago."""
+        self._late.append(velocity)
+        self._q = self._q + self._dt * self._late.popleft()
         self._state = None
 
     def state(self) -> PlantState:

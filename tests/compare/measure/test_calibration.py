@@ -9,6 +9,9 @@ import invariantqp as iq
 from invariantqp.compare.measure import calibration as measure
 from invariantqp.compare.measure.cell import Cell
 from invariantqp.compare.measure.loops import loops
+from invariantqp.compare.measure.watched import figures, watched_run
+from invariantqp.compare.registry import controller_named
+from invariantqp.runs.prepare import prepare
 
 CELL = Cell("calibration", "compare/ur5_limits", ("invariantqp",), quick=True)
 
@@ -16,7 +19,7 @@ CELL = Cell("calibration", "compare/ur5_limits", ("invariantqp",), quick=True)
 def test_an_arm_that_is_where_its_model_says_is_the_ordinary_run():
     with mock.patch.multiple(measure, TURNED=0.0, SHIFTED=0.0):
         found = measure.calibration(CELL)["invariantqp"]
-    plain = loops(CELL)["invariantqp"]
+    plain = figures(*watched_run(prepare(CELL.load()), controller_named("invariantqp")))
     for name, value in found.items():
         assert value == pytest.approx(plain[name], rel=1e-6, abs=1e-9), name
 

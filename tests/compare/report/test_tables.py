@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from invariantqp.compare.measure import loops
 from invariantqp.compare.report import tables
 from invariantqp.compare.report.tables import figure
 from invariantqp.compare.report.verdict import short
@@ -18,9 +19,10 @@ PAGES = SimpleNamespace(**runpy.run_path(str(ROOT / "examples" / "shared" / "pag
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "examples" / "guide" / "comparison.md").read_text(encoding="utf-8")
 RESULTS = json.loads(FILE.read_text(encoding="utf-8"))
+EVERYDAY = json.loads(FILE.with_name("everyday.json").read_text(encoding="utf-8"))
 SECTION = README.split(PAGES.BEGIN)[1].split(PAGES.END)[0].strip()
 PARTS = PAGE.split(PAGES.BEGIN)[1].split(PAGES.END)[0].strip().split("\n\n")
-(HEADINGS, *ROWS), (_, *LIBRARIES), (CALIBRATED, *OFF) = (
+(HEADINGS, *ROWS), (_, *LIBRARIES), (CALIBRATED, *OFF), (FIRST, *MET) = (
     [[cell.strip() for cell in line.strip("|").split(" | ")] for line in part.splitlines() if "---" not in line]
     for part in PARTS
     if part.startswith("|")
@@ -28,10 +30,10 @@ PARTS = PAGE.split(PAGES.BEGIN)[1].split(PAGES.END)[0].strip().split("\n\n")
 ROUNDED = 0.051  # two digits
 
 
-def result(kind, task, method):
+def result(kind, task, method, results=RESULTS):
     (found,) = [
         cell["result"]
-        for cell in RESULTS["cells"]
+        for cell in results["cells"]
         if (cell["kind"], cell["task"], cell["method"]) == (kind, task, method)
     ]
     return found
@@ -65,6 +67,37 @@ def test_every_number_of_a_miscalibrated_arm_is_one_too(row):
         mm, variation = (float(part) for part in cell.split(" · "))
         assert mm == pytest.approx(found["position_mm"], rel=ROUNDED)
         assert variation == pytest.approx(found["variation"], rel=ROUNDED)
+
+
+@pytest.mark.parametrize("row", MET, ids=lambda row: row[0])
+def test_every_number_of_an_everyday_task_is_one_too(row):
+    method, *cells, joints = row
+    tasks = {name: task for task, name in tables.EVERYDAY.items()}
+    assert [tasks[name] for name in FIRST[1:-1]] == list(loops.EVERYDAY)
+    for cell, name in zip(cells, FIRST[1:], strict=False):
+        found = result("everyday", tasks[name], method, EVERYDAY)
+        *measured, settled = cell.split(" · ")
+        keys = ("grown_mm", "grown_deg", "acceleration")
+        assert [float(x) for x in measured] == [pytest.approx(found[key], rel=ROUNDED) for key in keys]
+        assert settled == ("never" if found["settling_s"] is None else figure(found["settling_s"]))
+    stays = result("everyday", "compare/stay", method, EVERYDAY)
+    assert float(joints) == pytest.approx(stays["joints_deg"], rel=ROUNDED)
+
+
+def test_everyday_rows_are_those_of_the_first_table():
+    assert [row[0] for row in MET] == [row[0] for row in ROWS]
+    assert EVERYDAY["tasks"] == []
+    assert {cell["kind"] for cell in EVERYDAY["cells"]} == {"everyday"}
+
+
+def test_motion_is_a_table_where_it_was_measured():
+    loop = {"acceleration": 12.3, "settling_s": None}
+    methods = [{"name": name, "shown": True} for name in ("a", "b")]
+    cells = [{"kind": "loop", "task": "compare/panda", "method": "a", "result": loop}]
+    found = {"tasks": ["compare/panda"], "methods": methods, "cells": cells}
+    assert tables.motion(found) == (["method", "Panda"], [["a", "12 · never"], ["b", "- · -"]])
+    assert tables.motion({**found, "cells": []}).rows == ()
+    assert tables.everyday(found).rows == []
 
 
 def test_the_other_libraries_were_measured_too():
@@ -104,7 +137,7 @@ def test_no_other_part_of_the_readme_compares_times_by_figures_of_its_own():
 
 def test_the_command_would_write_what_is_there():
     assert PAGES.with_section(README, PAGES.listed(short(RESULTS))) == README
-    assert PAGES.with_section(PAGE, PAGES.guide(RESULTS)) == PAGE
+    assert PAGES.with_section(PAGE, PAGES.guide(RESULTS, EVERYDAY)) == PAGE
     with pytest.raises(ValueError, match="no place for the comparison"):
         PAGES.with_section("nothing", "")
 

@@ -112,6 +112,19 @@ def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
     np.testing.assert_allclose(task_sensor.wrench(measured.wrench, now.pose), -now.wrench, atol=1e-10)
 
 
+def test_a_late_plant_does_what_it_was_told_a_dead_time_ago():
+    robot = iq.load_robot("panda")
+    plant = IdealPlant(robot, READY, 0.004, delay=0.012)
+    velocity = np.linspace(-0.1, 0.1, 7)
+    for k in range(3):
+        plant.command((k + 1.0) * velocity)
+        np.testing.assert_array_equal(plant.measure().q, READY)
+    plant.command(np.zeros(7))
+    np.testing.assert_allclose(plant.measure().q, READY + 0.004 * velocity, atol=1e-15)
+    plant.command(np.zeros(7))
+    np.testing.assert_allclose(plant.measure().q, READY + 0.012 * velocity, atol=1e-15)
+
+
 def test_a_plant_without_contact_has_no_wrench():
     robot = iq.load_robot("panda")
     plant = IdealPlant(robot, READY, 0.002)
