@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import compared
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 
 @compared
@@ -15,9 +15,7 @@ class PathSolution(NamedTuple):
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "waiting" (on the way to the path's start, or planning), "moving", "slowed" (limits rule the speed),
-            "paused" (at rest on the path, or back at its start), "left" (the path cannot be had here, and is passed by
-            the least), "blocked" (it cannot be had, or got to, and the tool has stopped before it), "done".
+        status: "waiting", "moving", "slowed", "paused", "left", "blocked" or "done": see `Status`.
         reason: why, in words, "" where there is nothing to report.
         place: the path's parameter where the tool is.
         speed: of the place [1/s], negative backward.
@@ -29,7 +27,7 @@ class PathSolution(NamedTuple):
     """
 
     velocity: Array
-    status: str
+    status: Status
     reason: str
     place: float
     speed: float

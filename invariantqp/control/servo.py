@@ -21,7 +21,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.limits.braking import braking_speed
-from invariantqp.velocity.solution import VelocitySolution, with_trouble
+from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 
 # The gain towards a pose is at most this share of jerk / acceleration: the tool then comes to rest without overshoot.
 CALM_SHARE = 0.3
@@ -119,7 +119,7 @@ class Servo:
         # Where limits hold the tool back, it goes on from what it does.
         self.twist = sighting.J.dot(solution.velocity) if solution.active else twist
         self._rate = rate
-        return with_trouble(solution, reason) if reason and solution.status != "held" else solution
+        return with_trouble(solution, reason) if reason and solution.status is not Status.HELD else solution
 
     def _reason(self, command: Any, age: float) -> str:
         """Why the tool is to stand still, "" where it is not."""

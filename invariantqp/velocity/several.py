@@ -34,7 +34,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.quadratic import Quadratic, named, weighted
-from invariantqp.velocity.solution import VelocitySolution, clipped
+from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.solve import computed
 from invariantqp.velocity.stages import beside, given_way, slowed_rows, unkept
 
@@ -214,7 +214,7 @@ def _solved(
         words.extend(filter(None, [moved]))
     if active:
         words.append(f"at the limits of {named(list(active), m)}")
-    status = "degraded" if troubles else "scaled" if share < 1.0 else "ok"
+    status = Status.DEGRADED if troubles else Status.SCALED if share < 1.0 else Status.OK
     method = "qp" if bounded or share < 1.0 else "closed-form"
     residual = demand.s - demand.J.dot(x)
     return VelocitySolution(x, method, status, "; ".join(words), active, residual, share, 0.0, 0.0, backend)
