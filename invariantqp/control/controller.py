@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import same_turn, share_of_gain
+from invariantqp.control.changes import STOPPED, Changes, changes_of
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
@@ -38,7 +39,7 @@ from invariantqp.velocity.law import SLACK, Chase, Demand, VelocityLaw
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
 
@@ -84,6 +85,7 @@ class Controller:
         tool_speed: ToolSpeed | float | None = None,
         rows: Rows | None = None,
         limits: Sequence[PinkLimit] = (),
+        far_outside: Literal["hold", "return"] = "hold",
     ) -> None:
         """Make the loop's fixed part.
 
@@ -116,6 +118,8 @@ class Controller:
             limits: limits and barriers made for Pink from `robot.model`: anything with
                 `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
                 they contradict these. Reasons number them after `rows`, in their order. Pink cannot pickle them.
+            far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
+                its position range, as one in degrees is; "return" moves back from there too.
 
         Raises:
             BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, or an
@@ -148,8 +152,20 @@ class Controller:
         self.posture_gain: float = float(self._pull.max())
         self._fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
         self._slack = SLACK * self.gain * self.measure.radian(seen.J, seen.pose)
-        self._limits = loop_limits(robot, self.dt, delay, acceleration_limit, position_margin, tool_speed, rows, limits)
-        self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
+        turning = np.array(seen.J[:3].any(axis=0))
+        self._limits = loop_limits(
+            robot,
+            self.dt,
+            delay,
+            acceleration_limit,
+            position_margin,
+            tool_speed,
+            rows,
+            limits,
+            far_outside,
+            turning,
+        )
+        self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
         self.kept: Array = Memory.at_first(m).numbers  # from tick to tick
         self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
@@ -175,7 +191,15 @@ class Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks
 
     def step(
-        self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        target: Any,
+        feedforward: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        *,
+        speed: float = 1.0,
+        velocity_limit: ArrayLike | None = None,
+        tool_speed: float | None = None,
     ) -> VelocitySolution:
         """One tick: the joint velocity to command until the next.
 
@@ -185,6 +209,13 @@ class Controller:
             feedforward: (6,) twist of the target in the base frame [rad/s; length/s]; None is a target at rest.
             velocity: (m,) joint velocity now [rad/s, length/s], for the acceleration limits; None is the one commanded
                 last, zero before the first tick.
+            speed: an operator's slider, from 0 to 1: the joints go the same way, `speed` times as fast as they would,
+                feedforward and approach alike; 0 stands still. A target that moves on has to move so much slower too.
+            velocity_limit: (m,) or one for all joints [rad/s, length/s], in this tick; the lower of it and the arm's.
+            tool_speed: the largest speed of the controller's limited point, or of the tool frame's origin, in this tick
+                [length/s]; the lower of it and the controller's own. The slider scales limits of
+                speed too: they are those at speed=1. Joints that are faster than all this allows slow down as fast as
+                their `acceleration_limit` lets them, at once without one.
 
         Returns:
             VelocitySolution: q + dt velocity is inside the position limits, or on its way back inside.
@@ -192,7 +223,8 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        core = None if target is None else self.compiled
+        now = changes_of(speed, velocity_limit, tool_speed, self._count)
+        core = None if target is None or now is not None else self.compiled
         found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
             answer, more = found
@@ -206,12 +238,16 @@ class Controller:
         ahead = np.zeros(6) if feedforward is None else arrays.array(feedforward, "feedforward", "numbers")
         root = self.measure.root_for(sighting.J, sighting.pose)
         share = 1.0
-        if self.braking is not None:
-            share = share_of_gain(self.law, self.braking, self.gain, root.dot(sighting.J), root.dot(error))
+        gain = self.gain if now is None else now.speed * self.gain
+        if self.braking is not None and gain > 0.0:
+            share = share_of_gain(self.law, self.braking, gain, root.dot(sighting.J), root.dot(error))
             s -= (1.0 - share) * self.gain * error
         state = Observed(positions, sighting, target, root, before)
-        solution = self._tick(state, s, share * self.gain, ahead, chased=True)
-        change = -self.dt * (solution.velocity.dot(sighting.J.T) - ahead)
+        solution = self._tick(state, s, share * self.gain, ahead, chased=True, now=now)
+        if self.wrong(positions):
+            return solution
+        led = ahead if now is None else now.speed * ahead
+        change = -self.dt * (solution.velocity.dot(sighting.J.T) - led)
         memory = memory.followed(error, change, root, self._slowness / self.dt)
         memory.write(self.kept)
         return memory.judged(solution)
@@ -227,6 +263,9 @@ class Controller:
         posture: ArrayLike | None = None,
         *,
         calm: bool = True,
+        speed: float = 1.0,
+        velocity_limit: ArrayLike | None = None,
+        tool_speed: float | None = None,
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
@@ -239,6 +278,9 @@ class Controller:
             at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
             posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
             calm: False where the joint motion is planned: what damps the chase of a target out of reach is left out.
+            speed: as in `step`; exact `rows` are `speed` times as fast too.
+            velocity_limit: as in `step`.
+            tool_speed: as in `step`.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -246,7 +288,8 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
-        own = rows is None and sighting is None and at is None and posture is None and calm is True
+        now = changes_of(speed, velocity_limit, tool_speed, self._count)
+        own = now is None and rows is None and sighting is None and at is None and posture is None and calm is True
         core = self.compiled if own else None
         found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
         if found is not None:
@@ -259,7 +302,7 @@ class Controller:
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, self._count, "posture")
         state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity), where)
-        return self._tick(state, s, 0.0, s, rows, posture=free, calm=arrays.flag(calm, "calm"))
+        return self._tick(state, s, 0.0, s, rows, posture=free, calm=arrays.flag(calm, "calm"), now=now)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -285,6 +328,22 @@ class Controller:
         """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
         return self._limits.told(solution, q, self.robot.names)
 
+    def wrong(self, q: Array) -> str:
+        """Why joint positions (m,) cannot be true, "" where they may be or `far_outside` is "return"."""
+        return self._limits.wrong(q, self.robot.names)
+
+    def believed(self, q: ArrayLike) -> Array:
+        """Joint positions (m,) that can be true.
+
+        Raises:
+            BadInput: NaN, a wrong shape, or positions for which a tick is held.
+        """
+        positions = arrays.vector(q, self._count, "q")
+        wrong = self.wrong(positions)
+        if wrong:
+            raise BadInput("q", wrong, "joint positions in radians, near the position ranges")
+        return positions
+
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
         return (self._posture - q) * self._pull if self.posture_gain else None
@@ -306,18 +365,22 @@ class Controller:
         *,
         calm: bool = True,
         chased: bool = False,
+        now: Changes | None = None,
     ) -> VelocitySolution:
         """The velocity for the twist s, or at rest if told to `stand`; exact demands follow `gain` and `ahead`.
 
         What of s is not `ahead` is `chased`: limits slow it down.
         """
         positions, sighting, target, root, before = state
+        wrong = self.wrong(positions)
+        if wrong:
+            return self._halted(state, s, wrong)
         fastest = self._fastest if posture is None else None
         posture = self.posture_pull(positions) if posture is None else posture
         exact = self._rows(sighting, target, gain, ahead, more)
-        limits = self._limits.at(self.robot, sighting, target, positions, before)
+        limits = self._limits.at(self.robot, sighting, target, positions, before, now)
         lower, upper, rows, cone, strained, trouble = limits[:6]
-        stand = trouble or stand
+        stand = trouble or stand or (STOPPED if now is not None and now.speed == 0.0 else None)
         rank = self.row_rank if more is None else None
         chase = None
         if chased:
@@ -325,7 +388,18 @@ class Controller:
             still = None if rows_ahead is None else rows_ahead.b
             chase = Chase(ahead, still, *limits.placed, self._slack, self.measure.carried is None)
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank, chase, fastest)
+        if now is not None and now.speed not in (0.0, 1.0):
+            demand = demand.slowed(now.speed)
         law = self.law if calm else self.law.planned
         solution = solve(law, demand) if stand is None else standing(law, demand, stand)
         self.kept[-len(positions) :] = solution.velocity
         return self._limits.told(solution, positions, self.robot.names, strained)
+
+    def _halted(self, state: Observed, s: Array, reason: str) -> VelocitySolution:
+        """Standing still wherever the joints may be, or coming to rest as fast as their accelerations allow."""
+        x = np.zeros(self._count)
+        if self.braking is not None:
+            x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
+        self.kept[-self._count :] = x
+        residual = s - state.sighting.J.dot(x)
+        return VelocitySolution(x, "hold", Status.HELD, reason, (), residual, 0.0, 0.0, 0.0, "")

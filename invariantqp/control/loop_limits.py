@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import e
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from invariantqp.control.changes import Changes
 from invariantqp.control.joint_rows import JointRows, PinkLimit, Rows, joint_rows
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.limits.box import JointBox, accelerations
 from invariantqp.velocity.limits.braking import BrakingBox
@@ -25,6 +27,8 @@ ORIGIN = np.zeros(3)
 # A joint that answers n ticks late goes the way to its limit in no less than e (n + 1/2) of them, a little more
 # than (n + 1)^(n + 1) / n^n: a faster one goes beyond it, and to and fro.
 LATE = e
+# A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
+FAR_OUTSIDE = 0.5
 
 
 class TickLimits(NamedTuple):
@@ -46,25 +50,51 @@ class LoopLimits(NamedTuple):
     braking: BrakingBox | None  # the same with acceleration limits, or None
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
     joint_rows: JointRows | None  # limits on combinations of joint velocities, or None
+    believed: tuple[Array, Array] | None  # (m,) bounds of positions that are believed, or None for all
 
-    def at(self, robot: Robot, sighting: Sighting, target: Any, q: Array, before: Array) -> TickLimits:
-        """The limits at joint positions q (m,), coming from the joint velocity `before` (m,)."""
+    def at(
+        self, robot: Robot, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None
+    ) -> TickLimits:
+        """The limits at joint positions q (m,), coming from the joint velocity `before` (m,), changed for `now`."""
         strained: Strained = ()
-        if self.braking is None:
-            lower, upper = self.box.at(q)
-            placed = self.box.placed(q)
+        box, braking = self.box, self.braking
+        if now is not None:
+            box, braking = now.box(box, braking, before)
+        if braking is None:
+            lower, upper = box.at(q)
+            placed = box.placed(q)
         else:
-            bounds = self.braking.at(q, before)
+            bounds = braking.at(q, before)
             lower, upper, strained = bounds[:3]
             placed = bounds[3:]
         rows = cone = None
         trouble = ""
-        if self.tool_speed is not None:
-            point = ORIGIN if self.tool_speed.point is None else self.tool_speed.point
-            cone = self.tool_speed.cone(sighting.J, robot.points(sighting, target, point)[0])
+        speed = self.tool_speed
+        if speed is not None or now is not None:
+            point = ORIGIN if speed is None or speed.point is None else speed.point
+            here = robot.points(sighting, target, point)[0]
+            cone = None if speed is None else speed.cone(sighting.J, here)
+        if now is not None:
+            step = np.full(len(q), np.inf) if braking is None else braking.acceleration * box.dt
+            cone = now.cone(
+                cone, Cone(velocity_at(sighting.J, here), np.inf, np.zeros(3)), (lower, upper), before, step
+            )
         if self.joint_rows is not None:
             rows, trouble = self.joint_rows.at(q, before)
         return TickLimits(lower, upper, rows, cone, strained, trouble, placed)
+
+    def wrong(self, q: Array, names: tuple[str, ...]) -> str:
+        """Why joint positions (m,) cannot be true, "" where they may be; of several joints, the worst."""
+        if self.believed is None:
+            return ""
+        lower, upper = self.believed
+        beyond = np.maximum(q - upper, lower - q)
+        i = int(beyond.argmax())
+        if not beyond[i] > 0.0:
+            return ""
+        off = f"{q[i]:.1f} rad is {beyond[i] + FAR_OUTSIDE:.1f} outside its position range"
+        give = 'Give far_outside="return" to move back from there'
+        return f"joint {i} ({names[i]}): {off}; are these degrees? {give}"
 
     def told(
         self, solution: VelocitySolution, q: ArrayLike, names: tuple[str, ...], strained: Strained = ()
@@ -87,8 +117,10 @@ def loop_limits(
     tool_speed: ToolSpeed | float | None,
     rows: Rows | None,
     limits: Sequence[PinkLimit],
+    far_outside: Literal["hold", "return"],
+    turning: NDArray[np.bool_],
 ) -> LoopLimits:
-    """The limits for the arguments of a controller.
+    """The limits for the arguments of a controller; `turning` (m,) says which joints turn.
 
     Raises:
         BadInput: something that is not a limit.
@@ -103,7 +135,11 @@ def loop_limits(
     combined = joint_rows(robot, rows, limits, dt)
     if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
         tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
-    return LoopLimits(box, braking, tool_speed, combined)
+    believed = None
+    if arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold":
+        room = np.where(turning, FAR_OUTSIDE, np.inf)
+        believed = robot.position_lower - room, robot.position_upper + room
+    return LoopLimits(box, braking, tool_speed, combined, believed)
 
 
 def _named(joints: Strained, names: tuple[str, ...]) -> str:

@@ -11,6 +11,7 @@ where it was and looks along the path again from there, with the joints as they 
 from __future__ import annotations
 
 from copy import deepcopy
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
 from invariantqp.control.path_orders import TURN, Pausable, override_of
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import reported, stands
+from invariantqp.control.path_report import DISBELIEF, reported, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
@@ -137,6 +138,8 @@ class PathDriver(Pausable):
         positions, state = arrays.vector(q, m, "q"), self._state
         before = state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
         part = override_of(override)
+        if self.controller.wrong(positions):
+            return self._halted(positions, before)
         if self.plan is not None and self._path is not None:
             if self._search is not None and self._search.done:
                 self._drive_by(self._search, part)
@@ -163,6 +166,14 @@ class PathDriver(Pausable):
         """The solution of a tick that the core drove, its reason with the words that Python has for limits."""
         inner = self.controller.told(answer.velocity_solution, q)
         return answer._replace(reason="" if answer.status is Status.DONE else inner.reason, velocity_solution=inner)
+
+    def _halted(self, q: Array, before: Array) -> PathSolution:
+        """What is told of a tick whose joint positions cannot be true; place and time stay."""
+        answer, state = self.controller.rest(q, "", before), self._state
+        self._state = at_rest(state.place, answer.velocity.copy(), state.ticks, back=state.back)
+        at = state.place if self._path is None else self._path.place(state.place)
+        lag = None if self._pace.rate is None else state.ticks * self.controller.dt - at / self._pace.rate
+        return PathSolution(answer.velocity, Status.HELD, answer.reason, at, 0.0, DISBELIEF, lag, inf, answer)
 
     def _set_out(self, q: Array, before: Array) -> PathSolution:
         """On the way to the place where the path is to be driven from, and looking along it there."""

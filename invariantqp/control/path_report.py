@@ -23,6 +23,8 @@ ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
 SETTLING, ENDED = "settling", "the path's end"
 # What rules where the path is driven backward and the tool is back where it set out.
 BACK = "the start"
+# What rules where joint positions cannot be true.
+DISBELIEF = "joint positions"
 
 
 def reported(

@@ -15,14 +15,14 @@ class PathSolution(NamedTuple):
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "waiting", "moving", "slowed", "paused", "left", "blocked" or "done": see `Status`.
+        status: "waiting", "moving", "slowed", "paused", "left", "blocked", "done" or "held": see `Status`.
         reason: why, in words, "" where there is nothing to report.
         place: the path's parameter where the tool is.
         speed: of the place [1/s], negative backward.
         ruling: the limit that rules the speed, in words; "settling" where all of the path is driven and the joints come
             to rest.
         lag: how late the tool is [s]; None where no rate is asked for.
-        across: how far the tool is off the path, in the measure [length].
+        across: how far the tool is off the path, in the measure [length]; inf where joint positions cannot be true.
         velocity_solution: the velocity law's answer.
     """
 

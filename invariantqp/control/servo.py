@@ -92,13 +92,16 @@ class Servo:
 
         Returns:
             VelocitySolution; "degraded" while the tool slows down because no command comes or it is paused, "held"
-            where it stands still for that.
+            where it stands still for that, or for joint positions that cannot be true.
 
         Raises:
             BadInput: NaN or wrong shapes; the servo is as it was.
         """
         loop = self.controller
         positions = arrays.vector(q, len(loop.robot.names), "q")
+        if loop.wrong(positions):
+            self.twist, self._rate, self._age = np.zeros(6), np.zeros(6), self._age + loop.dt
+            return loop.rest(positions, "", velocity)
         kept, age = (self._command, self._age + loop.dt) if command is None else (_checked(loop, command), 0.0)
         reason = self._reason(kept, age)
         held, target = (None, None) if kept is None else kept

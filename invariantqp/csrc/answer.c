@@ -27,12 +27,12 @@ bool words_made(void)
 
 /* Take the type of answers, a named tuple, and the members of their enum of statuses, by their words; false with an
    error where they are something else. Both are kept. */
-bool taken_as(PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n, PyTypeObject **answer,
-              PyObject **statuses)
+bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
+              PyTypeObject **answer, PyObject **statuses)
 {
     if (count != 2 || !PyType_Check(arguments[0]) ||
         !PyType_IsSubtype((PyTypeObject *)arguments[0], &PyTuple_Type)) {
-        refused("needs a named tuple and the enum of its statuses");
+        refused(use);
         return false;
     }
     for (int i = 0; i < n; i++) {
@@ -51,7 +51,7 @@ bool taken_as(PyObject *const *arguments, Py_ssize_t count, const char *const *w
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    return taken_as(arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
+    return taken_as("answer_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
 }
 
 /* A tuple of some type with these values, which it takes over; NULL where one of them is. */

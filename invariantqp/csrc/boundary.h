@@ -50,8 +50,8 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
 #define METHOD_LETTERS 11
 #define STATUS_LETTERS 8
 bool words_made(void);
-bool taken_as(PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n, PyTypeObject **answer,
-              PyObject **statuses);
+bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
+              PyTypeObject **answer, PyObject **statuses);
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution);

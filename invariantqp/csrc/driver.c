@@ -14,7 +14,7 @@ PyObject *tell_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count
     static const char *const STATUS[] = {"moving", "slowed", "paused", "done"};
     if (NOTHING == NULL && (NOTHING = PyUnicode_InternFromString("")) == NULL)
         return NULL;
-    return taken_as(arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
+    return taken_as("tell_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
 }
 
 /* Read a course: joints, knots of the plan, knots of the curve, and so on, then the arrays one by one. */

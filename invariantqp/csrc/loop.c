@@ -114,6 +114,9 @@ Outcome demand_in(const Loop *loop, const double *q, const double *before, const
     demand->metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
     demand->form = loop->has_form != 0.0 ? &loop->form : NULL;
     demand->limits = (int)loop->limits;
+    for (int j = 0; j < (int)loop->joints; j++)
+        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > FAR_OUTSIDE)
+            return HAND_BACK; /* Python decides whether that can be true */
     memcpy(demand->G, loop->G, (size_t)demand->limits * sizeof(Row));
     memcpy(demand->least, loop->least, sizeof(Row));
     memcpy(demand->most, loop->most, sizeof(Row));

@@ -61,6 +61,7 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 #define FAST_SHARE 0.02
 #define STRAIN_TOLERANCE 1e-9
 #define OUTSIDE 1e-3
+#define FAR_OUTSIDE 0.5
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5
 

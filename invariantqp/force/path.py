@@ -12,6 +12,7 @@ along again with the joints as they are then.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from invariantqp.control.path_driver import DISPLACED, PUSHED
 from invariantqp.control.path_orders import TURN, Reversible, override_of
 from invariantqp.control.path_pace import ON_TIME, OVERRIDDEN, Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import ARRIVED, ENDED, SETTLING, STOPPED, on_the_path, stands
+from invariantqp.control.path_report import ARRIVED, DISBELIEF, ENDED, SETTLING, STOPPED, on_the_path, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_state import PathState, at_rest
 from invariantqp.errors import BadInput, excerpt
@@ -100,9 +101,9 @@ class HybridFollower(Reversible):
             q: (m,) joint positions near the path's start [rad, length].
 
         Raises:
-            BadInput: NaN or a wrong shape.
+            BadInput: NaN, a wrong shape, or positions that cannot be true.
         """
-        positions = arrays.vector(q, len(self.hybrid.robot.names), "q")
+        positions = self.hybrid.loop.believed(q)
         while self.plan is None:
             self._look_on(positions)
 
@@ -138,6 +139,10 @@ class HybridFollower(Reversible):
         if self.plan is not None and self._search is not None:
             self.plan = self._search.plan(self._pace.fastest(part), self._pace.smooth)
         state, plan = self._state, self.plan
+        if loop.wrong(positions):
+            answer = hybrid.step(positions, curve.pose(state.place), wrench, None, None, velocity, wanted)
+            self._state = at_rest(state.place, answer.velocity, state.ticks, back=state.back)
+            return self._told(answer, answer.status, answer.reason, 0.0, DISBELIEF, inf)
         before = state.velocity if velocity is None else velocity
         tool = robot.pose(positions)
         here = contact_now(hybrid.task, tool, contact)

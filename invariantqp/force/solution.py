@@ -28,6 +28,8 @@ class HybridSolution(Compared):
         contact: the contact of this tick, with the normal found.
         velocity_solution: the velocity law's answer.
         J: (6, m) joint twists.
+
+    Where joint positions cannot be true, wrenches are NaN: where they act is not known.
     """
 
     velocity: Array
