@@ -20,13 +20,13 @@ from invariantqp.control.changes import STOPPED, Changes, changes_of
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.joint_rows import PinkLimit, Rows
-from invariantqp.control.loop_limits import loop_limits
+from invariantqp.control.joint_rows import Rows
+from invariantqp.control.loop_limits import Limit, loop_limits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import Memory
 from invariantqp.control.observed import Observed, at_rest
 from invariantqp.control.posture import POSTURE_GAIN, posture_of
-from invariantqp.control.tracking import tracking_gain, tracking_twist
+from invariantqp.control.tracking import question_gain, tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
@@ -84,7 +84,7 @@ class Controller:
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
         rows: Rows | None = None,
-        limits: Sequence[PinkLimit] = (),
+        limits: Sequence[Limit] = (),
         far_outside: Literal["hold", "return"] = "hold",
     ) -> None:
         """Make the loop's fixed part.
@@ -115,9 +115,10 @@ class Controller:
             tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
                 limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
-            limits: limits and barriers made for Pink from `robot.model`: anything with
+            limits: more limits, in a list: LimitRows or functions as in `rows`, a ToolSpeed in place of `tool_speed`,
+                limits and barriers made for Pink from `robot.model`, anything with
                 `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
-                they contradict these. Reasons number them after `rows`, in their order. Pink cannot pickle them.
+                they contradict these. Reasons number their rows after `rows`, in their order. Pink cannot pickle its.
             far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
                 its position range, as one in degrees is; "return" moves back from there too.
 
@@ -125,12 +126,19 @@ class Controller:
             BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, or an
                 argument that `solve_velocity` would refuse.
             UnknownName: no such back end.
-            MissingExtra: `limits` without Pink.
+            MissingExtra: a limit of Pink's without Pink.
+
+        Warns:
+            UserWarning: a gain of at most 1 1/s beside a tick of at most 20 ms, which may be meant as a share of the
+                error in a tick.
         """
         self.robot = require_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
-        self.gain: float = tracking_gain(gain, self.dt, arrays.not_negative(delay, "delay", "a dead time in seconds"))
+        dead = arrays.not_negative(delay, "delay", "a dead time in seconds")
+        self.gain: float = tracking_gain(gain, self.dt, dead)
+        if gain is not None:
+            question_gain(self.gain, self.dt)
         self.exact: tuple[Exact, ...] = demands_of(exact)
         self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
@@ -156,7 +164,7 @@ class Controller:
         self._limits = loop_limits(
             robot,
             self.dt,
-            delay,
+            dead,
             acceleration_limit,
             position_margin,
             tool_speed,

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.changes import Changes
-from invariantqp.control.joint_rows import JointRows, PinkLimit, Rows, joint_rows
+from invariantqp.control.joint_rows import LIMITS, JointRows, PinkLimit, Rows, joint_rows
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
@@ -23,6 +24,7 @@ from invariantqp.velocity.qp.quadratic import Cone
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 Strained = tuple[tuple[int, str], ...]
+Limit = Rows | ToolSpeed | PinkLimit
 ORIGIN = np.zeros(3)
 # A joint that answers n ticks late goes the way to its limit in no less than e (n + 1/2) of them, a little more
 # than (n + 1)^(n + 1) / n^n: a faster one goes beyond it, and to and fro.
@@ -116,15 +118,15 @@ def loop_limits(
     position_margin: float,
     tool_speed: ToolSpeed | float | None,
     rows: Rows | None,
-    limits: Sequence[PinkLimit],
+    limits: Sequence[Limit],
     far_outside: Literal["hold", "return"],
     turning: NDArray[np.bool_],
 ) -> LoopLimits:
     """The limits for the arguments of a controller; `turning` (m,) says which joints turn.
 
     Raises:
-        BadInput: something that is not a limit.
-        MissingExtra: `limits` without Pink.
+        BadInput: something that is not a limit, two tool speeds.
+        MissingExtra: a limit of Pink's without Pink.
     """
     margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
     time = LATE * (delay + 0.5 * dt) if delay > 0.0 and acceleration_limit is None else dt
@@ -132,7 +134,14 @@ def loop_limits(
     braking = None
     if acceleration_limit is not None:
         braking = BrakingBox(box, accelerations(acceleration_limit, len(robot.names)), delay)
-    combined = joint_rows(robot, rows, limits, dt)
+    if not isinstance(limits, (list, tuple)):
+        raise BadInput("limits", excerpt(limits), f"a list: {LIMITS}")
+    combined = joint_rows(robot, rows, [limit for limit in limits if not isinstance(limit, ToolSpeed)], dt)
+    speeds: list[ToolSpeed | float] = [limit for limit in limits if isinstance(limit, ToolSpeed)]
+    speeds += [] if tool_speed is None else [tool_speed]
+    if len(speeds) > 1:
+        raise BadInput("limits", "two tool speeds", "one, here or as tool_speed=")
+    tool_speed = speeds[0] if speeds else None
     if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
         tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
     believed = None

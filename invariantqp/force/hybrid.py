@@ -110,7 +110,7 @@ class HybridController:
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
         cutoff, self._noise = (inf, 0.0) if sensor is None else (sensor.cutoff, sensor.noise)
-        delay: float = options.get("delay", 0.0)
+        delay = float(options.get("delay", 0.0))
         if delay > MOST_TICKS * self.loop.dt:
             raise BadInput("delay", f"{delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
         self._timing = self.loop.dt, delay, cutoff

@@ -98,7 +98,7 @@ class TwistTask(Value):
         """
         twists, wanted, chosen = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist)), form_of(form)
         measure = measure_of(twists, wanted, chosen, point, None)
-        self.__attrs_init__(twists, wanted, chosen, _weight(weight), priority, measure.point, measure)
+        self.__attrs_init__(twists, wanted, chosen, _weight(weight), _level(priority), measure.point, measure)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -126,7 +126,11 @@ class JointTask(Value):
         Raises:
             BadInput: NaN, a weight that is not positive.
         """
-        self.__attrs_init__(arrays.vector(velocity, None, "velocity"), _weight(weight), priority)
+        self.__attrs_init__(arrays.vector(velocity, None, "velocity"), _weight(weight), _level(priority))
+
+
+def _level(priority: int) -> int:
+    return arrays.count(priority, "priority")
 
 
 def _weight(weight: float) -> float:
