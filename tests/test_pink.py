@@ -112,9 +112,11 @@ def test_without_limits_it_is_our_own_law_on_the_derivative_of_the_error(arms, n
         np.testing.assert_allclose(J @ x, J @ wanted.velocity, rtol=0.0, atol=1e-8 * fastest)
         # The condition of H is 1 / ceiling^2, more where a joint moves nothing: rounding decides the digits beyond.
         np.testing.assert_allclose(x, wanted.velocity, rtol=0.0, atol=(1e-5 if len(x) > 6 else 1e-6) * fastest)
-        missed += bool(np.linalg.norm(wanted.residual) > 1e-6 * np.linalg.norm(error) / DT)
+        short = bool(np.linalg.norm(wanted.residual) > 1e-6 * np.linalg.norm(error) / DT)
+        missed += short
+        assert wanted.damping > 0.0 or not short or name == "so101"
         statuses.append(wanted.status)
-    assert missed == 40 if name == "so101" else missed < 10  # five joints miss most twists, six only what is damped
+    assert missed == 40 if name == "so101" else missed < 20  # five joints miss most twists, six only what is damped
     assert "ok" in statuses
 
 
@@ -418,7 +420,7 @@ def test_pinks_limits_hold_under_our_controller(arms):
             slack = h / DT - G @ solution.velocity
             assert slack.min() > -1e-9
             reached[type(limit).__name__] += slack.min() < 1e-7
-        assert solution.status in {"ok", "guarded"}, solution.reason
+        assert solution.status in {"ok", "guarded", "limited"}, solution.reason
         before = solution.velocity
         q = q + DT * before
     assert min(reached.values()) > 0
@@ -465,11 +467,11 @@ def test_limits_that_no_number_comes_from_or_no_velocity_meets_are_a_status(arms
         (Answers(0.0 * row, -np.ones(1)), "held", "allows no velocity"),
         (Answers(np.vstack((row, -row)), -0.001 * np.ones(2)), "degraded", "rows contradict each other"),
         (Answers(row, np.array([-100.0])), "degraded", "rows contradict the bounds of joint 0"),
-        (Answers(row, np.array([np.inf])), "ok", ""),
-        (Answers(np.empty((0, 6)), np.empty(0)), "ok", ""),
+        (Answers(row, np.array([np.inf])), "", ""),
+        (Answers(np.empty((0, 6)), np.empty(0)), "", ""),
     ):
         solution = iq.Controller(robot, dt=DT, limits=[limit]).step(q, away)
-        assert (solution.status in {"ok", "guarded"}) if status == "ok" else solution.status == status
+        assert solution.status == (status or iq.Controller(robot, dt=DT).step(q, away).status)
         assert said in solution.reason
         assert np.isfinite(solution.velocity).all()
         assert (np.abs(solution.velocity) <= robot.velocity_limit).all()

@@ -1,6 +1,6 @@
 """How well a pitch splits twists in one state: |P_h|, the factor between the errors of P_h s and of least squares.
 
-    A = root J,  U its directions that the law does not damp,  M the form on measured twists
+    A = root J,  U its directions of which the law does half and more,  M the form on measured twists
     P_h = U (U'MU)^-1 U'M,    |s - P_h s| <= |P_h| |s - U U's|,    |P_h| = 1 / sin(angle between U and what P_h removes)
 
 Proof: (I - P_h) U = 0, so (I - P_h) s = (I - P_h)(s - U U's), and |I - P_h| = |P_h| for every projector but 0 and I.
@@ -18,7 +18,7 @@ from math import inf
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import DEFAULT_THRESHOLD
+from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.forms import PitchForm
 
 # An eigenvalue of U'MU below this share of |M| is rounding of zero.
@@ -26,9 +26,10 @@ ROUNDING = 1e-12
 
 
 def can_do(A: Array) -> Array:
-    """(6, k) orthonormal: the twists that the measured joints A (6, m) can do, without those that the law damps."""
+    """(6, k) orthonormal: the twists that the measured joints A (6, m) can do, damping leaves half of them and more."""
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
-    return np.asarray(U[:, sigma >= max(DEFAULT_THRESHOLD * sigma[0], np.finfo(float).tiny)])
+    damped = Adaptive().squares(sigma, np.zeros(len(sigma)), sigma[0])
+    return np.asarray(U[:, sigma * sigma >= np.maximum(damped, np.finfo(float).tiny)])
 
 
 def projector_norm(U: Array, inverse_root: Array, h: float) -> float:

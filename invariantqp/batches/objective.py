@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.batches.box import Problem, inverse_hessian_times, least_squares_in_box
-from invariantqp.batches.measure import beside_largest, length_of
+from invariantqp.batches.measure import length_of
 from invariantqp.batches.namespace import Namespace, Rows, carries_derivatives, constant, constant_of, precision
 from invariantqp.velocity.calm import CALM, DEVIATION_SHARE, QUIET_SHARE
 from invariantqp.velocity.damping import UNLIMITED_CEILING, UNLIMITED_THRESHOLD, Adaptive, Fixed
@@ -39,7 +39,7 @@ class Least(NamedTuple):
     x: Rows  # (..., m) inside the box
     side: Rows  # (..., m) -1 at the lower bound, 1 at the upper, 0 between
     settled: Rows  # (...) whether it is the optimum
-    lost: Rows  # (...) what damping gives up of b where no bound is met, beside the largest entry of b
+    possible: Rows  # (..., k) what of b the joints can do, all of it for six and more
 
 
 class Damped(NamedTuple):
@@ -91,21 +91,20 @@ def damped_least_squares(
     weights = sigma * sigma + damped.values
     wanted = _times(xp, xp.matrix_transpose(U), b0)
     optimum = (sigma * wanted + damped.values * _times(xp, Vt, towards)) / weights
-    missed = xp.where(null, xp.zeros_like(sigma), damped.values) * wanted / weights
+    possible = constant_of(b) if m >= 6 else _times(xp, U, xp.where(null, xp.zeros_like(sigma), wanted))
     spectrum = (Vt, sigma, damped)
     x, side, settled, K, free = _boxed(xp, Vt, weights, optimum, low, high)
     if dt > 0.0:
         speed = length_of(xp, xp.where(null, xp.zeros_like(sigma), _times(xp, Vt, x)))
         added = _calm(xp, A0, b0, x, speed, dt)[..., None]
         x, side, settled, K, free = _boxed(xp, Vt, weights + added, optimum * (weights / (weights + added)), low, high)
-    lost = length_of(xp, missed / beside_largest(xp, b0)[1])
     if dt == 0.0 and carries_derivatives(A, b, lower, upper, posture):
         bound = xp.where(side < 0.0, lower, xp.where(side > 0.0, upper, x))
         change = _gradient(xp, A, b, posture, bound, spectrum)
         change = _rows_last(xp, change - constant_of(change), 1)
         newton = inverse_hessian_times(xp, K, free, change)
         x = bound - xp.reshape(xp.matrix_transpose(newton), side.shape)
-    return Least(x, side, settled, lost)
+    return Least(x, side, settled, possible)
 
 
 def _boxed(

@@ -159,7 +159,7 @@ class Controller:
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
         self._fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
-        self._slack = SLACK * self.gain * self.measure.radian(seen.J, seen.pose)
+        self._slack = SLACK * self.gain * self.measure.radian
         turning = np.array(seen.J[:3].any(axis=0))
         self._limits = loop_limits(
             robot,

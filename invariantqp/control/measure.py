@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -51,14 +52,14 @@ class ToolMeasure:
         self.length: float = length_at(J, there) if given is None else given
         self.carried = carried
 
-    def radian(self, J: Array, pose: Any) -> float:
-        """The size of a turn by one radian: L, or what stands for it where a body carries the metric."""
+    @property
+    def radian(self) -> float:
+        """The size of a turn by one radian: L, or of turns about a metric's own centre, in the mean of all axes."""
         if self.carried is None:
             return self.length
-        T = _homogeneous(pose)
-        at = own_point(J) if self.point is None else T[:3, :3].dot(self.point) + T[:3, 3]
-        plain, carried = root_at(at, self.length).dot(J), self.root_for(J, pose).dot(J)
-        return self.length * float(np.linalg.norm(carried) / np.linalg.norm(plain))
+        W = self.carried.matrix
+        turns = W[:3, :3] - W[:3, 3:].dot(np.linalg.solve(W[3:, 3:], W[3:, :3]))  # the same wherever the metric is
+        return sqrt(float(np.trace(turns)) / 3.0)
 
     def root_for(self, J: Array, pose: Any, at: Array | None = None) -> Array:
         """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) replaces the point."""

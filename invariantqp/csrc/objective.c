@@ -101,7 +101,6 @@ void calmed(Objective *objective, double mu)
     for (int i = 0; i < objective->n; i++) {
         double weight = objective->weights[i] + mu;
         objective->optimum[i] *= objective->weights[i] / weight;
-        objective->still[i] *= objective->weights[i] / weight;
         objective->weights[i] = weight;
     }
 }

@@ -1,4 +1,4 @@
-/* Twin of velocity/regular.py: where the joints can move the tool in all six directions, far from singular.
+/* Where the joints can move the tool in all six directions, far from singular, and no limit acts: one Cholesky factor.
 
        x = x_p + A'(AA')^-1 (b - A x_p),      AA' = LL'
        sigma_min^2 >= 1 / |(AA')^-1|,         sigma_max^2 <= |AA'| */

@@ -294,40 +294,71 @@ static Outcome missed(Slowed *slowed, double pace, double *by)
     return DONE;
 }
 
-/* The largest pace in [0, 1] at which no more than delta is missed, or 0; `found` is the optimum there. */
-static Outcome largest(Slowed *slowed, double *pace)
+/* How much more is missed at a larger pace, while the active limits of `found` stay: |u'Q|^2 for their normals Q R. */
+static double slope(const Slowed *slowed)
 {
-    double low = 0.0, high = 1.0, over, under, whole;
-    int side = 0;
+    const Quadratic *cost = slowed->cost;
+    const Polytope *limits = &slowed->room->limits;
+    int n = cost->n, k = 0;
+    Row Q[MOST];
+    double sum = 0.0;
+    for (int i = 0; i < limits->count && k < n; i++) {
+        if (slowed->found->multipliers[i] == 0.0)
+            continue;
+        for (int j = 0; j < n; j++) {
+            Q[k][j] = limits->box ? cost->T[i][j] : 0.0;
+            for (int l = 0; l < n && !limits->box; l++)
+                Q[k][j] += limits->A[i][l] * cost->T[l][j];
+        }
+        double whole = norm(n, Q[k]);
+        for (int twice = 0; twice < 2; twice++)
+            for (int l = 0; l < k; l++) {
+                double share = dot(n, Q[l], Q[k]);
+                for (int j = 0; j < n; j++)
+                    Q[k][j] -= share * Q[l][j];
+            }
+        double length = norm(n, Q[k]);
+        if (!(length > DEPENDENT * whole))
+            continue;
+        for (int j = 0; j < n; j++)
+            Q[k][j] /= length;
+        double along = dot(n, Q[k], slowed->u);
+        sum += along * along;
+        k++;
+    }
+    return sum;
+}
+
+/* The largest pace in [0, 1] at which no more than delta is missed, or 0. What is missed does not fall and is linear as
+   long as the active limits stay: each step goes to where those of the last one would have it, or else halves. */
+static Outcome largest(Slowed *slowed, double length, double *pace)
+{
+    double low = 0.0, high = 1.0, at;
+    bool first = true;
     *pace = high;
-    if (missed(slowed, high, &over) == HAND_BACK)
+    if (missed(slowed, high, &at) == HAND_BACK)
         return HAND_BACK;
-    if (over <= 0.0)
-        return DONE;
-    *pace = low;
-    if (missed(slowed, low, &under) == HAND_BACK)
-        return HAND_BACK;
-    whole = over - under;
-    if (under >= -NO_CHASE * whole)
+    if (at <= 0.0)
         return DONE;
     while (high - low > PACE_ROUNDING) {
-        double at;
-        *pace = low + (high - low) * under / (under - over); /* the secant: exact once both ends are on one piece */
+        double rise = slowed->found->nu > 0.0 ? 0.0 : length * slope(slowed), next = rise > 0.0 ? *pace - at / rise : low;
+        if (!(next > low && next < high))
+            next = first && next <= low ? low : 0.5 * (low + high);
+        if (next == *pace)
+            break;
+        *pace = next;
         if (missed(slowed, *pace, &at) == HAND_BACK)
             return HAND_BACK;
-        if (fabs(at) <= PACE_ROUNDING * whole || !(low < *pace && *pace < high))
+        if (*pace == 0.0) {
+            first = false;
+            if (at >= -NO_CHASE * length)
+                return DONE;
+        } else if (fabs(at) <= PACE_ROUNDING * length)
             break;
-        if (at > 0.0) {
-            under *= side > 0 ? 0.5 : 1.0; /* an end that stays is weighed down, so that it moves, too */
+        if (at > 0.0)
             high = *pace;
-            over = at;
-            side = 1;
-        } else {
-            over *= side < 0 ? 0.5 : 1.0;
+        else
             low = *pace;
-            under = at;
-            side = -1;
-        }
     }
     return DONE;
 }
@@ -376,7 +407,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
             for (int i = 0; i < n; i++)
                 way.u[i] /= length;
             way.delta += room->share->value * norm(6, problem->ahead);
-            if (largest(&way, pace) == HAND_BACK)
+            if (largest(&way, length, pace) == HAND_BACK)
                 return HAND_BACK;
         }
         for (int j = 0; j < n; j++) {
@@ -389,6 +420,21 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         if (demand->rows == 0)
             memcpy(slowed, part, sizeof(Row));
     }
+    if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+        return HAND_BACK;
+    joints(problem, found->z, room->share->value, y);
+    return DONE;
+}
+
+/* The answer once more, at its pace, with 1/2 mu |z|^2 added. */
+static Outcome again(const Posed *problem, const Room *room, Objective *objective, double pace, double mu, Optimum *found,
+                     Row y)
+{
+    Quadratic cost;
+    for (int i = 0; i < objective->n && problem->demand->chased; i++)
+        objective->optimum[i] = objective->still[i] + pace * (objective->optimum[i] - objective->still[i]);
+    calmed(objective, mu);
+    quadratic(objective, &cost);
     if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
         return HAND_BACK;
     joints(problem, found->z, room->share->value, y);
@@ -422,8 +468,8 @@ static Outcome guarded(Posed *problem, const Room *room, double mu, Row y, doubl
         return HAND_BACK;
     if (objective(problem, problem->wanted, problem->ahead, share->value, &plain) == HAND_BACK)
         return HAND_BACK;
-    calmed(&plain, mu);
-    if (within(problem, room, &plain, &best, least, slowed, &pace) == HAND_BACK)
+    if (within(problem, room, &plain, &best, least, slowed, &pace) == HAND_BACK ||
+        (mu > 0.0 && again(problem, room, &plain, pace, mu, &best, least) == HAND_BACK))
         return HAND_BACK;
     for (int i = 0; i < 6; i++)
         wanted[i] = share->value * problem->wanted[i];
@@ -532,11 +578,8 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
             return HAND_BACK;
         mu = calming(&problem, &share, &cost, y, slowed);
     }
-    if (mu > 0.0) {
-        calmed(&cost, mu);
-        if (within(&problem, &room, &cost, &found, y, slowed, &pace) == HAND_BACK)
-            return HAND_BACK;
-    }
+    if (mu > 0.0 && again(&problem, &room, &cost, pace, mu, &found, y) == HAND_BACK)
+        return HAND_BACK;
     if (demand->form != NULL && guarded(&problem, &room, mu, y, &blended) == HAND_BACK)
         return HAND_BACK;
     moved(demand, y, x);

@@ -22,7 +22,7 @@ def notes(robot: Robot, form: Form | None, q: Array, solutions: Sequence[Velocit
     n = len(solutions)
     damped = sum(getattr(s, "damping", 0.0) > 0.0 for s in solutions)  # laws compared with ours need not say
     said = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
-    for status in ("guarded", "scaled", "degraded", "held"):
+    for status in ("limited", "guarded", "scaled", "degraded", "held"):
         hits = [s for s in solutions if s.status == status]
         if hits:
             said.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")

@@ -42,9 +42,11 @@ class Objective(NamedTuple):
     ratio: float = 1.0  # smallest singular value over the largest, among the min(n, 6) that may move something
     still: Array | None = None  # (n,) V'z* of the twist without its chase, where it has one
 
-    def unchased(self) -> Objective:
-        """The same for the twist without its chase."""
-        return self if self.still is None else self._replace(optimum=self.still)
+    def paced(self, pace: float) -> Objective:
+        """The same for a pace of the chase in [0, 1]."""
+        if self.still is None or pace == 1.0:
+            return self
+        return self._replace(optimum=self.still + pace * (self.optimum - self.still))
 
     def centre(self) -> Array:
         """z*, the optimum where no limit is met."""
@@ -64,9 +66,7 @@ class Objective(NamedTuple):
     def calmed(self, mu: float) -> Objective:
         """The same with 1/2 mu |z|^2 added."""
         weights = self.weights + mu
-        left = self.weights / weights
-        still = None if self.still is None else self.still * left
-        return self._replace(weights=weights, optimum=self.optimum * left, still=still)
+        return self._replace(weights=weights, optimum=self.optimum * (self.weights / weights))
 
 
 class Spectrum(NamedTuple):

@@ -108,7 +108,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
         room = _room(problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
         first = _within(law, room, objective, demand)
     mu = _calm(law, room, first)
-    answer = first if mu == 0.0 else _within(law, room, first.objective.calmed(mu), demand)
+    answer = first if mu == 0.0 else _calmed(law, room, first, mu)
     return answer if guard is None else _guarded(law, guard, room, answer, mu, demand)
 
 
@@ -215,7 +215,7 @@ def _within(law: VelocityLaw, room: Room, objective: Objective, demand: Demand) 
     found = minimise(law.backend, quadratic, room.placed, None, room.inside)
     if room.polytope.allows(found.z) and (room.cone is None or room.cone.nearly_allows(found.z)):
         return _answer(room, objective, found)
-    unchased = objective.unchased().quadratic()
+    unchased = objective.paced(0.0).quadratic()
     z0 = minimise(law.backend, unchased, room.placed, None, room.inside).z
     chase = found.z - z0
     whole = quadratic.K.dot(chase)
@@ -231,9 +231,9 @@ def _within(law: VelocityLaw, room: Room, objective: Objective, demand: Demand) 
         return float(u.dot(quadratic.K.dot(centre - nearest))) - delta
 
     pace = _largest(missed)
+    paced = objective.paced(pace)
     slowed = (1.0 - pace) * (quadratic.centre - unchased.centre)
-    found = _nearest(law, room, quadratic._replace(centre=quadratic.centre - slowed))
-    return _answer(room, objective, found, slowed, pace)
+    return _answer(room, paced, _nearest(law, room, paced.quadratic()), slowed, pace)
 
 
 def _largest(missed: Callable[[float], float]) -> float:
@@ -285,12 +285,20 @@ def _calm(law: VelocityLaw, room: Room, answer: Answer) -> float:
     return calm(problem.A, problem.wanted, problem.A.dot(answer.y + answer.slowed), speed, law.dt, factor)
 
 
+def _calmed(law: VelocityLaw, room: Room, answer: Answer, mu: float) -> Answer:
+    """The answer once more, at its pace, with 1/2 mu |z|^2 added."""
+    objective = answer.objective.calmed(mu)
+    again = _answer(room, objective, _nearest(law, room, objective.quadratic()), None, answer.pace)
+    return again._replace(slowed=answer.slowed)
+
+
 def _guarded(law: VelocityLaw, guard: Guard, room: Room, answer: Answer, mu: float, demand: Demand) -> Answer:
     """The answer of a form, with as much least squares blended in as descent requires."""
     problem = room.problem
     ahead = None if demand.chase is None else demand.root.dot(demand.chase.ahead)
     plain = problem._replace(attempt=problem.wanted, ahead=ahead)
-    best = _within(law, room, plain.objective(room.share).calmed(mu), demand)
+    best = _within(law, room, plain.objective(room.share), demand)
+    best = best if mu == 0.0 else _calmed(law, room, best, mu)
     wanted = room.share * problem.wanted
     t = blend(problem.A, wanted, mu, answer.y, best.y, guard.fraction)
     if t == 0.0:

@@ -23,6 +23,7 @@ from invariantqp.errors import BadInput, UnknownName
 from invariantqp.runs.taskfile import LawSpec
 
 ROWS = {name: row for name, row in methods().items() if row.installed}
+RESTING = {names.OURS, names.OURS_PYTHON, "invariantqp with h", "body inertia"}
 READY = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 
 
@@ -72,11 +73,18 @@ def test_every_row_says_what_it_is_and_what_it_takes():
 
 @pytest.mark.parametrize("name", list(ROWS))
 def test_what_a_row_says_of_the_posture_is_so(name, panda):
-    """At rest on its target, every row that takes the posture moves the null space towards it, at one rate."""
+    """At rest on its target, every row that takes the posture moves the null space towards it, at one rate.
+
+    Ours rests there, and moves the null space as fast once the tool moves.
+    """
     x = first_tick(name, panda, READY)
     assert ROWS[name].takes.posture != CANNOT
     J, middle = panda.jacobian(READY), 0.5 * (panda.position_lower + panda.position_upper)
     wanted = (np.eye(7) - np.linalg.pinv(J) @ J) @ (middle - READY)
+    if name in RESTING:
+        assert np.abs(x).max() < 1e-9
+        moving = {"dx": 0.05, "gain": 10.0}
+        x = first_tick(name, panda, READY, **moving) - first_tick(name, panda, READY, **moving, posture=False)
     if name == "unit-consistent inverse":  # its null space is another one
         assert np.abs(J @ x).max() < 1e-9
     elif name in {"DLS", "[DS] Lambda"}:

@@ -175,16 +175,26 @@ def test_limits_hold_on_the_way_to_a_target_out_of_reach(name):
 
 
 def test_posture_keeps_seven_joints_in_the_middle_and_can_be_switched_off():
-    goal = PANDA.pose(READY)
-    with_posture, without = controller(posture=2.0), controller(posture=False)
-    still = without.step(READY, goal).velocity
-    np.testing.assert_allclose(still, 0.0, atol=1e-12)
-    x = with_posture.step(READY, goal).velocity
-    assert np.linalg.norm(x) > 1e-3
-    np.testing.assert_allclose(PANDA.jacobian(READY) @ x, 0.0, atol=1e-10)
+    goal, twist = PANDA.pose(READY), np.array([0.0, 0.2, 0.1, 0.1, 0.0, -0.05])
     middle = 0.5 * (PANDA.position_lower + PANDA.position_upper)
-    assert x @ (middle - READY) > 0.0
+    without = controller(posture=False)
+    pulls = []
+    for options, where in (
+        ({}, middle),
+        ({"posture_gain": 2.0}, middle),
+        ({"posture": READY + 0.3 * np.eye(7)[2]}, READY + 0.3 * np.eye(7)[2]),
+    ):
+        loop = controller(**options)
+        np.testing.assert_allclose(loop.step(READY, goal).velocity, 0.0, atol=1e-12)  # told to stay, it stays
+        pull = controller(**options).step(READY, goal, twist).velocity - without.step(READY, goal, twist).velocity
+        assert np.linalg.norm(pull) > 1e-3
+        np.testing.assert_allclose(PANDA.jacobian(READY) @ pull, 0.0, atol=1e-10)
+        assert pull @ (where - READY) > 0.0
+        pulls.append(pull)
+    np.testing.assert_allclose(pulls[1], 2.0 * pulls[0], atol=1e-12)
     assert iq.Controller(iq.load_robot("ur5"), dt=DT).posture_gain == 0.0
+    with pytest.raises(iq.BadInput, match=r"posture: found 2.0; expected .*posture_gain"):
+        controller(posture=2.0)
 
 
 def test_an_exact_point_is_met_whatever_the_rest_does():

@@ -39,7 +39,7 @@ OPTIONS = {
         "tool_speed": 0.2,
     },
     "cone": lambda _: {"tool_speed": iq.limits.ToolSpeed(0.2, exact=True)},
-    "braking": lambda _: {"acceleration_limit": 10.0, "position_margin": 0.01, "posture": 2.0},
+    "braking": lambda _: {"acceleration_limit": 10.0, "position_margin": 0.01, "posture_gain": 2.0},
     "carried": lambda _: {"form": iq.CarriedMetric(np.ones(6)), "damping": iq.velocity.Selective(2.0)},
     "rows": lambda _: {"rows": partial(wall, joint=3)},
     "pink": lambda robot: {"limits": pink_limits(robot)},

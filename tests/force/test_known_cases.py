@@ -65,7 +65,7 @@ ELBOW = {  # a start in the middle of the joints' ranges
 HYBRID = {
     "fixed gains": (WALL, [1.0, 0.0, 0.0], {}),
     "other gains": (WALL, [1.0, 0.0, 0.0], {"gain": 12.0}),
-    "a slope in its own frame, a posture": (RAMP, [np.sqrt(0.5), 0.0, -np.sqrt(0.5)], {"posture": 2.0}),
+    "a slope in its own frame, a posture": (RAMP, [np.sqrt(0.5), 0.0, -np.sqrt(0.5)], {"posture_gain": 2.0}),
 }
 
 

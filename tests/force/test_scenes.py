@@ -1,5 +1,6 @@
 """The scenes of examples/22: the same in any frame; an edge is told before the fall, two presses are both held."""
 
+import re
 import runpy
 from pathlib import Path
 
@@ -217,8 +218,10 @@ def test_a_turn_that_five_joints_leave_out_is_no_motion_that_stands():
         tool, (target, ahead) = robot.pose(q), scene.path(max(0.0, DT * k - 2.0))
         solution = loop.step(q, target, reading_of(scene, tool, np.zeros(6), random), ahead)
         q = q + DT * solution.velocity
-        said.append(solution.status)
-    assert set(said[150:]) == {"ok"}
+        said.append((solution.status, solution.reason))
+    # What damps the turn that five joints leave out takes up to a tenth of what they could do.
+    assert {status for status, _ in said[150:]} == {"ok", "limited"}
+    assert all(re.fullmatch(r"0\.(0\d*|1) of the twist is missed", why) for status, why in said if status == "limited")
 
 
 @pytest.mark.parametrize("name", ["screw, 63 mm a turn", "door, hinge 10 mm off", "peg, hole tilted 2 deg"])

@@ -97,7 +97,7 @@ def test_pinks_default_damping_fails_daqp_where_a_limit_is_active(panda):
         except pink.exceptions.PinkError:
             failed += 1
         loop = iq.Controller(panda, dt=0.01, gain=100.0)
-        assert loop.step(q, target).status == "ok"
+        assert loop.step(q, target).status in ("ok", "limited")
     assert failed > 0
 
 

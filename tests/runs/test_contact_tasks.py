@@ -53,8 +53,10 @@ def test_path_and_force_hold_after_contact_has_settled(name, physics):
     assert figures["position_error_mm"]["max"] < path
     assert 0.0 < figures["force_error_relative_rms"] < force
     assert trace.limit_violation == 0.0
-    assert {"ok", "lost"} >= set(trace.statuses)
-    assert set(trace.statuses[trace.counted_from :]) == {"ok"}
+    # Five joints turn the pen as they can: what damps the chase of the rest takes up to 0.11 of what they could do.
+    fine = {"ok", "limited"} if name == "so101_pen" else {"ok"}
+    assert fine <= set(trace.statuses) <= fine | {"lost"}
+    assert fine == set(trace.statuses[trace.counted_from :])
     if trace.task.contact.kind != "hinge":
         by_hand = judged(trace)
         assert by_hand[0] < path

@@ -81,6 +81,7 @@ def loop_options():
         "damping": None,
         "guard": True,
         "posture": True,
+        "posture_gain": 1.0,
         "joint_metric": None,
         "backend": "daqp",
         "exact": None,

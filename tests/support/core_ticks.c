@@ -24,8 +24,8 @@ static void drawn(int k, Demand *demand)
     double width = k % 3 == 0 ? 10.0 : 0.3;
     demand->row_rank = -1;
     demand->dt = 0.01;
-    demand->threshold = 1e-3;
-    demand->ceiling = 3e-5;
+    demand->threshold = 2e-2;
+    demand->ceiling = 1e-3;
     for (int i = 0; i < 6; i++) {
         demand->s[i] = uniform();
         demand->root[i][i] = 1.0;

@@ -14,6 +14,7 @@ from support.arms import KINDS, arm
 from support.random_systems import motion
 
 import invariantqp as iq
+from invariantqp.velocity.law import Chase
 from invariantqp.velocity.problem import VelocityProblem
 from invariantqp.velocity.solve import solve
 
@@ -47,8 +48,11 @@ def height(velocity):
     return np.abs(x_high - x_low).max() / size
 
 
-def sweep(rng, kind, m, exact, dt):
-    """The velocity on the way between two questions about one kind of arm, in a loop of ticks dt."""
+def sweep(rng, kind, m, exact, dt, *, chased=False):
+    """The velocity on the way between two questions about one kind of arm, in a loop of ticks dt.
+
+    `chased` is whether part of the twist closes an error; that part, the limits that bend it, and its slack change too.
+    """
     here = arm(rng, kind, m)
     T = iq.exp(0.1 * rng.normal(size=6))
     columns = rng.random(m) < 0.5
@@ -65,6 +69,10 @@ def sweep(rng, kind, m, exact, dt):
         "guard": (True, False, iq.Guard(0.9))[rng.integers(3)],
         "posture": rng.normal(size=m) if rng.random() < 0.5 else None,
     }
+    ahead, still = rng.choice([0.0, 0.3, 1.0]) * rng.normal(size=(2, 6)), 0.1 * rng.normal(size=(2, 3))
+    wider = rng.uniform(0.0, 2.0, (4, m)) * (rng.random((4, m)) < 0.8)
+    placed = [lower - wider[:2], upper + wider[2:]]
+    slack, fastest = 10.0 ** rng.uniform(-4.0, 0.0, 2), rng.uniform(0.5, 3.0, (2, m))
 
     def velocity(t):
         def at(pair):
@@ -72,7 +80,12 @@ def sweep(rng, kind, m, exact, dt):
 
         rows = iq.ExactRows.point(at(J), p, at(v)) if exact else None
         asked = VelocityProblem.of(at(J), at(s), bounds=(at(lower), at(upper)), exact=rows, **fixed)
-        return solve(replace(asked.law, dt=dt), asked.demand).velocity
+        demand = asked.demand
+        if chased:
+            first = None if rows is None else at(still)
+            chase = Chase(at(ahead), first, at(placed[0]), at(placed[1]), float(at(slack)), 0.5, apart=True)
+            demand = demand._replace(chase=chase, fastest=at(fastest))
+        return solve(replace(asked.law, dt=dt), demand).velocity
 
     return velocity
 
@@ -85,6 +98,17 @@ def test_no_sweep_jumps(kind, exact):
     for k in range(max(1, SWEEPS // len(KINDS))):
         m = (6, 4, 7, 3, 5, 2, 8, 1)[k % 8]
         jump = height(sweep(rng, kind, m, exact, dt=0.01 if exact or k % 2 else 0.0))
+        assert jump <= JUMP, (k, m, jump)
+
+
+@pytest.mark.parametrize("exact", [False, True], ids=["twist", "exact point"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_sweep_of_a_chase_jumps(kind, exact):
+    """In the part that is chased, the limits that bend and that slow it, its slack, and what the posture waits for."""
+    rng = np.random.default_rng(4)
+    for k in range(max(1, 2 * SWEEPS // len(KINDS))):
+        m = (6, 7, 5, 8, 4, 3, 2, 1)[k % 8]
+        jump = height(sweep(rng, kind, m, exact, dt=0.01 if exact or k % 2 else 0.0, chased=True))
         assert jump <= JUMP, (k, m, jump)
 
 

@@ -10,6 +10,7 @@ from support.velocity_reference import root_of
 import invariantqp as iq
 
 X, Y, Z = np.eye(3)
+TILTS = iq.velocity.Adaptive(1e-3, 3e-5)  # damps what the rounding of axes makes, and no direction beside it
 FORMS = {"none": None, "pitch": 0.3, "own length": "own length", "complement": "complement"}
 
 
@@ -50,8 +51,8 @@ def test_an_achievable_twist_is_achieved_or_its_loss_is_told(kind, seed, m, form
         assert missed <= 1e-9
         assert (solution.status, solution.method) == ("ok", "closed-form")
     else:
-        assert solution.status == ("degraded" if "is given up" in solution.reason else "ok")
-        assert missed <= 1e-6 or solution.status == "degraded"
+        assert solution.status == ("ok" if missed <= 0.05 else "limited")
+        assert ("of the twist is missed" in solution.reason) == (solution.status == "limited")
     assert np.isfinite(solution.velocity).all()
 
 
@@ -78,19 +79,18 @@ def test_what_no_form_can_see_is_done_all_the_same(name, rounded):
         for options in ({}, {"guard": False}, {"bounds": (np.full(m, -9.0), np.full(m, 9.0))}):
             x = rng.uniform(-1.0, 1.0, m)
             s = J @ x
-            solution = iq.solve_velocity(J, s, form=form, point=(0.5, 0.2, 0.4), **options)
+            solution = iq.solve_velocity(J, s, form=form, point=(0.5, 0.2, 0.4), damping=TILTS, **options)
             # What is damped are tilts: no more than them is lost.
             assert np.linalg.norm(solution.residual) <= (1e-12 + 10.0 * rounded) * np.linalg.norm(s)
             assert np.linalg.norm(solution.velocity) <= 2.0 * np.linalg.norm(x)
-            assert solution.status in {"ok", "degraded"}
-            assert solution.status == "ok" or "is given up" in solution.reason
+            assert solution.status == "ok"
 
 
 def test_a_hinge_asked_for_what_it_cannot_do_rests_and_says_so():
     J = iq.revolute([1, 2, 3], [0.3, 0.1, 0.5])[:, None]
     solution = iq.solve_velocity(J, [0, 0, 0, 0.1, 0.2, 0.3])
     assert abs(solution.velocity[0]) < 1e-12
-    assert solution.status == "degraded"
+    assert solution.status == "limited"
     assert "no velocity reduces the error" in solution.reason
 
 

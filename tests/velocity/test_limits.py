@@ -111,9 +111,11 @@ def test_from_rest_all_three_limits_hold_for_ever(dt):
     q = box.position_lower + (box.position_upper - box.position_lower) * rng.random(400)
     x = np.zeros(400)
     for k in range(300):
-        lower, upper, strained = limits.at(q, x)
+        lower, upper, strained, *placed = limits.at(q, x)
         assert strained == ()
         assert (lower <= upper).all()
+        assert (placed[0] <= lower).all()  # what is left of the limits bounds a joint no more than all of them do
+        assert (placed[1] >= upper).all()
         new = (lower, upper, np.where(rng.random(400) < 0.5, lower, upper))[(k // 40) % 3]
         assert (np.abs(new - x) <= limits.acceleration * dt * (1.0 + 1e-9) + 1e-12).all()
         assert (np.abs(new) <= box.velocity_limit).all()
@@ -132,7 +134,7 @@ def test_started_too_fast_acceleration_gives_way_and_is_named(dt):
     assert len(first) > 20
     assert all("acceleration" in what for _, what in first)
     for _ in range(300):
-        lower, upper, _ = limits.at(q, x)
+        lower, upper, *_ = limits.at(q, x)
         x = np.where(rng.random(400) < 0.5, lower, upper)
         assert (np.abs(x) <= box.velocity_limit).all()
         q = q + dt * x
@@ -144,7 +146,7 @@ def test_the_deceleration_of_late_braking_is_constant_and_the_least_that_stops()
     limits = BrakingBox(JointBox(np.array([-1.0]), np.array([0.1]), np.array([5.0]), 1e-3), np.array([10.0]))
     q, x, used = np.zeros(1), np.array([4.0]), []
     while x[0] > 0.0:
-        _, upper, _ = limits.at(q, x)
+        upper = limits.at(q, x).upper
         used.append((x[0] - upper[0]) / 1e-3)
         x = upper
         q = q + 1e-3 * x
@@ -157,7 +159,7 @@ def test_outside_a_limit_the_way_back_is_as_smooth_as_acceleration_asks():
     limits = BrakingBox(JointBox(np.array([-1.0]), np.array([1.0]), np.array([2.0]), 0.01), np.array([5.0]))
     q, x, seen = np.array([1.5]), np.zeros(1), []
     for _ in range(200):
-        _, upper, strained = limits.at(q, x)
+        _, upper, strained, *_ = limits.at(q, x)
         assert bool(strained) == (q[0] > 1.0 + 1e-9)
         assert upper[0] - x[0] >= -0.05 - 1e-12
         x = upper  # no further back than it has to
@@ -171,7 +173,7 @@ def test_outside_a_limit_the_way_back_is_as_smooth_as_acceleration_asks():
 
 def test_faster_than_the_velocity_limit_is_the_velocity_limit():
     limits = BrakingBox(JointBox(np.full(2, -9.0), np.full(2, 9.0), np.ones(2), 0.01), np.full(2, 1.0))
-    lower, upper, strained = limits.at(np.zeros(2), np.array([3.0, 0.0]))
+    lower, upper, strained, *_ = limits.at(np.zeros(2), np.array([3.0, 0.0]))
     assert (lower[0], upper[0]) == (1.0, 1.0)
     assert [i for i, _ in strained] == [0]
 
@@ -180,7 +182,7 @@ def test_no_acceleration_limit_at_a_joint_is_the_box_there():
     box = JointBox(np.array([-1.0, -INF]), np.array([1.0, INF]), np.array([3.0, INF]), 0.01)
     limits = BrakingBox(box, np.full(2, INF))
     for q in ([0.0, 0.0], [0.99, 5.0], [1.01, -1e9], [-3.0, 0.0]):
-        lower, upper, _ = limits.at(np.array(q), np.array([2.0, -1.0]))
+        lower, upper, *_ = limits.at(np.array(q), np.array([2.0, -1.0]))
         np.testing.assert_allclose((lower, upper), box.at(np.array(q)), rtol=1e-12, atol=1e-9)
 
 
