@@ -396,9 +396,9 @@ class Controller:
             still = None if rows_ahead is None else rows_ahead.b
             chase = Chase(ahead, still, *limits.placed, self._slack, self.measure.carried is None)
         demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank, chase, fastest)
-        if now is not None and now.speed not in (0.0, 1.0):
-            demand = demand.slowed(now.speed)
         law = self.law if calm else self.law.planned
+        if now is not None and now.speed not in (0.0, 1.0):
+            law, demand = law.slowed(now.speed), demand.slowed(now.speed)
         solution = solve(law, demand) if stand is None else standing(law, demand, stand)
         self.kept[-len(positions) :] = solution.velocity
         return self._limits.told(solution, positions, self.robot.names, strained)

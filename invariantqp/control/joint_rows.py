@@ -124,7 +124,7 @@ class JointRows:
             try:
                 own = own(q.copy())
             except BadInput as error:
-                raise _Unusable(f"{argument}: {error}") from error
+                raise _Unusable(f"rows: {error}") from error
             if own is not None:
                 self._require(own, argument)
         if own is not None:

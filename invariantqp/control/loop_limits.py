@@ -94,9 +94,10 @@ class LoopLimits(NamedTuple):
         i = int(beyond.argmax())
         if not beyond[i] > 0.0:
             return ""
-        off = f"{q[i]:.1f} rad is {beyond[i] + FAR_OUTSIDE:.1f} outside its position range"
-        give = 'Give far_outside="return" to move back from there'
-        return f"joint {i} ({names[i]}): {off}; are these degrees? {give}"
+        return (
+            f"joint {i} ({names[i]}): {q[i]:.1f} rad is {beyond[i] + FAR_OUTSIDE:.1f} outside its position range; are "
+            'these degrees? Give far_outside="return" to move back from there'
+        )
 
     def told(
         self, solution: VelocitySolution, q: ArrayLike, names: tuple[str, ...], strained: Strained = ()

@@ -111,6 +111,10 @@ class VelocityLaw:
         damping = Adaptive(*PLANNED_DAMPING) if self.damping == Adaptive() else self.damping
         return replace(self, damping=damping, dt=0.0)
 
+    def slowed(self, share: float) -> VelocityLaw:
+        """The same for demands at a share of their speed: as calm as at the whole speed, so the way is the same."""
+        return replace(self, dt=self.dt / share)
+
     @cached_property
     def compiled(self) -> Policy | None:
         """Damping, form and guard for the compiled core; None where it does not have this law.

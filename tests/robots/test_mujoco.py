@@ -24,7 +24,9 @@ def test_an_arm_of_a_model_moves_as_mujoco_says(tmp_path, tool, given):
     model = mujoco.MjModel.from_xml_string(MJCF)
     file = tmp_path / "arm.xml"
     file.write_text(MJCF, encoding="utf-8")
-    arm = iq.load_robot({"text": MJCF, "file": file, "model": model}[given], tool=tool, joints=JOINTS, velocity_limit=np.inf)
+    arm = iq.load_robot(
+        {"text": MJCF, "file": file, "model": model}[given], tool=tool, joints=JOINTS, velocity_limit=np.inf
+    )
     assert (arm.names, arm.tool) == (tuple(JOINTS), tool)
     np.testing.assert_allclose(arm.position_lower, [0.2, -np.pi / 2, -np.inf])
     assert np.isinf(arm.velocity_limit).all()

@@ -141,8 +141,8 @@ class Cvxpy:
     def __post_init__(self) -> None:
         try:
             import cvxpy  # noqa: F401 (is it there?)
-        except ImportError as error:
-            raise MissingExtra("cvxpy", "cvxpy") from error
+        except ImportError:
+            raise MissingExtra("cvxpy", "cvxpy") from None
 
     def solve_in_cone(self, qp: BoxQP, J: Array, start: Array) -> Array:
         """The minimiser with |start + J z| <= 1, J (3, n) and start (3,).
