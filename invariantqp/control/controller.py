@@ -340,16 +340,18 @@ class Controller:
         """Why joint positions (m,) cannot be true, "" where they may be or `far_outside` is "return"."""
         return self._limits.wrong(q, self.robot.names)
 
-    def believed(self, q: ArrayLike) -> Array:
-        """Joint positions (m,) that can be true.
+    def believed(self, q: ArrayLike, argument: str = "q") -> Array:
+        """Joint positions (m,) that can be true; errors name the argument.
 
         Raises:
             BadInput: NaN, a wrong shape, or positions for which a tick is held.
         """
-        positions = arrays.vector(q, self._count, "q")
+        positions = arrays.vector(q, self._count, argument)
         wrong = self.wrong(positions)
         if wrong:
-            raise BadInput("q", wrong, "joint positions in radians, near the position ranges")
+            raise BadInput(
+                argument, wrong.partition(" Give")[0], "joint positions in radians, near the position ranges"
+            )
         return positions
 
     def posture_pull(self, q: Array) -> Array | None:
@@ -388,7 +390,7 @@ class Controller:
         exact = self._rows(sighting, target, gain, ahead, more)
         limits = self._limits.at(self.robot, sighting, target, positions, before, now)
         lower, upper, rows, cone, strained, trouble = limits[:6]
-        stand = trouble or stand or (STOPPED if now is not None and now.speed == 0.0 else None)
+        stand = trouble or (STOPPED if now is not None and now.speed == 0.0 else stand)
         rank = self.row_rank if more is None else None
         chase = None
         if chased:

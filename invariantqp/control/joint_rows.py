@@ -20,7 +20,9 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits.rows import LimitRows
 
 Rows = LimitRows | Callable[[Array], LimitRows | None]
-LIMITS = "LimitRows, a function of q that returns them, ToolSpeed, or a limit made for Pink"
+LIMITS = (
+    "LimitRows, a function of q that returns them, ToolSpeed, or a limit made for Pink: compute_qp_inequalities(...)"
+)
 
 
 class PinkLimit(Protocol):

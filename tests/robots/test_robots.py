@@ -165,7 +165,7 @@ def test_a_urdf_of_ones_own(tmp_path):
     np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 0], iq.se3.prismatic((1, 0, 0)), atol=1e-15)
     np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 1], iq.revolute((0, 1, 0), (0.1, 0, 0.2)), atol=1e-15)
     assert robot.position_upper.tolist() == [0.5, 2.0]
-    with pytest.warns(UserWarning, match="no velocity limit for turn"):
+    with pytest.warns(UserWarning, match="no velocity limit for other"):
         side = iq.load_robot(str(urdf(tmp_path, SLIDER)), tool="side")
     assert side.position_upper.tolist() == [0.5, np.inf]
     assert side.velocity_limit.tolist() == [0.3, np.inf]

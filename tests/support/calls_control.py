@@ -175,7 +175,7 @@ CONTROL = {
         },
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
-    "Controller.believed": lambda: (controller().believed, {"q": Q}),
+    "Controller.believed": lambda: (controller().believed, {"q": Q, "argument": "q"}),
     "PathFollower": lambda: (
         iq.PathFollower,
         {
