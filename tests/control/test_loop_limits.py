@@ -42,8 +42,8 @@ def test_rows_are_the_same_by_either_door(robot, options):
     np.testing.assert_allclose(found.row_multipliers, wanted.row_multipliers, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.skipif(not iq.native, reason="no compiled core here")
 def test_fixed_rows_by_this_door_are_the_cores_too(robot):
-    pytest.importorskip("invariantqp._native")
     assert iq.Controller(robot, dt=0.002, limits=[ROWS, MORE]).compiled is not None
 
 
