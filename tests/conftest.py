@@ -25,6 +25,21 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+# The tests of the definition, the Python law, which CI runs once more without the compiled core (`-m definition`).
+DEFINITION = (
+    "tests/velocity/",
+    "tests/control/test_controller.py",
+    "tests/control/test_first_minute.py",
+    "tests/properties/test_invariance.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.nodeid.startswith(DEFINITION):
+            item.add_marker("definition")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
     """What is collected stays to the end: to look through it for garbage again and again took a third of this time."""

@@ -36,6 +36,7 @@ def compiled_loop(
     gain: float,
     posture: Array,
     pull: Array,
+    delay: float,
     slack: float,
     slow: float,
     exact: tuple[Exact, ...],
@@ -51,6 +52,7 @@ def compiled_loop(
         gain: of the error [1/s].
         posture: (m,) joint positions.
         pull: (m,) gains of the posture [1/s].
+        delay: of the robot [s].
         slack: of a chase.
         slow: 1 / |v|, v the measured twist at full speed.
         exact: what is met exactly.
@@ -68,11 +70,11 @@ def compiled_loop(
     wanted, rows = compiled_demands(exact, m), _rows(joint_rows, m)
     if wanted is None or len(wanted) > core.MOST_ROWS or rows is None or len(rows[0]) > core.MOST_JOINTS:
         return None
-    numbers = [m, law.dt, gain, measure.length, slow, pull.any()]
+    numbers = [m, box.dt, gain, measure.length, slow, pull.any()]
     numbers += [-1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit, braking is not None]
     kind = 0 if carried is None else 2 if carried.follows_tool else 1
     numbers += [len(wanted), len(rows[0]), law.metric is not None, 0, kind]
-    numbers += [box.dt, 0.0 if braking is None else braking.delay, slack, *planned]
+    numbers += [delay, slack, *planned]
     fast = np.zeros(3) if speed is None or speed.point is None else speed.point
     low, high = box.position_lower / box.dt, box.position_upper / box.dt
     point = np.zeros(3) if measure.point is None else measure.point

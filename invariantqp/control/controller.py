@@ -23,7 +23,7 @@ from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, req
 from invariantqp.control.joint_rows import Rows
 from invariantqp.control.loop_limits import Limit, loop_limits
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.memory import Memory
+from invariantqp.control.memory import HEADER, Memory, ticks_late
 from invariantqp.control.observed import Observed, at_rest
 from invariantqp.control.posture import POSTURE_GAIN, posture_of
 from invariantqp.control.tracking import question_gain, tracking_gain, tracking_twist
@@ -54,6 +54,7 @@ class Controller:
         measure: the point and length by which twists are measured.
         dt: tick [s].
         gain: [1/s].
+        delay: dead time of the robot beyond one tick [s].
         posture_gain: [1/s], 0 where the null space has no posture.
         exact: what is met exactly.
         row_rank: how many independent rows of it the arm can keep in its best state; None is all.
@@ -135,8 +136,8 @@ class Controller:
         self.robot = require_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
-        dead = arrays.not_negative(delay, "delay", "a dead time in seconds")
-        self.gain: float = tracking_gain(gain, self.dt, dead)
+        self.delay: float = arrays.not_negative(delay, "delay", "a dead time in seconds")
+        self.gain: float = tracking_gain(gain, self.dt, self.delay)
         if gain is not None:
             question_gain(self.gain, self.dt)
         self.exact: tuple[Exact, ...] = demands_of(exact)
@@ -154,7 +155,7 @@ class Controller:
             guard=guard_of(guard),
             metric=metric_of(joint_metric, seen.J, self.measure.length),
             backend=backend_of(backend),
-            dt=self.dt,
+            dt=self.dt + self.delay,
         )
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
@@ -164,7 +165,6 @@ class Controller:
         self._limits = loop_limits(
             robot,
             self.dt,
-            dead,
             acceleration_limit,
             position_margin,
             tool_speed,
@@ -175,7 +175,8 @@ class Controller:
         )
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
-        self.kept: Array = Memory.at_first(m).numbers  # from tick to tick
+        self._late = ticks_late(self.delay, self.dt)
+        self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
             robot,
             self.law,
@@ -184,6 +185,7 @@ class Controller:
             self.gain,
             self._posture,
             self._pull,
+            self.delay,
             self._slack,
             slow,
             self.exact,
@@ -236,29 +238,30 @@ class Controller:
         found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
             answer, more = found
-            return Memory.of(self.kept).judged(self.told(answer, q)) if more else answer
-        memory = Memory.of(self.kept)
+            return self.memory.judged(self.told(answer, q)) if more else answer
+        memory = self.memory
         before = memory.now(velocity)
         positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
-        sighting = self.robot.sight(positions, target)
-        error = same_turn(sighting.error, memory.turn)
+        there = positions + self.dt * memory.in_flight
+        sighting = self.robot.sight(there, target)
+        turn = same_turn(sighting.error, memory.turn)
+        ahead = np.zeros(6) if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
+        led = ahead if now is None else now.speed * ahead
+        error = turn + self.delay * led  # the target, too, is on by then
         s = tracking_twist(error, self.gain, feedforward)
-        ahead = np.zeros(6) if feedforward is None else arrays.array(feedforward, "feedforward", "numbers")
         root = self.measure.root_for(sighting.J, sighting.pose)
+        A = root.dot(sighting.J)
         share = 1.0
         gain = self.gain if now is None else now.speed * self.gain
         if self.braking is not None and gain > 0.0:
-            share = share_of_gain(self.law, self.braking, gain, root.dot(sighting.J), root.dot(error))
+            share = share_of_gain(self.law, self.braking, gain, A, root.dot(error))
             s -= (1.0 - share) * self.gain * error
-        state = Observed(positions, sighting, target, root, before)
-        solution = self._tick(state, s, share * self.gain, ahead, chased=True, now=now)
+        state = Observed(positions, there, sighting, target, root, before)
         if self.wrong(positions):
-            return solution
-        led = ahead if now is None else now.speed * ahead
-        change = -self.dt * (solution.velocity.dot(sighting.J.T) - led)
-        memory = memory.followed(error, change, root, self._slowness / self.dt)
-        memory.write(self.kept)
-        return memory.judged(solution)
+            return self._tick(state, s, share, ahead)
+        memory = memory.followed(positions, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
+        self.kept[:HEADER] = memory.numbers[:HEADER]
+        return memory.judged(self._tick(state, s, share, ahead, now=now))
 
     def follow(
         self,
@@ -309,8 +312,8 @@ class Controller:
             require_rows(rows, self._count)
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, self._count, "posture")
-        state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity), where)
-        return self._tick(state, s, 0.0, s, rows, posture=free, calm=arrays.flag(calm, "calm"), now=now)
+        state = self._at_rest(positions, sighting, velocity, where)
+        return self._tick(state, s, None, s, rows, posture=free, calm=arrays.flag(calm, "calm"), now=now)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -329,8 +332,20 @@ class Controller:
         positions = arrays.vector(q, self._count, "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        state = at_rest(self.robot, self.measure, positions, sighting, Memory.of(self.kept).now(velocity))
-        return self._tick(state, np.zeros(6), 0.0, np.zeros(6), stand=reason)
+        state = self._at_rest(positions, sighting, velocity)
+        return self._tick(state, np.zeros(6), None, np.zeros(6), stand=reason)
+
+    @property
+    def memory(self) -> Memory:
+        """What the loop keeps from tick to tick, as it is now."""
+        return Memory.of(self.kept, self._count, self._late)
+
+    def _at_rest(
+        self, q: Array, sighting: Sighting | None, velocity: ArrayLike | None, at: Array | None = None
+    ) -> Observed:
+        memory = self.memory
+        there = q + self.dt * memory.in_flight
+        return at_rest(self.robot, self.measure, q, there, sighting, memory.now(velocity), at)
 
     def told(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
         """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
@@ -367,49 +382,64 @@ class Controller:
         self,
         state: Observed,
         s: Array,
-        gain: float,
+        share: float | None,
         ahead: Array,
         more: ExactRows | None = None,
         stand: str | None = None,
         posture: Array | None = None,
         *,
         calm: bool = True,
-        chased: bool = False,
         now: Changes | None = None,
     ) -> VelocitySolution:
-        """The velocity for the twist s, or at rest if told to `stand`; exact demands follow `gain` and `ahead`.
+        """The velocity for the twist s, or at rest if told to `stand`.
 
-        What of s is not `ahead` is `chased`: limits slow it down.
+        What of s is not `ahead` chases the target, at a share of the gain; None is a twist by itself.
         """
-        positions, sighting, target, root, before = state
+        positions, there, sighting, target, root, before = state
         wrong = self.wrong(positions)
         if wrong:
             return self._halted(state, s, wrong)
         fastest = self._fastest if posture is None else None
-        posture = self.posture_pull(positions) if posture is None else posture
-        exact = self._rows(sighting, target, gain, ahead, more)
-        limits = self._limits.at(self.robot, sighting, target, positions, before, now)
-        lower, upper, rows, cone, strained, trouble = limits[:6]
-        stand = trouble or (STOPPED if now is not None and now.speed == 0.0 else stand)
-        rank = self.row_rank if more is None else None
+        posture = self.posture_pull(there) if posture is None else posture
+        limits = self._limits.at(self.robot, sighting, target, there, before, now)
+        stand = limits.trouble or (STOPPED if now is not None and now.speed == 0.0 else stand)
         chase = None
-        if chased:
+        if share is None:
+            exact = self._rows(sighting, target, 0.0, ahead, more)
+        else:
+            gain = share * self.gain
+            exact = self._rows(
+                sighting, target, gain, (1.0 + gain * self.delay * (1.0 if now is None else now.speed)) * ahead, more
+            )
             rows_ahead = self._rows(sighting, target, 0.0, ahead, more)
             still = None if rows_ahead is None else rows_ahead.b
             chase = Chase(ahead, still, *limits.placed, self._slack, self.measure.carried is None)
-        demand = Demand(sighting.J, s, root, lower, upper, exact, posture, rows, cone, rank, chase, fastest)
+        demand = Demand(
+            sighting.J,
+            s,
+            root,
+            limits.lower,
+            limits.upper,
+            exact,
+            posture,
+            limits.rows,
+            limits.cone,
+            self.row_rank if more is None else None,
+            chase,
+            fastest,
+        )
         law = self.law if calm else self.law.planned
         if now is not None and now.speed not in (0.0, 1.0):
             law, demand = law.slowed(now.speed), demand.slowed(now.speed)
         solution = solve(law, demand) if stand is None else standing(law, demand, stand)
-        self.kept[-len(positions) :] = solution.velocity
-        return self._limits.told(solution, positions, self.robot.names, strained)
+        self.memory.after(positions, solution.velocity).write(self.kept)
+        return self._limits.told(solution, positions, self.robot.names, limits.strained)
 
     def _halted(self, state: Observed, s: Array, reason: str) -> VelocitySolution:
         """Standing still wherever the joints may be, or coming to rest as fast as their accelerations allow."""
-        x = np.zeros(self._count)
+        x, nowhere = np.zeros(self._count), np.full(self._count, np.nan)
         if self.braking is not None:
             x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
-        self.kept[-self._count :] = x
+        self.memory.after(nowhere, x).write(self.kept)
         residual = s - state.sighting.J.dot(x)
         return VelocitySolution(x, "hold", Status.HELD, reason, (), residual, 0.0, 0.0, 0.0, "")

@@ -1,15 +1,14 @@
-"""Whether a loop converges: how much the error falls, compared with what the commanded velocities predict.
+"""Whether the joints follow their commands, as the tool sees it: what it moved, compared with what it was told to move.
 
-    promised = |e| - |e - dt (J x - feedforward)|      the predicted decrease of the error in a tick
-    achieved = |e| - |e next|                          the measured decrease
+    told = A (dt x)             the measured motion of the tool that the shown command asked for
+    done = A (q - q before)     the one that was seen
 
-Both are averaged over the last ticks. Where much less is achieved than promised while joints move fast, the loop
-oscillates, or the robot does not follow its commands: a delay, a gain too high for it, a limit that is not modelled.
+Averaged over the last ticks, where much less of what was told is done while joints move fast, the loop oscillates, or
+the robot does not do what it is told: a delay, a gain too high for it, a limit that is not modelled.
 """
 
 from __future__ import annotations
 
-from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -19,46 +18,42 @@ from invariantqp.geometry.se3 import norm
 
 # Ticks over which averages are taken.
 MEMORY = 50
-# Below this ratio of achieved to promised decrease the loop does not converge.
+# Below this share of what was told the joints do not follow.
 KEPT_SHARE = 0.2
-# Below this share of full speed, on average, an arm does not oscillate: a small ratio is then noise, or lag on a path.
+# Below this share of full speed, on average, an arm does not oscillate: a small share is then noise.
 FAST_SHARE = 0.02
 
 
 class Convergence(NamedTuple):
     """Running averages of a loop."""
 
-    promised: float = 0.0  # predicted decrease of the error in a tick
-    achieved: float = 0.0  # measured decrease
-    speed: float = 0.0  # of the error under the commands, as a share of the arm's full speed
-    size: float = 0.0  # of the error in the last tick, in the measure
+    told: float = 0.0  # size of the motion told in a tick
+    done: float = 0.0  # of the motion seen, the part along it
+    speed: float = 0.0  # told, as a share of the arm's full speed
     ticks: float = 0.0  # number of ticks but the first
-    expected: float = nan  # predicted size of the error after the last tick; NaN before the first
 
-    def followed(self, error: Array, change: Array, slowness: float) -> Convergence:
-        """After a tick with an error (6,) in the measure, and its change (6,) predicted by the velocity commanded.
+    def followed(self, told: Array, done: Array, slowness: float) -> Convergence:
+        """After a tick in which a motion (6,) was told and another one seen, both in the measure.
 
-        `slowness` is 1 / |change| of a tick at full speed.
+        `slowness` is 1 / |motion| of a tick at full speed.
         """
-        share, size = 1.0 / MEMORY, norm(error)
-        promised, achieved, speed, before, ticks, expected = self
-        if not isnan(expected):
-            promised = (1.0 - share) * promised + share * (before - expected)
-            achieved = (1.0 - share) * achieved + share * (before - size)
-            ticks += 1.0
-        speed = (1.0 - share) * speed + share * slowness * norm(change)
-        return Convergence(promised, achieved, speed, size, ticks, norm(error + change))
+        share, size = 1.0 / MEMORY, norm(told)
+        along = float(told.dot(done)) / size if size > 0.0 else 0.0
+        return Convergence(
+            (1.0 - share) * self.told + share * size,
+            (1.0 - share) * self.done + share * along,
+            (1.0 - share) * self.speed + share * slowness * size,
+            self.ticks + 1.0,
+        )
 
     @property
     def trouble(self) -> str:
         """Why the loop does not converge, in words; "" where it does."""
-        if self.ticks < MEMORY or self.speed < FAST_SHARE or self.promised <= 0.0:
-            return ""
-        if self.achieved >= KEPT_SHARE * self.promised:
+        if self.ticks < MEMORY or self.speed < FAST_SHARE or self.done >= KEPT_SHARE * self.told:
             return ""
         return (
-            "not converging: the joints move, but the error does not fall as their motion predicts; the cause may be a "
-            "delay (give it as delay=), a gain too high for the robot, or a robot that does not follow its commands"
+            "not converging: the joints do not follow their commands; the cause may be a delay (give it as delay=), a "
+            "gain too high for the robot, or a robot that does not do what it is told"
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import e
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -26,9 +25,6 @@ from invariantqp.velocity.solution import VelocitySolution, with_trouble
 Strained = tuple[tuple[int, str], ...]
 Limit = Rows | ToolSpeed | PinkLimit
 ORIGIN = np.zeros(3)
-# A joint that answers n ticks late goes the way to its limit in no less than e (n + 1/2) of them, a little more
-# than (n + 1)^(n + 1) / n^n: a faster one goes beyond it, and to and fro.
-LATE = e
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
 
@@ -114,7 +110,6 @@ class LoopLimits(NamedTuple):
 def loop_limits(
     robot: Robot,
     dt: float,
-    delay: float,
     acceleration_limit: ArrayLike | None,
     position_margin: float,
     tool_speed: ToolSpeed | float | None,
@@ -130,11 +125,10 @@ def loop_limits(
         MissingExtra: a limit of Pink's without Pink.
     """
     margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
-    time = LATE * (delay + 0.5 * dt) if delay > 0.0 and acceleration_limit is None else dt
-    box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, time, margin)
+    box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, dt, margin)
     braking = None
     if acceleration_limit is not None:
-        braking = BrakingBox(box, accelerations(acceleration_limit, len(robot.names)), delay)
+        braking = BrakingBox(box, accelerations(acceleration_limit, len(robot.names)))
     if not isinstance(limits, (list, tuple)):
         raise BadInput("limits", excerpt(limits), f"a list: {LIMITS}")
     combined = joint_rows(robot, rows, [limit for limit in limits if not isinstance(limit, ToolSpeed)], dt)

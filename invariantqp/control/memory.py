@@ -1,4 +1,8 @@
-"""What a loop keeps from tick to tick: the velocity commanded last, the turn of the error, and how it converges."""
+"""What a loop keeps from tick to tick: last commands, where the joints were, the turn of the error, how it converges.
+
+A command shows in the measured positions one tick and the loop's `delay` later. Those that do not show yet are in
+flight: the joints will be at q + dt (sum of the commands in flight) when the next one acts.
+"""
 
 from __future__ import annotations
 
@@ -9,54 +13,95 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.convergence import Convergence
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
+
+# A delay this near to a whole number of ticks is one: quotients of decimals are.
+WHOLE_TICKS = 1e-9
+# A robot that is later than this many ticks is none: a delay in milliseconds, say.
+MOST_LATE = 10_000
+HEADER = 7
+
+
+def ticks_late(delay: float, dt: float) -> tuple[int, float]:
+    """A delay in ticks: the whole ones, and the share of one more.
+
+    Raises:
+        BadInput: a delay of more than `MOST_LATE` ticks.
+    """
+    late = delay / dt
+    if late > MOST_LATE:
+        raise BadInput("delay", f"{delay:g} s, {late:.0f} ticks", f"seconds, at most {MOST_LATE} ticks")
+    whole = int(late + WHOLE_TICKS)
+    return whole, max(0.0, late - whole)
 
 
 class Memory(NamedTuple):
     """The state between ticks; a tick returns the next one."""
 
-    velocity: Array  # (m,) commanded last [rad/s, length/s]
+    convergence: Convergence  # how the joints follow their commands
     turn: Array  # (3,) rotation of the error in the tick before, NaN before the first
-    convergence: Convergence  # how the error falls
+    positions: Array  # (m,) in the tick before, NaN before the first
+    commands: Array  # (k, m) the last ones, the latest first [rad/s, length/s]; k as `late` needs
+    late: tuple[int, float]  # the delay in ticks
 
     @classmethod
-    def at_first(cls, joints: int) -> Memory:
+    def at_first(cls, joints: int, delay: float, dt: float) -> Memory:
         """Before the first tick."""
-        return cls(np.zeros(joints), np.full(3, nan), Convergence())
+        late = ticks_late(delay, dt)
+        return cls(Convergence(), np.full(3, nan), np.full(joints, nan), np.zeros((late[0] + 2, joints)), late)
 
     @classmethod
-    def of(cls, numbers: Array) -> Memory:
+    def of(cls, numbers: Array, joints: int, late: tuple[int, float]) -> Memory:
         """As `numbers` gives it."""
-        return cls(numbers[9:].copy(), numbers[6:9].copy(), Convergence(*numbers[:6].tolist()))
+        head, rest = numbers[:HEADER], numbers[HEADER:].reshape(-1, joints).copy()
+        return cls(Convergence(*head[:4].tolist()), head[4:].copy(), rest[0], rest[1:], late)
 
     @property
     def numbers(self) -> Array:
-        """(9 + m,) all of it as the compiled core takes it."""
-        return np.concatenate((self.convergence, self.turn, self.velocity))
-
-    def write(self, numbers: Array) -> None:
-        """Into `numbers`, all but the velocity, which every tick writes there."""
-        numbers[:6], numbers[6:9] = self.convergence, self.turn
+        """(7 + m + k m,) all of it as the compiled core takes it."""
+        return np.concatenate((self.convergence, self.turn, self.positions, self.commands.ravel()))
 
     def now(self, velocity: ArrayLike | None) -> Array:
-        """(m,) the joint velocity now: as measured, or else the one commanded last.
+        """(m,) the joint velocity that the next command follows: as measured, or else the one commanded last.
 
         Raises:
             BadInput: NaN or another shape.
         """
-        return self.velocity if velocity is None else arrays.vector(velocity, len(self.velocity), "velocity")
+        last = self.commands[0]
+        return last if velocity is None else arrays.vector(velocity, len(last), "velocity")
 
-    def followed(self, error: Array, change: Array, root: Array, slowness: float) -> Memory:
-        """After a tick with an error (6,), its `change` (6,) until the next tick, and the measure's root (6, 6).
+    @property
+    def in_flight(self) -> Array:
+        """(m,) the sum of the commands that do not show yet."""
+        whole, part = self.late
+        total: Array = self.commands[:whole].sum(axis=0) + part * self.commands[whole]
+        return total
 
-        `slowness` is 1 / |change| of a tick at full speed.
-        """
-        watch = self.convergence.followed(root.dot(error), root.dot(change), slowness)
-        return Memory(self.velocity, error[:3], watch)
+    @property
+    def shown(self) -> Array:
+        """(m,) the command that the joints have followed since the tick before."""
+        whole, part = self.late
+        return np.asarray((1.0 - part) * self.commands[whole] + part * self.commands[whole + 1])
+
+    def followed(self, q: Array, A: Array, dt: float, slowness: float) -> Memory:
+        """With what the joints did since the tick before, seen at q (m,) by measured joint twists A (6, m)."""
+        if np.isnan(self.positions).any():
+            return self
+        watch = self.convergence.followed(A.dot(dt * self.shown), A.dot(q - self.positions), slowness)
+        return self._replace(convergence=watch)
+
+    def after(self, q: Array, command: Array) -> Memory:
+        """After a tick at q (m,) that gave a command (m,)."""
+        return self._replace(positions=q, commands=np.vstack((command[None], self.commands[:-1])))
+
+    def write(self, numbers: Array) -> None:
+        """Into `numbers`."""
+        numbers[:] = self.numbers
 
     def judged(self, solution: VelocitySolution) -> VelocitySolution:
-        """The solution of a tick; a loop that does not converge is trouble."""
+        """The solution of a tick; a loop whose joints do not follow is trouble."""
         trouble = self.convergence.trouble
         return with_trouble(solution, trouble) if trouble else solution

@@ -13,7 +13,8 @@ from invariantqp.robots.kinematics import Robot, Sighting
 class Observed(NamedTuple):
     """One tick."""
 
-    positions: Array  # (m,) checked joint positions
+    positions: Array  # (m,) checked joint positions, as measured
+    there: Array  # (m,) where the joints are when the command of this tick acts
     sighting: Sighting  # the robot's state there
     target: Any  # as the robot returned it
     root: Array  # (6, 6) of the measure
@@ -24,6 +25,7 @@ def at_rest(
     robot: Robot,
     measure: ToolMeasure,
     positions: Array,
+    there: Array,
     sighting: Sighting | None,
     before: Array,
     at: Array | None = None,
@@ -34,7 +36,7 @@ def at_rest(
         BadInput: `sighting` is something else.
     """
     if sighting is None:
-        sighting = robot.sight(positions, robot.target(robot.pose(positions)))
+        sighting = robot.sight(there, robot.target(robot.pose(there)))
     elif not isinstance(sighting, Sighting):
         raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
-    return Observed(positions, sighting, sighting.pose, measure.root_for(sighting.J, sighting.pose, at), before)
+    return Observed(positions, there, sighting, sighting.pose, measure.root_for(sighting.J, sighting.pose, at), before)

@@ -26,10 +26,9 @@ PyObject *new_matrix(int rows, int n, int width, const double *values);
 /* Whether a number that a count is made of is one. */
 static inline bool within(double x, int least, int most) { return x >= least && x <= most; }
 
-/* module.c; numbers of a Memory before its velocity */
-#define KEPT ((npy_intp)(offsetof(Memory, velocity) / sizeof(double)))
+/* module.c */
 const Loop *loop_of(PyObject *object);
-double *memory_of(PyObject *object, int m);
+double *memory_of(PyObject *object, const Loop *loop);
 
 /* arguments.c; how a policy is written in messages */
 #define POLICY "(threshold, ceiling, fixed, speed, (pitch, fraction, Z') or None)"

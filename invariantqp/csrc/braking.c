@@ -44,8 +44,7 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Dem
 {
     double dt = loop->dt, *lower = demand->lower, *upper = demand->upper;
     for (int j = 0; j < (int)loop->joints; j++) {
-        double there = q[j] + loop->delay * before[j];
-        double ahead = loop->position_upper[j] - there, behind = there - loop->position_lower[j];
+        double ahead = loop->position_upper[j] - q[j], behind = q[j] - loop->position_lower[j];
         double fastest = loop->fastest[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
         one_way(ahead, behind, before[j], loop->acceleration[j], dt, &least, &most);
         one_way(behind, ahead, -before[j], loop->acceleration[j], dt, &least_back, &most_back);

@@ -33,6 +33,8 @@ const Constant CONSTANTS[] = {
     ONE("velocity.share", INTERIOR),
     ONE("velocity.stages", BESIDE_TOLERANCE),
     ONE("velocity.qp.quadratic", MOST_SHARE),
+    ONE("control.memory", WHOLE_TICKS),
+    ONE("control.memory", MOST_LATE),
     ONE("control.convergence", MEMORY),
     ONE("control.convergence", KEPT_SHARE),
     ONE("control.convergence", FAST_SHARE),

@@ -279,7 +279,7 @@ extern const Constant CONSTANTS[];
 #define PRODUCT_ROUNDING 1e-14
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
-#define POSTURE_PACE 3e-3
+#define POSTURE_PACE 0.01
 #define PACE_ROUNDING 1e-14
 #define NO_CHASE 1e-12
 #define PROGRESS_SHARE 1e-4

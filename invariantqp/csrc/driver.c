@@ -105,7 +105,7 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     PyObject *given = count == 6 && PyTuple_Check(arguments[0]) && PyTuple_Size(arguments[0]) == 5 ? arguments[0] : NULL;
     const Loop *loop = given == NULL ? NULL : loop_of(PyTuple_GetItem(given, 0));
     int m = loop == NULL ? 0 : (int)loop->joints;
-    double *kept = m == 0 ? NULL : memory_of(PyTuple_GetItem(given, 1), m);
+    double *kept = m == 0 ? NULL : memory_of(PyTuple_GetItem(given, 1), loop);
     double *state = m == 0 ? NULL : state_of(PyTuple_GetItem(given, 2), m);
     PyObject *words = m == 0 ? NULL : PyTuple_GetItem(given, 4);
     if (kept == NULL || state == NULL || !course_of(PyTuple_GetItem(given, 3), &course) || course.m != m ||
@@ -128,7 +128,10 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
         PyErr_Clear(); /* Python says what is wrong */
         good = false;
     }
-    if (!good || drive(loop, &course, &before, q, &order, &progress) == HAND_BACK)
+    Row there;
+    if (good)
+        predicted(loop, kept, q, there);
+    if (!good || drive(loop, &course, &before, q, there, &order, &progress) == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *found[] = {told(loop, &course, &progress, words), NULL};
     if (found[0] == NULL)
@@ -136,7 +139,7 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     memcpy(state, &progress.after, head);
     memcpy(state + STATE, progress.after.along, joints);
     memcpy(state + STATE + m, progress.after.velocity, joints);
-    memcpy(kept + KEPT, progress.after.velocity, joints);
+    remembered(loop, q, progress.after.velocity, kept);
     found[1] = PyBool_FromLong(is_outside(loop, q, &progress.answer));
     return named(&PyTuple_Type, 2, found);
 }

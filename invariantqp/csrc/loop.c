@@ -44,7 +44,7 @@ static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 /* limits/box.py */
 static void box(const Loop *loop, const double *q, Demand *demand)
 {
-    double rate = 1.0 / loop->time;
+    double rate = 1.0 / loop->dt;
     for (int j = 0; j < (int)loop->joints; j++) {
         double place = q[j] * rate, fastest = loop->fastest[j], low = loop->low[j] - place, high = loop->high[j] - place;
         demand->lower[j] = between(low, -fastest, fastest);
@@ -54,28 +54,79 @@ static void box(const Loop *loop, const double *q, Demand *demand)
     }
 }
 
-/* convergence.py: seen, then commanded */
-static void watched(const Loop *loop, const double error[6], const double change[6], Memory *memory)
+/* memory.py, ticks_late: a delay in whole ticks, and the share of one more */
+static int ticks_late(const Loop *loop, double *part)
 {
-    double share = 1.0 / MEMORY, size = norm(6, error);
-    if (!isnan(memory->expected)) {
-        memory->promised = (1.0 - share) * memory->promised + share * (memory->size - memory->expected);
-        memory->achieved = (1.0 - share) * memory->achieved + share * (memory->size - size);
-        memory->ticks++;
+    double late = loop->delay / loop->dt;
+    int whole = (int)(late + WHOLE_TICKS);
+    *part = fmax(0.0, late - whole);
+    return whole;
+}
+
+/* memory.py: how many of the last commands are kept. */
+int commands_of(const Loop *loop)
+{
+    double part;
+    return ticks_late(loop, &part) + 2;
+}
+
+/* memory.py, in_flight: where the joints are when the command of this tick acts. */
+void predicted(const Loop *loop, const double *kept, const double *q, Row there)
+{
+    int m = (int)loop->joints;
+    double part;
+    int whole = ticks_late(loop, &part);
+    const double *commands = kept + KEPT + m;
+    for (int j = 0; j < m; j++) {
+        double sum = 0.0;
+        for (int i = 0; i < whole; i++)
+            sum += commands[i * m + j];
+        there[j] = q[j] + loop->dt * (sum + part * commands[whole * m + j]);
     }
-    double after[6];
-    for (int i = 0; i < 6; i++)
-        after[i] = error[i] + change[i];
-    memory->expected = norm(6, after);
-    memory->speed = (1.0 - share) * memory->speed + share * loop->slowness / loop->dt * norm(6, change);
-    memory->size = size;
+}
+
+/* memory.py, after: a tick at q that gave a command. */
+void remembered(const Loop *loop, const double *q, const double *command, double *kept)
+{
+    int m = (int)loop->joints, count = commands_of(loop);
+    double *commands = kept + KEPT + m;
+    memcpy(kept + KEPT, q, (size_t)m * sizeof(double));
+    memmove(commands + m, commands, (size_t)((count - 1) * m) * sizeof(double));
+    memcpy(commands, command, (size_t)m * sizeof(double));
+}
+
+/* convergence.py and memory.py, followed: what the tool was told to move since the tick before, and what it moved. */
+static void watched(const Loop *loop, const Demand *demand, const double *q, const double *kept, Memory *memory)
+{
+    int m = (int)loop->joints;
+    double part, told[6], done[6], share = 1.0 / MEMORY, size, along;
+    const double *positions = kept + KEPT, *commands = positions + m;
+    int whole = ticks_late(loop, &part);
+    Row shown, moved;
+    if (isnan(positions[0]))
+        return;
+    for (int j = 0; j < m; j++) {
+        shown[j] = loop->dt * ((1.0 - part) * commands[whole * m + j] + part * commands[(whole + 1) * m + j]);
+        moved[j] = q[j] - positions[j];
+    }
+    Row A[6];
+    product_of_rows(6, demand->root, m, demand->J, A);
+    for (int i = 0; i < 6; i++) {
+        told[i] = dot(m, A[i], shown);
+        done[i] = dot(m, A[i], moved);
+    }
+    size = norm(6, told);
+    along = size > 0.0 ? dot(6, told, done) / size : 0.0;
+    memory->told = (1.0 - share) * memory->told + share * size;
+    memory->done = (1.0 - share) * memory->done + share * along;
+    memory->speed = (1.0 - share) * memory->speed + share * loop->slowness / loop->dt * size;
+    memory->ticks++;
 }
 
 /* convergence.py: whether the loop does not converge; Python has the words for it. */
 bool has_trouble(const Memory *memory)
 {
-    return memory->ticks >= MEMORY && memory->speed >= FAST_SHARE && memory->promised > 0.0 &&
-           memory->achieved < KEPT_SHARE * memory->promised;
+    return memory->ticks >= MEMORY && memory->speed >= FAST_SHARE && memory->done < KEPT_SHARE * memory->told;
 }
 
 /* limits/box.py: whether a joint at a limit is outside its range, where Python has words for it. */
@@ -83,6 +134,15 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 {
     for (int j = 0; j < solution->m && loop->has_braking == 0.0; j++)
         if (solution->active[j] && fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > OUTSIDE)
+            return true;
+    return false;
+}
+
+/* loop_limits.py: whether joint positions may not be true; Python decides. */
+bool is_far(const Loop *loop, const double *q)
+{
+    for (int j = 0; j < (int)loop->joints; j++)
+        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > FAR_OUTSIDE)
             return true;
     return false;
 }
@@ -114,14 +174,11 @@ Outcome demand_in(const Loop *loop, const double *q, const double *before, const
     demand->metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
     demand->form = loop->has_form != 0.0 ? &loop->form : NULL;
     demand->limits = (int)loop->limits;
-    for (int j = 0; j < (int)loop->joints; j++)
-        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > FAR_OUTSIDE)
-            return HAND_BACK; /* Python decides whether that can be true */
     memcpy(demand->G, loop->G, (size_t)demand->limits * sizeof(Row));
     memcpy(demand->least, loop->least, sizeof(Row));
     memcpy(demand->most, loop->most, sizeof(Row));
     demand->row_rank = (int)loop->row_rank;
-    demand->dt = loop->dt;
+    demand->dt = loop->dt + loop->delay;
     demand->threshold = loop->threshold;
     demand->ceiling = loop->ceiling;
     demand->fixed = loop->fixed;
@@ -137,61 +194,63 @@ Outcome demand_in(const Loop *loop, const double *q, const double *before, const
 }
 
 /* The tick towards a target and, without one (NULL), `Controller.follow` for the twist `feedforward`. `before` is the
-   joint velocity now, which acceleration limits count from. */
+   joint velocity now, which acceleration limits count from; `kept` is what the loop keeps, `memory` its numbers after. */
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
-             Memory *memory, Solution *solution)
+             const double *kept, Memory *memory, Solution *solution)
 {
     Demand demand;
     Pose tool, home;
-    double error[6] = {0.0}, measured[6], change[6], most = 0.0, square = 0.0, share = target == NULL ? 0.0 : 1.0;
+    double error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], most = 0.0, square = 0.0, share = 1.0, gain = 0.0;
+    Row there;
     int m = demand.m = (int)loop->joints;
+    demand.chased = target != NULL;
+    memcpy(memory, kept, sizeof *memory);
+    predicted(loop, kept, q, there);
     pose_from(loop->home, &home);
-    kinematics(m, loop->screws, &home, q, demand.J, &tool);
-    if ((target != NULL && error_twist(target, &tool, error) == HAND_BACK) ||
-        demand_in(loop, q, before, &tool, &demand) == HAND_BACK)
+    kinematics(m, loop->screws, &home, there, demand.J, &tool);
+    if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK) ||
+        demand_in(loop, there, before, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
+    if (demand.chased)
+        memcpy(memory->turn, error, sizeof memory->turn);
+    for (int i = 0; i < 6 && feedforward != NULL; i++) {
+        ahead[i] = feedforward[i];
+        error[i] += demand.chased ? loop->delay * feedforward[i] : 0.0; /* the target, too, is on by then */
+    }
     for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);
-    if (target != NULL && loop->has_braking != 0.0 && approach(loop, &demand, measured, &share) == HAND_BACK)
+    if (demand.chased && loop->has_braking != 0.0 && approach(loop, &demand, measured, &share) == HAND_BACK)
         return HAND_BACK;
+    gain = demand.chased ? share * loop->gain : 0.0;
     for (int i = 0; i < 6; i++) {
-        demand.s[i] = share * loop->gain * error[i] + (feedforward == NULL ? 0.0 : feedforward[i]);
+        demand.s[i] = gain * error[i] + ahead[i];
+        along[i] = demand.chased ? (1.0 + gain * loop->delay) * ahead[i] : ahead[i];
         most = fmax(most, fabs(demand.s[i]));
         square += demand.s[i] * demand.s[i];
     }
-    if (!(square < INFINITY) || (target == NULL && most > LARGEST_SPEED))
+    if (!(square < INFINITY) || (!demand.chased && most > LARGEST_SPEED))
         return HAND_BACK;
     demand.has_posture = loop->has_posture != 0.0;
     demand.paced = true;
     for (int j = 0; j < m; j++) {
-        demand.posture[j] = demand.has_posture ? (loop->posture[j] - q[j]) * loop->pull[j] : 0.0;
+        demand.posture[j] = demand.has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
         demand.fastest[j] = isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
     }
-    const Pose *wanted = target == NULL ? &tool : target;
-    demand.chased = target != NULL;
+    const Pose *wanted = demand.chased ? target : &tool;
     if (demand.chased) {
-        for (int i = 0; i < 6; i++)
-            demand.chase.ahead[i] = feedforward == NULL ? 0.0 : feedforward[i];
+        memcpy(demand.chase.ahead, ahead, sizeof ahead);
         demand.chase.slack = loop->slack;
         demand.chase.apart = loop->carried == 0.0;
         if (loop->wanted > 0.0) {
-            if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, wanted, feedforward, &demand) == HAND_BACK)
+            if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, wanted, ahead, &demand) == HAND_BACK)
                 return HAND_BACK;
             memcpy(demand.chase.rows_ahead, demand.e, sizeof demand.chase.rows_ahead);
         }
     }
-    if (rows_of(loop->exact, (int)loop->wanted, share * loop->gain, &tool, wanted, feedforward, &demand) == HAND_BACK ||
+    if (rows_of(loop->exact, (int)loop->wanted, gain, &tool, wanted, along, &demand) == HAND_BACK ||
         solve(&demand, solution) == HAND_BACK)
         return HAND_BACK;
-    memcpy(memory->velocity, solution->velocity, (size_t)m * sizeof(double));
-    if (target == NULL)
-        return DONE;
-    double moved[6];
-    for (int i = 0; i < 6; i++)
-        moved[i] = dot(m, demand.J[i], solution->velocity) - (feedforward == NULL ? 0.0 : feedforward[i]);
-    for (int i = 0; i < 6; i++)
-        change[i] = -loop->dt * dot(6, demand.root[i], moved);
-    watched(loop, measured, change, memory);
-    memcpy(memory->turn, error, sizeof memory->turn);
+    if (demand.chased)
+        watched(loop, &demand, q, kept, memory);
     return DONE;
 }

@@ -18,7 +18,7 @@ typedef struct {
     double row_rank, speed_limit, has_braking;
     double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
     double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
-    double time, delay;                /* of the way to a position limit, and until a command shows, with braking */
+    double delay;                      /* until a command shows, beyond one tick */
     double threshold, ceiling, fixed, speed;
     double planned_threshold, planned_ceiling; /* damping where the joint motion is planned */
     double slack;                              /* of a chase */
@@ -36,12 +36,12 @@ typedef struct {
     double root[6][6]; /* of the carried metric */
 } Loop;
 
-/* control/memory.py and convergence.py: what a loop keeps from tick to tick. Numbers alone, as in a Loop; `expected` and
-   `turn` are NaN before the first tick. */
+/* control/memory.py and convergence.py: what a loop keeps from tick to tick; `turn` and positions are NaN before the first.
+   In Python these numbers, then the positions (m,) and the last commands (k, m), the latest first. */
 typedef struct {
-    double promised, achieved, speed, size, ticks, expected, turn[3];
-    Row velocity;
+    double told, done, speed, ticks, turn[3];
 } Memory;
+#define KEPT ((int)(sizeof(Memory) / sizeof(double)))
 
 /* braking.c, demands.c, loop.c */
 void root_at(const double p[3], double length, double root[6][6]);
@@ -51,12 +51,18 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Dem
 double share_within(const Loop *loop, const Row distance);
 Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
+int commands_of(const Loop *loop);
+void predicted(const Loop *loop, const double *kept, const double *q, Row there);
+void remembered(const Loop *loop, const double *q, const double *command, double *kept);
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
-             Memory *memory, Solution *solution);
+             const double *kept, Memory *memory, Solution *solution);
 bool has_trouble(const Memory *memory);
+bool is_far(const Loop *loop, const double *q);
 bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 
 #define MEMORY 50
+#define WHOLE_TICKS 1e-9
+#define MOST_LATE 10000
 #define KEPT_SHARE 0.2
 #define FAST_SHARE 0.02
 #define STRAIN_TOLERANCE 1e-9

@@ -69,22 +69,23 @@ static PyObject *loop(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 {
     (void)module;
     static const char *const USE = "loop((m, dt, gain, length, slowness, has_posture, row_rank, speed_limit, has_braking, "
-                                   "k, r, has_metric, 0, carried, time, delay, slack, planned threshold and "
-                                   "ceiling), point, fast, home, screws, low, high, fastest, posture, pull, position_lower, position_upper, acceleration, "
+                                   "k, r, has_metric, 0, carried, delay, slack, planned threshold and "
+                                   "ceiling), point, fast, home, screws, low, high, fastest, posture, pull, "
+                                   "position_lower, position_upper, acceleration, "
                                    "(k, 8 + m) exact, C, lower, upper of r rows, T, its inverse, " POLICY ", root)";
     Loop made = {.joints = 0.0};
     Demand read;
-    double first[19];
-    bool good = count == 21 && vector(arguments[0], 19, first) && first[0] >= 1.0 && first[0] <= MOST &&
+    double first[18];
+    bool good = count == 21 && vector(arguments[0], 18, first) && first[0] >= 1.0 && first[0] <= MOST &&
                 first[9] >= 0.0 && first[9] <= MOST_ROWS && first[10] >= 0.0 && first[10] <= MOST &&
                 policy(arguments[19], &read, &made.form) && matrix(arguments[20], 6, 6, 6, made.root[0]);
     if (!good)
         return refused(USE);
     int m = (int)first[0], k = (int)first[9];
-    memcpy(&made, first, 16 * sizeof(double));
-    made.slack = first[16];
-    made.planned_threshold = first[17];
-    made.planned_ceiling = first[18];
+    memcpy(&made, first, 15 * sizeof(double));
+    made.slack = first[15];
+    made.planned_threshold = first[16];
+    made.planned_ceiling = first[17];
     made.has_form = read.form != NULL;
     made.threshold = read.threshold;
     made.ceiling = read.ceiling;
@@ -116,16 +117,16 @@ const Loop *loop_of(PyObject *object)
         return NULL;
     const Loop *loop = PyArray_DATA(array);
     bool fits = within(loop->joints, 1, MOST) && within(loop->wanted, 0, MOST_ROWS) && within(loop->limits, 0, MOST) &&
-                within(loop->form.count, 0, 6) && within(loop->row_rank, -1, MOST_ROWS * 3);
+                within(loop->delay / loop->dt, 0, MOST_LATE) && within(loop->form.count, 0, 6) && within(loop->row_rank, -1, MOST_ROWS * 3);
     return fits ? loop : NULL;
 }
 
-/* The numbers of a Memory, for reading and writing: KEPT of them, then the velocity (m,); NULL for anything else. */
-double *memory_of(PyObject *object, int m)
+/* The numbers of a loop's memory, for reading and writing; NULL for anything else. */
+double *memory_of(PyObject *object, const Loop *loop)
 {
     PyArrayObject *array = (PyArrayObject *)object;
     bool good = PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY(array) &&
-                PyArray_SIZE(array) == KEPT + m;
+                PyArray_SIZE(array) == KEPT + (1 + commands_of(loop)) * (npy_intp)loop->joints;
     return good ? PyArray_DATA(array) : NULL;
 }
 
@@ -148,7 +149,7 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
 {
     (void)module;
     const Loop *fixed = count == 6 ? loop_of(arguments[0]) : NULL;
-    double *kept = fixed == NULL ? NULL : memory_of(arguments[1], (int)fixed->joints);
+    double *kept = fixed == NULL ? NULL : memory_of(arguments[1], fixed);
     if (kept == NULL)
         return refused("step(loop, memory, q, target, feedforward, velocity)");
     int m = (int)fixed->joints;
@@ -158,18 +159,18 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     bool ahead = arguments[4] != Py_None, towards = arguments[3] != Py_None;
     Memory memory;
     Solution solution;
-    memcpy(&memory, kept, (size_t)(KEPT + m) * sizeof(double));
     if (arguments[5] == Py_None)
-        memcpy(before, memory.velocity, sizeof before);
+        memcpy(before, kept + KEPT + m, (size_t)m * sizeof(double));
     if ((arguments[5] != Py_None && (!vector(arguments[5], m, before) || !all_finite(m, before))) ||
         !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
         (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead) ||
-        step(fixed, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, &memory, &solution) == HAND_BACK)
+        step(fixed, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &memory, &solution) == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *found[] = {fields(m, &solution), NULL};
     if (found[0] == NULL)
         return NULL;
-    memcpy(kept, &memory, (size_t)(KEPT + m) * sizeof(double));
+    memcpy(kept, &memory, sizeof memory);
+    remembered(fixed, q, solution.velocity, kept);
     found[1] = PyBool_FromLong((towards && has_trouble(&memory)) || is_outside(fixed, q, &solution));
     return named(&PyTuple_Type, 2, found);
 }

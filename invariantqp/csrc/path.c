@@ -183,8 +183,8 @@ static Outcome told(const Loop *loop, const Course *course, const Beside *here, 
 }
 
 /* path_drive.py and path_driver.py; `before` has the joint velocity now. */
-Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Order *order,
-              Progress *progress)
+Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Row there,
+              const Order *order, Progress *progress)
 {
     Beside here;
     Demand demand;
@@ -193,7 +193,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     double dt = loop->dt, length = loop->length, most = 0.0, speed, possible, kept = 1.0;
     int m = demand.m = course->m;
     bool back = before->back != 0.0, turning = order->back != back, stop = order->paused || turning;
-    if (look(loop, course, before, q, &demand, &here) == HAND_BACK)
+    if (is_far(loop, q) || look(loop, course, before, q, &demand, &here) == HAND_BACK)
         return HAND_BACK;
     for (int j = 0; j < m; j++)
         most = fmax(most, fabs(here.joints[j] - q[j]));
@@ -212,7 +212,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     slope_at(course, middle, slope);
     curve_tangent(course, middle, after->tangent);
     if (twist_of(loop, course, &here, q, rate, strayed, slope, after->tangent, &tool, &demand) == HAND_BACK ||
-        demand_in(loop, q, before->velocity, &tool, &demand) == HAND_BACK)
+        demand_in(loop, there, before->velocity, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
     demand.dt = 0.0; /* not calm, and hardly damped: the joint motion is planned */
     demand.threshold = loop->planned_threshold;

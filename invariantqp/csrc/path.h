@@ -81,7 +81,7 @@ double possible_rate(const Loop *loop, const Course *course, const Travel *state
 Outcome ramped(const Course *course, const Travel *state, double at, double wanted, double share, double dt, double *a);
 
 /* path.c */
-Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Order *order,
+Outcome drive(const Loop *loop, const Course *course, const Travel *before, const double *q, const Row there, const Order *order,
               Progress *progress);
 
 #define OFF_PATH 1e-5

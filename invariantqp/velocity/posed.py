@@ -58,7 +58,7 @@ class Left(NamedTuple):
 # The joint speed of a task, as a share of the fastest, at which half of the posture is followed. Measured on 144 tight
 # tasks of seven-joint arms and on arms that are told to stay (`examples/14_defaults.py`): 0.02 loses more of the tasks,
 # and with positions read to 2e-5 rad an arm that stays moves by less than 0.1 deg in ten seconds.
-POSTURE_PACE = 3e-3
+POSTURE_PACE = 0.01
 
 # Without rows.
 EVERY = Left(None, np.empty(0))

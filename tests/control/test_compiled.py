@@ -15,7 +15,6 @@ from support.two_laws import NUMBER, ROUNDING
 import invariantqp as iq
 from invariantqp.control.compiled import compiled_tick
 from invariantqp.control.frame_cost import FrameCost
-from invariantqp.control.memory import Memory
 from invariantqp.engine import core
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
@@ -81,15 +80,16 @@ def assert_same(controller, q, target, feedforward=None):
     np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
     assert (native.status, native.method, native.active) == (python.status, python.method, python.active)
     assert NUMBER.sub("#", native.reason) == NUMBER.sub("#", python.reason)
-    ours, theirs = Memory.of(controller.kept), Memory.of(after.kept)
+    ours, theirs = controller.memory, after.memory
     assert type(native) is type(python)
     assert not np.shares_memory(controller.kept, native.velocity)
-    np.testing.assert_array_equal(ours.velocity, native.velocity)
+    np.testing.assert_array_equal(ours.commands[0], native.velocity)
+    np.testing.assert_array_equal(ours.positions, q)
     np.testing.assert_allclose(ours.turn, theirs.turn, rtol=1e-12, atol=1e-14)
     assert ours.convergence.ticks == theirs.convergence.ticks
-    for name in ("promised", "achieved", "speed", "size"):
+    for name in ("told", "done", "speed"):
         one, other = getattr(ours.convergence, name), getattr(theirs.convergence, name)
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-6 * theirs.convergence.size + 1e-12 * controller.gain)
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-6 * theirs.convergence.told)
     return native
 
 
@@ -178,8 +178,9 @@ def test_a_twist_is_followed_as_in_python(exact, limits):
         far = rounding(controller, q, robot.pose(q)) + 1e-10 * np.abs(python.velocity).max()
         np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=far)
         assert (native.status, native.method, native.active) == (python.status, python.method, python.active)
-        np.testing.assert_array_equal(controller.kept[-7:], native.velocity)
-        np.testing.assert_array_equal(controller.kept[:-7], other.kept[:-7])
+        np.testing.assert_array_equal(controller.memory.commands[0], native.velocity)
+        np.testing.assert_array_equal(controller.memory.positions, other.memory.positions)
+        np.testing.assert_array_equal(controller.kept[:7], other.kept[:7])
         met.add(native.method)
         q = q + 0.01 * native.velocity
     assert answered > 40

@@ -186,7 +186,7 @@ def test_another_controller_drives_from_its_first_tick():
     python, after = in_python(follower, q)
     native = follower.step(q)
     assert_same(native, follower._state, python, after, follower.controller.gain)
-    np.testing.assert_array_equal(follower.controller.kept[-7:], native.velocity)
+    np.testing.assert_array_equal(follower.controller.memory.commands[0], native.velocity)
     assert type(follower._state) is type(after)
 
 

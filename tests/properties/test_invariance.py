@@ -116,7 +116,7 @@ def chased(J, s, ahead, still, numbers, **options):
     wider, slack, fastest, apart, dt = numbers
     asked = VelocityProblem.of(J, s, **options)
     d = asked.demand
-    chase = Chase(ahead, still, d.lower - wider[0], d.upper + wider[1], slack, 0.7, apart)
+    chase = Chase(ahead, still, d.lower - wider[0], d.upper + wider[1], slack, apart)
     return solve(replace(asked.law, dt=dt), d._replace(chase=chase, fastest=fastest))
 
 

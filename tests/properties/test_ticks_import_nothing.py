@@ -54,7 +54,7 @@ def test_no_tick_imports_anything(imports, name):
 
 def test_the_watch_sees_an_import(imports, monkeypatch):
     monkeypatch.delitem(sys.modules, "this", raising=False)
-    monkeypatch.setattr(Memory, "now", lambda memory, velocity: __import__("this") and memory.velocity)
+    monkeypatch.setattr(Memory, "now", lambda memory, velocity: __import__("this") and memory.commands[0])
     robot = iq.load_robot("ur5")
     q = [0.1, -1.0, 1.2, 0.3, 0.5, 0.0]
     iq.Controller(robot, dt=0.01).step(q, robot.pose(q))

@@ -11,7 +11,7 @@ import invariantqp as iq
 
 # What the law says of itself, repeated here on purpose.
 UNLIMITED = (1e-2, 1e-2)  # threshold and ceiling of the damping where some joint has no bound
-LIMITED = (2e-2, 1e-3)
+LIMITED = (1e-2, 2e-3)
 NULL_WEIGHT = 1e-8
 
 

@@ -83,7 +83,7 @@ def sweep(rng, kind, m, exact, dt, *, chased=False):
         demand = asked.demand
         if chased:
             first = None if rows is None else at(still)
-            chase = Chase(at(ahead), first, at(placed[0]), at(placed[1]), float(at(slack)), 0.5, apart=True)
+            chase = Chase(at(ahead), first, at(placed[0]), at(placed[1]), float(at(slack)), apart=True)
             demand = demand._replace(chase=chase, fastest=at(fastest))
         return solve(replace(asked.law, dt=dt), demand).velocity
 

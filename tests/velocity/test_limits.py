@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import invariantqp as iq
-from invariantqp.control.memory import Memory
 from invariantqp.velocity.limits.box import JointBox
 from invariantqp.velocity.limits.braking import BrakingBox, braking_speed
 
@@ -194,7 +193,7 @@ def test_a_range_too_short_for_its_margin_keeps_its_middle():
     solution = loop.step(q, robot.pose(q))
     assert solution.status != "held"
     solution.velocity[:] = 99.0  # the loop has a memory of its own
-    assert (np.abs(Memory.of(loop.kept).velocity) <= robot.velocity_limit).all()
+    assert (np.abs(loop.memory.commands[0]) <= robot.velocity_limit).all()
 
 
 @pytest.mark.parametrize("speed", [1.0, 1e-4, 1e-7])

@@ -46,13 +46,11 @@ class BrakingBox(Value):
 
     box: JointBox  # position and velocity limits
     acceleration: Array = field(converter=own)  # (m,) [rad/s^2, length/s^2], positive, inf where there is none
-    # dead time after which a command shows in the measurements [s]: joints are on by so much of their speed
-    delay: float = 0.0
 
     def at(self, q: Array, before: Array) -> BrakingBounds:
         """The box at joint positions q (m,), coming from the joint velocity `before` (m,)."""
         fastest = self.box.velocity_limit
-        ahead, behind = self.box.room(q + self.delay * before)
+        ahead, behind = self.box.room(q)
         # Down is the same problem as up with all signs changed.
         (least, least_back), (most, most_back) = self._towards(np.array((ahead, behind)), np.array((before, -before)))
         lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)

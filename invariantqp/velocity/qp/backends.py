@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, Protocol
 import daqp
 import numpy as np
 
-from invariantqp.errors import BadInput, InvariantQPError, MissingExtra, UnknownName
-from invariantqp.extras import require
+from invariantqp.errors import BadInput, InvariantQPError, UnknownName
+from invariantqp.extras import optional, require
 from invariantqp.geometry.arrays import Array
 
 # Stand-in for infinity in a scaled problem.
@@ -139,10 +139,8 @@ class Cvxpy:
     name: str = "cvxpy"
 
     def __post_init__(self) -> None:
-        try:
+        with optional("cvxpy", "cvxpy"):
             import cvxpy  # noqa: F401 (is it there?)
-        except ImportError:
-            raise MissingExtra("cvxpy", "cvxpy") from None
 
     def solve_in_cone(self, qp: BoxQP, J: Array, start: Array) -> Array:
         """The minimiser with |start + J z| <= 1, J (3, n) and start (3,).
