@@ -95,4 +95,5 @@ with lazily(__name__, moved=MOVED):
     from invariantqp.velocity.guard import Guard as Guard
     from invariantqp.velocity.limits.box import Bounds as Bounds
     from invariantqp.velocity.request import solve_velocity as solve_velocity
+    from invariantqp.velocity.solution import Status as Status
     from invariantqp.version import __version__ as __version__

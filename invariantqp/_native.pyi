@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Policy
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 CONSTANTS: dict[str, float]
 MOST_JOINTS: int
 MOST_ROWS: int
 RECORD: int
 
-def answer_as(kind: type[VelocitySolution], /) -> None: ...
+def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
 def tick(
     J: Array,
     s: Array,

@@ -26,7 +26,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import cross
 from invariantqp.robots.kinematics import Robot, middle
-from invariantqp.robots.load import load_robot
+from invariantqp.robots.load import read_arm
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand, VelocityLaw
@@ -48,6 +48,8 @@ MEMORY = 0.05
 POINT_ALONE = np.repeat((0.0, 1.0), 3)[:, None]
 # A target that is nearer than this is reached [rad, length].
 ARRIVED = 1e-10
+# Singular values of a rotation may be this far from 1 in a stream of poses: LeRobot goes on with those.
+NEARLY_RIGID = 1e-2
 
 
 class RobotKinematics:
@@ -129,7 +131,8 @@ class RobotKinematics:
         Args:
             current_joint_pos: where the joints are, measured or commanded last; what follows `joint_names` passes
                 through [deg].
-            desired_ee_pose: (4, 4) in the base frame.
+            desired_ee_pose: (4, 4) in the base frame. A rotation that is off by up to a hundredth, as sums of rounded
+                numbers are, is taken as the nearest one.
             position_weight: weight of the squared distance [1/length^2]; 0 leaves the position free.
             orientation_weight: weight of the squared angle [1/rad^2]; 0 leaves the orientation free.
 
@@ -137,7 +140,7 @@ class RobotKinematics:
             BadInput: NaN, no rigid motion, too few positions, negative weights.
         """
         positions = self._positions(current_joint_pos, "current_joint_pos")
-        pose = arrays.pose(desired_ee_pose, "desired_ee_pose")
+        pose = _rigid(desired_ee_pose, "desired_ee_pose")
         target = self.robot.target(pose)
         weights = (
             arrays.not_negative(orientation_weight, "orientation_weight", "a weight") ** 0.5,
@@ -192,6 +195,17 @@ class RobotKinematics:
         return positions
 
 
+def _rigid(value: ArrayLike, argument: str) -> Array:
+    """A (4, 4) rigid motion, its rotation the nearest where what is given is one but for a hundredth."""
+    given = arrays.array(getattr(value, "homogeneous", value), argument, "a (4, 4) homogeneous rigid motion")
+    if given.shape == (4, 4) and np.isfinite(given).all() and not arrays.is_rigid(given):
+        U, sigma, Vt = np.linalg.svd(given[:3, :3])
+        if np.abs(sigma - 1.0).max() <= NEARLY_RIGID:
+            given = given.copy()
+            given[:3, :3] = U.dot(Vt)
+    return arrays.pose(given, argument)
+
+
 def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None) -> Robot:
     """The joints that move the frame, of those given."""
     if not isinstance(source, (str, PathLike)):
@@ -203,7 +217,7 @@ def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None)
     moving = None if given is None else [name for name in given if _moves(source, frame, name)]
     if moving is not None and not moving:
         raise BadInput("joint_names", arrays.names(given or ()), f"joints that move {frame!r}")
-    arm = load_robot(source, frame, moving)
+    arm = read_arm(source, frame, None if moving is None else tuple(moving))
     turning = arm.jacobian(middle(arm))[:3].any(axis=0)
     if not turning.all():
         slides = arm.names[int(np.argmin(turning))]
@@ -218,7 +232,7 @@ def _moves(source: str | PathLike[str], frame: str, joint: str) -> bool:
         UnknownName: no such joint or frame.
     """
     try:
-        load_robot(source, frame, [joint])
+        read_arm(source, frame, (joint,))
     except BadInput as error:
         if error.argument != "joints":
             raise

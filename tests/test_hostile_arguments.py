@@ -20,7 +20,7 @@ NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
-    "SensorCheck Sighting StationaryPoint Survey Kinematics Velocities "
+    "SensorCheck Sighting StationaryPoint Status Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
@@ -34,7 +34,7 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
-    "Controller.posture_pull Controller.told "
+    "Controller.posture_pull Controller.told Controller.wrong "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }

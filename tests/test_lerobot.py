@@ -212,3 +212,18 @@ def test_bad_input_is_refused_by_name(so101):
     )
     with pytest.raises(iq.BadInput, match="joint j slides"):
         RobotKinematics(slide, "tip")
+
+
+def test_a_rotation_that_is_off_by_rounding_is_taken_as_the_nearest(so101):
+    target = so101.forward_kinematics(Q + 3.0)
+    wanted = so101.inverse_kinematics(Q, target)
+    off = target.copy()
+    off[:3, :3] += 1e-4 * np.random.default_rng(0).normal(size=(3, 3))
+    kept = off.copy()
+    answer = RobotKinematics("so101", joint_names=JOINTS).inverse_kinematics(Q, off)
+    np.testing.assert_allclose(answer, wanted, atol=0.1)
+    np.testing.assert_array_equal(off, kept)
+    scaled = target.copy()
+    scaled[:3, :3] *= 1.02
+    with pytest.raises(iq.BadInput, match="desired_ee_pose: found an upper-left block that is not a rotation"):
+        so101.inverse_kinematics(Q, scaled)

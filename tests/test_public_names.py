@@ -26,6 +26,7 @@ TOP = {
     "screw systems": "pitch_form pitch_form_inverse pseudoinverse has_pseudoinverse reciprocal principal_pitches "
     "gibson_hunt involution",
     "what is caught": "InvariantQPError BadInput NoPseudoinverse NoProjectors BlindSystem",
+    "answers": "Status",
     "more": "__version__ native",
 }
 

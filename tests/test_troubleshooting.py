@@ -1,7 +1,8 @@
 """Every reason that the library can give has its entry on the troubleshooting page, and every entry is given somewhere.
 
-Reasons are the texts of two words or more in the sources of solutions, without those that go into exceptions: what a
-checker of arguments is told, what is raised. `SolverFailure` and `_Unusable` end in reasons.
+Reasons are the texts of two words or more in the sources of solutions, without those that go into exceptions and
+warnings: what a checker of arguments is told, what is raised or warned of. `SolverFailure` and `_Unusable` end in
+reasons.
 """
 
 import ast
@@ -54,7 +55,7 @@ def checks(tree):
 def reasons(source):
     """The texts of a file that can become part of a reason."""
     tree = ast.parse(source)
-    outside = {"BadInput", *checks(tree)}
+    outside = {"BadInput", "warn", *checks(tree)}
 
     def inside(node):
         """The nodes of the tree but for exceptions, checks and docstrings."""

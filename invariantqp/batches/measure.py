@@ -43,7 +43,8 @@ def reaches(xp: Namespace, J: Rows, s: Rows, size: Rows) -> Rows:
     """(...) L for joint twists (..., 6, m) and a wanted twist (..., 6), both taken at the point.
 
     The arm's reach; where no axis is away from the point, |v| / |omega| of the turning joints, or of s, or 1. A reach
-    has to exceed the rounding of the coordinates that the twists were computed from, of which `size` (...) is the size.
+    has to exceed the rounding of the coordinates that the twists were computed from, of which `size` (...) is the size,
+    and that of the twist's length.
     """
     here = xp.zeros_like(J[..., :3, 0])
     total = speeds = rates = xp.zeros_like(J[..., 0, 0])
@@ -63,6 +64,8 @@ def reaches(xp: Namespace, J: Rows, s: Rows, size: Rows) -> Rows:
     one, rounded = xp.ones_like(w), rounding * size
     has = (v > rounded * w) & (w * LENGTH_LIMIT > v)
     asked = xp.where(has, v / xp.where(has, w, one), one)
+    beside = xp.where(has, rounding * asked, xp.zeros_like(asked))
+    rounded = xp.where(rounded > beside, rounded, beside)
     moves = speeds > rounded * rounded * rates
     own = xp.sqrt(xp.where(moves, speeds, one) / xp.where(moves, rates, one))
     return xp.where(total > rounded, total, xp.where(moves, own, asked))

@@ -17,7 +17,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 Family = Literal["invariant", "QP", "Moore-Penrose", "damped", "library"]
 FAMILIES: tuple[Family, ...] = ("invariant", "QP", "Moore-Penrose", "damped", "library")
@@ -140,7 +140,7 @@ class Method:
 
 def answer(x: Array, method: str, solver: str = "") -> VelocitySolution:
     """A velocity (m,) as the answer of a tick; what else an answer says is not known of the method."""
-    return VelocitySolution(np.asarray(x), method, "ok", "", (), UNKNOWN, 1.0, 0.0, 0.0, solver)
+    return VelocitySolution(np.asarray(x), method, Status.OK, "", (), UNKNOWN, 1.0, 0.0, 0.0, solver)
 
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:

@@ -58,7 +58,7 @@ def compiled_loop(
         exact: what is met exactly.
         row_rank: how many of its rows the arm can keep at best.
     """
-    box, braking, speed, joint_rows = limits
+    box, braking, speed, joint_rows = limits[:4]
     carried = measure.carried
     if core is None or law.compiled is None or (carried is None and measure.point is None):
         return None

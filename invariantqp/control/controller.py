@@ -16,16 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import same_turn, share_of_gain
+from invariantqp.control.changes import STOPPED, Changes, changes_of
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.joint_rows import PinkLimit, Rows
-from invariantqp.control.loop_limits import loop_limits
+from invariantqp.control.joint_rows import Rows
+from invariantqp.control.loop_limits import Limit, loop_limits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, ticks_late
 from invariantqp.control.observed import Observed, at_rest
 from invariantqp.control.posture import POSTURE_GAIN, posture_of
-from invariantqp.control.tracking import tracking_gain, tracking_twist
+from invariantqp.control.tracking import question_gain, tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
@@ -38,7 +39,7 @@ from invariantqp.velocity.law import SLACK, Chase, Demand, VelocityLaw
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
 
@@ -84,7 +85,8 @@ class Controller:
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
         rows: Rows | None = None,
-        limits: Sequence[PinkLimit] = (),
+        limits: Sequence[Limit] = (),
+        far_outside: Literal["hold", "return"] = "hold",
     ) -> None:
         """Make the loop's fixed part.
 
@@ -114,21 +116,30 @@ class Controller:
             tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
                 limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
-            limits: limits and barriers made for Pink from `robot.model`: anything with
+            limits: more limits, in a list: LimitRows or functions as in `rows`, a ToolSpeed in place of `tool_speed`,
+                limits and barriers made for Pink from `robot.model`, anything with
                 `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
-                they contradict these. Reasons number them after `rows`, in their order. Pink cannot pickle them.
+                they contradict these. Reasons number their rows after `rows`, in their order. Pink cannot pickle its.
+            far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
+                its position range, as one in degrees is; "return" moves back from there too.
 
         Raises:
             BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, or an
                 argument that `solve_velocity` would refuse.
             UnknownName: no such back end.
-            MissingExtra: `limits` without Pink.
+            MissingExtra: a limit of Pink's without Pink.
+
+        Warns:
+            UserWarning: a gain of at most 1 1/s beside a tick of at most 20 ms, which may be meant as a share of the
+                error in a tick.
         """
         self.robot = require_robot(robot)
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.delay: float = arrays.not_negative(delay, "delay", "a dead time in seconds")
         self.gain: float = tracking_gain(gain, self.dt, self.delay)
+        if gain is not None:
+            question_gain(self.gain, self.dt)
         self.exact: tuple[Exact, ...] = demands_of(exact)
         self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
@@ -150,8 +161,19 @@ class Controller:
         self.posture_gain: float = float(self._pull.max())
         self._fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
         self._slack = SLACK * self.gain * self.measure.radian
-        self._limits = loop_limits(robot, self.dt, acceleration_limit, position_margin, tool_speed, rows, limits)
-        self.box, self.braking, self.tool_speed, self.joint_rows = self._limits
+        turning = np.array(seen.J[:3].any(axis=0))
+        self._limits = loop_limits(
+            robot,
+            self.dt,
+            acceleration_limit,
+            position_margin,
+            tool_speed,
+            rows,
+            limits,
+            far_outside,
+            turning,
+        )
+        self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
@@ -179,7 +201,15 @@ class Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks
 
     def step(
-        self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None, velocity: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        target: Any,
+        feedforward: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        *,
+        speed: float = 1.0,
+        velocity_limit: ArrayLike | None = None,
+        tool_speed: float | None = None,
     ) -> VelocitySolution:
         """One tick: the joint velocity to command until the next.
 
@@ -189,6 +219,13 @@ class Controller:
             feedforward: (6,) twist of the target in the base frame [rad/s; length/s]; None is a target at rest.
             velocity: (m,) joint velocity now [rad/s, length/s], for the acceleration limits; None is the one commanded
                 last, zero before the first tick.
+            speed: an operator's slider, from 0 to 1: the joints go the same way, `speed` times as fast as they would,
+                feedforward and approach alike; 0 stands still. A target that moves on has to move so much slower too.
+            velocity_limit: (m,) or one for all joints [rad/s, length/s], in this tick; the lower of it and the arm's.
+            tool_speed: the largest speed of the controller's limited point, or of the tool frame's origin, in this tick
+                [length/s]; the lower of it and the controller's own. The slider scales limits of
+                speed too: they are those at speed=1. Joints that are faster than all this allows slow down as fast as
+                their `acceleration_limit` lets them, at once without one.
 
         Returns:
             VelocitySolution: q + dt velocity is inside the position limits, or on its way back inside.
@@ -196,7 +233,8 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        core = None if target is None else self.compiled
+        now = changes_of(speed, velocity_limit, tool_speed, self._count)
+        core = None if target is None or now is not None else self.compiled
         found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
             answer, more = found
@@ -208,17 +246,22 @@ class Controller:
         sighting = self.robot.sight(there, target)
         turn = same_turn(sighting.error, memory.turn)
         ahead = np.zeros(6) if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
-        error = turn + self.delay * ahead  # the target, too, is on by then
+        led = ahead if now is None else now.speed * ahead
+        error = turn + self.delay * led  # the target, too, is on by then
         s = tracking_twist(error, self.gain, feedforward)
         root = self.measure.root_for(sighting.J, sighting.pose)
         A = root.dot(sighting.J)
         share = 1.0
-        if self.braking is not None:
-            share = share_of_gain(self.law, self.braking, self.gain, A, root.dot(error))
+        gain = self.gain if now is None else now.speed * self.gain
+        if self.braking is not None and gain > 0.0:
+            share = share_of_gain(self.law, self.braking, gain, A, root.dot(error))
             s -= (1.0 - share) * self.gain * error
+        state = Observed(positions, there, sighting, target, root, before)
+        if self.wrong(positions):
+            return self._tick(state, s, share, ahead)
         memory = memory.followed(positions, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
-        return memory.judged(self._tick(Observed(positions, there, sighting, target, root, before), s, share, ahead))
+        return memory.judged(self._tick(state, s, share, ahead, now=now))
 
     def follow(
         self,
@@ -231,6 +274,9 @@ class Controller:
         posture: ArrayLike | None = None,
         *,
         calm: bool = True,
+        speed: float = 1.0,
+        velocity_limit: ArrayLike | None = None,
+        tool_speed: float | None = None,
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
@@ -243,6 +289,9 @@ class Controller:
             at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
             posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
             calm: False where the joint motion is planned: what damps the chase of a target out of reach is left out.
+            speed: as in `step`; exact `rows` are `speed` times as fast too.
+            velocity_limit: as in `step`.
+            tool_speed: as in `step`.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -250,7 +299,8 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
-        own = rows is None and sighting is None and at is None and posture is None and calm is True
+        now = changes_of(speed, velocity_limit, tool_speed, self._count)
+        own = now is None and rows is None and sighting is None and at is None and posture is None and calm is True
         core = self.compiled if own else None
         found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
         if found is not None:
@@ -263,7 +313,7 @@ class Controller:
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, self._count, "posture")
         state = self._at_rest(positions, sighting, velocity, where)
-        return self._tick(state, s, None, s, rows, posture=free, calm=arrays.flag(calm, "calm"))
+        return self._tick(state, s, None, s, rows, posture=free, calm=arrays.flag(calm, "calm"), now=now)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -301,6 +351,24 @@ class Controller:
         """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
         return self._limits.told(solution, q, self.robot.names)
 
+    def wrong(self, q: Array) -> str:
+        """Why joint positions (m,) cannot be true, "" where they may be or `far_outside` is "return"."""
+        return self._limits.wrong(q, self.robot.names)
+
+    def believed(self, q: ArrayLike, argument: str = "q") -> Array:
+        """Joint positions (m,) that can be true; errors name the argument.
+
+        Raises:
+            BadInput: NaN, a wrong shape, or positions for which a tick is held.
+        """
+        positions = arrays.vector(q, self._count, argument)
+        wrong = self.wrong(positions)
+        if wrong:
+            raise BadInput(
+                argument, wrong.partition(" Give")[0], "joint positions in radians, near the position ranges"
+            )
+        return positions
+
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
         return (self._posture - q) * self._pull if self.posture_gain else None
@@ -321,22 +389,28 @@ class Controller:
         posture: Array | None = None,
         *,
         calm: bool = True,
+        now: Changes | None = None,
     ) -> VelocitySolution:
         """The velocity for the twist s, or at rest if told to `stand`.
 
         What of s is not `ahead` chases the target, at a share of the gain; None is a twist by itself.
         """
         positions, there, sighting, target, root, before = state
+        wrong = self.wrong(positions)
+        if wrong:
+            return self._halted(state, s, wrong)
         fastest = self._fastest if posture is None else None
         posture = self.posture_pull(there) if posture is None else posture
-        limits = self._limits.at(self.robot, sighting, target, there, before)
-        stand = limits.trouble or stand
+        limits = self._limits.at(self.robot, sighting, target, there, before, now)
+        stand = limits.trouble or (STOPPED if now is not None and now.speed == 0.0 else stand)
         chase = None
         if share is None:
             exact = self._rows(sighting, target, 0.0, ahead, more)
         else:
             gain = share * self.gain
-            exact = self._rows(sighting, target, gain, (1.0 + gain * self.delay) * ahead, more)
+            exact = self._rows(
+                sighting, target, gain, (1.0 + gain * self.delay * (1.0 if now is None else now.speed)) * ahead, more
+            )
             rows_ahead = self._rows(sighting, target, 0.0, ahead, more)
             still = None if rows_ahead is None else rows_ahead.b
             chase = Chase(ahead, still, *limits.placed, self._slack, self.measure.carried is None)
@@ -355,6 +429,17 @@ class Controller:
             fastest,
         )
         law = self.law if calm else self.law.planned
+        if now is not None and now.speed not in (0.0, 1.0):
+            law, demand = law.slowed(now.speed), demand.slowed(now.speed)
         solution = solve(law, demand) if stand is None else standing(law, demand, stand)
         self.memory.after(positions, solution.velocity).write(self.kept)
         return self._limits.told(solution, positions, self.robot.names, limits.strained)
+
+    def _halted(self, state: Observed, s: Array, reason: str) -> VelocitySolution:
+        """Standing still wherever the joints may be, or coming to rest as fast as their accelerations allow."""
+        x, nowhere = np.zeros(self._count), np.full(self._count, np.nan)
+        if self.braking is not None:
+            x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
+        self.memory.after(nowhere, x).write(self.kept)
+        residual = s - state.sighting.J.dot(x)
+        return VelocitySolution(x, "hold", Status.HELD, reason, (), residual, 0.0, 0.0, 0.0, "")

@@ -89,7 +89,8 @@ def _poses(path: Any) -> Array:
     Raises:
         BadInput: something else, or fewer than two.
     """
-    if isinstance(path, (str, bytes)) or not isinstance(path, (Sequence, np.ndarray)):
+    several = path.ndim > 0 if isinstance(path, np.ndarray) else isinstance(path, Sequence)
+    if not several or isinstance(path, (str, bytes)):
         raise BadInput("path", excerpt(path), "a function of a parameter, or poses (n, 4, 4)")
     if len(path) < 2:
         raise BadInput("path", f"{len(path)} poses", "two or more")

@@ -20,6 +20,9 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits.rows import LimitRows
 
 Rows = LimitRows | Callable[[Array], LimitRows | None]
+LIMITS = (
+    "LimitRows, a function of q that returns them, ToolSpeed, or a limit made for Pink: compute_qp_inequalities(...)"
+)
 
 
 class PinkLimit(Protocol):
@@ -44,37 +47,37 @@ class TickRows(NamedTuple):
     trouble: str = ""
 
 
-def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[PinkLimit], dt: float) -> JointRows | None:
-    """The row limits of a loop, the user's and Pink's, None where it has none; checked as far as it can be now.
+def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[Rows | PinkLimit], dt: float) -> JointRows | None:
+    """The row limits of a loop, None where it has none; checked as far as it can be now.
 
     Raises:
-        BadInput: neither rows nor a function; a limit that has no inequalities; a robot without a Pinocchio model.
-        MissingExtra: limits without Pink.
+        BadInput: neither rows nor a function; a limit of another kind; a limit of Pink's for a robot without a model.
+        MissingExtra: limits of Pink's without Pink.
     """
     if rows is not None and not isinstance(rows, LimitRows) and not callable(rows):
         raise BadInput("rows", excerpt(rows), "LimitRows(C, lower, upper), or a function of q that returns it")
-    if not isinstance(limits, (list, tuple)):
-        raise BadInput("limits", excerpt(limits), "a list of Pink's limits or barriers")
-    return JointRows(robot, rows, limits, dt) if rows is not None or limits else None
+    given = [("limits", limit) for limit in limits]
+    if rows is not None:
+        given.insert(0, ("rows", rows))
+    return JointRows(robot, tuple(given), dt) if given else None
 
 
 class JointRows:
-    """All row limits of a loop: the user's first, then those of each of Pink's limits in turn."""
+    """All row limits of a loop, in their order."""
 
-    def __init__(self, robot: Robot, rows: Rows | None, limits: Sequence[PinkLimit], dt: float) -> None:
-        """As `joint_rows`."""
+    def __init__(self, robot: Robot, given: tuple[tuple[str, Rows | PinkLimit], ...], dt: float) -> None:
+        """As `joint_rows`; each limit with the argument that it was given by."""
         self._robot = robot
         self._m = len(robot.names)
-        self._rows = rows
         self._dt = dt
-        self._limits = tuple(limits)
+        self._given = given
         self._configuration: Any = None
-        if isinstance(rows, LimitRows):
-            self._require(rows)
-        for limit in self._limits:
-            if not hasattr(limit, "compute_qp_inequalities"):
-                raise BadInput("limits", excerpt(limit), "Pink's limits or barriers: compute_qp_inequalities(...)")
-        if self._limits:
+        for argument, limit in given:
+            if isinstance(limit, LimitRows):
+                self._require(limit, argument)
+            elif not _is_pinks(limit) and not callable(limit):
+                raise BadInput(argument, excerpt(limit), LIMITS)
+        if any(_is_pinks(limit) for _, limit in given):
             model: Any = getattr(robot, "model", None)
             if model is None:
                 raise BadInput("limits", "a robot of joint screws", "one of a URDF: Pink's limits read its model")
@@ -84,7 +87,7 @@ class JointRows:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> JointRows:
         """Row limits for another loop, which shares rows and limits but has a configuration of its own."""
-        return JointRows(self._robot, self._rows, self._limits, self._dt)
+        return JointRows(self._robot, self._given, self._dt)
 
     def at(self, q: Array, before: Array) -> TickRows:
         """The rows at joint positions q (m,), `before` (m,) being the velocity now.
@@ -93,49 +96,49 @@ class JointRows:
             BadInput: rows on another number of joints.
         """
         try:
-            parts = [*self._own(q), *self._foreign(q, before)]
+            if self._configuration is not None:
+                self._configuration.update(q)
+            parts = [part for given in self._given for part in self._parts(*given, q, before)]
         except _Unusable as trouble:
             return TickRows(None, str(trouble))
-        if not sum(len(part[0]) for part in parts):
-            return TickRows(None)
-        C, lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
-        return TickRows(LimitRows(C, lower, upper))
+        return TickRows(_stacked(parts))
 
     @property
     def fixed(self) -> LimitRows | None:
         """The rows where they are the same in every tick."""
-        return self._rows if isinstance(self._rows, LimitRows) and not self._limits else None
+        if not all(isinstance(limit, LimitRows) for _, limit in self._given):
+            return None
+        return self.at(np.zeros(self._m), np.zeros(self._m)).rows
 
     def own(self, q: Array) -> LimitRows | None:
-        """The user's rows at joint positions q (m,), None where there are none or they cannot be used."""
+        """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
         try:
-            part = next(self._own(q), None)
+            parts = [part for name, limit in self._given if not _is_pinks(limit) for part in self._own(name, limit, q)]
         except _Unusable:
             return None
-        return None if part is None else LimitRows(*part)
+        return _stacked(parts)
 
-    def _own(self, q: Array) -> Iterator[_Part]:
-        own = self._rows
-        if own is not None and not isinstance(own, LimitRows):
+    def _parts(self, argument: str, limit: Any, q: Array, before: Array) -> Iterator[_Part]:
+        return self._foreign(limit, before) if _is_pinks(limit) else self._own(argument, limit, q)
+
+    def _own(self, argument: str, own: Any, q: Array) -> Iterator[_Part]:
+        if not isinstance(own, LimitRows):
             try:
                 own = own(q.copy())
             except BadInput as error:
                 raise _Unusable(f"rows: {error}") from error
             if own is not None:
-                self._require(own)
+                self._require(own, argument)
         if own is not None:
             yield np.asarray(own.C), np.asarray(own.lower), np.asarray(own.upper)
 
-    def _foreign(self, q: Array, before: Array) -> Iterator[_Part]:
-        if self._limits:
-            self._configuration.update(q)
-        for limit in self._limits:
-            if hasattr(limit, "set_last_integration"):  # an acceleration limit
-                limit.set_last_integration(before.copy(), self._dt)
-            with np.errstate(invalid="ignore"):  # NaN is checked for below
-                answer = limit.compute_qp_inequalities(self._configuration, self._dt)
-            if answer is not None:
-                yield self._part(type(limit).__name__, *answer)
+    def _foreign(self, limit: Any, before: Array) -> Iterator[_Part]:
+        if hasattr(limit, "set_last_integration"):  # an acceleration limit
+            limit.set_last_integration(before.copy(), self._dt)
+        with np.errstate(invalid="ignore"):  # NaN is checked for below
+            answer = limit.compute_qp_inequalities(self._configuration, self._dt)
+        if answer is not None:
+            yield self._part(type(limit).__name__, *answer)
 
     def _part(self, name: str, G: Any, h: Any) -> _Part:
         """C, lower, upper of G dq <= h."""
@@ -154,9 +157,21 @@ class JointRows:
         length = length[kept]
         return C[kept] / length[:, None], np.full(len(length), -inf), upper[kept] / length
 
-    def _require(self, rows: object) -> None:
+    def _require(self, rows: object, argument: str) -> None:
         """Refuse what is not rows on the arm's joints."""
         if not isinstance(rows, LimitRows):
-            raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
+            raise BadInput(argument, type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
         if np.shape(rows.C)[1] != self._m:
-            raise BadInput("rows", f"rows on {np.shape(rows.C)[1]} joints", f"rows on {self._m}, one for each joint")
+            raise BadInput(argument, f"rows on {np.shape(rows.C)[1]} joints", f"rows on {self._m}, one for each joint")
+
+
+def _is_pinks(limit: object) -> bool:
+    return hasattr(limit, "compute_qp_inequalities")
+
+
+def _stacked(parts: list[_Part]) -> LimitRows | None:
+    """All rows together, None where there are none."""
+    if not sum(len(part[0]) for part in parts):
+        return None
+    C, lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
+    return LimitRows(C, lower, upper)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.control.joint_rows import JointRows, PinkLimit, Rows, joint_rows
+from invariantqp.control.changes import Changes
+from invariantqp.control.joint_rows import LIMITS, JointRows, PinkLimit, Rows, joint_rows
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.limits.box import JointBox, accelerations
 from invariantqp.velocity.limits.braking import BrakingBox
@@ -20,7 +23,10 @@ from invariantqp.velocity.qp.quadratic import Cone
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 Strained = tuple[tuple[int, str], ...]
+Limit = Rows | ToolSpeed | PinkLimit
 ORIGIN = np.zeros(3)
+# A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
+FAR_OUTSIDE = 0.5
 
 
 class TickLimits(NamedTuple):
@@ -42,25 +48,52 @@ class LoopLimits(NamedTuple):
     braking: BrakingBox | None  # the same with acceleration limits, or None
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
     joint_rows: JointRows | None  # limits on combinations of joint velocities, or None
+    believed: tuple[Array, Array] | None  # (m,) bounds of positions that are believed, or None for all
 
-    def at(self, robot: Robot, sighting: Sighting, target: Any, q: Array, before: Array) -> TickLimits:
-        """The limits at joint positions q (m,), coming from the joint velocity `before` (m,)."""
+    def at(
+        self, robot: Robot, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None
+    ) -> TickLimits:
+        """The limits at joint positions q (m,), coming from the joint velocity `before` (m,), changed for `now`."""
         strained: Strained = ()
-        if self.braking is None:
-            lower, upper = self.box.at(q)
-            placed = self.box.placed(q)
+        box, braking = self.box, self.braking
+        if now is not None:
+            box, braking = now.box(box, braking, before)
+        if braking is None:
+            lower, upper = box.at(q)
+            placed = box.placed(q)
         else:
-            bounds = self.braking.at(q, before)
+            bounds = braking.at(q, before)
             lower, upper, strained = bounds[:3]
             placed = bounds[3:]
         rows = cone = None
         trouble = ""
-        if self.tool_speed is not None:
-            point = ORIGIN if self.tool_speed.point is None else self.tool_speed.point
-            cone = self.tool_speed.cone(sighting.J, robot.points(sighting, target, point)[0])
+        speed = self.tool_speed
+        if speed is not None or now is not None:
+            point = ORIGIN if speed is None or speed.point is None else speed.point
+            here = robot.points(sighting, target, point)[0]
+            cone = None if speed is None else speed.cone(sighting.J, here)
+        if now is not None:
+            step = np.full(len(q), np.inf) if braking is None else braking.acceleration * box.dt
+            cone = now.cone(
+                cone, Cone(velocity_at(sighting.J, here), np.inf, np.zeros(3)), (lower, upper), before, step
+            )
         if self.joint_rows is not None:
             rows, trouble = self.joint_rows.at(q, before)
         return TickLimits(lower, upper, rows, cone, strained, trouble, placed)
+
+    def wrong(self, q: Array, names: tuple[str, ...]) -> str:
+        """Why joint positions (m,) cannot be true, "" where they may be; of several joints, the worst."""
+        if self.believed is None:
+            return ""
+        lower, upper = self.believed
+        beyond = np.maximum(q - upper, lower - q)
+        i = int(beyond.argmax())
+        if not beyond[i] > 0.0:
+            return ""
+        return (
+            f"joint {i} ({names[i]}): {q[i]:.1f} rad is {beyond[i] + FAR_OUTSIDE:.1f} outside its position range; are "
+            'these degrees? Give far_outside="return" to move back from there'
+        )
 
     def told(
         self, solution: VelocitySolution, q: ArrayLike, names: tuple[str, ...], strained: Strained = ()
@@ -81,23 +114,36 @@ def loop_limits(
     position_margin: float,
     tool_speed: ToolSpeed | float | None,
     rows: Rows | None,
-    limits: Sequence[PinkLimit],
+    limits: Sequence[Limit],
+    far_outside: Literal["hold", "return"],
+    turning: NDArray[np.bool_],
 ) -> LoopLimits:
-    """The limits for the arguments of a controller.
+    """The limits for the arguments of a controller; `turning` (m,) says which joints turn.
 
     Raises:
-        BadInput: something that is not a limit.
-        MissingExtra: `limits` without Pink.
+        BadInput: something that is not a limit, two tool speeds.
+        MissingExtra: a limit of Pink's without Pink.
     """
     margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
     box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, dt, margin)
     braking = None
     if acceleration_limit is not None:
         braking = BrakingBox(box, accelerations(acceleration_limit, len(robot.names)))
-    combined = joint_rows(robot, rows, limits, dt)
+    if not isinstance(limits, (list, tuple)):
+        raise BadInput("limits", excerpt(limits), f"a list: {LIMITS}")
+    combined = joint_rows(robot, rows, [limit for limit in limits if not isinstance(limit, ToolSpeed)], dt)
+    speeds: list[ToolSpeed | float] = [limit for limit in limits if isinstance(limit, ToolSpeed)]
+    speeds += [] if tool_speed is None else [tool_speed]
+    if len(speeds) > 1:
+        raise BadInput("limits", "two tool speeds", "one, here or as tool_speed=")
+    tool_speed = speeds[0] if speeds else None
     if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
         tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
-    return LoopLimits(box, braking, tool_speed, combined)
+    believed = None
+    if arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold":
+        room = np.where(turning, FAR_OUTSIDE, np.inf)
+        believed = robot.position_lower - room, robot.position_upper + room
+    return LoopLimits(box, braking, tool_speed, combined, believed)
 
 
 def _named(joints: Strained, names: tuple[str, ...]) -> str:

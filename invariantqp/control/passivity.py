@@ -30,6 +30,7 @@ from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
+from invariantqp.velocity.solution import Status
 
 # A hand pushes as hard as the tool from this share of its power on: it felt the tool a while ago.
 AS_HARD = 0.9
@@ -60,7 +61,7 @@ class LinkTick(Compared):
 
     passed: Array
     share: float
-    status: str
+    status: Status
     reason: str
     left: float = field(repr=False)
 
@@ -178,7 +179,7 @@ class LinkEnd:
         through = self._share * passed
         self._pipe.push(through, seen)
         excess = -left if overspent and (self._hard or seen is not None) else 0.0
-        status, reason = ("held", held) if held else self._status(float(passed.dot(met)), excess)
+        status, reason = (Status.HELD, held) if held else self._status(float(passed.dot(met)), excess)
         return LinkTick(through, self._share, status, reason, left)
 
     def _after(self, energy: float, asked: float, told: float) -> float:
@@ -203,7 +204,7 @@ class LinkEnd:
         self.came_in += back - kept
         return self._left
 
-    def _status(self, power: float, excess: float) -> tuple[str, str]:
+    def _status(self, power: float, excess: float) -> tuple[Status, str]:
         """Status and reason of a tick that asks for a power, once so much energy has left that may not, 0 for none."""
         trouble = []
         if self._pipe.late > LATE_TICKS * self.dt:
@@ -215,7 +216,7 @@ class LinkEnd:
             trouble.append(f"the tool met something harder than told: tell stiffness={met_with}")
         if excess:
             trouble.append(f"{written(excess, 2)} more energy has left than may: robot or contact are not as told")
-        status = "degraded" if trouble else "ok" if self._share == 1.0 else "scaled"
+        status = Status.DEGRADED if trouble else Status.OK if self._share == 1.0 else Status.SCALED
         if self._share < 1.0:
             why = "would give out energy" if power > 0.0 else "would strike too hard what may be ahead"
             trouble.append(f"the link {why}: {written(100.0 * self._share, 3)} % of the {self.passes} passed on")

@@ -21,6 +21,7 @@ from invariantqp.control.path_report import BACK, ENDED, SETTLING
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.solution import Status
 
 # What rules where no knot of the plan does, as the core counts it: from the last on.
 RULINGS = (TURN, PAUSE, BACK, ENDED, SETTLING, ASTRAY, OVERRIDDEN, ON_TIME)
@@ -29,7 +30,7 @@ RULINGS = (TURN, PAUSE, BACK, ENDED, SETTLING, ASTRAY, OVERRIDDEN, ON_TIME)
 # Python has to drive, or to say what is wrong with an argument.
 compiled_drive: Callable[..., tuple[PathSolution, bool] | None] = getattr(core, "drive", lambda *_: None)
 if core is not None:
-    core.tell_as(PathSolution)
+    core.tell_as(PathSolution, Status)
 
 
 class Course(NamedTuple):

@@ -27,7 +27,7 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.report import PROGRESS_SHARE
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 # A tool this far off, relative, slows down, and at AWAY_STOP times that waits until feedback has brought it back.
 AWAY, AWAY_STOP = 5e-3, 4.0
@@ -117,7 +117,7 @@ def drive(
         if sqrt(float(missed.dot(missed))) * dt > MISSED * controller.measure.length:
             rows = ExactRows.of(sighting.J, here.asked, here.asked.dot(twist))
             slower = controller.follow(q, twist, state.velocity, rows, sighting, None, posture, calm=False)
-            if slower.status in ("ok", "scaled") and slower.scale > PROGRESS_SHARE:
+            if slower.status in (Status.OK, Status.SCALED) and slower.scale > PROGRESS_SHARE:
                 answer, kept = slower, slower.scale
     went = _went(slope, answer.velocity, kept * rate, rate)
     rate *= kept

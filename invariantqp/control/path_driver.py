@@ -11,6 +11,7 @@ where it was and looks along the path again from there, with the joints as they 
 from __future__ import annotations
 
 from copy import deepcopy
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from invariantqp.control.path_drive import AWAY, AWAY_STOP, drive
 from invariantqp.control.path_orders import TURN, Pausable, override_of
 from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import reported, stands
+from invariantqp.control.path_report import DISBELIEF, reported, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState, at_rest
@@ -33,7 +34,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import PaperLambda
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
 STEPS = 1500.0
@@ -137,6 +138,8 @@ class PathDriver(Pausable):
         positions, state = arrays.vector(q, m, "q"), self._state
         before = state.velocity if velocity is None else arrays.vector(velocity, m, "velocity")
         part = override_of(override)
+        if self.controller.wrong(positions):
+            return self._halted(positions, before)
         if self.plan is not None and self._path is not None:
             if self._search is not None and self._search.done:
                 self._drive_by(self._search, part)
@@ -162,7 +165,15 @@ class PathDriver(Pausable):
     def _told(self, answer: PathSolution, q: ArrayLike) -> PathSolution:
         """The solution of a tick that the core drove, its reason with the words that Python has for limits."""
         inner = self.controller.told(answer.velocity_solution, q)
-        return answer._replace(reason="" if answer.status == "done" else inner.reason, velocity_solution=inner)
+        return answer._replace(reason="" if answer.status is Status.DONE else inner.reason, velocity_solution=inner)
+
+    def _halted(self, q: Array, before: Array) -> PathSolution:
+        """What is told of a tick whose joint positions cannot be true; place and time stay."""
+        answer, state = self.controller.rest(q, "", before), self._state
+        self._state = at_rest(state.place, answer.velocity.copy(), state.ticks, back=state.back)
+        at = state.place if self._path is None else self._path.place(state.place)
+        lag = None if self._pace.rate is None else state.ticks * self.controller.dt - at / self._pace.rate
+        return PathSolution(answer.velocity, Status.HELD, answer.reason, at, 0.0, DISBELIEF, lag, inf, answer)
 
     def _set_out(self, q: Array, before: Array) -> PathSolution:
         """On the way to the place where the path is to be driven from, and looking along it there."""
@@ -221,7 +232,7 @@ class PathDriver(Pausable):
         if self._stood < PATIENCE:
             return told
         why = f"the arm comes no closer than {off:.3g} to the path; {told.reason}"
-        return told._replace(status="blocked", reason=why)
+        return told._replace(status=Status.BLOCKED, reason=why)
 
     def _waiting(self, answer: VelocitySolution, reason: str, off: float) -> PathSolution:
         """What is told on the way to the path."""
@@ -232,7 +243,7 @@ class PathDriver(Pausable):
         at = state.place if self._path is None else self._path.place(state.place)
         lag = None if self._pace.rate is None else max(ticks * self.controller.dt - at / self._pace.rate, 0.0)
         ruling = "a push" if self._trouble else "the start"
-        return PathSolution(answer.velocity, "waiting", why, at, 0.0, ruling, lag, off, answer)
+        return PathSolution(answer.velocity, Status.WAITING, why, at, 0.0, ruling, lag, off, answer)
 
     def _search_from(self, path: GivenPath, q: Array, place: float) -> PathSearch:
         return PathSearch(self.controller, path.curve, q, place, rate=self._pace.rate, stops=self._stops)

@@ -84,9 +84,9 @@ class PathFollower(PathDriver, Reversible):
                 at best the nearest, `solve_pose(robot, pose, form=tool_metric(robot)).q`.
 
         Raises:
-            BadInput: NaN or a wrong shape.
+            BadInput: NaN, a wrong shape, or positions that cannot be true.
         """
-        positions = arrays.vector(q, len(self.controller.robot.names), "q")
+        positions = self.controller.believed(q)
         search = self._search_from(self._given, positions, 0.0)
         while not search.done:
             self._look_on(search)

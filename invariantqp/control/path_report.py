@@ -14,6 +14,7 @@ from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.solution import Status
 
 # The end is reached within this share of the path, by joints slower than this share of their limits; what blocks the
 # path is reached within a larger one: at the edge of its reach an arm moves much for little.
@@ -22,6 +23,8 @@ ARRIVED, STOPPED, AT_REST = 1e-6, 2e-5, 1e-3
 SETTLING, ENDED = "settling", "the path's end"
 # What rules where the path is driven backward and the tool is back where it set out.
 BACK = "the start"
+# What rules where joint positions cannot be true.
+DISBELIEF = "joint positions"
 
 
 def reported(
@@ -42,15 +45,15 @@ def reported(
         blocked = blocked or f"it is out of reach, by {plan.off[-1]:.3g}"
     near = (STOPPED if blocked else ARRIVED) * path.curve.end
     arrived = still and plan.end - after.place <= near
-    status, reason = "moving", answer.reason
+    status, reason = Status.MOVING, answer.reason
     if arrived and blocked:
-        status, reason = "blocked", f"the path cannot be had from {at:.6g} on: {blocked}"
+        status, reason = Status.BLOCKED, f"the path cannot be had from {at:.6g} on: {blocked}"
     elif arrived and here.off + dt * _speed(driven) <= tolerance:
-        status, reason, ruling = "done", "", ENDED
+        status, reason, ruling = Status.DONE, "", ENDED
     elif plan.off[i] > reachable and plan.blocked and plan.off[0] > reachable:  # blocked at its start
-        status, reason = "waiting", "; ".join(filter(None, ("on the way to the path's start", reason)))
+        status, reason = Status.WAITING, "; ".join(filter(None, ("on the way to the path's start", reason)))
     elif plan.off[i] > reachable:
-        status, reason = "left", f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
+        status, reason = Status.LEFT, f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
     else:
         stands_now = abs(rate) * dt <= STANDING * path.curve.end
         status, ruling = on_the_path(plan, after, ruling, near, stop=stop, stands=stands_now, still=still)
@@ -62,19 +65,19 @@ def reported(
 
 def on_the_path(
     plan: PathPlan, after: PathState, ruling: str, near: float, *, stop: str, stands: bool, still: bool
-) -> tuple[str, str]:
+) -> tuple[Status, str]:
     """Status and ruling of a tick, ruled by `ruling`, that is neither "done" nor in trouble.
 
     `near` is how near its ends the path is driven to them, `stop` why the tool was to come to rest, "" where it was
     not; `stands` whether it stands on the path; `still` whether it was not to come to rest, and joints are.
     """
     if stop == PAUSE and stands:
-        return "paused", ruling
+        return Status.PAUSED, ruling
     if still and after.back and after.place - plan.start <= near:
-        return "paused", BACK
+        return Status.PAUSED, BACK
     if not stop and plan.end - after.place <= near:
-        return "moving", SETTLING
-    return "moving" if ruling == ON_TIME else "slowed", ruling
+        return Status.MOVING, SETTLING
+    return Status.MOVING if ruling == ON_TIME else Status.SLOWED, ruling
 
 
 def stands(controller: Controller, velocity: Array) -> bool:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import compared
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 
 @compared
@@ -15,21 +15,19 @@ class PathSolution(NamedTuple):
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "waiting" (on the way to the path's start, or planning), "moving", "slowed" (limits rule the speed),
-            "paused" (at rest on the path, or back at its start), "left" (the path cannot be had here, and is passed by
-            the least), "blocked" (it cannot be had, or got to, and the tool has stopped before it), "done".
+        status: "waiting", "moving", "slowed", "paused", "left", "blocked", "done" or "held": see `Status`.
         reason: why, in words, "" where there is nothing to report.
         place: the path's parameter where the tool is.
         speed: of the place [1/s], negative backward.
         ruling: the limit that rules the speed, in words; "settling" where all of the path is driven and the joints come
             to rest.
         lag: how late the tool is [s]; None where no rate is asked for.
-        across: how far the tool is off the path, in the measure [length].
+        across: how far the tool is off the path, in the measure [length]; inf where joint positions cannot be true.
         velocity_solution: the velocity law's answer.
     """
 
     velocity: Array
-    status: str
+    status: Status
     reason: str
     place: float
     speed: float

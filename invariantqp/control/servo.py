@@ -21,7 +21,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.limits.braking import braking_speed
-from invariantqp.velocity.solution import VelocitySolution, with_trouble
+from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 
 # The gain towards a pose is at most this share of jerk / acceleration: the tool then comes to rest without overshoot.
 CALM_SHARE = 0.3
@@ -92,13 +92,16 @@ class Servo:
 
         Returns:
             VelocitySolution; "degraded" while the tool slows down because no command comes or it is paused, "held"
-            where it stands still for that.
+            where it stands still for that, or for joint positions that cannot be true.
 
         Raises:
             BadInput: NaN or wrong shapes; the servo is as it was.
         """
         loop = self.controller
         positions = arrays.vector(q, len(loop.robot.names), "q")
+        if loop.wrong(positions):
+            self.twist, self._rate, self._age = np.zeros(6), np.zeros(6), self._age + loop.dt
+            return loop.rest(positions, "", velocity)
         kept, age = (self._command, self._age + loop.dt) if command is None else (_checked(loop, command), 0.0)
         reason = self._reason(kept, age)
         held, target = (None, None) if kept is None else kept
@@ -119,7 +122,7 @@ class Servo:
         # Where limits hold the tool back, it goes on from what it does.
         self.twist = sighting.J.dot(solution.velocity) if solution.active else twist
         self._rate = rate
-        return with_trouble(solution, reason) if reason and solution.status != "held" else solution
+        return with_trouble(solution, reason) if reason and solution.status is not Status.HELD else solution
 
     def _reason(self, command: Any, age: float) -> str:
         """Why the tool is to stand still, "" where it is not."""

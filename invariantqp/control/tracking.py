@@ -5,6 +5,7 @@ s = gain log(T_target T^-1) + feedforward
 
 from __future__ import annotations
 
+import warnings
 from math import inf
 
 from numpy.typing import ArrayLike
@@ -18,6 +19,9 @@ from invariantqp.geometry.arrays import Array
 TRACKING_SHARE = 0.1
 # The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
 WHOLE_ERROR = 1.0 + 1e-9
+# A gain of at most this [1/s] beside a tick of at most this [s] takes a second or more to close an error, in 50 ticks
+# or more: it is questioned, since other libraries' gains are shares of the error in a tick.
+QUESTIONED_GAIN, QUESTIONED_TICK = 1.0, 0.02
 # The largest gain times delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
 DELAY_SHARE = 0.25
 
@@ -35,6 +39,18 @@ def tracking_gain(gain: float | None, dt: float, delay: float = 0.0) -> float:
         return asked
     usual = TRACKING_SHARE / dt
     return usual if delay == 0.0 else min(usual, DELAY_SHARE / delay)
+
+
+def question_gain(gain: float, dt: float) -> None:
+    """Warn of a gain [1/s] that looks like a share of the error in a tick of dt [s]."""
+    if gain > QUESTIONED_GAIN or dt > QUESTIONED_TICK:
+        return
+    warnings.warn(
+        f"gain={gain:g} is {gain:g} 1/s here: a tick of {dt:g} s closes {100.0 * gain * dt:.2g} % of the error. Pink's "
+        f"gain={gain:g} closes {100.0 * gain:g} % of it in a tick: that is gain={gain / dt:g} here (gain/dt)",
+        UserWarning,
+        stacklevel=3,
+    )
 
 
 def tracking_twist(error: Array, gain: float | Array, feedforward: ArrayLike | None = None) -> Array:

@@ -17,8 +17,6 @@ bool words_made(void)
     bool good = true;
     for (int i = 0; i < 3; i++)
         good = (METHODS[i] = PyUnicode_InternFromString(METHOD[i])) != NULL && good;
-    for (int i = 0; i < 4; i++)
-        good = (STATUSES[i] = PyUnicode_InternFromString(STATUS[i])) != NULL && good;
     NATIVE = PyUnicode_InternFromString("native");
     NOTHING = PyUnicode_InternFromString("");
     NONE_ACTIVE = PyTuple_New(0);
@@ -27,14 +25,33 @@ bool words_made(void)
     return good && NATIVE != NULL && NOTHING != NULL && NONE_ACTIVE != NULL && ZERO != NULL && ONE != NULL;
 }
 
-/* answer_as(type): `type` is VelocitySolution, a named tuple. */
-PyObject *answer_as(PyObject *module, PyObject *type)
+/* Take the type of answers, a named tuple, and the members of their enum of statuses, by their words; false with an
+   error where they are something else. Both are kept. */
+bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
+              PyTypeObject **answer, PyObject **statuses)
+{
+    if (count != 2 || !PyType_Check(arguments[0]) ||
+        !PyType_IsSubtype((PyTypeObject *)arguments[0], &PyTuple_Type)) {
+        refused(use);
+        return false;
+    }
+    for (int i = 0; i < n; i++) {
+        PyObject *status = PyObject_CallFunction(arguments[1], "s", words[i]);
+        if (status == NULL)
+            return false;
+        Py_XDECREF(statuses[i]);
+        statuses[i] = status;
+    }
+    Py_XDECREF(*answer);
+    *answer = (PyTypeObject *)Py_NewRef(arguments[0]);
+    return true;
+}
+
+/* answer_as(type, statuses): VelocitySolution and Status. */
+PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    if (!PyType_Check(type) || !PyType_IsSubtype((PyTypeObject *)type, &PyTuple_Type)) return refused("answer_as(a named tuple)");
-    Py_XDECREF(ANSWER);
-    ANSWER = (PyTypeObject *)Py_NewRef(type);
-    Py_RETURN_NONE;
+    return taken_as("answer_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
 }
 
 /* A tuple of some type with these values, which it takes over; NULL where one of them is. */

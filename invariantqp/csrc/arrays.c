@@ -13,11 +13,12 @@ PyObject *refused(const char *use)
 /* None, unless there is an error. */
 PyObject *left_to_python(void) { return PyErr_Occurred() ? NULL : Py_NewRef(Py_None); }
 
-/* Whether an object is a float64 array of so many dimensions, whatever its strides. */
+/* Whether an object is a float64 array of so many dimensions, whatever its strides; of a subclass, such as a masked
+   array, numbers need not be what they seem. */
 static bool is_array(PyObject *object, int dimensions)
 {
     PyArrayObject *array = (PyArrayObject *)object;
-    return PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISBEHAVED_RO(array) &&
+    return PyArray_CheckExact(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISBEHAVED_RO(array) &&
            PyArray_NDIM(array) == dimensions;
 }
 

@@ -49,7 +49,9 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
 #define METHOD_LETTERS 11
 #define STATUS_LETTERS 8
 bool words_made(void);
-PyObject *answer_as(PyObject *module, PyObject *type);
+bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
+              PyTypeObject **answer, PyObject **statuses);
+PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution);
 const char *method_word(const Solution *solution);
@@ -62,7 +64,7 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* driver.c */
-PyObject *tell_as(PyObject *module, PyObject *type);
+PyObject *tell_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* sight.c */

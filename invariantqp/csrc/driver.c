@@ -7,21 +7,14 @@
 static PyTypeObject *ANSWER;
 static PyObject *STATUSES[4], *NOTHING;
 
-/* tell_as(type): `type` is PathSolution, a named tuple. */
-PyObject *tell_as(PyObject *module, PyObject *type)
+/* tell_as(type, statuses): PathSolution and Status. */
+PyObject *tell_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     static const char *const STATUS[] = {"moving", "slowed", "paused", "done"};
-    if (!PyType_Check(type) || !PyType_IsSubtype((PyTypeObject *)type, &PyTuple_Type))
-        return refused("tell_as(a named tuple)");
-    for (int i = 0; i < 4; i++)
-        if (STATUSES[i] == NULL && (STATUSES[i] = PyUnicode_InternFromString(STATUS[i])) == NULL)
-            return NULL;
     if (NOTHING == NULL && (NOTHING = PyUnicode_InternFromString("")) == NULL)
         return NULL;
-    Py_XDECREF(ANSWER);
-    ANSWER = (PyTypeObject *)Py_NewRef(type);
-    Py_RETURN_NONE;
+    return taken_as("tell_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
 }
 
 /* Read a course: joints, knots of the plan, knots of the curve, and so on, then the arrays one by one. */

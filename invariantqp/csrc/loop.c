@@ -138,6 +138,15 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution)
     return false;
 }
 
+/* loop_limits.py: whether joint positions may not be true; Python decides. */
+bool is_far(const Loop *loop, const double *q)
+{
+    for (int j = 0; j < (int)loop->joints; j++)
+        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > FAR_OUTSIDE)
+            return true;
+    return false;
+}
+
 /* limits/toolspeed.py: the velocity v + omega x p of the limited point */
 static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 {
@@ -199,7 +208,7 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     predicted(loop, kept, q, there);
     pose_from(loop->home, &home);
     kinematics(m, loop->screws, &home, there, demand.J, &tool);
-    if ((demand.chased && error_twist(target, &tool, error) == HAND_BACK) ||
+    if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK) ||
         demand_in(loop, there, before, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
     if (demand.chased)

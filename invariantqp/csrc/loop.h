@@ -57,6 +57,7 @@ void remembered(const Loop *loop, const double *q, const double *command, double
 Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Memory *memory, Solution *solution);
 bool has_trouble(const Memory *memory);
+bool is_far(const Loop *loop, const double *q);
 bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 
 #define MEMORY 50
@@ -66,6 +67,7 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 #define FAST_SHARE 0.02
 #define STRAIN_TOLERANCE 1e-9
 #define OUTSIDE 1e-3
+#define FAR_OUTSIDE 0.5
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5
 

@@ -203,13 +203,13 @@ static PyObject *optimum(PyObject *module, PyObject *const *arguments, Py_ssize_
 
 #define CALLED(name, function, does) {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, does}
 static PyMethodDef methods[] = {
-    {"answer_as", answer_as, METH_O, "Make every answer a VelocitySolution, this type."},
+    CALLED("answer_as", answer_as, "Make every answer a VelocitySolution, this type, its status a member of this enum."),
     CALLED("ticks", batch_ticks, "Many ticks at once, without the GIL."),
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED("loop", loop, "The fixed numbers of a controller, for `step`."),
     CALLED("step", controller_step,
            "A controller's tick: a VelocitySolution, and whether Python has words to add; None where Python has to answer."),
-    {"tell_as", tell_as, METH_O, "Make every answer along a path a PathSolution, this type."},
+    CALLED("tell_as", tell_as, "Make every answer along a path a PathSolution, this type, its status a member of this enum."),
     CALLED("drive", path_drive,
            "A tick along a path: a PathSolution, and whether Python has words to add; None where Python has to drive."),
     CALLED("sight", sight,

@@ -193,7 +193,7 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     double dt = loop->dt, length = loop->length, most = 0.0, speed, possible, kept = 1.0;
     int m = demand.m = course->m;
     bool back = before->back != 0.0, turning = order->back != back, stop = order->paused || turning;
-    if (look(loop, course, before, q, &demand, &here) == HAND_BACK)
+    if (is_far(loop, q) || look(loop, course, before, q, &demand, &here) == HAND_BACK)
         return HAND_BACK;
     for (int j = 0; j < m; j++)
         most = fmax(most, fabs(here.joints[j] - q[j]));

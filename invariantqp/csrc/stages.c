@@ -515,7 +515,7 @@ static void beside(const Posed *problem, const Share *share, Solution *solution)
     moved(demand, share->inside, x);
     for (int i = 0; i < demand->rows; i++) {
         double off = fabs((1.0 - share->value) * dot(m, demand->C[i], start));
-        bool told = off > BESIDE_TOLERANCE * norm(m, demand->C[i]) * norm(m, x);
+        bool told = off > BESIDE_TOLERANCE * norm(m, demand->C[i]) * fmax(SLOWEST, norm(m, x));
         solution->beside[i] = told ? off : 0.0;
     }
 }

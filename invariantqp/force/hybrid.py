@@ -43,7 +43,7 @@ from invariantqp.force.wrench import WrenchSensor, cleaned
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.robots.kinematics import Robot, middle, require_robot
+from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import length_at
 
@@ -110,7 +110,7 @@ class HybridController:
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
         cutoff, self._noise = (inf, 0.0) if sensor is None else (sensor.cutoff, sensor.noise)
-        delay: float = options.get("delay", 0.0)
+        delay = float(options.get("delay", 0.0))
         if delay > MOST_TICKS * self.loop.dt:
             raise BadInput("delay", f"{delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
         self._timing = self.loop.dt, delay, cutoff
@@ -168,11 +168,13 @@ class HybridController:
         Raises:
             BadInput: NaN or wrong shapes; the controller's state is as it was.
         """
-        robot, loop, lag = self.loop.robot, self.loop, self._lag
+        robot, loop, lag, late = self.loop.robot, self.loop, self._lag, self._lag.sums
         positions = arrays.vector(q, len(robot.names), "q")
         reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
         velocity = None if velocity is None else arrays.vector(velocity, len(robot.names), "velocity")
         sighting = robot.sight(positions, target)
+        if loop.wrong(positions):
+            return self._halted(positions, velocity, sighting, contact)
         s = tracking_twist(sighting.error, lag.gain(loop.gain), feedforward)
         tool = sighting.pose if isinstance(sighting.pose, np.ndarray) else robot.pose(positions)
         given = contact_now(self.task, tool, contact)
@@ -202,7 +204,6 @@ class HybridController:
             answer=self._regulation.answer(self.task.stiffness),
         )
         watch = self._watch.after(self.task, felt, loop.dt)
-        late = lag.sums
         regulation = self._regulated(felt, watch, late, split, A.T.dot(raw))
         motion = A.dot(split.projectors.motion.dot(B.T.dot(s)))
 
@@ -272,6 +273,25 @@ class HybridController:
             intensities=split.intensities.dot(inside),
             wanted=B.dot(exert),
             contact=contact,
+            velocity_solution=inner,
+            J=sighting.J,
+        )
+
+    def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, contact: Contact | None) -> HybridSolution:
+        """What is told of a tick whose joint positions cannot be true, nor where wrenches act; its state stays."""
+        inner, none, unknown = self.loop.rest(q, "", velocity, sighting), np.zeros(6), np.full(6, np.nan)
+        here = contact_now(self.task, self.robot.pose(q), contact)
+        return HybridSolution(
+            velocity=inner.velocity,
+            status=inner.status,
+            reason=inner.reason,
+            motion=none,
+            force=none,
+            wrench=unknown,
+            error=unknown,
+            intensities=np.full(here.constraints.shape[1], np.nan),
+            wanted=unknown,
+            contact=here,
             velocity_solution=inner,
             J=sighting.J,
         )

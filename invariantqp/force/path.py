@@ -12,6 +12,7 @@ along again with the joints as they are then.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from invariantqp.control.path_driver import DISPLACED, PUSHED
 from invariantqp.control.path_orders import TURN, Reversible, override_of
 from invariantqp.control.path_pace import ON_TIME, OVERRIDDEN, Pace
 from invariantqp.control.path_plan import PathPlan
-from invariantqp.control.path_report import ARRIVED, ENDED, SETTLING, STOPPED, on_the_path, stands
+from invariantqp.control.path_report import ARRIVED, DISBELIEF, ENDED, SETTLING, STOPPED, on_the_path, stands
 from invariantqp.control.path_search import PathSearch
 from invariantqp.control.path_state import PathState, at_rest
 from invariantqp.errors import BadInput, excerpt
@@ -37,13 +38,14 @@ from invariantqp.force.solution import HybridSolution
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.solution import Status
 
 # The tool touches from this share of the wanted press on.
 TOUCH = 0.5
 # How near the end a tool is that is there, along S, relative to the measure's length.
 AT_END = 1e-4
 NO_TOUCH = "no contact"
-NO_CONTACT = ("lost", "overload", "fault")
+NO_CONTACT = (Status.LOST, Status.OVERLOAD, Status.FAULT)
 
 
 class HybridFollower(Reversible):
@@ -99,9 +101,9 @@ class HybridFollower(Reversible):
             q: (m,) joint positions near the path's start [rad, length].
 
         Raises:
-            BadInput: NaN or a wrong shape.
+            BadInput: NaN, a wrong shape, or positions that cannot be true.
         """
-        positions = arrays.vector(q, len(self.hybrid.robot.names), "q")
+        positions = self.hybrid.loop.believed(q)
         while self.plan is None:
             self._look_on(positions)
 
@@ -137,6 +139,10 @@ class HybridFollower(Reversible):
         if self.plan is not None and self._search is not None:
             self.plan = self._search.plan(self._pace.fastest(part), self._pace.smooth)
         state, plan = self._state, self.plan
+        if loop.wrong(positions):
+            answer = hybrid.step(positions, curve.pose(state.place), wrench, None, None, velocity, wanted)
+            self._state = at_rest(state.place, answer.velocity, state.ticks, back=state.back)
+            return self._told(answer, answer.status, answer.reason, 0.0, DISBELIEF, inf)
         before = state.velocity if velocity is None else velocity
         tool = robot.pose(positions)
         here = contact_now(hybrid.task, tool, contact)
@@ -191,7 +197,7 @@ class HybridFollower(Reversible):
             reason = "looking along the path"
             self._look_on(q)
         self._state = at_rest(state.place, answer.velocity, state.ticks + 1 if pushed else 0, back=state.back)
-        return self._told(answer, "waiting", reason, 0.0, "a push" if pushed else "the start", off)
+        return self._told(answer, Status.WAITING, reason, 0.0, "a push" if pushed else "the start", off)
 
     def _told_along(
         self, answer: HybridSolution, plan: PathPlan, rate: float, ruling: str, off: float, *, stop: str
@@ -199,17 +205,17 @@ class HybridFollower(Reversible):
         """What is told of a tick along the path."""
         loop, after, end = self.hybrid.loop, self._state, self._path.curve.end
         if stop == NO_TOUCH:
-            return self._told(answer, "waiting", answer.reason or NO_TOUCH, rate, ruling, off)
+            return self._told(answer, Status.WAITING, answer.reason or NO_TOUCH, rate, ruling, off)
         near = (STOPPED if plan.blocked else ARRIVED) * end
         still = not stop and stands(loop, answer.velocity)
         if still and plan.end - after.place <= near and off <= AT_END * loop.measure.length:
             if plan.blocked:
-                return self._told(answer, "blocked", plan.blocked, rate, SETTLING, off)
-            return self._told(answer, "done", "", rate, ENDED, off)
+                return self._told(answer, Status.BLOCKED, plan.blocked, rate, SETTLING, off)
+            return self._told(answer, Status.DONE, "", rate, ENDED, off)
         if self._stall.lasts:
             at = f"the tool comes no farther than {self._path.place(after.place - loop.dt * rate):.4g}"
             why = "; ".join(filter(None, (at, plan.blocked, answer.reason)))
-            return self._told(answer, "blocked", why, rate, ruling, off)
+            return self._told(answer, Status.BLOCKED, why, rate, ruling, off)
         standing = abs(rate) * loop.dt <= STANDING * end
         status, ruling = on_the_path(plan, after, ruling, near, stop=stop, stands=standing, still=still)
         return self._told(answer, status, answer.reason, rate, ruling, off)
@@ -234,7 +240,7 @@ class HybridFollower(Reversible):
             self.plan = self._search.plan(self._pace.fastest(1.0), self._pace.smooth)
 
     def _told(
-        self, answer: HybridSolution, status: str, reason: str, speed: float, ruling: str, off: float
+        self, answer: HybridSolution, status: Status, reason: str, speed: float, ruling: str, off: float
     ) -> HybridPathSolution:
         state, rate = self._state, self._pace.rate
         at = self._path.place(state.place)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from invariantqp.force.solution import HybridSolution
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import compared
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 
 @compared
@@ -19,7 +19,7 @@ class HybridPathSolution(NamedTuple):
     """
 
     velocity: Array
-    status: str
+    status: Status
     reason: str
     place: float
     speed: float

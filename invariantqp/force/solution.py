@@ -7,7 +7,7 @@ from attrs import field, frozen
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.systems.contacts import Contact
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -17,8 +17,7 @@ class HybridSolution(Compared):
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "lost", "overload" or "fault" (the sensor's), "degraded" where the force chatters or is not reached, the
-            edge is near or the normal is out of bounds, or the velocity law's own: "ok", "scaled", "guarded",
-            "degraded", "held".
+            edge is near or the normal is out of bounds, or the velocity law's own: see `Status`.
         reason: why, in words, "" where there is nothing to report.
         motion: (6,) the wanted twist along S, P s_motion.
         force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
@@ -29,10 +28,12 @@ class HybridSolution(Compared):
         contact: the contact of this tick, with the normal found.
         velocity_solution: the velocity law's answer.
         J: (6, m) joint twists.
+
+    Where joint positions cannot be true, wrenches are NaN: where they act is not known.
     """
 
     velocity: Array
-    status: str
+    status: Status
     reason: str
     motion: Array = field(repr=False)
     force: Array = field(repr=False)

@@ -24,6 +24,7 @@ from invariantqp.force.noise import Noise
 from invariantqp.force.regulation import REACHED
 from invariantqp.force.settling import Settling
 from invariantqp.force.touch import LEAST_NOISE, Touch, loss_limit
+from invariantqp.velocity.solution import Status
 
 # A larger press that was wanted before is still expected for this long [s], and while it falls.
 LET_GO = 1.0
@@ -67,7 +68,7 @@ class Watch(NamedTuple):
     waited: float = 0.0
     led: tuple[float, float] = (0.0, 0.0)
     leaving: str = ""
-    status: str = ""
+    status: Status | None = None
     pushed: float = 0.0
     left: float = 0.0
 
@@ -78,12 +79,12 @@ class Watch(NamedTuple):
 
     def after(self, task: HybridTask, felt: Felt, dt: float) -> Watch:
         """The watch after a tick of dt [s]."""
-        if self.status in ("overload", "fault"):
+        if self.status in (Status.OVERLOAD, Status.FAULT):
             return self
         most = _let_go(self.most, (felt.force, felt.moment), felt.most, exp(-dt / LET_GO))
         too_much = _too_much(felt, most)
         if too_much:
-            return self.stopping("overload", too_much, task)
+            return self.stopping(Status.OVERLOAD, too_much, task)
         if self.status:
             return self
         press, wanted = (0.0, 0.0) if felt.press is None else felt.press
@@ -103,7 +104,7 @@ class Watch(NamedTuple):
         if wanted > 0.0 and limit > 0.0 and not fault:
             watch, fault = _compared(watch, task, felt, (press, wanted), dt)
         if fault:
-            return watch.stopping("fault", fault, task)
+            return watch.stopping(Status.FAULT, fault, task)
         if touch.touching:
             return watch._replace(waited=0.0, led=(0.0, 0.0))
         watch = watch._replace(
@@ -113,9 +114,9 @@ class Watch(NamedTuple):
         )
         return watch.stopping(*_given_up(task, watch), task)
 
-    def stopping(self, status: str, why: str, task: HybridTask) -> Watch:
+    def stopping(self, status: Status | None, why: str, task: HybridTask) -> Watch:
         """The watch that leaves: from where it touched; from where it approached if readings are not to be believed."""
-        back = self.pushed + (self.approached if status == "fault" else 0.0)
+        back = self.pushed + (self.approached if status is Status.FAULT else 0.0)
         return self._replace(status=status, leaving=why, left=-min(back, task.approach_distance))
 
     def doubts(self, press: float | None, noise: float, late: float, *, lost: bool) -> tuple[str, ...]:
@@ -184,20 +185,20 @@ def _followed(led: tuple[float, float], felt: Felt, over: float) -> tuple[float,
     return kept * led[0] + told, kept * led[1] + felt.came
 
 
-def _given_up(task: HybridTask, watch: Watch) -> tuple[str, str]:
-    """The status and why contact is looked for no longer, both "" where it is."""
+def _given_up(task: HybridTask, watch: Watch) -> tuple[Status | None, str]:
+    """The status and why contact is looked for no longer, None and "" where it is."""
     airborne, (led, came) = watch.touch.airborne, watch.led
     before = airborne == inf
     if task.on_loss == "retreat" and not before and airborne > task.lost_after:
-        return "lost", f"no contact for {written(airborne)} s"
+        return Status.LOST, f"no contact for {written(airborne)} s"
     if task.on_loss == "continue" and not before:
-        return "", ""
+        return None, ""
     if led > JUDGED * LED * task.retreat_distance and came < FOLLOWED * led:
         what, moved = f"told to come {written(led, 2)} nearer, the tool came {written(came, 2)}", came > MOVED * led
         held = ", and nothing is felt: something holds it, or the sensor is stuck"
-        return ("fault", what + held) if moved else ("lost", f"{what}: the robot does not follow commands")
+        return (Status.FAULT, what + held) if moved else (Status.LOST, f"{what}: the robot does not follow commands")
     if watch.approached > task.approach_distance:
-        return "lost", f"no contact within {written(task.approach_distance)} of approach"
+        return Status.LOST, f"no contact within {written(task.approach_distance)} of approach"
     if watch.waited > task.approach_time:
-        return "lost", f"no contact within {written(task.approach_time)} s of approach"
-    return "", ""
+        return Status.LOST, f"no contact within {written(task.approach_time)} s of approach"
+    return None, ""

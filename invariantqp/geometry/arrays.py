@@ -270,12 +270,21 @@ def function(value: Callable[..., Result], argument: str, expected: str = "a fun
 
 def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:
     """Several strings, such as joint names; a single string is refused, not split into its letters."""
-    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
-        raise BadInput(argument, excerpt(values), "a list of names")
-    several = tuple(values)
+    several = listed(values, argument, "a list of names")
     for value in several:
         if not isinstance(value, str):
             raise BadInput(argument, f"{excerpt(value)} among the names", "a list of names")
+    return several
+
+
+def listed(values: Iterable[Result], argument: str, expected: str) -> tuple[Result, ...]:
+    """Several things, in order; a text is one, and so is an array of no dimension."""
+    try:
+        several = None if isinstance(values, (str, bytes)) else tuple(values)
+    except TypeError:
+        several = None
+    if several is None:
+        raise BadInput(argument, excerpt(values), expected)
     return several
 
 

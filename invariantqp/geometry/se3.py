@@ -14,12 +14,13 @@ Euclidean group.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, copysign, hypot, sin, sqrt, tan
+from math import atan2, copysign, hypot, inf, sin, sqrt, tan
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
@@ -182,11 +183,13 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
         check: whether to check the twist.
 
     Raises:
-        BadInput: not six finite numbers.
+        BadInput: not six finite numbers, or numbers whose squares are not.
     """
     s: Any = twist if check is False else arrays.twist(twist)
     x, y, z, u, v, w = s.tolist()
     xx, yy, zz = x * x, y * y, z * z
+    if not xx + yy + zz + u * u + v * v + w * w < inf:
+        raise BadInput("twist", "numbers beyond any scale", "a twist (omega; v) [rad; length]")
     theta = sqrt(xx + yy + zz)
     if theta < SMALL_ANGLE:
         t2 = theta * theta

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.ik import PoseSearch, PoseSolution
@@ -50,9 +50,8 @@ def solve_poses(
     search = PoseSearch(robot, **options)
     if progress is not None:
         arrays.function(progress, "progress", PROGRESS)
-    if not isinstance(targets, Iterable):
-        raise BadInput("targets", excerpt(targets), "a list of poses")
-    wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(targets)]
+    listed = arrays.listed(targets, "targets", "a list of poses")
+    wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(listed)]
     path = arrays.flag(along, "along")
     starts = _starts(q0, len(wanted), len(robot.names), along=path)
     processes = _processes(jobs, along=path)

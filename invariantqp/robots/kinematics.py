@@ -126,7 +126,7 @@ def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -
     """Position and velocity limits of m joints as arrays.
 
     Raises:
-        BadInput: wrong lengths, NaN, lower above upper, a velocity limit that is not positive.
+        BadInput: wrong lengths, NaN, a lower limit of inf, lower above upper, a velocity limit that is not positive.
     """
     limits = []
     for name, value in (("position_lower", lower), ("position_upper", upper), ("velocity_limit", speed)):
@@ -140,6 +140,9 @@ def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -
     if (low > high).any():
         i = int((low > high).argmax())
         raise BadInput("position_lower", f"{low[i]:g} above {high[i]:g} at joint {i}", "lower <= upper for every joint")
+    for name, a, none in (("position_lower", low, np.inf), ("position_upper", high, -np.inf)):
+        if (a == none).any():
+            raise BadInput(name, f"{none} at joint {int((a == none).argmax())}", f"numbers, or {-none} for no limit")
     if (v_max <= 0.0).any():
         i = int((v_max <= 0.0).argmax())
         raise BadInput("velocity_limit", f"{v_max[i]:g} at joint {i}", "positive limits")

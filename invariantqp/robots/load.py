@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Sequence
 from importlib import metadata
+from math import inf
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,6 +63,7 @@ def load_robot(
     joints: Sequence[str] | None = None,
     offset: ArrayLike | None = None,
     base: Chain | ArrayLike | None = None,
+    velocity_limit: ArrayLike | None = None,
 ) -> Robot:
     """An arm from its base to its tool; nothing beyond is modelled.
 
@@ -78,6 +81,8 @@ def load_robot(
         offset: (4, 4) pose in that frame of what is to be moved: a tool, a camera, a grasped object; None is the frame.
         base: what the arm stands on: a (4, 4) pose of its base, or a chain whose joints then come first, a
             `robots.rail`, a `robots.mobile_base` or another arm; None is the arm's own base frame.
+        velocity_limit: (m,) speeds of the arm's own joints, or one for all of them [rad/s, length/s], inf for no limit;
+            None is the source's.
 
     Returns:
         A `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q). It can be used in
@@ -88,15 +93,41 @@ def load_robot(
         RobotModelError: a URDF that cannot be read or parsed, a joint without a single coordinate, a tool that no joint
             moves.
         MissingExtra: a named robot without the extra `robots`.
-        BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape.
+        BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape; speeds that are not
+            above zero.
+
+    Warns:
+        UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit.
     """
-    arm = _loaded(source, tool, None if joints is None else arrays.strings(joints, "joints"))
+    arm = read_arm(source, tool, None if joints is None else arrays.strings(joints, "joints"))
+    if velocity_limit is not None:
+        arm = arm.with_limits(velocity_limit=velocity_limit)
+    elif not is_screws(source):
+        _tell_unlimited(arm)
     arm = arm if offset is None else arm.with_tool(offset)
     return arm if base is None else stand_on(base, arm)
 
 
-def _loaded(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] | None) -> Chain:
-    if not isinstance(source, (str, PathLike)) and _library(source) is None:
+def is_screws(source: object) -> bool:
+    """Whether a source is neither a name, a description nor a library's model: joint screws, or nothing of these."""
+    return not isinstance(source, (str, PathLike)) and _library(source) is None
+
+
+def _tell_unlimited(arm: Chain) -> None:
+    """Warn of joints whose description gives no speed."""
+    unlimited = [name for name, v in zip(arm.names, arm.velocity_limit.tolist(), strict=True) if v == inf]
+    if unlimited:
+        warnings.warn(
+            f"no velocity limit for {arrays.names(unlimited)}: the description gives none, or zero. Say "
+            "load_robot(..., velocity_limit=[...]) [rad/s, length/s]; inf is none",
+            UserWarning,
+            stacklevel=3,
+        )
+
+
+def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] | None) -> Chain:
+    """The arm of a source, as in `load_robot`."""
+    if is_screws(source):
         return _chain(source, tool, chosen)
     if tool is not None and not isinstance(tool, str):
         raise BadInput("tool", type(tool).__name__, "the name of a frame", "Move the frame with robot.with_tool(pose).")

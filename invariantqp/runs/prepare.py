@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -45,7 +46,7 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
     task = task.model_copy(update={"law": law})
     n = task.ticks
     robot = task.load_robot()
-    start = task.start()
+    start = Controller(robot, dt=law.dt).believed(task.start(), "start")
     scene = scene_of(task, robot.pose(start), task.physics.force_noise if physics == "mujoco" else 0.0)
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     wanted = _wanted(task, robot, scene, time)

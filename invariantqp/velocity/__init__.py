@@ -21,4 +21,5 @@ with lazily(__name__):
     from invariantqp.velocity.several import JointTask as JointTask
     from invariantqp.velocity.several import TwistTask as TwistTask
     from invariantqp.velocity.several import solve_tasks as solve_tasks
+    from invariantqp.velocity.solution import Status as Status
     from invariantqp.velocity.solution import VelocitySolution as VelocitySolution

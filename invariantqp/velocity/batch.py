@@ -23,7 +23,7 @@ from invariantqp.velocity.limits.box import Bounds
 from invariantqp.velocity.measure import measures
 from invariantqp.velocity.problem import guard_of, measure_of, metric_of, prismatic
 from invariantqp.velocity.qp.backends import backend_of
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class VelocitySolutions:
         if i in self.slow:
             return self.slow[i]
         x, r = self.velocity[i], self.residual[i]
-        return VelocitySolution(x, str(self.method[i]), str(self.status[i]), "", (), r, 1.0, 0.0, 0.0, "")
+        return VelocitySolution(x, str(self.method[i]), Status(str(self.status[i])), "", (), r, 1.0, 0.0, 0.0, "")
 
     @property
     def reason(self) -> list[str]:

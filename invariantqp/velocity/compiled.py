@@ -18,14 +18,14 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.qp.backends import Backend, Daqp
 from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Rows below which a thread is not worth its start, and those that one takes at a time.
 ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 16
 # In place of the number of a record: a row that is Python's; -1 is a closed form and no more.
 LEFT = -2
 if core is not None:
-    core.answer_as(VelocitySolution)
+    core.answer_as(VelocitySolution, Status)
 
 
 def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:

@@ -35,6 +35,11 @@ class Chase(NamedTuple):
     slack: float  # a measured twist that counts as nothing: `SLACK` of the gain times a radian
     apart: bool  # whether the measure tells position and angle apart, as a point's does
 
+    def slowed(self, share: float) -> Chase:
+        """The same at a share of its speed."""
+        rows = None if self.rows_ahead is None else share * self.rows_ahead
+        return self._replace(ahead=share * self.ahead, rows_ahead=rows, slack=share * self.slack)
+
 
 class Demand(NamedTuple):
     """The input of one tick; already checked."""
@@ -53,6 +58,17 @@ class Demand(NamedTuple):
     # (m,) speeds beside which joint velocities count, where the posture rests while the task rests; None is a posture
     # that is followed as it is
     fastest: Array | None = None
+
+    def slowed(self, share: float) -> Demand:
+        """All that is asked for, at a share of its speed; the limits are as they were."""
+        exact, chase = self.exact, self.chase
+        return self._replace(
+            s=share * self.s,
+            exact=None if exact is None else exact.demanding(share * np.asarray(exact.b)),
+            posture=None if self.posture is None else share * self.posture,
+            chase=None if chase is None else chase.slowed(share),
+            fastest=None if self.fastest is None else share * self.fastest,
+        )
 
     def allows(self, x: Array) -> bool:
         """Whether x is inside all limits: clipping to the box changes no bit, rows and cone hold."""
@@ -96,6 +112,10 @@ class VelocityLaw:
         """For a joint motion that was looked at ahead: not calm, and by default hardly damped."""
         damping = Adaptive(*PLANNED_DAMPING) if self.damping == Adaptive() else self.damping
         return replace(self, damping=damping, dt=0.0)
+
+    def slowed(self, share: float) -> VelocityLaw:
+        """The same for demands at a share of their speed: as calm as at the whole speed, so the way is the same."""
+        return replace(self, dt=self.dt / share)
 
     @cached_property
     def compiled(self) -> Policy | None:

@@ -43,18 +43,20 @@ def own_point(J: Array, s: Array | None = None) -> Array:
 def length_at(J: Array, point: Array, s: Array | None = None) -> float:
     """L: the arm's reach to the point; where no axis is away from it, |v_p| / |omega| of turning joints or the twist.
 
-    Where those vanish too, it is one unit of length; the unit then changes no answer.
+    Where those vanish too, it is one unit of length; the unit then changes no answer. Beside the twist's, a length of
+    joints that rounding makes is none.
 
     Args:
         J: (6, m) joint twists, the joint at the base first.
         point: (3,).
         s: (6,) the twist wanted, or None.
     """
+    asked = 0.0 if s is None else ratio(s, point)
     far = reach(J, point)
-    if far > 0.0:
-        return far
-    turning = (J[:3] * J[:3]).sum(axis=0) * LENGTH_LIMIT**2 > (J[3:] * J[3:]).sum(axis=0)  # slides define no length
-    return ratio(J[:, turning], point) or (0.0 if s is None else ratio(s, point)) or 1.0
+    if far <= ROUNDING * asked:
+        turning = (J[:3] * J[:3]).sum(axis=0) * LENGTH_LIMIT**2 > (J[3:] * J[3:]).sum(axis=0)  # slides define no length
+        far = ratio(J[:, turning], point)
+    return far if far > ROUNDING * asked else asked or 1.0
 
 
 def ratio(twists: Array, point: Array) -> float:
@@ -100,6 +102,8 @@ def _reaches(J: Array, s: Array, points: Array) -> Array:
     """`length_at` for all rows: the broken line from the point to its foot on each turning axis, the last one first."""
     n, _, m = J.shape
     here, length, size = points.copy(), np.zeros(n), np.sqrt((points * points).sum(axis=1))
+    rate, far = (np.sqrt((part * part).sum(axis=1)) for part in (s[:, :3], s[:, 3:] + np.cross(s[:, :3], points)))
+    size = np.maximum(size, np.where(rate * LENGTH_LIMIT > far, far / np.where(rate > 0.0, rate, 1.0), 0.0))
     for column in range(m - 1, -1, -1):
         turn, moment = J[:, :3, column], J[:, 3:, column]
         rate, far = np.sqrt((turn * turn).sum(axis=1)), np.sqrt((moment * moment).sum(axis=1))

@@ -21,7 +21,7 @@ from invariantqp.velocity.law import Demand
 from invariantqp.velocity.objective import NULL_RATIO, Objective
 from invariantqp.velocity.posed import Posed
 from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE, named
-from invariantqp.velocity.solution import VelocitySolution, clipped
+from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, unkept
 
 # A twist is met where the residual is less than this share of it ...
@@ -60,7 +60,7 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
     if objective.damping > 0.0:
         words.append(damping_reason(objective))
     status = _status(degraded=bool(troubles), slow=slow, guarded=answer.blended > 0.0, limited=limited)
-    if status == "limited" and not stuck and answer.pace >= WHOLE_SPEED:
+    if status is Status.LIMITED and not stuck and answer.pace >= WHOLE_SPEED:
         words.append(f"{missed:.2g} of the twist is missed")
     if active:
         words.append(f"at the limits of {named(list(active), len(x))}")
@@ -94,8 +94,12 @@ def is_met(A: Array, b: Array, x: Array) -> bool:
     return left <= MET_TOLERANCE * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
 
 
-def _status(*, degraded: bool, slow: bool, guarded: bool, limited: bool) -> str:
-    return "degraded" if degraded else "scaled" if slow else "guarded" if guarded else "limited" if limited else "ok"
+def _status(*, degraded: bool, slow: bool, guarded: bool, limited: bool) -> Status:
+    if degraded:
+        return Status.DEGRADED
+    if slow:
+        return Status.SCALED
+    return Status.GUARDED if guarded else Status.LIMITED if limited else Status.OK
 
 
 def _missed(demand: Demand, problem: Posed, x: Array) -> float:

@@ -34,7 +34,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp.quadratic import Quadratic, named, weighted
-from invariantqp.velocity.solution import VelocitySolution, clipped
+from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.solve import computed
 from invariantqp.velocity.stages import beside, given_way, slowed_rows, unkept
 
@@ -98,7 +98,7 @@ class TwistTask(Value):
         """
         twists, wanted, chosen = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist)), form_of(form)
         measure = measure_of(twists, wanted, chosen, point, None)
-        self.__attrs_init__(twists, wanted, chosen, _weight(weight), priority, measure.point, measure)
+        self.__attrs_init__(twists, wanted, chosen, _weight(weight), _level(priority), measure.point, measure)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -126,7 +126,11 @@ class JointTask(Value):
         Raises:
             BadInput: NaN, a weight that is not positive.
         """
-        self.__attrs_init__(arrays.vector(velocity, None, "velocity"), _weight(weight), priority)
+        self.__attrs_init__(arrays.vector(velocity, None, "velocity"), _weight(weight), _level(priority))
+
+
+def _level(priority: int) -> int:
+    return arrays.count(priority, "priority")
 
 
 def _weight(weight: float) -> float:
@@ -214,7 +218,7 @@ def _solved(
         words.extend(filter(None, [moved]))
     if active:
         words.append(f"at the limits of {named(list(active), m)}")
-    status = "degraded" if troubles else "scaled" if share < 1.0 else "ok"
+    status = Status.DEGRADED if troubles else Status.SCALED if share < 1.0 else Status.OK
     method = "qp" if bounded or share < 1.0 else "closed-form"
     residual = demand.s - demand.J.dot(x)
     return VelocitySolution(x, method, status, "; ".join(words), active, residual, share, 0.0, 0.0, backend)

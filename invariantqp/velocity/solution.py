@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,50 @@ from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
 SLOWEST = 1e-6
 
 
+class Status(str, Enum):
+    """The status of a tick, in the order of their gravity for each loop; `reason` says why, in words.
+
+    The velocity law, and every loop for what becomes of its velocity:
+
+    ==========  ====================================================================================================
+    OK          at most 5 % of the twist is missed, or the errors of position and angle each fall at half their rate
+    LIMITED     limits or a singularity keep more of the twist away: the best inside the limits
+    GUARDED     the descent guard blended in least squares
+    SCALED      limits slow exact rows down; their direction is kept
+    DEGRADED    something declared does not hold: see the reason
+    HELD        no usable answer, or input that is certainly wrong: at rest, or on the way back inside limits
+    ==========  ====================================================================================================
+
+    A path: WAITING (on the way to its start, or planning), MOVING, SLOWED (limits rule the speed), PAUSED (at rest on
+    it, or back at its start), LEFT (it cannot be had here, and is passed by the least), BLOCKED (it cannot be had, or
+    got to, and the tool has stopped before it), DONE, HELD (joint positions that cannot be true).
+
+    A contact: LOST (there is none), OVERLOAD (more force than allowed), FAULT (of the sensor).
+    """
+
+    OK = "ok"
+    LIMITED = "limited"
+    GUARDED = "guarded"
+    SCALED = "scaled"
+    DEGRADED = "degraded"
+    HELD = "held"
+    WAITING = "waiting"
+    MOVING = "moving"
+    SLOWED = "slowed"
+    PAUSED = "paused"
+    LEFT = "left"
+    BLOCKED = "blocked"
+    DONE = "done"
+    LOST = "lost"
+    OVERLOAD = "overload"
+    FAULT = "fault"
+
+    # Printed as the plain word, in all versions of Python.
+    __str__ = str.__str__
+    __repr__ = str.__repr__
+    __format__ = str.__format__  # type: ignore[assignment]
+
+
 @compared
 class VelocitySolution(NamedTuple):
     """A joint velocity and how it was found. A tuple, because one is made in every tick.
@@ -24,10 +69,7 @@ class VelocitySolution(NamedTuple):
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the bounds.
         method: "closed-form" (no limit is active), "damped" (likewise, with damping), "qp" (a limit is active), "hold".
-        status: "ok" (at most 5 % of the twist is missed, or errors of position and angle each fall at half the asked
-            rate), "limited" (limits or a singularity keep more away), "scaled" (exact rows slowed down), "guarded" (the
-            descent guard blended in least squares), "degraded" (something declared does not hold: see the reason),
-            "held" (standing still).
+        status: "ok", "limited", "guarded", "scaled", "degraded" or "held": see `Status`.
         reason: why, in words, "" where there is nothing to report.
         active: joints at a bound.
         residual: (6,) s - J x in the frame of J.
@@ -42,7 +84,7 @@ class VelocitySolution(NamedTuple):
 
     velocity: Array
     method: str
-    status: str
+    status: Status
     reason: str
     active: tuple[int, ...]
     residual: Array
@@ -68,7 +110,7 @@ def at_bounds(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
 
 def with_trouble(solution: VelocitySolution, trouble: str) -> VelocitySolution:
     """The solution with a reason more: status "degraded", unless it is "held"."""
-    status = "held" if solution.status == "held" else "degraded"
+    status = Status.HELD if solution.status is Status.HELD else Status.DEGRADED
     return solution._replace(status=status, reason="; ".join(filter(None, (trouble, solution.reason))))
 
 
@@ -76,4 +118,4 @@ def held(demand: Demand, reason: str) -> VelocitySolution:
     """Standing still or, where the bounds do not allow that, moving back inside them."""
     x, active = clipped(demand, np.zeros(len(demand.lower)))
     residual = demand.s - demand.J.dot(x)
-    return VelocitySolution(x, "hold", "held", reason, active, residual, 0.0, 0.0, 0.0, "")
+    return VelocitySolution(x, "hold", Status.HELD, reason, active, residual, 0.0, 0.0, 0.0, "")

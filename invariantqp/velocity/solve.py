@@ -24,7 +24,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.qp.backends import SolverFailure
 from invariantqp.velocity.report import reported
-from invariantqp.velocity.solution import VelocitySolution, clipped, held
+from invariantqp.velocity.solution import Status, VelocitySolution, clipped, held
 from invariantqp.velocity.stages import answered
 from invariantqp.velocity.stationary import printed
 
@@ -65,7 +65,7 @@ def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
     if demand.allows(still.velocity):
         return still
     back = solve(law, demand._replace(s=np.zeros(6), exact=None, posture=None, chase=None))
-    return back._replace(status="held", reason=f"{reason}; moving back inside the limits".removeprefix("; "))
+    return back._replace(status=Status.HELD, reason=f"{reason}; moving back inside the limits".removeprefix("; "))
 
 
 def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution:
@@ -95,5 +95,5 @@ def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> Veloc
     reasons = [r for r in (trouble, "" if demand.allows(x) else "clipped to the bounds") if r]
     size = float(np.abs(np.asarray(damping.matrix)).max())
     residual = demand.s - demand.J.dot(bounded)
-    status = "degraded" if reasons else "ok"
+    status = Status.DEGRADED if reasons else Status.OK
     return VelocitySolution(bounded, "damped", status, "; ".join(reasons), active, residual, 1.0, size, 0.0, "")

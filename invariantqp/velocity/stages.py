@@ -29,6 +29,7 @@ from invariantqp.velocity.posed import Left, Posed, limits_of
 from invariantqp.velocity.qp.backends import Backend
 from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise, named
 from invariantqp.velocity.share import Share, share_of
+from invariantqp.velocity.solution import SLOWEST
 
 # Exact rows of which more than this, relative, cannot be met: the joints cannot keep the direction of the demand.
 UNMET_TOLERANCE = 1e-9
@@ -189,7 +190,8 @@ def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array 
         return ""
     T = np.eye(len(reduction.start)) if to_joint is None else to_joint
     off = np.abs(rows.A.dot(T.dot((1.0 - share.value) * reduction.start)))
-    least = BESIDE_TOLERANCE * np.linalg.norm(rows.A, axis=1) * np.linalg.norm(T.dot(share.velocity))
+    fast = max(SLOWEST, float(np.linalg.norm(T.dot(share.velocity))))  # slower is rounding of an arm that stands still
+    least = BESIDE_TOLERANCE * np.linalg.norm(rows.A, axis=1) * fast
     moved = ", ".join(f"exact row {i} is off by {off[i]:.3g}" for i in np.flatnonzero(off > least))
     return f"limits require motion beside it: {moved}" if moved else ""
 

@@ -287,3 +287,26 @@ def test_a_robot_that_may_change_is_python_s(panda):
             return getattr(robot, name)
 
     assert iq.Controller(Wrapped(), dt=0.01).compiled is None
+
+
+def test_masked_numbers_are_refused_and_other_subclasses_taken():
+    robot = iq.load_robot("ur5e")
+    q = np.array([0.3, -1.2, 1.5, -1.0, 1.0, 0.3])
+    here, twist = robot.pose(q), np.full(6, 0.1)
+    loop = iq.Controller(robot, dt=0.002, acceleration_limit=5.0)
+
+    def masked(a):
+        return np.ma.masked_array(a, mask=np.arange(a.size).reshape(a.shape) == 0)
+
+    calls = {
+        "q": lambda: loop.step(masked(q), here),
+        "target": lambda: loop.step(q, masked(here)),
+        "feedforward": lambda: loop.step(q, here, masked(twist)),
+        "velocity": lambda: loop.step(q, here, velocity=masked(q)),
+        "twist": lambda: loop.follow(q, masked(twist)),
+    }
+    for name, call in calls.items():
+        with pytest.raises(iq.BadInput, match=f"^{name}: found a masked array with masked entries"):
+            call()
+    found = loop.step(np.ma.masked_array(q), here)
+    np.testing.assert_allclose(found.velocity, iq.Controller(robot, dt=0.002).step(q, here).velocity, atol=1e-12)

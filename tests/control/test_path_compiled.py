@@ -176,7 +176,7 @@ def test_the_core_refuses_what_is_no_course():
         with pytest.raises(TypeError, match="drive"):
             core.drive(changed, q, *ORDER)
     with pytest.raises(TypeError, match="named tuple"):
-        core.tell_as(int)
+        core.tell_as(int, iq.Status)
 
 
 def test_another_controller_drives_from_its_first_tick():

@@ -256,6 +256,7 @@ def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
     assert 1 < len(waits) * 0.01 * 1500.0 < 1000
 
 
+@pytest.mark.filterwarnings("ignore:gain=1 is 1 1/s here")
 @pytest.mark.parametrize("gain", [None, 1.0])
 def test_an_arm_that_cannot_get_to_the_start_is_blocked(gain):
     robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])

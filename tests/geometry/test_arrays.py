@@ -13,6 +13,11 @@ SHEARED = np.eye(4)
 SHEARED[0, 1] = 1e-3
 MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
 
+
+def chain(**limits):
+    return iq.robots.Chain(np.eye(6), np.eye(4), **limits)
+
+
 # what is called, the argument blamed, and a piece of what is said to have been found
 REFUSED = {
     "text": (lambda: arrays.twist("abc"), "twist", "not numeric"),
@@ -53,6 +58,8 @@ REFUSED = {
     "pitch of rest": (lambda: iq.se3.pitch(np.zeros(6)), "twist", "zero twist"),
     "axis of a slide": (lambda: iq.se3.axis([0, 0, 0, 1, 0, 0]), "twist", "omega = 0"),
     "exp": (lambda: iq.exp([NAN] * 6), "twist", "NaN"),
+    "exp of a turn beyond any scale": (lambda: iq.exp([1e200, 0, 0, 0, 0, 0]), "twist", "beyond any scale"),
+    "exp of a way beyond any scale": (lambda: iq.exp([0.1, 0, 0, 0, 0, 1e200]), "twist", "beyond any scale"),
     "log": (lambda: iq.log(np.eye(3)), "pose", "shape (3, 3)"),
     "bracket": (lambda: iq.se3.bracket(np.zeros(6), np.zeros(3)), "second", "shape (3,)"),
     "transform": (lambda: iq.transform(2.0 * np.eye(3)), "rotation", "not a rotation"),
@@ -73,6 +80,15 @@ REFUSED = {
     "a word of others": (lambda: arrays.choice("hld", "on_loss", ("hold", "leave")), "on_loss", "'hld'"),
     "no flag": (lambda: arrays.flag(1, "along"), "along", "1"),
     "a name for names": (lambda: arrays.strings("ab", "names"), "names", "'ab'"),
+    "an array of no dimension": (lambda: arrays.strings(np.array(1.0), "names"), "names", "array(1.)"),
+    "a lower limit of inf": (lambda: chain(position_lower=INF), "position_lower", "inf at joint 0"),
+    "an upper limit of -inf": (lambda: chain(position_upper=-INF), "position_upper", "-inf at joint 0"),
+    "poses of no dimension": (lambda: iq.solve_poses(chain(), np.array(1.0)), "targets", "array(1.)"),
+    "a path of no dimension": (
+        lambda: iq.PathFollower(iq.Controller(chain(), dt=0.1), np.array(1.0)),
+        "path",
+        "array(1.)",
+    ),
 }
 
 

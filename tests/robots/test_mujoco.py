@@ -24,7 +24,9 @@ def test_an_arm_of_a_model_moves_as_mujoco_says(tmp_path, tool, given):
     model = mujoco.MjModel.from_xml_string(MJCF)
     file = tmp_path / "arm.xml"
     file.write_text(MJCF, encoding="utf-8")
-    arm = iq.load_robot({"text": MJCF, "file": file, "model": model}[given], tool=tool, joints=JOINTS)
+    arm = iq.load_robot(
+        {"text": MJCF, "file": file, "model": model}[given], tool=tool, joints=JOINTS, velocity_limit=np.inf
+    )
     assert (arm.names, arm.tool) == (tuple(JOINTS), tool)
     np.testing.assert_allclose(arm.position_lower, [0.2, -np.pi / 2, -np.inf])
     assert np.isinf(arm.velocity_limit).all()
@@ -40,7 +42,7 @@ def test_an_arm_of_a_model_moves_as_mujoco_says(tmp_path, tool, given):
 
 
 def test_a_held_joint_rests_at_the_limit_nearest_to_zero():
-    whole, part = (iq.load_robot(MJCF, "hand", joints) for joints in (JOINTS, JOINTS[1:]))
+    whole, part = (iq.load_robot(MJCF, "hand", joints, velocity_limit=np.inf) for joints in (JOINTS, JOINTS[1:]))
     np.testing.assert_allclose(part.pose([0.1, 0.2]), whole.pose([0.2, 0.1, 0.2]), atol=1e-15)
 
 
@@ -64,12 +66,21 @@ def test_what_is_refused(case):
 def test_without_a_tool_the_longest_chain_is_meant():
     with pytest.raises(iq.errors.RobotModelError, match="float"):
         iq.load_robot(MJCF)
-    assert iq.load_robot(MJCF, joints=JOINTS).tool == "ball"
+    assert iq.load_robot(MJCF, joints=JOINTS, velocity_limit=np.inf).tool == "ball"
 
 
 def test_bodies_without_names():
     text = """<mujoco><worldbody><body><joint axis="0 0 1"/><geom size=".05"/>
     <body pos=".4 0 0"><joint axis="0 1 0"/><geom size=".05"/></body></body></worldbody></mujoco>"""
-    arm = iq.load_robot(text)
+    arm = iq.load_robot(text, velocity_limit=[2.0, np.inf])
+    assert arm.velocity_limit.tolist() == [2.0, np.inf]
     assert arm.names == ("unnamed joint 0", "unnamed joint 1")
     np.testing.assert_allclose(arm.pose(np.zeros(2))[:3, 3], [0.4, 0.0, 0.0])
+
+
+def test_joints_without_speeds_are_told_once_by_name():
+    with pytest.warns(UserWarning, match=r"no velocity limit for rail, swing, turn: .*velocity_limit=\[") as told:
+        arm = iq.load_robot(MJCF, "tip", JOINTS)
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    assert np.isinf(arm.velocity_limit).all()

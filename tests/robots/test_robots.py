@@ -165,7 +165,8 @@ def test_a_urdf_of_ones_own(tmp_path):
     np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 0], iq.se3.prismatic((1, 0, 0)), atol=1e-15)
     np.testing.assert_allclose(robot.jacobian([0.1, 0.0])[:, 1], iq.revolute((0, 1, 0), (0.1, 0, 0.2)), atol=1e-15)
     assert robot.position_upper.tolist() == [0.5, 2.0]
-    side = iq.load_robot(str(urdf(tmp_path, SLIDER)), tool="side")
+    with pytest.warns(UserWarning, match="no velocity limit for other"):
+        side = iq.load_robot(str(urdf(tmp_path, SLIDER)), tool="side")
     assert side.position_upper.tolist() == [0.5, np.inf]
     assert side.velocity_limit.tolist() == [0.3, np.inf]
     assert repr(robot) == "Chain(screws=<array of shape (6, 2)>, names=('rail', 'swing'))"
@@ -319,7 +320,7 @@ def test_a_robots_pinocchio_model_is_the_same_arm(name):
 def test_a_screw_joint_has_a_pinocchio_model():
     screws = [iq.se3.helical((0, 1, 1), (0.1, 0, 0.2), 0.05), iq.se3.prismatic((1, 0, 1)), iq.revolute((1, 0, 0))]
     arm = iq.robots.Chain(np.column_stack(screws), iq.exp([0.1, 0.2, 0.3, 0.5, 0, 0.3]), ["a", "b", "c"])
-    again = iq.load_robot(arm.model, tool="tool")
+    again = iq.load_robot(arm.model, tool="tool", velocity_limit=np.inf)
     np.testing.assert_allclose(again.pose([0.7, 0.2, -0.4]), arm.pose([0.7, 0.2, -0.4]), atol=1e-14)
     np.testing.assert_allclose(again.jacobian([0.7, 0.2, -0.4]), arm.jacobian([0.7, 0.2, -0.4]), atol=1e-14)
 
@@ -334,7 +335,8 @@ def test_a_model_with_joints_of_other_kinds():
     assert iq.load_robot(floating, tool="hook", joints=["swing"]).names == ("swing",)
     with pytest.raises(iq.errors.UnknownName, match="unknown frame 'hok'; did you mean hook"):
         iq.load_robot(floating, tool="hok")
-    turned, ours = iq.load_robot(pinocchio.buildModelFromXML(SLIDER), tool="side"), iq.load_robot(SLIDER, tool="side")
+    given = {"tool": "side", "velocity_limit": 1.0}
+    turned, ours = (iq.load_robot(one, **given) for one in (pinocchio.buildModelFromXML(SLIDER), SLIDER))
     assert turned.position_upper.tolist() == [0.5, np.inf]
     np.testing.assert_allclose(turned.pose([0.1, 2.0]), ours.pose([0.1, 2.0]), atol=1e-15)
 

@@ -210,6 +210,13 @@ def test_a_start_outside_the_limits_recovers():
     assert "held" not in trace.statuses
 
 
+def test_a_start_in_degrees_is_refused():
+    with pytest.raises(
+        iq.BadInput, match=r"start: found joint 3 \(panda_joint4\): -115\.0 rad is .*degrees\?; expected"
+    ):
+        iq.run_task(panda(robot__start=[0.0, -30.0, 0.0, -115.0, 0.0, 90.0, 45.0]))
+
+
 def test_a_near_principal_pitch_is_warned_of():
     task = iq.load_task("so101_line")
     near = iq.principal_pitches(task.load_robot().jacobian(task.start()))

@@ -93,6 +93,7 @@ def loop_options():
         "tool_speed": None,
         "rows": None,
         "limits": (),
+        "far_outside": "hold",
     }
 
 
@@ -125,13 +126,15 @@ def robot_calls(name, robot):
     }
 
 
+SOURCE = {"joints": None, "offset": T}
+NOW = {"speed": 0.5, "velocity_limit": 1.0, "tool_speed": 0.25}
 # What is called, and arguments that it takes.
 CONTROL = {
     # robots
-    "load_robot": lambda: (iq.load_robot, {"source": "ur5", "tool": None, "joints": None, "offset": T, "base": T}),
+    "load_robot": lambda: (iq.load_robot, {**SOURCE, "source": "ur5", "tool": None, "base": T, "velocity_limit": 2.0}),
     "load_robot, screws": lambda: (
         iq.load_robot,
-        {"source": J, "tool": T, "joints": None, "offset": None, "base": None},
+        {**SOURCE, "source": J, "tool": T, "base": None, "velocity_limit": None},
     ),
     "rail": lambda: (iq.robots.rail, {"axis": [0, 0, 1.0], "lower": -1.0, "upper": 1.0, "speed": 1.0, "name": "rail"}),
     "mobile_base": lambda: (iq.robots.mobile_base, {"speed": 1.0, "turn_speed": 1.0, "name": "base"}),
@@ -153,7 +156,10 @@ CONTROL = {
     **robot_calls("Chain", chain),
     # control
     "Controller": lambda: (iq.Controller, {"robot": ur5(), **loop_options()}),
-    "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q}),
+    "Controller.step": lambda: (
+        controller().step,
+        {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q, **NOW},
+    ),
     "Controller.follow": lambda: (
         controller().follow,
         {
@@ -165,9 +171,11 @@ CONTROL = {
             "at": POINT,
             "posture": Q,
             "calm": True,
+            **NOW,
         },
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
+    "Controller.believed": lambda: (controller().believed, {"q": Q, "argument": "q"}),
     "PathFollower": lambda: (
         iq.PathFollower,
         {

@@ -158,3 +158,21 @@ def test_the_speed_limit_of_a_point_moves_with_the_frame():
         acted += x.method == "qp"
     assert acted > 30
     assert worst < 1e-7
+
+
+@pytest.mark.parametrize("eps", [0.0, 1e-18, 1e-16])
+@pytest.mark.parametrize("batch", [False, True])
+def test_axes_that_meet_in_the_frames_origin_but_for_rounding_meet(eps, batch):
+    """Without a point the length would be that rounding, and another answer than in a moved frame."""
+    rng = np.random.default_rng(2)
+    axes = rng.normal(size=(3, 3))
+    wrist = np.vstack((axes / np.linalg.norm(axes, axis=0), eps * rng.normal(size=(3, 3))))
+    J, twist = np.column_stack((wrist, iq.se3.prismatic([0, 0, 1]))), np.array([0.4, -0.3, 0.2, 0.5, -0.1, 0.3])
+    bounds, answers = (np.full(4, -0.2), np.full(4, 0.2)), []
+    for frame in (np.eye(4), iq.transform(translation=[0.7, 0.2, 0.1]), iq.exp([0.3, 0.2, 0.1, 0.0, 0.0, 0.0])):
+        A, s = iq.adjoint(frame) @ J, iq.adjoint(frame) @ twist
+        if batch:
+            answers.append(iq.solve_velocities(A[None], s[None], bounds=(bounds[0][None], bounds[1][None])).velocity[0])
+        else:
+            answers.append(iq.solve_velocity(A, s, bounds=bounds).velocity)
+    np.testing.assert_allclose(answers[1:], [answers[0]] * 2, atol=1e-9)

@@ -123,6 +123,11 @@ def test_bad_tasks_are_refused(rng):
         iq.velocity.JointTask(np.zeros(4), weight=0.0)
     with pytest.raises(iq.BadInput, match="NaN"):
         iq.velocity.TwistTask(J, np.full(6, np.nan))
+    for priority in ("abc", None, np.nan, 0.5, -1, True):
+        with pytest.raises(iq.BadInput, match=r"priority: found .*; expected a whole number, zero or more"):
+            iq.velocity.TwistTask(J, s, priority=priority)
+        with pytest.raises(iq.BadInput, match="priority"):
+            iq.velocity.JointTask(np.zeros(4), priority=priority)
     with pytest.raises(iq.BadInput, match="PaperLambda"):
         iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s)], damping=iq.velocity.PaperLambda(0.1))
     with pytest.raises(iq.BadInput, match="zero vector"):

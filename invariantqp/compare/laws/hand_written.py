@@ -20,7 +20,7 @@ from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import RobotModelError
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 WEIGHT = 1e-6
 
@@ -87,7 +87,7 @@ class HandWritten:
         if flag <= 0:
             raise RuntimeError(f"DAQP: exit flag {flag}")
         self.ramp.last = x
-        return VelocitySolution(x, "hand-written", "ok", "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
+        return VelocitySolution(x, "hand-written", Status.OK, "", (), np.full(6, np.nan), 1.0, 0.0, 0.0, "daqp")
 
 
 METHODS = [

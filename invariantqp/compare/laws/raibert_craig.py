@@ -22,7 +22,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits.box import JointBox
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 
 @dataclass
@@ -58,4 +58,4 @@ class RaibertCraig:
         clipped = np.minimum(np.maximum(x, lower), upper)
         active = tuple(np.flatnonzero(clipped != x).tolist())
         residual = s - sighting.J.dot(clipped)
-        return VelocitySolution(clipped, "raibert-craig", "ok", "", active, residual, 1.0, 0.0, 0.0, "")
+        return VelocitySolution(clipped, "raibert-craig", Status.OK, "", active, residual, 1.0, 0.0, 0.0, "")

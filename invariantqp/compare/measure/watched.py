@@ -26,7 +26,7 @@ from invariantqp.runs.pilots import pilot_of
 from invariantqp.runs.prepare import Setup
 from invariantqp.runs.run import run
 from invariantqp.runs.trace import Trace
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 # A broken input is NaN in every third tick of the first half of a run; the second half is time to recover.
 BROKEN_EVERY = 3
@@ -86,7 +86,7 @@ def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | Non
 
 
 def _stopped(still: Array, reason: str) -> VelocitySolution:
-    return VelocitySolution(still, "hold", "held", reason, (), np.full(6, np.nan), 0.0, 0.0, 0.0, "")
+    return VelocitySolution(still, "hold", Status.HELD, reason, (), np.full(6, np.nan), 0.0, 0.0, 0.0, "")
 
 
 def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[Watched, Trace]:

@@ -1,0 +1,144 @@
+"""Joint positions that cannot be true are not moved on: held by name, at rest, in every loop and both engines."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp import control
+
+PANDA = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+DEGREES = np.degrees(PANDA)
+DT = 0.002
+SAID = (
+    "joint 3 (panda_joint4): -135.0 rad is 131.9 outside its position range; are these degrees? "
+    'Give far_outside="return" to move back from there'
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return iq.load_robot("panda")
+
+
+@pytest.fixture(params=[True, False], ids=["core", "python"])
+def loop(request, robot):
+    """Makes a controller; the core answers, if there is one, or Python does."""
+
+    def made(**options):
+        controller = iq.Controller(robot, dt=DT, **options)
+        if not request.param:
+            object.__setattr__(controller, "compiled", None)
+        return controller
+
+    return made
+
+
+def is_held(solution):
+    assert (solution.status, solution.reason) == (iq.Status.HELD, SAID)
+    assert not solution.velocity.any()
+    return True
+
+
+def test_step_follow_and_rest(robot, loop):
+    controller, here = loop(), robot.pose(PANDA)
+    before = controller.kept.copy()
+    assert is_held(controller.step(DEGREES, here))
+    assert is_held(controller.follow(DEGREES, np.ones(6)))
+    assert is_held(controller.rest(DEGREES, "why"))
+    np.testing.assert_array_equal(controller.kept, before)
+    assert controller.step(PANDA, here).status == "ok"
+
+
+def test_a_moving_arm_brakes_as_hard_as_it_may(robot, loop):
+    controller, q, v = loop(acceleration_limit=5.0), PANDA, np.zeros(7)
+    goal = iq.transform(translation=[0.1, 0.1, 0.0]) @ robot.pose(PANDA)
+    for _ in range(50):
+        v = controller.step(q, goal).velocity
+        q = q + DT * v
+    assert np.abs(v).max() > 0.2
+    for _ in range(100):
+        solution = controller.step(np.degrees(q), goal)
+        assert solution.status == "held"
+        np.testing.assert_allclose(solution.velocity, np.sign(v) * np.maximum(np.abs(v) - 5.0 * DT, 0.0), atol=1e-12)
+        v = solution.velocity
+    assert not v.any()
+
+
+def test_told_to_the_arm_moves_back(robot, loop):
+    solution = loop(far_outside="return").step(DEGREES, robot.pose(PANDA))
+    assert solution.status == "limited"
+    assert np.abs(solution.velocity).max() == robot.velocity_limit.max()
+    assert "43.2 outside its position range" in solution.reason
+
+
+def test_a_path_waits_and_goes_on(robot, loop):
+    here = robot.pose(PANDA)
+    follower = iq.PathFollower(loop(), [here, here @ iq.transform(translation=[0.0, 0.0, 0.05])])
+    with pytest.raises(iq.BadInput, match=r"q: found joint 3 \(panda_joint4\): -135\.0 rad is"):
+        follower.prepare(DEGREES)
+    assert is_held(follower.step(DEGREES))
+    follower.prepare(PANDA)
+    q = PANDA
+    for _ in range(20):
+        told = follower.step(q)
+        q = q + DT * told.velocity
+    place = told.place
+    assert 0.0 < place < 1.0
+    told = follower.step(np.degrees(q))
+    assert told.status == "held"
+    assert "are these degrees?" in told.reason
+    assert not told.velocity.any()
+    assert (told.place, told.speed, told.ruling, told.across) == (place, 0.0, "joint positions", np.inf)
+    for _ in range(2000):
+        told = follower.step(q)
+        q = q + DT * told.velocity
+        if told.status == "done":
+            break
+    assert told.status is iq.Status.DONE
+
+
+def test_a_servo_forgets_its_speed(robot, loop):
+    servo = control.Servo(loop(), acceleration=1.0, jerk=50.0)
+    twist, q = np.array([0.0, 0.0, 0.0, 0.0, 0.1, 0.0]), PANDA
+    for _ in range(30):
+        q = q + DT * servo.step(q, twist).velocity
+    assert servo.twist.any()
+    assert not servo.step(np.degrees(q), twist).velocity.any()
+    assert servo.step(np.degrees(q), twist).status == "held"
+    assert not servo.twist.any()
+    assert servo.step(q, twist).status in ("ok", "limited")
+
+
+def test_a_pressing_tool_stands_still(robot):
+    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal=[0, 0, 1]), [5.0])
+    made = {"dt": DT, "order": "force first"}
+    hybrid, other = iq.HybridController(robot, task, **made), iq.HybridController(robot, task, **made)
+    here, reading = robot.pose(PANDA), np.zeros(6)
+    answer = hybrid.step(DEGREES, here, reading)
+    assert is_held(answer)
+    assert np.isnan(answer.wrench).all()
+    assert not answer.motion.any()
+    assert not answer.force.any()
+    np.testing.assert_array_equal(hybrid.step(PANDA, here, reading).velocity, other.step(PANDA, here, reading).velocity)
+    follower = iq.force.HybridFollower(hybrid, [here, here @ iq.transform(translation=[0.05, 0.0, 0.0])])
+    with pytest.raises(iq.BadInput, match="are these degrees"):
+        follower.prepare(DEGREES)
+    assert is_held(follower.step(DEGREES, reading))
+
+
+def test_slides_ranges_without_an_end_and_half_a_radian_are_believed():
+    screws = [iq.se3.prismatic([1, 0, 0]), iq.revolute([0, 0, 1], [0, 0, 0]), iq.revolute([0, 1, 0], [0, 0, 1])]
+    arm = iq.robots.Chain(
+        np.transpose(screws), np.eye(4), position_lower=[-1, -np.inf, -1], position_upper=[1, np.inf, 1]
+    )
+    controller = iq.Controller(arm, dt=DT)
+    assert controller.step([700.0, 0.0, 0.0], np.eye(4)).status != "held"
+    assert controller.step([0.0, 700.0, 0.0], np.eye(4)).status != "held"
+    assert controller.step([0.0, 0.0, 1.49], np.eye(4)).status != "held"
+    told = controller.step([0.0, 0.0, 1.51], np.eye(4))
+    assert (told.status, told.reason[:45]) == ("held", "joint 2 (joint3): 1.5 rad is 0.5 outside its ")
+
+
+def test_what_to_do_is_one_of_two_words(robot):
+    with pytest.raises(iq.BadInput, match="far_outside: found 'back'; expected 'hold' or 'return'"):
+        iq.Controller(robot, dt=DT, far_outside="back")

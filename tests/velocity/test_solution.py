@@ -1,0 +1,52 @@
+"""Statuses: one enum for all loops and both engines, whose members are their own words."""
+
+import json
+import pickle
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.engine import core
+from invariantqp.velocity.compiled import compiled
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.solution import VelocitySolution
+
+
+@pytest.mark.parametrize("status", iq.Status)
+def test_a_status_is_its_own_word(status):
+    word = status.value
+    assert status == word
+    assert {word: 1}[status] == 1
+    assert (str(status), f"{status}", f"{status:>9}", repr(status)) == (word, word, f"{word:>9}", repr(word))
+    assert json.dumps({status: status}) == f'{{"{word}": "{word}"}}'
+    assert pickle.loads(pickle.dumps(status)) is deepcopy(status) is iq.Status(word) is status
+    assert np.array([status]).tolist() == [word]
+
+
+def test_both_engines_answer_with_members():
+    robot = iq.load_robot("ur5e")
+    q = np.full(6, 0.4)
+    J, s = robot.jacobian(q), np.ones(6)
+    demand = Demand(J, s, np.eye(6), np.full(J.shape[1], -0.1), np.full(J.shape[1], 0.1))
+    bounds = demand.lower, demand.upper
+    solutions = [iq.solve_velocity(J, s, bounds=bounds), iq.Controller(robot, dt=0.01).follow(q, s)]
+    solutions += iq.solve_velocities(J[None], s[None], bounds=(bounds[0][None], bounds[1][None]))
+    if core is not None:
+        solutions.append(compiled(VelocityLaw(), demand))
+    for solution in solutions:
+        assert type(solution.status) is iq.Status
+        again = pickle.loads(pickle.dumps(solution))
+        assert type(again) is VelocitySolution
+        assert again == solution
+        assert again.status is solution.status
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+def test_the_core_takes_no_other_statuses():
+    with pytest.raises(TypeError, match="enum of its statuses"):
+        core.answer_as(VelocitySolution)
+    with pytest.raises(ValueError, match="ok"):
+        core.answer_as(VelocitySolution, int)
+    assert type(iq.solve_velocity(np.eye(6), np.ones(6)).status) is iq.Status
