@@ -115,7 +115,7 @@ def fuzz(ticks, seed=0):  # noqa: C901 (one loop, every way to fail)
         loop = iq.Controller(
             robot,
             dt=dt,
-            gain=(None, 1.0 / dt, 1.0)[rng.integers(3)],
+            gain=(None, 1.0 / dt, 1.01)[rng.integers(3)],  # of 1 and less it is asked whether 1/s is meant
             form=random_form(rng, m),
             damping=random_damping(rng),
             guard=bool(rng.random() < 0.8),

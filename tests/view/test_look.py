@@ -79,7 +79,7 @@ def test_plain_shapes_are_as_the_urdf_says(tmp_path):
 
 def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
     file = written(tmp_path)
-    robot = iq.load_robot(file, "tip", ["turn"])
+    robot = iq.load_robot(file, "tip", ["turn"], velocity_limit=[1.0])
     found = look_of(task_of(str(file), 1, tool="tip", joints=["turn"]), robot.names)
     assert {part.joint for part in found.parts} == {0, 1}
     assert max(part.vertices[:, 0].max() for part in found.parts) == pytest.approx(
