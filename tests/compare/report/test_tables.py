@@ -22,7 +22,7 @@ RESULTS = json.loads(FILE.read_text(encoding="utf-8"))
 EVERYDAY = json.loads(FILE.with_name("everyday.json").read_text(encoding="utf-8"))
 SECTION = README.split(PAGES.BEGIN)[1].split(PAGES.END)[0].strip()
 PARTS = PAGE.split(PAGES.BEGIN)[1].split(PAGES.END)[0].strip().split("\n\n")
-(HEADINGS, *ROWS), (_, *LIBRARIES), (CALIBRATED, *OFF), (FIRST, *MET) = (
+(HEADINGS, *ROWS), (_, *MOVED), (_, *LIBRARIES), (CALIBRATED, *OFF), (FIRST, *MET) = (
     [[cell.strip() for cell in line.strip("|").split(" | ")] for line in part.splitlines() if "---" not in line]
     for part in PARTS
     if part.startswith("|")
@@ -57,6 +57,16 @@ def test_every_number_is_one_of_the_committed_results(row):
         assert deg == pytest.approx(loop["orientation_deg"], rel=ROUNDED)
     worst = max(result("loop", task, method)["frame"] for task in RESULTS["tasks"])
     assert float(frame) == pytest.approx(worst, rel=0.51)
+
+
+@pytest.mark.parametrize("row", MOVED, ids=lambda row: row[0])
+def test_every_acceleration_and_settling_time_is_one_too(row):
+    method, *cells = row
+    for cell, task in zip(cells, RESULTS["tasks"], strict=True):
+        found = result("loop", task, method)
+        acceleration, settled = cell.split(" · ")
+        assert float(acceleration) == pytest.approx(found["acceleration"], rel=ROUNDED)
+        assert settled == ("never" if found["settling_s"] is None else figure(found["settling_s"]))
 
 
 @pytest.mark.parametrize("row", OFF, ids=lambda row: row[0])
