@@ -31,7 +31,7 @@ def algebra(J: Vector, s: Vector) -> None:
     solution = iq.solve_velocity(J, s, form=0.3, bounds=iq.Bounds([-1.0], [1.0]), damping=iq.velocity.Selective(2.0))
     assert_type(solution, iq.velocity.VelocitySolution)
     assert_type(solution.velocity, Vector)
-    assert_type(solution.status, str)
+    assert_type(solution.status, iq.Status)
     choice = iq.velocity.method_for(
         J, s, form=iq.PitchForm(0.3), exact=iq.ExactRows.point(J, [0.0, 0.0, 0.0], [0.0, 0.0, 0.1])
     )
