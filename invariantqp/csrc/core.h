@@ -23,19 +23,19 @@ typedef enum { DONE, HAND_BACK } Outcome;
 /* (rows, MOST) row by row; only the first n columns are used. */
 typedef double Row[MOST];
 
-/* limits/cone.py: |start + J x| <= limit; a limit of 0 is none */
+/* qp/quadratic.py: |start + J x| <= limit; a limit of 0 is none */
 typedef struct {
     double limit, start[3];
     Row J[3];
 } Cone;
 
-/* qp/slow.py: |start + M e| <= limit, and the largest multiplier tried */
+/* slow.c: |start + M e| <= limit, and the largest multiplier tried */
 typedef struct {
     double limit, most, start[3];
     Row M[3];
 } Slow;
 
-/* qp/polytope.py: lower <= A z <= upper, A the identity for a box; joints first, then rows */
+/* qp/quadratic.py: lower <= A z <= upper, A the identity for a box; joints first, then rows */
 typedef struct {
     int count;
     bool box;

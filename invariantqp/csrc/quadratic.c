@@ -110,7 +110,7 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
     return DONE;
 }
 
-/* polytope.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
+/* Polytope.on of qp/quadratic.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result)
 {
     result->count = limits->count;

@@ -36,8 +36,6 @@ class Objective(NamedTuple):
     weights: Array  # (n,) sigma^2 + lambda^2, all positive: how much each direction counts
     optimum: Array  # (n,) V'z*
     damping: float = 0.0  # the largest lambda on a direction that moves something; 0 where nothing is damped
-    # how much damping adds to the residual: the norm of what the joints could do of b and A z* does not
-    lost: float = 0.0
     rank: int = 0  # how many directions, the first of V, move something
     ratio: float = 1.0  # smallest singular value over the largest, among the min(n, 6) that may move something
     still: Array | None = None  # (n,) V'z* of the twist without its chase, where it has one
@@ -126,15 +124,11 @@ def least_squares(
     squares = damping.squares(sigma, wanted, largest)
     squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
     weights = sigma * sigma + squares
-    left = np.where(null, 0.0, squares)
-    largest_left = float(left.max())
-    missed = left * wanted / weights if largest_left > 0.0 else left
     return Objective(
         V=Vt.T,
         weights=weights,
         optimum=(sigma * wanted + squares * towards) / weights,
-        damping=sqrt(largest_left),
-        lost=sqrt(float(missed.dot(missed))),
+        damping=sqrt(float(np.where(null, 0.0, squares).max())),
         rank=n - int(np.count_nonzero(null)),
         ratio=float(singular[-1]) / largest if singular[-1] > NULL_RATIO * largest else 0.0,
         still=None if unchased is None else (sigma * unchased + squares * towards) / weights,

@@ -61,14 +61,12 @@ def convexified(J: Array, s: Array, h: float, posture: Array | None, damping: Da
     squares = damping.squares(size, np.abs(pull), largest)
     squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
     total = size * size + squares
-    left = np.where(null, 0.0, squares)
     rank = min(n, 6)
     return Objective(
         V=V,
         weights=np.sqrt(total),
         optimum=(np.where(null, 0.0, mu * pull) + squares * towards) / total,
-        damping=sqrt(float(left.max())),
-        lost=float(np.linalg.norm(left * pull / total)),
+        damping=sqrt(float(np.where(null, 0.0, squares).max())),
         ratio=float(np.sort(size)[-rank]) / largest,
     )
 
