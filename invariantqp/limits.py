@@ -3,7 +3,11 @@
 from invariantqp.lazy import lazily
 
 with lazily(__name__):
-    from invariantqp.control.joint_rows import PinkLimit as PinkLimit
+    from invariantqp.control.limits import AccelerationLimit as AccelerationLimit
+    from invariantqp.control.limits import JointLimits as JointLimits
+    from invariantqp.control.limits import Limit as Limit
+    from invariantqp.control.limits import Loop as Loop
+    from invariantqp.control.limits import PinkLimit as PinkLimit
     from invariantqp.velocity.limits.box import Bounds as Bounds
     from invariantqp.velocity.limits.rows import LimitRows as LimitRows
     from invariantqp.velocity.limits.toolspeed import ToolSpeed as ToolSpeed

@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlane, ExactPoint
-from invariantqp.control.joint_rows import JointRows
-from invariantqp.control.loop_limits import LoopLimits
+from invariantqp.control.limits import LoopLimits, RowLimits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
@@ -108,7 +107,7 @@ def compiled_demands(exact: tuple[Exact, ...], m: int) -> Array | None:
     return np.array(found, np.float64).reshape(len(found), 8 + m)
 
 
-def _rows(limits: JointRows | None, m: int) -> tuple[Array, Array, Array] | None:
+def _rows(limits: RowLimits | None, m: int) -> tuple[Array, Array, Array] | None:
     """(k, m) C, (k,) lower and upper of `LimitRows`; None where they may change from tick to tick."""
     if limits is None:
         return np.empty((0, m)), np.empty(0), np.empty(0)

@@ -16,12 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.approach import same_turn, share_of_gain
-from invariantqp.control.changes import STOPPED, Changes, changes_of
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.joint_rows import Rows
-from invariantqp.control.loop_limits import Limit, loop_limits
+from invariantqp.control.limits import STOPPED, AnyLimit, Changes, LoopLimits, Rows, changes_of
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, ticks_late
 from invariantqp.control.observed import Observed, at_rest
@@ -85,7 +83,7 @@ class Controller:
         position_margin: float = 0.0,
         tool_speed: ToolSpeed | float | None = None,
         rows: Rows | None = None,
-        limits: Sequence[Limit] = (),
+        limits: Sequence[AnyLimit] = (),
         far_outside: Literal["hold", "return"] = "hold",
     ) -> None:
         """Make the loop's fixed part.
@@ -116,10 +114,11 @@ class Controller:
             tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
                 limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
-            limits: more limits, in a list: LimitRows or functions as in `rows`, a ToolSpeed in place of `tool_speed`,
-                limits and barriers made for Pink from `robot.model`, anything with
-                `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
-                they contradict these. Reasons number their rows after `rows`, in their order. Pink cannot pickle its.
+            limits: all limits beside the robot's own, in a list: JointLimits, AccelerationLimit, LimitRows or functions
+                as in `rows`, a ToolSpeed, a `Limit` of your own, and limits and barriers made for Pink from
+                `robot.model`, anything with `compute_qp_inequalities(configuration, dt)`. The four arguments above are
+                short for some of them. Joint limits never give way; the others do where they contradict these. Reasons
+                call rows by their names, those without one by their place in the list. Pink cannot pickle its.
             far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
                 its position range, as one in degrees is; "return" moves back from there too.
 
@@ -159,22 +158,24 @@ class Controller:
         )
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
-        self._fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
         self._slack = SLACK * self.gain * self.measure.radian
         turning = np.array(seen.J[:3].any(axis=0))
-        self._limits = loop_limits(
+        self._limits = LoopLimits.of(
             robot,
             self.dt,
-            acceleration_limit,
-            position_margin,
-            tool_speed,
-            rows,
-            limits,
-            far_outside,
-            turning,
+            self.delay,
+            limits=limits,
+            rows=rows,
+            acceleration_limit=acceleration_limit,
+            position_margin=position_margin,
+            tool_speed=tool_speed,
+            far_outside=far_outside,
+            turning=turning,
         )
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
-        self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
+        fastest = self.box.velocity_limit
+        self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
+        self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
@@ -210,6 +211,7 @@ class Controller:
         speed: float = 1.0,
         velocity_limit: ArrayLike | None = None,
         tool_speed: float | None = None,
+        limits: Sequence[AnyLimit] = (),
     ) -> VelocitySolution:
         """One tick: the joint velocity to command until the next.
 
@@ -226,6 +228,7 @@ class Controller:
                 [length/s]; the lower of it and the controller's own. The slider scales limits of
                 speed too: they are those at speed=1. Joints that are faster than all this allows slow down as fast as
                 their `acceleration_limit` lets them, at once without one.
+            limits: more limits, in this tick alone, as the controller takes them; the lower of two counts.
 
         Returns:
             VelocitySolution: q + dt velocity is inside the position limits, or on its way back inside.
@@ -233,7 +236,7 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        now = changes_of(speed, velocity_limit, tool_speed, self._count)
+        now = changes_of(speed, velocity_limit, tool_speed, limits, self._count)
         core = None if target is None or now is not None else self.compiled
         found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
@@ -277,6 +280,7 @@ class Controller:
         speed: float = 1.0,
         velocity_limit: ArrayLike | None = None,
         tool_speed: float | None = None,
+        limits: Sequence[AnyLimit] = (),
     ) -> VelocitySolution:
         """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
 
@@ -292,6 +296,7 @@ class Controller:
             speed: as in `step`; exact `rows` are `speed` times as fast too.
             velocity_limit: as in `step`.
             tool_speed: as in `step`.
+            limits: as in `step`.
 
         Returns:
             VelocitySolution, as from `step`.
@@ -299,7 +304,7 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
-        now = changes_of(speed, velocity_limit, tool_speed, self._count)
+        now = changes_of(speed, velocity_limit, tool_speed, limits, self._count)
         own = now is None and rows is None and sighting is None and at is None and posture is None and calm is True
         core = self.compiled if own else None
         found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
@@ -401,7 +406,7 @@ class Controller:
             return self._halted(state, s, wrong)
         fastest = self._fastest if posture is None else None
         posture = self.posture_pull(there) if posture is None else posture
-        limits = self._limits.at(self.robot, sighting, target, there, before, now)
+        limits = self._limits.at(sighting, target, there, before, now)
         stand = limits.trouble or (STOPPED if now is not None and now.speed == 0.0 else stand)
         chase = None
         if share is None:

@@ -234,7 +234,7 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     demand.paced = true;
     for (int j = 0; j < m; j++) {
         demand.posture[j] = demand.has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
-        demand.fastest[j] = isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
+        demand.fastest[j] = loop->fastest[j] > 0.0 && isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
     }
     const Pose *wanted = demand.chased ? target : &tool;
     if (demand.chased) {

@@ -33,13 +33,13 @@ def _limit(value: ArrayLike, argument: str) -> Array:
     return a
 
 
-def accelerations(value: ArrayLike, m: int) -> Array:
+def accelerations(value: ArrayLike, m: int, argument: str = "acceleration_limit") -> Array:
     """(m,) positive acceleration limits, inf where there is none; one number is every joint's."""
-    a = arrays.array(value, "acceleration_limit", "numbers above zero")
+    a = arrays.array(value, argument, "numbers above zero")
     a = np.full(m, float(a)) if a.ndim == 0 else a.copy()
     if a.shape != (m,) or not (a > 0.0).all():  # NaN is not above zero either
         found = f"shape {a.shape}" if a.shape != (m,) else f"{a[~(a > 0.0)][0]:g} at joint {int((~(a > 0.0)).argmax())}"
-        raise BadInput("acceleration_limit", found, f"{m} limits above zero, inf where there is none, or one for all")
+        raise BadInput(argument, found, f"{m} limits above zero, inf where there is none, or one for all")
     return a
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
@@ -25,22 +27,25 @@ class LimitRows(Value):
         C: (k, m) rows on the joint velocity.
         lower: (k,), -inf where there is none.
         upper: (k,), +inf where there is none.
+        names: (k,) what reasons call the rows, "" for a number; () where no row has a name.
     """
 
     C: Array = field(converter=own)
     lower: Array = field(converter=own)
     upper: Array = field(converter=own)
+    names: tuple[str, ...] = ()
 
-    def __init__(self, C: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> None:
+    def __init__(self, C: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str] | str = ()) -> None:
         """Rows.
 
         Args:
             C: (k, m) rows on the joint velocity.
             lower: (k,), -inf where there is none.
             upper: (k,), +inf where there is none.
+            names: (k,) what reasons call the rows, "the cable" for instance; one name for a single row.
 
         Raises:
-            BadInput: shapes that do not fit, NaN, lower above upper (the row is named).
+            BadInput: shapes that do not fit, NaN, lower above upper (the row is named), as many names as rows.
         """
         matrix = arrays.array(C, "C", "a (k, m) matrix")
         if matrix.ndim != 2 or 0 in matrix.shape:
@@ -54,7 +59,10 @@ class LimitRows(Value):
             ) from error
         if len(sides.lower) != len(matrix):
             raise BadInput("lower", f"{len(sides.lower)} limits", f"{len(matrix)}, one for each row of C")
-        self.__attrs_init__(matrix, sides.lower, sides.upper)
+        called = (names,) if isinstance(names, str) and names else arrays.strings(names, "names")
+        if called and len(called) != len(matrix):
+            raise BadInput("names", f"{len(called)} names", f"{len(matrix)}, one for each row of C")
+        self.__attrs_init__(matrix, sides.lower, sides.upper, called)
 
     def with_box(self, lower: Array, upper: Array) -> Polytope:
         """The polytope of a box (m,) on the joints and these rows."""
