@@ -19,8 +19,8 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.approach import same_turn
 from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.tracking import same_turn
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array

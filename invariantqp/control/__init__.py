@@ -4,7 +4,7 @@ from invariantqp.lazy import lazily
 
 with lazily(__name__):
     from invariantqp.control.controller import Controller as Controller
-    from invariantqp.control.controls import Controls as Controls
+    from invariantqp.control.controller import Controls as Controls
     from invariantqp.control.demands import Exact as Exact
     from invariantqp.control.demands import ExactAxis as ExactAxis
     from invariantqp.control.demands import ExactJoints as ExactJoints

@@ -10,21 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.approach import same_turn, share_of_gain
 from invariantqp.control.compiled import compiled_loop, compiled_tick
-from invariantqp.control.convergence import slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.limits import STOPPED, AnyLimit, Changes, LoopLimits, Rows, changes_of
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.memory import HEADER, Memory, ticks_late
-from invariantqp.control.observed import Observed, at_rest
-from invariantqp.control.posture import POSTURE_GAIN, posture_of
-from invariantqp.control.tracking import question_gain, tracking_gain, tracking_twist
+from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
+from invariantqp.control.tracking import question_gain, same_turn, share_of_gain, tracking_gain, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
@@ -39,6 +35,28 @@ from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
+
+# The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
+POSTURE_GAIN = 1.0
+
+
+class Controls(Protocol):
+    """Anything with a step: ours, or a law to compare it with."""
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick."""
+        ...
+
+
+class Observed(NamedTuple):
+    """One tick."""
+
+    positions: Array  # (m,) checked joint positions, as measured
+    there: Array  # (m,) where the joints are when the command of this tick acts
+    sighting: Sighting  # the robot's state there
+    target: Any  # as the robot returned it
+    root: Array  # (6, 6) of the measure
+    before: Array  # (m,) the joint velocity before
 
 
 class Controller:
@@ -448,3 +466,44 @@ class Controller:
         self.memory.after(nowhere, x).write(self.kept)
         residual = s - state.sighting.J.dot(x)
         return VelocitySolution(x, "hold", Status.HELD, reason, (), residual, 0.0, 0.0, 0.0, "")
+
+
+def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Array, Array]:
+    """The joint positions (m,) and the gain (m,) [1/s] of each joint, 0 where there is no posture.
+
+    True is the middle of the ranges of an arm with more than six joints; a joint without a range has none.
+
+    Raises:
+        BadInput: neither positions, True nor False; a gain below zero.
+    """
+    m = len(robot.names)
+    strength = arrays.not_negative(gain, "posture_gain", "a gain in 1/s")
+    if isinstance(posture, (bool, np.bool_)):
+        bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
+        return middle(robot), np.where(bounded & (m > 6) & bool(posture), strength, 0.0)
+    if np.ndim(arrays.array(posture, "posture", "joint positions, True or False")) == 0:
+        raise BadInput(
+            "posture", f"{posture}", f"({m},) joint positions, True or False", "How strong it is, is posture_gain."
+        )
+    return arrays.vector(posture, m, "posture"), np.full(m, strength)
+
+
+def at_rest(
+    robot: Robot,
+    measure: ToolMeasure,
+    positions: Array,
+    there: Array,
+    sighting: Sighting | None,
+    before: Array,
+    at: Array | None = None,
+) -> Observed:
+    """The tick of an arm whose target is where its tool is now; `sighting` and `at` are as in `Controller.follow`.
+
+    Raises:
+        BadInput: `sighting` is something else.
+    """
+    if sighting is None:
+        sighting = robot.sight(there, robot.target(robot.pose(there)))
+    elif not isinstance(sighting, Sighting):
+        raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
+    return Observed(positions, there, sighting, sighting.pose, measure.root_for(sighting.J, sighting.pose, at), before)

@@ -580,7 +580,7 @@ class LoopLimits(NamedTuple):
     box: JointBox  # position and velocity limits
     braking: BrakingBox | None  # the same with acceleration limits, or None
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
-    rows: RowLimits | None  # limits on combinations of joint velocities, or None
+    joint_rows: RowLimits | None  # limits on combinations of joint velocities, or None
     loop: Loop  # what limits are told of it
     believed: tuple[Array, Array] | None  # (m,) bounds of positions that are believed, or None for all
 
@@ -674,7 +674,7 @@ class LoopLimits(NamedTuple):
 
     def _rows(self, q: Array, before: Array, now: Changes | None) -> TickRows:
         """The rows of this tick: the loop's own, then those for `now`."""
-        found = TickRows(None) if self.rows is None else self.rows.at(q, before)
+        found = TickRows(None) if self.joint_rows is None else self.joint_rows.at(q, before)
         if now is None or not now.given.rows or found.trouble:
             return found
         more = RowLimits(now.given.rows, self.loop).at(q, before)
@@ -703,7 +703,7 @@ class LoopLimits(NamedTuple):
         if not solution.active or self.braking is not None:
             return solution
         far = self.box.outside(q, solution.active)
-        return solution._replace(reason=f"{_named(far, names)}; {solution.reason}") if far else solution
+        return solution._replace(reasons=f"{_named(far, names)}; {solution.reason}") if far else solution
 
 
 def _named(joints: Strained, names: tuple[str, ...]) -> str:

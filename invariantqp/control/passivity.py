@@ -19,13 +19,14 @@ Reference: Hannaford & Ryu 2002; Ryu, Artigas & Preusche 2010 (time-domain passi
 
 from __future__ import annotations
 
+from math import ceil, sqrt
 from typing import Literal
 
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.control.pipe import Pipe
+from invariantqp.control.delay import LONGEST, DelayEstimate
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -44,6 +45,10 @@ OVERSPENT = 0.5
 LONGEST_TOLD = 10.0
 # A robot is later than told by more than so many ticks.
 LATE_TICKS = 1.5
+# Time over which the robot's answer is remembered [s]: a few swings of a hand.
+REMEMBERED = 2.0
+# A delay that was declared counts as that many ticks, but for rounding.
+TICK_ROUNDING = 1e-9
 
 
 @frozen(eq=False, slots=False)
@@ -122,7 +127,7 @@ class LinkEnd:
             raise BadInput("stiffness", "one at the device", "one at the robot, which passes twists")
         self.came_in: float = 0.0
         self.went_out: float = 0.0
-        self._pipe: Pipe = Pipe(self.dt, late, k)
+        self._in_flight: InFlight = InFlight(self.dt, late, k)
         self._delay, self._stiffness = late, k
         self._told = 0.0
         self._left, self._share, self._powers = self.store, 1.0, np.zeros(2)
@@ -163,7 +168,7 @@ class LinkEnd:
         at_robot = self.passes == "twist"
         passed, met = (v, w) if at_robot else (w, v)
         seen = None if done is None else arrays.twist(done, "done")
-        did = self._pipe.done if seen is None else seen
+        did = self._in_flight.done if seen is None else seen
         # What was done, or felt, met this at the end of its tick: all of a damper's force, the most of a spring's. With
         # a stiffness the mean force counts: of a blow the other would be twice the energy.
         energy = float(did.dot(0.5 * (met + self._last) if self._hard else met)) * self.dt
@@ -174,10 +179,12 @@ class LinkEnd:
         overspent = left < -OVERSPENT * self.store
         if self._hard and overspent:  # a spring of stiffness k that took E presses with sqrt(2 E k)
             force = w[3:]
-            self._pipe.stiffness = max(self._pipe.stiffness, float(force.dot(force)) / (2.0 * (self.store - left)))
-        self._share = 0.0 if held else self._pipe.share(passed, (met, self._met), left)
+            self._in_flight.stiffness = max(
+                self._in_flight.stiffness, float(force.dot(force)) / (2.0 * (self.store - left))
+            )
+        self._share = 0.0 if held else self._in_flight.share(passed, (met, self._met), left)
         through = self._share * passed
-        self._pipe.push(through, seen)
+        self._in_flight.push(through, seen)
         excess = -left if overspent and (self._hard or seen is not None) else 0.0
         status, reason = (Status.HELD, held) if held else self._status(float(passed.dot(met)), excess)
         return LinkTick(through, self._share, status, reason, left)
@@ -207,12 +214,12 @@ class LinkEnd:
     def _status(self, power: float, excess: float) -> tuple[Status, str]:
         """Status and reason of a tick that asks for a power, once so much energy has left that may not, 0 for none."""
         trouble = []
-        if self._pipe.late > LATE_TICKS * self.dt:
-            late = written(1e3 * self._pipe.late, 3)
-            tell = f"tell delay={written(self._delay + self._pipe.late, 3)}"
+        if self._in_flight.late > LATE_TICKS * self.dt:
+            late = written(1e3 * self._in_flight.late, 3)
+            tell = f"tell delay={written(self._delay + self._in_flight.late, 3)}"
             trouble.append(f"the robot follows {late} ms later than told: {tell} and a stiffness")
-        if self._pipe.stiffness > self._stiffness:
-            met_with = written(self._pipe.stiffness, 2)
+        if self._in_flight.stiffness > self._stiffness:
+            met_with = written(self._in_flight.stiffness, 2)
             trouble.append(f"the tool met something harder than told: tell stiffness={met_with}")
         if excess:
             trouble.append(f"{written(excess, 2)} more energy has left than may: robot or contact are not as told")
@@ -227,3 +234,71 @@ class LinkEnd:
         if age > self.timeout:
             return f"the last packet is {age:.3g} s old: nothing is passed on"
         return f"the last packet is {-age:.3g} s ahead of this clock: nothing is passed on" if age < -self.dt else ""
+
+
+class InFlight:
+    """Motion that was passed on to a late robot and is still to be done, and the energy that it may take.
+
+    energy = sum over the ways d still to be done of max(0, d . (w + k (r - d / 2))),   r the way to the end of d
+
+    w is met now, k the stiffness of the hardest thing that the tool may meet: it may stand right before the tool, and
+    what is on its way to a late robot cannot be called back. So in free motion, too, no more is passed on than may
+    strike.
+
+    Attributes:
+        late: by how much later than told the robot was seen to follow [s].
+        stiffness: of the hardest thing that the tool may meet, told or met [N/length].
+    """
+
+    def __init__(self, dt: float, delay: float, stiffness: float) -> None:
+        """Nothing on its way, for ticks of dt [s], a told delay [s] and a stiffness [N/length]."""
+        self.late: float = 0.0
+        self._dt, self._told = dt, ceil(delay / dt - TICK_ROUNDING)
+        self.stiffness: float = stiffness
+        self._passed = np.zeros((1 + self._told + round(LONGEST / dt), 6))  # the latest last
+        self._delay = DelayEstimate(dt, self._told * dt, 3, 1.0 - dt / REMEMBERED)
+
+    @property
+    def done(self) -> Array:
+        """(6,) the twist that the robot has in this tick by what was told of its delay."""
+        now: Array = self._passed[-1 - self._told]
+        return now
+
+    def push(self, twist: Array, seen: Array | None) -> None:
+        """After a tick in which a twist (6,) was passed on; `seen` is the tool's in the tick before, if measured."""
+        if seen is not None:
+            self.late = max(self.late, self._delay.after(seen[3:], twist[3:]) or 0.0)
+        self._passed[:-1] = self._passed[1:].copy()
+        self._passed[-1] = twist
+
+    def share(self, twist: Array, met: tuple[Array, Array], left: float) -> float:
+        """How much of a twist (6,) can be paid with the energy left [N length], from 0 to 1.
+
+        Now, after all that is on its way; and for as long as the robot is late, so that a tool is slow and does not
+        stop and go. `met` are wrenches (6,), now and when something was done last: the one that takes more counts.
+        """
+        ticks = self._told + round(self.late / self._dt)
+        owed, further = self._owed(met[0], ticks) if ticks else (0.0, np.zeros(3))
+        line = twist[3:]
+        hard, power = self.stiffness * float(line.dot(line)), max(float(twist.dot(met[0])), float(twist.dot(met[1])))
+        once = _payable(self._dt * (power + float(line.dot(further))), self._dt**2 * hard, left - owed)
+        time = (1 + ticks) * self._dt
+        return min(1.0, once, _payable(time * power, time**2 * hard, left))
+
+    def _owed(self, met: Array, ticks: int) -> tuple[float, Array]:
+        """The energy that the last so many ticks will take, and the force (3,) that they will add."""
+        ways = self._dt * self._passed[-ticks:]
+        pressed = np.tile(met, (ticks, 1))
+        sums = ways[:, 3:].cumsum(axis=0)
+        pressed[:, 3:] += self.stiffness * (sums - 0.5 * ways[:, 3:])
+        energies = (ways * pressed).sum(axis=1)
+        return float(energies[energies > 0.0].sum()), self.stiffness * sums[-1]
+
+
+def _payable(push: float, hard: float, left: float) -> float:
+    """The largest share with push share + hard share^2 / 2 <= left; one or more where all can be had."""
+    left = max(0.0, left)
+    if push + 0.5 * hard <= left:
+        return 1.0
+    root = sqrt(push * push + 2.0 * hard * left)
+    return 2.0 * left / (push + root) if push > 0.0 else (root - push) / hard

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.control.approach import braking_share
 from invariantqp.control.asked import asked, asked_part
 from invariantqp.control.beside import Beside, tangent_at
 from invariantqp.control.controller import Controller
@@ -23,6 +22,7 @@ from invariantqp.control.path_pace import Pace
 from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_rate import rate_inside
 from invariantqp.control.path_state import PathState
+from invariantqp.control.tracking import braking_share
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.exact import ExactRows

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.approach import BRAKING_SHARE, same_turn
 from invariantqp.control.controller import Controller
-from invariantqp.control.tracking import tracking_twist
+from invariantqp.control.tracking import BRAKING_SHARE, same_turn, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array

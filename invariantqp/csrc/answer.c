@@ -1,7 +1,6 @@
-/* A VelocitySolution: numbers, joints at a limit, and the reason as velocity/report.py words it. */
+/* A VelocitySolution: numbers, joints at a limit, and reasons as velocity/reasons.py reads them. */
 
 #include "boundary.h"
-#include <stdarg.h>
 
 typedef enum { OK, LIMITED, SCALED, GUARDED } Status;
 /* In the order of Method and Status. */
@@ -77,98 +76,96 @@ static PyObject *number(double x)
     return x == 0.0 ? Py_NewRef(ZERO) : x == 1.0 ? Py_NewRef(ONE) : PyFloat_FromDouble(x);
 }
 
-/* Longer than any reason. */
-#define WORDS 1024
-
-/* Write at the end of words. */
-static void put(char *words, const char *format, ...)
-{
-    size_t used = strlen(words);
-    va_list rest;
-    va_start(rest, format);
-    PyOS_vsnprintf(words + used, WORDS - used, format, rest);
-    va_end(rest);
-}
-
-/* Write text and a number: `code` and `digits` as in a format of Python, whatever the locale. */
-static bool add(char *words, const char *text, double number, char code, int digits)
-{
-    char *written = PyOS_double_to_string(number, code, digits, 0, NULL);
-    if (written == NULL)
-        return false;
-    put(words, "%s%s", text, written);
-    PyMem_Free(written);
-    return true;
-}
-
-/* Begin another part of the reason. */
-static void say(char *words, const char *text) { put(words, "%s%s", words[0] != 0 ? "; " : "", text); }
-
-/* Write "joint 3" or "joints 0, 2", after `lead`; how many they are. */
-static int name(char *words, const char *lead, const char *what, int n, const bool *which)
-{
-    int count = 0, told = 0;
-    for (int j = 0; j < n; j++)
-        count += which[j];
-    if (count > 0)
-        put(words, "%s%s%s ", lead, what, count > 1 ? "s" : "");
-    for (int j = 0; j < n; j++)
-        if (which[j])
-            put(words, "%s%d", told++ > 0 ? ", " : "", j);
-    return count;
-}
-
 static Status status(const Solution *solution)
 {
     return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : solution->limited ? LIMITED : OK;
 }
 
-static PyObject *reason(int m, const Solution *solution)
+/* Reasons as velocity/reasons.py reads them, one after another: a code, how many joints, rows and numbers, and these. */
+typedef struct {
+    int last, count;
+    double at[256];
+} Reasons;
+enum { JOINT = 1, LIMIT, NUMBER };
+
+/* Begin a reason. */
+static void say(Reasons *reasons, Code code)
 {
-    static const char *const HELD = " (held by ";
-    char words[WORDS];
-    bool good = true;
-    words[0] = 0;
+    reasons->last = reasons->count;
+    reasons->count += 4;
+    for (int i = 0; i < 4; i++)
+        reasons->at[reasons->last + i] = i == 0 ? code : 0.0;
+}
+
+/* Add to the reason begun last: its joints first, then its rows, then its numbers. */
+static void add(Reasons *reasons, int kind, double x)
+{
+    reasons->at[reasons->last + kind] += 1.0;
+    reasons->at[reasons->count++] = x;
+}
+
+/* Add limits by their ranks: joints in their order, the tool's speed, then rows, the one that pulls hardest first. */
+static void add_limits(Reasons *reasons, int m, int rows, const unsigned char *ranks, bool fast)
+{
+    for (int j = 0; j < m; j++)
+        if (ranks[j] > 0)
+            add(reasons, JOINT, j);
+    if (fast)
+        add(reasons, LIMIT, TOOL_SPEED_ROW);
+    for (int rank = 1; rank <= rows; rank++)
+        for (int i = 0; i < rows; i++)
+            if (ranks[m + i] == rank)
+                add(reasons, LIMIT, i);
+}
+
+/* The reasons of a solution; those of most ticks are none. */
+static PyObject *reasons(int m, const Solution *solution)
+{
+    Reasons found = {.count = 0};
     if (solution->stuck)
-        say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
+        say(&found, WHY_STUCK);
     if (solution->slow) {
-        say(words, "limits allow ");
-        good = add(words, "", solution->scale, 'g', 3);
-        put(words, " of the exact rows' speed");
-        int held = name(words, HELD, "joint", m, solution->held_by);
-        held += name(words, held > 0 ? " and " : HELD, "row", solution->limits, solution->held_by + m);
-        if (solution->fast)
-            put(words, "%sthe tool's speed", held > 0 ? " and " : HELD);
-        put(words, held > 0 || solution->fast ? ")" : "");
-        for (int i = 0, told = 0; i < solution->rows; i++) {
+        say(&found, WHY_ROWS_SLOWED);
+        add_limits(&found, m, solution->limits, solution->held_by, solution->fast);
+        add(&found, NUMBER, solution->scale);
+        bool moved = false;
+        for (int i = 0; i < solution->rows; i++) {
             if (solution->beside[i] == 0.0)
                 continue;
-            put(words, "%sexact row %d", told++ > 0 ? ", " : "; limits require motion beside it: ", i);
-            good = add(words, " is off by ", solution->beside[i], 'g', 3) && good;
+            if (!moved)
+                say(&found, WHY_ROWS_MOVED);
+            moved = true;
+            add(&found, LIMIT, FIRST_EXACT_ROW - i);
         }
+        for (int i = 0; i < solution->rows; i++)
+            if (solution->beside[i] != 0.0)
+                add(&found, NUMBER, solution->beside[i]);
     }
     if (solution->pace < WHOLE_SPEED) {
-        say(words, "limits allow ");
-        good = add(words, "", solution->pace, 'g', 3) && good;
-        put(words, " of the approach's speed");
+        say(&found, WHY_CHASE_SLOWED);
+        add(&found, NUMBER, solution->pace);
     }
     if (solution->blended > 0.0) {
-        say(words, "descent guard: ");
-        good = add(words, "", solution->blended, 'g', 3) && good;
-        put(words, " of least squares blended in");
+        say(&found, WHY_GUARDED);
+        add(&found, NUMBER, solution->blended);
     }
     if (solution->damping > 0.0) {
-        say(words, "near a singularity: the smallest singular value is ");
-        good = add(words, "", solution->ratio, 'e', 1) && good;
-        put(words, " of the largest; damped");
+        say(&found, WHY_DAMPED);
+        add(&found, NUMBER, solution->ratio);
     }
     if (status(solution) == LIMITED && !solution->stuck && solution->pace >= WHOLE_SPEED) {
-        say(words, "");
-        good = add(words, "", solution->missed, 'g', 2) && good;
-        put(words, " of the twist is missed");
+        say(&found, isfinite(solution->missed) ? WHY_MISSED : WHY_MOVED);
+        if (isfinite(solution->missed))
+            add(&found, NUMBER, solution->missed);
     }
-    name(words, words[0] != 0 ? "; at the limits of " : "at the limits of ", "joint", m, solution->active);
-    return !good ? NULL : words[0] != 0 ? PyUnicode_FromString(words) : Py_NewRef(NOTHING);
+    bool at_limits = solution->at_speed;
+    for (int i = 0; i < m + solution->limits; i++)
+        at_limits = at_limits || solution->at_limit[i] > 0;
+    if (at_limits) {
+        say(&found, WHY_AT_LIMITS);
+        add_limits(&found, m, solution->limits, solution->at_limit, solution->at_speed);
+    }
+    return found.count == 0 ? Py_NewRef(NONE_ACTIVE) : PyBytes_FromStringAndSize((const char *)found.at, found.count * (Py_ssize_t)sizeof(double));
 }
 
 /* Those that are active. */
@@ -199,7 +196,7 @@ PyObject *fields(int m, const Solution *solution)
         new_vector(m, solution->velocity),
         Py_NewRef(METHODS[solution->method]),
         Py_NewRef(STATUSES[status(solution)]),
-        reason(m, solution),
+        reasons(m, solution),
         joints(m, solution->active),
         new_vector(6, solution->residual),
         number(solution->scale),
@@ -208,6 +205,7 @@ PyObject *fields(int m, const Solution *solution)
         Py_NewRef(met ? NATIVE : NOTHING),
         met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
         rows ? new_vector(solution->limits, solution->multipliers + m) : Py_NewRef(Py_None),
+        Py_NewRef(NONE_ACTIVE), /* row_names */
     };
     return named(ANSWER, sizeof values / sizeof *values, values);
 }

@@ -1,11 +1,11 @@
-/* Twin of velocity/limits/braking.py and control/approach.py: a joint is never faster than it can still brake in the room
+/* Twin of velocity/limits/braking.py and control/tracking.py: a joint is never faster than it can still brake in the room
    it has left, nor the tool faster than its joints can brake before the target.
 
        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room */
 
 #include "loop.h"
 
-/* approach.py: both numbers of its Adaptive */
+/* tracking.py: both numbers of its Adaptive */
 #define DISTANCE_DAMPING 0.1
 
 /* The largest x >= 0 with D(x) <= room. */

@@ -138,6 +138,21 @@ typedef struct {
     Optimum near;
 } Share;
 
+/* reasons.py: the codes of what the core has to say, and indices of what is no row of LimitRows */
+typedef enum {
+    WHY_STUCK = 24,
+    WHY_ROWS_SLOWED,
+    WHY_ROWS_MOVED,
+    WHY_CHASE_SLOWED,
+    WHY_GUARDED,
+    WHY_DAMPED,
+    WHY_MISSED,
+    WHY_MOVED,
+    WHY_AT_LIMITS
+} Code;
+#define TOOL_SPEED_ROW (-1)
+#define FIRST_EXACT_ROW (-2)
+
 /* solution.py */
 typedef enum { CLOSED_FORM, DAMPED, QP } Method;
 typedef struct {
@@ -146,7 +161,8 @@ typedef struct {
     double multipliers[LIMITS], residual[6]; /* of joints, then of rows */
     Method method;
     bool active[MOST];
-    bool stuck, limited, slow, met, fast, held_by[LIMITS];
+    bool stuck, limited, slow, met, fast, at_speed;
+    unsigned char held_by[LIMITS], at_limit[LIMITS]; /* limits that hold exact rows, and all: 0 for none, rows by rank */
     double scale, pace, damping, blended, ratio, missed; /* for the reason */
     int rows;
     double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
@@ -231,6 +247,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
               const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
               double blended, Solution *solution);
 void clipped(const Demand *demand, const Row x, Solution *solution);
+void at_limits(const Demand *demand, Solution *solution);
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6]);
 double posture_share(const Demand *demand, const Row x);
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6]);

@@ -1,4 +1,4 @@
-/* Twin of control/controller.py, measure.py, memory.py, convergence.py and velocity/limits/box.py: one tick of a loop.
+/* Twin of control/controller.py, measure.py, memory.py and velocity/limits/box.py: one tick of a loop.
 
        s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
 
@@ -95,7 +95,7 @@ void remembered(const Loop *loop, const double *q, const double *command, double
     memcpy(commands, command, (size_t)m * sizeof(double));
 }
 
-/* convergence.py and memory.py, followed: what the tool was told to move since the tick before, and what it moved. */
+/* memory.py, followed: what the tool was told to move since the tick before, and what it moved. */
 static void watched(const Loop *loop, const Demand *demand, const double *q, const double *kept, Memory *memory)
 {
     int m = (int)loop->joints;
@@ -123,7 +123,7 @@ static void watched(const Loop *loop, const Demand *demand, const double *q, con
     memory->ticks++;
 }
 
-/* convergence.py: whether the loop does not converge; Python has the words for it. */
+/* memory.py: whether the loop does not converge; Python has the words for it. */
 bool has_trouble(const Memory *memory)
 {
     return memory->ticks >= MEMORY && memory->speed >= FAST_SHARE && memory->done < KEPT_SHARE * memory->told;
@@ -138,7 +138,7 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution)
     return false;
 }
 
-/* loop_limits.py: whether joint positions may not be true; Python decides. */
+/* control/limits.py: whether joint positions may not be true; Python decides. */
 bool is_far(const Loop *loop, const double *q)
 {
     for (int j = 0; j < (int)loop->joints; j++)

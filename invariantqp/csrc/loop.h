@@ -36,7 +36,7 @@ typedef struct {
     double root[6][6]; /* of the carried metric */
 } Loop;
 
-/* control/memory.py and convergence.py: what a loop keeps from tick to tick; `turn` and positions are NaN before the first.
+/* control/memory.py: what a loop keeps from tick to tick; `turn` and positions are NaN before the first.
    In Python these numbers, then the positions (m,) and the last commands (k, m), the latest first. */
 typedef struct {
     double told, done, speed, ticks, turn[3];

@@ -124,6 +124,40 @@ double posture_share(const Demand *demand, const Row x)
     return t * t / (t * t + POSTURE_PACE * POSTURE_PACE);
 }
 
+/* Of limits that hold, joints as 1 and rows by their rank, the one that pulls hardest first. */
+static void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks)
+{
+    int m = demand->m, k = demand->limits;
+    double pulls[MOST];
+    for (int j = 0; j < m; j++)
+        ranks[j] = holds[j];
+    for (int i = 0; i < k; i++)
+        pulls[i] = norm(m, demand->G[i]) * fabs(multipliers[m + i]);
+    for (int i = 0; i < k; i++) {
+        ranks[m + i] = holds[m + i];
+        for (int h = 0; h < k && holds[m + i]; h++)
+            ranks[m + i] += holds[m + h] && (pulls[h] > pulls[i] || (pulls[h] == pulls[i] && h < i));
+    }
+}
+
+/* The limits that a velocity is at. */
+void at_limits(const Demand *demand, Solution *solution)
+{
+    const double *x = solution->velocity, limit = demand->cone.limit;
+    static const double NONE[LIMITS] = {0.0};
+    bool at[LIMITS];
+    solution->limits = demand->limits;
+    for (int j = 0; j < demand->m; j++)
+        at[j] = solution->active[j];
+    for (int i = 0; i < demand->limits; i++) {
+        double size = norm(demand->m, demand->G[i]), value = dot(demand->m, demand->G[i], x);
+        double margin = ACTIVE_TOLERANCE * size * fmax(SLOWEST, norm(demand->m, x));
+        at[demand->m + i] = size > 0.0 && (value <= demand->least[i] + margin || value >= demand->most[i] - margin);
+    }
+    ranked(demand, at, solution->met ? solution->multipliers : NONE, solution->at_limit);
+    solution->at_speed = limit > 0.0 && tool_speed(&demand->cone, demand->m, x) >= limit * (1.0 - ACTIVE_TOLERANCE);
+}
+
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
               const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
               double blended, Solution *solution)
@@ -144,9 +178,12 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     solution->ratio = objective->ratio;
     solution->met = found->met;
     solution->fast = share->fast;
-    solution->limits = demand->limits;
+    bool held[LIMITS];
     for (int i = 0; i < demand->m + demand->limits; i++) {
-        solution->held_by[i] = share->near.met && share->held_by[i];
+        held[i] = share->near.met && share->held_by[i];
         solution->multipliers[i] = found->met ? found->multipliers[i] : 0.0;
     }
+    if (solution->slow)
+        ranked(demand, held, share->near.multipliers, solution->held_by);
+    at_limits(demand, solution);
 }

@@ -44,6 +44,7 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     solution->stuck = solution->limited = solution->slow = solution->met = false;
     solution->scale = solution->pace = 1.0;
     solution->damping = solution->blended = 0.0;
+    at_limits(demand, solution);
     return true;
 }
 

@@ -11,7 +11,7 @@ from math import pi
 
 import numpy as np
 
-from invariantqp.control.echo import PASSED, Echo
+from invariantqp.control.delay import PASSED, DelayEstimate
 from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
 from invariantqp.geometry.arrays import Array
@@ -57,7 +57,7 @@ class Lag:
         if self._first is None:
             moved = root_at(place, size).dot(J)
             self._first, self._weights = q.copy(), np.sqrt((moved * moved).sum(axis=0))
-            self._led, self._echo = np.zeros(len(q)), Echo(self._dt, self.delay, len(q))
+            self._led, self._echo = np.zeros(len(q)), DelayEstimate(self._dt, self.delay, len(q))
         step = self._weights * way
         self._led += step
         self._way += float(np.sqrt(step.dot(step)))

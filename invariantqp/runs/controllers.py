@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from invariantqp.control.controller import Controller
-from invariantqp.control.controls import Controls
+from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
 from invariantqp.control.measure import tool_metric
 from invariantqp.force.hybrid import HybridController

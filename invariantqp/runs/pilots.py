@@ -11,8 +11,7 @@ from math import pi
 
 import numpy as np
 
-from invariantqp.control.controller import Controller
-from invariantqp.control.controls import Controls
+from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.path_follower import PathFollower
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.shared import SharedTask
@@ -92,7 +91,7 @@ class ContactPilot(Pilot):
             raise BadInput("plant", "no force sensor", "one that measures the wrench at the tool")
         solution = self._loop.step(measured.q, goal.target, measured.wrench, goal.feedforward)
         self.wrench = solution.wrench
-        return solution.velocity_solution._replace(status=solution.status, reason=solution.reason)
+        return solution.velocity_solution._replace(status=solution.status, reasons=solution.reason)
 
 
 class OperatorPilot(Pilot):

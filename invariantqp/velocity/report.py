@@ -69,7 +69,7 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
         velocity=x,
         method="qp" if slow or found is not None else "damped" if objective.damping > 0.0 else "closed-form",
         status=status,
-        reason="; ".join(words),
+        reasons="; ".join(words),
         active=active,
         residual=residual,
         scale=answer.share,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import compared
+from invariantqp.geometry.fields import same
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
+from invariantqp.velocity.reasons import Reason, Written, read, sentences, told
 
 # A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
 # rest is rounding of an arm that stands still.
@@ -62,15 +63,36 @@ class Status(str, Enum):
     __format__ = str.__format__  # type: ignore[assignment]
 
 
-@compared
-class VelocitySolution(NamedTuple):
+# What a solution is made with for its reasons: reasons, a text of a law that has none, or what the compiled core wrote.
+Why: TypeAlias = tuple[Reason, ...] | str | Written
+
+
+class _Solution(NamedTuple):
+    velocity: Array
+    method: str
+    status: Status
+    reasons: Why
+    active: tuple[int, ...]
+    residual: Array
+    scale: float
+    damping: float
+    guard: float
+    backend: str
+    multipliers: Array | None = None
+    row_multipliers: Array | None = None
+    row_names: tuple[str, ...] = ()
+
+
+class VelocitySolution(_Solution):
     """A joint velocity and how it was found. A tuple, because one is made in every tick.
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the bounds.
         method: "closed-form" (no limit is active), "damped" (likewise, with damping), "qp" (a limit is active), "hold".
         status: "ok", "limited", "guarded", "scaled", "degraded" or "held": see `Status`.
-        reason: why, in words, "" where there is nothing to report.
+        reasons: why, as data, the worst first: codes, joints, limits by name, numbers; () where there is nothing to
+            report.
+        reason: the same in words, "" for nothing.
         active: joints at a bound.
         residual: (6,) s - J x in the frame of J.
         scale: share of the exact rows' speed that was possible, in [0, 1], 1 unless scaled.
@@ -80,20 +102,43 @@ class VelocitySolution(NamedTuple):
         multipliers: (m,) what each joint's bound costs in the objective: positive at the upper bound, negative at the
             lower, 0 away from them. None where no limit is active.
         row_multipliers: (k,) the same for the rows of `LimitRows`.
+        row_names: (k,) what these rows are called, "" for one without a name; () where none has one.
     """
 
-    velocity: Array
-    method: str
-    status: Status
-    reason: str
-    active: tuple[int, ...]
-    residual: Array
-    scale: float
-    damping: float
-    guard: float
-    backend: str
-    multipliers: Array | None = None
-    row_multipliers: Array | None = None
+    __slots__ = ()
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Why, as data, the worst first."""
+        why: Why = self[3]
+        if isinstance(why, tuple):
+            return why
+        return told(why) if isinstance(why, str) else read(why, self.row_names)
+
+    @property
+    def reason(self) -> str:
+        """Why, in words, "" where there is nothing to report."""
+        return sentences(self.reasons)
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and same(self._plain(), other._plain())
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash((tuple(self.velocity.tolist()), self.method, self.status, self.backend))
+
+    def __repr__(self) -> str:
+        shown = (f"{name}={value!r}" for name, value in zip(self._fields, self._plain(), strict=True))
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return self._plain()
+
+    def _plain(self) -> tuple[Any, ...]:
+        """The fields, reasons as data."""
+        return (*self[:3], self.reasons, *self[4:])
 
 
 def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
@@ -108,14 +153,15 @@ def at_bounds(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
     return np.asarray((x <= lower + margin) | (x >= upper - margin))
 
 
-def with_trouble(solution: VelocitySolution, trouble: str) -> VelocitySolution:
-    """The solution with a reason more: status "degraded", unless it is "held"."""
+def with_trouble(solution: VelocitySolution, trouble: Why) -> VelocitySolution:
+    """The solution with more reasons: status "degraded", unless it is "held"."""
     status = Status.HELD if solution.status is Status.HELD else Status.DEGRADED
-    return solution._replace(status=status, reason="; ".join(filter(None, (trouble, solution.reason))))
+    more = told(trouble) if isinstance(trouble, str) else trouble
+    return solution._replace(status=status, reasons=(*more, *solution.reasons))
 
 
-def held(demand: Demand, reason: str) -> VelocitySolution:
+def held(demand: Demand, why: Why) -> VelocitySolution:
     """Standing still or, where the bounds do not allow that, moving back inside them."""
     x, active = clipped(demand, np.zeros(len(demand.lower)))
     residual = demand.s - demand.J.dot(x)
-    return VelocitySolution(x, "hold", Status.HELD, reason, active, residual, 0.0, 0.0, 0.0, "")
+    return VelocitySolution(x, "hold", Status.HELD, why, active, residual, 0.0, 0.0, 0.0, "")

@@ -65,7 +65,7 @@ def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
     if demand.allows(still.velocity):
         return still
     back = solve(law, demand._replace(s=np.zeros(6), exact=None, posture=None, chase=None))
-    return back._replace(status=Status.HELD, reason=f"{reason}; moving back inside the limits".removeprefix("; "))
+    return back._replace(status=Status.HELD, reasons=f"{reason}; moving back inside the limits".removeprefix("; "))
 
 
 def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution:

@@ -18,7 +18,7 @@ from invariantqp.compare.laws.view import pose_of
 from invariantqp.compare.measure.cell import Cell, Kind, Result
 from invariantqp.compare.measure.watched import figures, watched_run
 from invariantqp.compare.registry import controller_named
-from invariantqp.control.controls import Controls
+from invariantqp.control.controller import Controls
 from invariantqp.geometry import se3
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot

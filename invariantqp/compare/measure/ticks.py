@@ -18,7 +18,7 @@ import numpy as np
 from invariantqp.compare.measure.cell import Cell, Kind, Result
 from invariantqp.compare.measure.watched import quietly
 from invariantqp.compare.registry import controller_named
-from invariantqp.control.controls import Controls
+from invariantqp.control.controller import Controls
 from invariantqp.errors import InvariantQPError
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array

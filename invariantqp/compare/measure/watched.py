@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.compare.measure.cell import Result
-from invariantqp.control.controls import Controls
+from invariantqp.control.controller import Controls
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController

@@ -23,7 +23,7 @@ PASSED, MORE_TICKS = 2, 10
 ROUNDING = 1e-12
 
 
-class Echo:
+class DelayEstimate:
     """What is remembered of commands and of what came of them; `after` is called once in every tick.
 
     Attributes:

@@ -1,0 +1,199 @@
+"""Why a tick is as it is: reasons as data, by either engine, and the one place where they become sentences.
+
+A reason is a code, joints by index, limits by name and numbers. Loops and tests compare and count these; the sentence
+is made where somebody reads it. Codes stand in the order of their gravity, so a solution names the worst first.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Sequence
+from enum import IntEnum, auto
+from typing import NamedTuple, TypeAlias
+
+# Limits named one by one in a sentence; a crowd of them is counted.
+MOST_NAMED = 3
+TOOL_SPEED = "the tool's speed"
+
+
+class Code(IntEnum):
+    """What a reason says; `SENTENCES` has the words."""
+
+    # The velocity of the tick is no answer: "held".
+    NOT_BELIEVED = auto()
+    TOLD = auto()
+    STOPPED = auto()
+    ROWS_REFUSED = auto()
+    ROWS_ARE_NAN = auto()
+    ROWS_ALLOW_NOTHING = auto()
+    NO_VELOCITY = auto()
+    NO_NUMBERS = auto()
+    PAPER_EXACT = auto()
+    PAPER_LIMITS = auto()
+    PAPER_FORM = auto()
+    PAPER_POLE = auto()
+    MOVING_BACK = auto()
+    # Something declared does not hold: "degraded".
+    NOT_FOLLOWING = auto()
+    OUTSIDE = auto()
+    ACCELERATION = auto()
+    ROWS_CONTRADICT = auto()
+    TOOL_FASTER = auto()
+    SOLVER = auto()
+    ROWS_UNKEPT = auto()
+    ROWS_TOO_MANY = auto()
+    PAPER_GAINS = auto()
+    PAPER_CLIPPED = auto()
+    # What limits and singularities keep away.
+    STUCK = auto()
+    ROWS_SLOWED = auto()
+    ROWS_MOVED = auto()
+    CHASE_SLOWED = auto()
+    GUARDED = auto()
+    DAMPED = auto()
+    MISSED = auto()
+    MOVED = auto()
+    AT_LIMITS = auto()
+
+
+_JOINT = "joint {joint} ({words}): "
+# {0}, {1} are the numbers of a reason, {joint} its joint, {limits} its joints and rows, {bounds} its joints, {each} its
+# rows, each with its number, {words} what is not ours to word; {held_by} and {because} are limits and words, or none.
+SENTENCES = {
+    Code.NOT_BELIEVED: f"{_JOINT}{{0:.1f}} rad is {{1:.1f}} outside its position range; are these degrees? "
+    'Give far_outside="return" to move back from there',
+    Code.TOLD: "{words}",
+    Code.STOPPED: "speed is 0",
+    Code.ROWS_REFUSED: "{limits}: {words}",
+    Code.ROWS_ARE_NAN: "{limits} gives NaN here",
+    Code.ROWS_ALLOW_NOTHING: "{limits} allows no velocity at all here",
+    Code.NO_VELOCITY: "no velocity found: {words}",
+    Code.NO_NUMBERS: "the numbers are too large or too small to compute with{because}",
+    Code.PAPER_EXACT: "PaperLambda does not support exact rows; use another damping",
+    Code.PAPER_LIMITS: "PaperLambda supports no limits but the bounds; use another damping",
+    Code.PAPER_FORM: "PaperLambda needs a pitch form: give form=h",
+    Code.PAPER_POLE: "G + Lambda is singular: this is the pole of [DS]'s formula",
+    Code.MOVING_BACK: "moving back inside the limits",
+    Code.NOT_FOLLOWING: "not converging: the joints do not follow their commands; the cause may be a delay (give it as "
+    "delay=), a gain too high for the robot, or a robot that does not do what it is told",
+    Code.OUTSIDE: f"{_JOINT}{{0:.3g}} outside its position range",
+    Code.ACCELERATION: f"{_JOINT}acceleration {{0:.3g}}, above its limit {{1:.3g}}",
+    Code.ROWS_CONTRADICT: "rows contradict {bounds}: exceeded at {each}",
+    Code.TOOL_FASTER: "the tool's speed is {0:.3g}, not {1:.3g}: other limits require it",
+    Code.SOLVER: "{words}",
+    Code.ROWS_UNKEPT: "the joints cannot keep the direction of the exact rows: {0:.1e} of the demand is unmet",
+    Code.ROWS_TOO_MANY: "this arm can keep {0:.0f} of the exact rows: {1:.1e} of the demand is unmet",
+    Code.PAPER_GAINS: "[DS]'s Lambda gives closed-loop gains outside [0, 1]: {words}; "
+    "negative ones drive the tool away",
+    Code.PAPER_CLIPPED: "clipped to the bounds",
+    Code.STUCK: "no velocity reduces the error: it is the least that these joints and limits allow",
+    Code.ROWS_SLOWED: "limits allow {0:.3g} of the exact rows' speed{held_by}",
+    Code.ROWS_MOVED: "limits require motion beside the exact rows: {each}",
+    Code.CHASE_SLOWED: "limits allow {0:.3g} of the approach's speed",
+    Code.GUARDED: "descent guard: {0:.3g} of least squares blended in",
+    Code.DAMPED: "near a singularity: the smallest singular value is {0:.1e} of the largest; damped",
+    Code.MISSED: "{0:.2g} of the twist is missed",
+    Code.MOVED: "limits move the tool where nothing is to move",
+    Code.AT_LIMITS: "at the limits of {limits}",
+}
+
+
+class Reason(NamedTuple):
+    """One reason of a tick; `str` gives its sentence.
+
+    Attributes:
+        code: what it says.
+        joints: indices of joints.
+        rows: names of limits that are no joint's: the names that `LimitRows` give, "row 3" for one without,
+            "the tool's speed", "exact row 0".
+        numbers: as the sentence has them; of `rows` and numbers that belong together, the worst comes first.
+        words: a joint's name, a solver's own words, a text that was told.
+    """
+
+    code: Code
+    joints: tuple[int, ...] = ()
+    rows: tuple[str, ...] = ()
+    numbers: tuple[float, ...] = ()
+    words: str = ""
+
+    def __str__(self) -> str:
+        limits = named(self.joints, self.rows)
+        return SENTENCES[self.code].format(
+            *self.numbers,
+            joint=self.joints[0] if self.joints else "",
+            limits=limits,
+            bounds=f"the bounds of {named(self.joints)}" if self.joints else "each other",
+            held_by=f" (held by {limits})" if limits else "",
+            each=_each(self),
+            words=self.words,
+            because=f": {self.words}" if self.words else "",
+        )
+
+
+def told(words: str) -> tuple[Reason, ...]:
+    """A text as reasons, () for none."""
+    return (Reason(Code.TOLD, words=words),) if words else ()
+
+
+def sentences(reasons: Iterable[Reason]) -> str:
+    """Reasons in words, "" for none."""
+    return "; ".join(map(str, reasons))
+
+
+def worst_first(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
+    """Reasons in the order of their gravity; of one gravity as they were."""
+    return tuple(sorted(reasons, key=lambda reason: reason.code))
+
+
+def named(joints: Sequence[int], rows: Sequence[str] = ()) -> str:
+    """Limits in words: "joints 0, 2 and the cable"; of many rows, the first few and how many more."""
+    words = [f"joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))}"] if joints else []
+    shown = list(rows[:MOST_NAMED])
+    numbers = [name.removeprefix("row ") for name in shown if name.startswith("row ")]
+    if len(numbers) > 1:
+        shown = [f"rows {', '.join(numbers)}", *(name for name in shown if not name.startswith("row "))]
+    words += shown
+    if len(rows) > MOST_NAMED:
+        words.append(f"{len(rows) - MOST_NAMED} more")
+    return " and ".join(words)
+
+
+def _each(reason: Reason) -> str:
+    """Rows, each with its number."""
+    verb = " is off" if reason.code is Code.ROWS_MOVED else ""
+    pairs = list(zip(reason.rows, reason.numbers, strict=False))
+    words = [f"{name}{verb} by {abs(number):.3g}" for name, number in pairs[:MOST_NAMED]]
+    if len(pairs) > MOST_NAMED:
+        words.append(f"{len(pairs) - MOST_NAMED} more")
+    return ", ".join(words)
+
+
+# Reasons as the compiled core writes them, in doubles: of each its code, how many joints, rows and numbers, and these.
+Written: TypeAlias = bytes
+# In place of the index of a row.
+TOOL_SPEED_ROW, FIRST_EXACT_ROW = -1, -2
+
+
+def row_name(i: int, names: Sequence[str] = ()) -> str:
+    """What row i is called: by its name, or by its number; -1 is the tool's speed, -2 - i is exact row i."""
+    if i == TOOL_SPEED_ROW:
+        return TOOL_SPEED
+    if i < 0:
+        return f"exact row {FIRST_EXACT_ROW - i}"
+    return (names[i] if i < len(names) else "") or f"row {i}"
+
+
+def read(written: Written, names: Sequence[str] = ()) -> tuple[Reason, ...]:
+    """The reasons that the core wrote; `names` (k,) are those of the rows."""
+    numbers = array("d", written).tolist()
+    found, at = [], 0
+    while at < len(numbers):
+        code, joints, rows, count = map(int, numbers[at : at + 4])
+        at += 4
+        parts = []
+        for size in (joints, rows, count):
+            parts.append(numbers[at : at + size])
+            at += size
+        called = tuple(row_name(int(i), names) for i in parts[1])
+        found.append(Reason(Code(code), tuple(map(int, parts[0])), called, tuple(parts[2])))
+    return tuple(found)
