@@ -70,7 +70,7 @@ along = (beyond - robot.pose(q))[:3, 3] / 0.08
 wall = Wall(along, along @ robot.pose(q)[:3, 3] + 0.02)
 print("\nA target 80 mm ahead, a wall 20 mm ahead:")
 for name, solver in {"daqp": "daqp", "my own osqp": MyOsqp("my own osqp", 1e-7)}.items():
-    controller = iq.Controller(robot, dt=DT, gain=20.0, exact="position", rows=wall, backend=solver)
+    controller = iq.Controller(robot, dt=DT, gain=20.0, exact="position", limits=[wall], backend=solver)
     here = q
     for _ in range(300):
         solution = controller.step(here, beyond)

@@ -14,12 +14,13 @@ import invariantqp as iq
 CALLS = {**ALGEBRA, **CONTROL}
 # Every public name, of the package and of its namespaces.
 PUBLIC = {name: value for names in public_names().values() for name, value in names.items()}
-PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
+PROTOCOLS = "Backend Controls Damping Exact Form Limit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
+    "Code Loop Reason "
     "SensorCheck Sighting StationaryPoint Status Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
@@ -34,7 +35,7 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
-    "Controller.posture_pull Controller.told Controller.wrong "
+    "Controller.posture_pull Controller.told Controller.wrong PinkLimit.for_loop PinkLimit.rows "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }

@@ -1,8 +1,9 @@
 """Every reason that the library can give has its entry on the troubleshooting page, and every entry is given somewhere.
 
-Reasons are the texts of two words or more in the sources of solutions, without those that go into exceptions and
-warnings: what a checker of arguments is told, what is raised or warned of. `SolverFailure` and `_Unusable` end in
-reasons.
+Reasons are the sentences of `velocity/reasons.py`, and the texts of two words or more in the sources of other
+solutions, without those that go into exceptions and warnings: what a checker of arguments is told, what is raised or
+warned of.
+`SolverFailure` ends in a reason.
 """
 
 import ast
@@ -11,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import invariantqp as iq
+from invariantqp.velocity.reasons import SENTENCES
 
 PACKAGE = Path(iq.__file__).parent
 PAGE = (Path(__file__).parent.parent / "examples" / "guide" / "troubleshooting.md").read_text(encoding="utf-8")
@@ -19,7 +21,10 @@ SOURCES = sorted([*SOURCES, PACKAGE / "runs" / "notes.py"])
 ENTRY = re.compile(r"^- ((?:`[^`]+`(?:, | or )?)+):", flags=re.MULTILINE)
 ENTRIES = [phrase for found in ENTRY.finditer(PAGE) for phrase in re.findall(r"`([^`]+)`", found[1])]
 # Exceptions whose message becomes part of a reason.
-TOLD = {"SolverFailure", "_Unusable"}
+TOLD = {"SolverFailure"}
+# The sentences of reasons that are data, "…" for each value in one; those that are values alone say nothing.
+VALUE = re.compile(r"\{[^}]*\}")
+TABLE = {re.sub(r"(…\s*)+…", "…", VALUE.sub("…", text)).strip(" …:;,()") for text in SENTENCES.values()} - {""}
 # Remedies of exceptions kept in tables, and what forms, contacts and orders of readings are called.
 NO_REASON = re.compile(
     r"pitch form h =|projection along the given complement of dimension|metric carried by the body at|the tool"
@@ -84,7 +89,8 @@ def reasons(source):
 @cache
 def given():
     """All reasons of the package."""
-    return {text for file in SOURCES for text in reasons(file.read_text(encoding="utf-8"))}
+    sources = [file for file in SOURCES if file.name != "reasons.py"]
+    return TABLE | {text for file in sources for text in reasons(file.read_text(encoding="utf-8"))}
 
 
 def explains(entry, text):
@@ -98,12 +104,3 @@ def test_every_reason_has_its_entry():
 
 def test_every_entry_is_a_reason():
     assert [entry for entry in ENTRIES if not any(explains(entry, text) for text in given())] == []
-
-
-def test_the_compiled_core_words_its_reasons_the_same():
-    core = (PACKAGE / "csrc" / "answer.c").read_text(encoding="utf-8")
-    body = core[core.index("static PyObject *reason(") : core.index("static PyObject *joints(")]
-    parts = {re.sub("%[sd]", "", text).strip(" ;:") for text in re.findall(r'"((?:[^"\\]|\\.)*)"', body)}
-    parts = {text for text in parts if " " in text}
-    assert len(parts) > 8
-    assert sorted(part for part in parts if not any(part in entry for entry in ENTRIES)) == []

@@ -145,6 +145,6 @@ def answer(x: Array, method: str, solver: str = "") -> VelocitySolution:
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
     """The posture (m,) that every method is told, and the gain of each joint towards it (m,) [1/s]."""
-    from invariantqp.control import posture
+    from invariantqp.control import controller
 
-    return posture.posture_of(law.posture, law.posture_gain, robot)
+    return controller.posture_of(law.posture, law.posture_gain, robot)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.limits import STOPPED, AnyLimit, Changes, LoopLimits, Rows, changes_of
+from invariantqp.control.limits import AnyLimit, Changes, LoopLimits, Rows, changes_of
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
 from invariantqp.control.tracking import question_gain, same_turn, share_of_gain, tracking_gain, tracking_twist
@@ -33,6 +33,7 @@ from invariantqp.velocity.law import SLACK, Chase, Demand, VelocityLaw
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
+from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
@@ -191,6 +192,8 @@ class Controller:
             turning=turning,
         )
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
+        fixed = None if self.joint_rows is None else self.joint_rows.fixed
+        self._row_names: tuple[str, ...] = () if fixed is None else fixed.names
         fastest = self.box.velocity_limit
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
         self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
@@ -259,6 +262,7 @@ class Controller:
         found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
             answer, more = found
+            answer = answer._replace(row_names=self._row_names) if self._row_names else answer
             return self.memory.judged(self.told(answer, q)) if more else answer
         memory = self.memory
         before = memory.now(velocity)
@@ -328,6 +332,7 @@ class Controller:
         found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
         if found is not None:
             answer, more = found
+            answer = answer._replace(row_names=self._row_names) if self._row_names else answer
             return self.told(answer, q) if more else answer
         positions = arrays.vector(q, self._count, "q")
         s = sizes.not_too_fast(arrays.twist(twist))
@@ -356,7 +361,7 @@ class Controller:
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
         state = self._at_rest(positions, sighting, velocity)
-        return self._tick(state, np.zeros(6), None, np.zeros(6), stand=reason)
+        return self._tick(state, np.zeros(6), None, np.zeros(6), stand=Reason(Code.TOLD, words=reason))
 
     @property
     def memory(self) -> Memory:
@@ -372,11 +377,11 @@ class Controller:
 
     def told(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
         """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
-        return self._limits.told(solution, q, self.robot.names)
+        return self._limits.told(solution, q)
 
-    def wrong(self, q: Array) -> str:
-        """Why joint positions (m,) cannot be true, "" where they may be or `far_outside` is "return"."""
-        return self._limits.wrong(q, self.robot.names)
+    def wrong(self, q: Array) -> Reason | None:
+        """Why joint positions (m,) cannot be true, None where they may be or `far_outside` is "return"."""
+        return self._limits.wrong(q)
 
     def believed(self, q: ArrayLike, argument: str = "q") -> Array:
         """Joint positions (m,) that can be true; errors name the argument.
@@ -388,7 +393,7 @@ class Controller:
         wrong = self.wrong(positions)
         if wrong:
             raise BadInput(
-                argument, wrong.partition(" Give")[0], "joint positions in radians, near the position ranges"
+                argument, str(wrong).partition(" Give")[0], "joint positions in radians, near the position ranges"
             )
         return positions
 
@@ -408,7 +413,7 @@ class Controller:
         share: float | None,
         ahead: Array,
         more: ExactRows | None = None,
-        stand: str | None = None,
+        stand: Reason | None = None,
         posture: Array | None = None,
         *,
         calm: bool = True,
@@ -425,7 +430,7 @@ class Controller:
         fastest = self._fastest if posture is None else None
         posture = self.posture_pull(there) if posture is None else posture
         limits = self._limits.at(sighting, target, there, before, now)
-        stand = limits.trouble or (STOPPED if now is not None and now.speed == 0.0 else stand)
+        stand = limits.trouble or (Reason(Code.STOPPED) if now is not None and now.speed == 0.0 else stand)
         chase = None
         if share is None:
             exact = self._rows(sighting, target, 0.0, ahead, more)
@@ -454,18 +459,18 @@ class Controller:
         law = self.law if calm else self.law.planned
         if now is not None and now.speed not in (0.0, 1.0):
             law, demand = law.slowed(now.speed), demand.slowed(now.speed)
-        solution = solve(law, demand) if stand is None else standing(law, demand, stand)
+        solution = solve(law, demand) if stand is None else standing(law, demand, (stand,))
         self.memory.after(positions, solution.velocity).write(self.kept)
-        return self._limits.told(solution, positions, self.robot.names, limits.strained)
+        return self._limits.told(solution, positions, limits.strained)
 
-    def _halted(self, state: Observed, s: Array, reason: str) -> VelocitySolution:
+    def _halted(self, state: Observed, s: Array, reason: Reason) -> VelocitySolution:
         """Standing still wherever the joints may be, or coming to rest as fast as their accelerations allow."""
         x, nowhere = np.zeros(self._count), np.full(self._count, np.nan)
         if self.braking is not None:
             x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
         self.memory.after(nowhere, x).write(self.kept)
         residual = s - state.sighting.J.dot(x)
-        return VelocitySolution(x, "hold", Status.HELD, reason, (), residual, 0.0, 0.0, 0.0, "")
+        return VelocitySolution(x, "hold", Status.HELD, (reason,), (), residual, 0.0, 0.0, 0.0, "")
 
 
 def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Array, Array]:

@@ -29,18 +29,16 @@ from invariantqp.velocity.limits.braking import BrakingBox
 from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.qp.quadratic import Cone
+from invariantqp.velocity.reasons import Code, Reason, with_names
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 ORIGIN = np.zeros(3)
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
-# What stands in the reason of a tick whose slider is at zero.
-STOPPED = "speed is 0"
 LIMITS = (
     "LimitRows, a function of q that returns them, JointLimits, AccelerationLimit, ToolSpeed, a Limit of your own, or "
     "a limit made for Pink: compute_qp_inequalities(...)"
 )
-Strained: TypeAlias = tuple[tuple[int, str], ...]
 
 
 class Loop(NamedTuple):
@@ -133,15 +131,12 @@ class JointLimits(Value):
         Raises:
             BadInput: NaN, a velocity limit below zero, a lower limit above the upper one.
         """
-        low, high = (
-            _numbers(value, name, "position limits, infinite where there is none")
-            for value, name in ((position_lower, "position_lower"), (position_upper, "position_upper"))
-        )
+        low, high = _numbers(position_lower, "position_lower"), _numbers(position_upper, "position_upper")
         if low.ndim == high.ndim == 1 and low.shape != high.shape:
             raise BadInput("position_upper", f"{len(high)} limits", f"{len(low)}, one for each lower limit")
         if (low > high).any():
             raise BadInput("position_lower", f"{excerpt(low)} above {excerpt(high)}", "lower <= upper for every joint")
-        speed = _numbers(velocity_limit, "velocity_limit", "speeds, zero or more")
+        speed = _numbers(velocity_limit, "velocity_limit")
         if (speed < 0.0).any():
             raise BadInput("velocity_limit", f"{speed[speed < 0.0][0]:g}", "speeds, zero or more")
         kept = arrays.not_negative(margin, "margin", "a distance kept from position limits")
@@ -167,7 +162,7 @@ class AccelerationLimit(Value):
         Raises:
             BadInput: not above zero.
         """
-        a = _numbers(limit, "limit", "numbers above zero")
+        a = _numbers(limit, "limit")
         self.__attrs_init__(accelerations(a, a.size, "limit").reshape(a.shape))
 
 
@@ -261,14 +256,18 @@ class _InPink(Limit):
         C = np.array(G, dtype=np.float64).reshape(-1, np.shape(G)[-1])
         upper = np.array(h, dtype=np.float64).reshape(-1) / dt
         if C.shape != (len(upper), len(q)):
-            found = f"{self.name} with rows of shape {C.shape} and {len(upper)} bounds"
-            raise BadInput("limits", found, f"rows on {len(q)} joints", "Make it from robot.model.")
+            raise BadInput(
+                "limits",
+                f"{self.name} with rows of shape {C.shape} and {len(upper)} bounds",
+                f"rows on {len(q)} joints",
+                "Make it from robot.model.",
+            )
         length = np.linalg.norm(C, axis=1)
         if np.isnan(upper).any() or not np.isfinite(length).all():
-            raise _Unusable(f"{self.name} gives NaN here")
+            raise _Unusable(Reason(Code.ROWS_ARE_NAN, rows=(self.name,)))
         still = length == 0.0
         if (upper[still] < 0.0).any() or (upper == -inf).any():
-            raise _Unusable(f"{self.name} allows no velocity at all here")
+            raise _Unusable(Reason(Code.ROWS_ALLOW_NOTHING, rows=(self.name,)))
         kept = np.flatnonzero(~still & (upper < inf))
         if not len(kept):
             return None
@@ -294,7 +293,11 @@ AnyLimit: TypeAlias = Rows | Limit | JointLimits | AccelerationLimit | ToolSpeed
 
 
 class _Unusable(Exception):
-    """The rows of this tick cannot be used; the message is the reason."""
+    """The rows of this tick cannot be used."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(str(reason))
+        self.reason = reason
 
 
 class Given(NamedTuple):
@@ -346,8 +349,11 @@ class Given(NamedTuple):
             low, high, speed = np.maximum(low, lower), np.minimum(high, upper), np.minimum(speed, fastest)
         if (low > high).any():
             i = int((low > high).argmax())
-            found = f"JointLimits that leave joint {i} no position: from {low[i]:g} to {high[i]:g}"
-            raise BadInput("limits", found, "a range in common with the robot's")
+            raise BadInput(
+                "limits",
+                f"JointLimits that leave joint {i} no position: from {low[i]:g} to {high[i]:g}",
+                "a range in common with the robot's",
+            )
         return JointBox(low, high, speed, box.dt, max(limits.margin for limits in self.joints))
 
 
@@ -384,10 +390,10 @@ def _is_pinks(limit: object) -> bool:
 
 
 class TickRows(NamedTuple):
-    """The rows of one tick, None where there are none; and why they cannot be used, "" where they can."""
+    """The rows of one tick, None where there are none; and why they cannot be used, None where they can."""
 
     rows: LimitRows | None
-    trouble: str = ""
+    trouble: Reason | None = None
 
 
 class RowLimits:
@@ -417,7 +423,7 @@ class RowLimits:
         try:
             return TickRows(_stacked(list(self._parts(q, before))))
         except _Unusable as trouble:
-            return TickRows(None, str(trouble))
+            return TickRows(None, trouble.reason)
 
     @property
     def fixed(self) -> LimitRows | None:
@@ -449,7 +455,7 @@ class RowLimits:
         except BadInput as error:
             if isinstance(limit, _InPink):
                 raise
-            raise _Unusable(f"{limit.name or 'rows'}: {error}") from error
+            raise _Unusable(Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error))) from error
         if rows is None:
             return None
         rows = _required(rows, argument, self._m)
@@ -569,8 +575,8 @@ class TickLimits(NamedTuple):
     upper: Array  # (m,)
     rows: LimitRows | None  # on combinations of joint velocities, or None
     cone: Cone | None  # the speed limit of a point, or None
-    strained: Strained  # joints whose limits contradict each other, and what gave way, in words
-    trouble: str  # why there is nothing to do but stand still, "" for nothing
+    strained: tuple[Reason, ...]  # what gave way at joints whose limits contradict each other
+    trouble: Reason | None  # why there is nothing to do but stand still, None for nothing
     placed: tuple[Array, Array]  # (m,) bounds of the joint velocity by position limits alone
 
 
@@ -630,7 +636,7 @@ class LoopLimits(NamedTuple):
 
     def at(self, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None) -> TickLimits:
         """The limits at joint positions q (m,), coming from the joint velocity `before` (m,), changed for `now`."""
-        strained: Strained = ()
+        strained: tuple[Reason, ...] = ()
         box, braking = self.box, self.braking
         if now is not None:
             box, braking = now.box(box, braking, before)
@@ -680,41 +686,34 @@ class LoopLimits(NamedTuple):
         more = RowLimits(now.given.rows, self.loop).at(q, before)
         return TickRows(_stacked([r for r in (found.rows, more.rows) if r is not None]), more.trouble)
 
-    def wrong(self, q: Array, names: tuple[str, ...]) -> str:
-        """Why joint positions (m,) cannot be true, "" where they may be; of several joints, the worst."""
+    def wrong(self, q: Array) -> Reason | None:
+        """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""
         if self.believed is None:
-            return ""
+            return None
         lower, upper = self.believed
         beyond = np.maximum(q - upper, lower - q)
         i = int(beyond.argmax())
         if not beyond[i] > 0.0:
-            return ""
-        return (
-            f"joint {i} ({names[i]}): {q[i]:.1f} rad is {beyond[i] + FAR_OUTSIDE:.1f} outside its position range; are "
-            'these degrees? Give far_outside="return" to move back from there'
-        )
+            return None
+        far = float(q[i]), float(beyond[i]) + FAR_OUTSIDE
+        return Reason(Code.NOT_BELIEVED, (i,), numbers=far, words=self.loop.robot.names[i])
 
-    def told(
-        self, solution: VelocitySolution, q: ArrayLike, names: tuple[str, ...], strained: Strained = ()
-    ) -> VelocitySolution:
-        """The solution, whose reason names joints that are `strained`, or outside their range and held by limits."""
+    def told(self, solution: VelocitySolution, q: ArrayLike, strained: tuple[Reason, ...] = ()) -> VelocitySolution:
+        """The solution with what is `strained`, or with joints outside their range that are held by limits."""
+        names = self.loop.robot.names
         if strained:
-            return with_trouble(solution, _named(strained, names))
+            return with_trouble(solution, with_names(strained, names))
         if not solution.active or self.braking is not None:
             return solution
         far = self.box.outside(q, solution.active)
-        return solution._replace(reasons=f"{_named(far, names)}; {solution.reason}") if far else solution
+        return solution._replace(reasons=(*with_names(far, names), *solution.reasons)) if far else solution
 
 
-def _named(joints: Strained, names: tuple[str, ...]) -> str:
-    return "; ".join(f"joint {i} ({names[i]}): {what}" for i, what in joints)
-
-
-def _numbers(value: ArrayLike, argument: str, expected: str) -> Array:
+def _numbers(value: ArrayLike, argument: str) -> Array:
     """(m,) numbers, or one for all."""
-    a = arrays.array(value, argument, f"{expected}: one a joint, or one for all")
+    a = arrays.array(value, argument, "numbers, one a joint or one for all, infinite where there is no limit")
     if a.ndim > 1 or a.size == 0:
-        raise BadInput(argument, f"shape {a.shape}", f"{expected}: one a joint, or one for all")
+        raise BadInput(argument, f"shape {a.shape}", "numbers, one a joint or one for all")
     if np.isnan(a).any():
-        raise BadInput(argument, "NaN", expected)
+        raise BadInput(argument, "NaN", "numbers, infinite where there is no limit")
     return a.copy()

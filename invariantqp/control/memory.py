@@ -24,6 +24,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
+from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 # Ticks over which averages are taken.
@@ -75,14 +76,9 @@ class Convergence(NamedTuple):
         )
 
     @property
-    def trouble(self) -> str:
-        """Why the loop does not converge, in words; "" where it does."""
-        if self.ticks < MEMORY or self.speed < FAST_SHARE or self.done >= KEPT_SHARE * self.told:
-            return ""
-        return (
-            "not converging: the joints do not follow their commands; the cause may be a delay (give it as delay=), a "
-            "gain too high for the robot, or a robot that does not do what it is told"
-        )
+    def follows(self) -> bool:
+        """Whether the joints do what they are told, as far as it can be said."""
+        return self.ticks < MEMORY or self.speed < FAST_SHARE or self.done >= KEPT_SHARE * self.told
 
 
 def slowness(A: Array, limits: Array) -> float:
@@ -158,5 +154,4 @@ class Memory(NamedTuple):
 
     def judged(self, solution: VelocitySolution) -> VelocitySolution:
         """The solution of a tick; a loop whose joints do not follow is trouble."""
-        trouble = self.convergence.trouble
-        return with_trouble(solution, trouble) if trouble else solution
+        return solution if self.convergence.follows else with_trouble(solution, (Reason(Code.NOT_FOLLOWING),))

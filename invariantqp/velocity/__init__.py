@@ -15,6 +15,8 @@ with lazily(__name__):
     from invariantqp.velocity.qp.backends import Backend as Backend
     from invariantqp.velocity.qp.backends import BoxQP as BoxQP
     from invariantqp.velocity.qp.backends import SolverFailure as SolverFailure
+    from invariantqp.velocity.reasons import Code as Code
+    from invariantqp.velocity.reasons import Reason as Reason
     from invariantqp.velocity.request import MethodChoice as MethodChoice
     from invariantqp.velocity.request import method_for as method_for
     from invariantqp.velocity.request import solve_velocity as solve_velocity

@@ -43,7 +43,7 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     found: VelocitySolution | None = core.tick(
         J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric, chase, fastest
     )
-    return found
+    return found if found is None or rows is None or not rows.names else found._replace(row_names=rows.names)
 
 
 class Written(NamedTuple):

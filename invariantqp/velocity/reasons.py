@@ -137,7 +137,17 @@ def told(words: str) -> tuple[Reason, ...]:
 
 def sentences(reasons: Iterable[Reason]) -> str:
     """Reasons in words, "" for none."""
-    return "; ".join(map(str, reasons))
+    return "; ".join(filter(None, map(str, reasons)))
+
+
+def of_joints(code: Code, found: Iterable[tuple[int, tuple[float, ...]]]) -> tuple[Reason, ...]:
+    """A reason for each joint that is told with its numbers, the one whose first number is the largest first."""
+    return tuple(Reason(code, (i,), (), numbers) for i, numbers in sorted(found, key=lambda one: -one[1][0]))
+
+
+def with_names(reasons: Iterable[Reason], names: Sequence[str]) -> tuple[Reason, ...]:
+    """The same reasons, each of one joint with the joint's name as its words."""
+    return tuple(reason._replace(words=names[reason.joints[0]]) for reason in reasons)
 
 
 def worst_first(reasons: Iterable[Reason]) -> tuple[Reason, ...]:

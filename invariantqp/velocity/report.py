@@ -1,4 +1,4 @@
-"""The solution that a tick returns: the velocity as it may be commanded, its status, and the reason in words.
+"""The solution that a tick returns: the velocity as it may be commanded, its status, and the reasons for it.
 
 "degraded"   demands contradict limits or the arm
 "scaled"     limits slow the exact rows down
@@ -14,14 +14,17 @@ from __future__ import annotations
 from math import inf, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.law import Demand
+from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.objective import NULL_RATIO, Objective
 from invariantqp.velocity.posed import Posed
-from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE, named
-from invariantqp.velocity.solution import Status, VelocitySolution, clipped
+from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
+from invariantqp.velocity.reasons import TOOL_SPEED, Code, Reason, row_name, worst_first
+from invariantqp.velocity.solution import SLOWEST, Status, VelocitySolution, clipped
 from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, unkept
 
 # A twist is met where the residual is less than this share of it ...
@@ -33,7 +36,6 @@ MISSED = 0.05
 FALLING = 0.5
 # Exact rows at this share of their speed count as not slowed down: regularising the share takes 1e-7 of it.
 WHOLE_SPEED = 1.0 - 1e-6
-STUCK = "no velocity reduces the error: it is the least that these joints and limits allow"
 # A velocity that achieves less than this share of the twist makes no progress.
 PROGRESS_SHARE = 1e-4
 
@@ -48,28 +50,25 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
     stuck = _is_stuck(demand, problem.wanted, x, answer.share)
     limited = stuck or (missed > MISSED and not _falls(demand, x))
     troubles = [*answer.troubles, *_row_troubles(demand, problem)]
-    words = [*troubles, *([STUCK] if stuck else [])]
+    reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else [])]
     if slow:
-        by = f" (held by {answer.held_by})" if answer.held_by else ""
-        words.append(f"limits allow {answer.share:.3g} of the exact rows' speed{by}")
-        words.extend(filter(None, [answer.beside]))
+        reasons += [Reason(Code.ROWS_SLOWED, *answer.held_by, (answer.share,)), *answer.beside]
     if answer.pace < WHOLE_SPEED:
-        words.append(f"limits allow {answer.pace:.3g} of the approach's speed")
+        reasons.append(Reason(Code.CHASE_SLOWED, numbers=(answer.pace,)))
     if answer.blended > 0.0:
-        words.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
+        reasons.append(Reason(Code.GUARDED, numbers=(answer.blended,)))
     if objective.damping > 0.0:
-        words.append(damping_reason(objective))
+        reasons.append(damped(objective))
     status = _status(degraded=bool(troubles), slow=slow, guarded=answer.blended > 0.0, limited=limited)
     if status is Status.LIMITED and not stuck and answer.pace >= WHOLE_SPEED:
-        words.append(f"{missed:.2g} of the twist is missed")
-    if active:
-        words.append(f"at the limits of {named(list(active), len(x))}")
+        reasons.append(Reason(Code.MISSED, numbers=(missed,)) if missed < inf else Reason(Code.MOVED))
     multipliers, row_multipliers = _multipliers(demand, answer)
+    reasons += at_limits(demand, x, active, row_multipliers)
     return VelocitySolution(
         velocity=x,
         method="qp" if slow or found is not None else "damped" if objective.damping > 0.0 else "closed-form",
         status=status,
-        reasons="; ".join(words),
+        reasons=worst_first(reasons),
         active=active,
         residual=residual,
         scale=answer.share,
@@ -78,14 +77,33 @@ def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution
         backend="" if found is None else found.backend,
         multipliers=multipliers,
         row_multipliers=row_multipliers,
+        row_names=() if demand.rows is None else demand.rows.names,
     )
 
 
-def damping_reason(objective: Objective) -> str:
-    """Why lambda is not zero, "" where it is."""
-    if objective.damping == 0.0:
-        return ""
-    return f"near a singularity: the smallest singular value is {objective.ratio:.1e} of the largest; damped"
+def damped(objective: Objective) -> Reason:
+    """Why lambda is not zero."""
+    return Reason(Code.DAMPED, numbers=(objective.ratio,))
+
+
+def at_limits(demand: Demand, x: Array, active: tuple[int, ...], row_multipliers: Array | None) -> list[Reason]:
+    """The limits that x is at: joints in their order, the tool's speed, then rows, the one that pulls hardest first."""
+    cone, rows, names = demand.cone, demand.rows, []
+    if cone is not None and cone.speed(x) >= cone.limit * (1.0 - ACTIVE_TOLERANCE):
+        names.append(TOOL_SPEED)
+    if rows is not None:
+        lengths = np.linalg.norm(rows.C, axis=1)
+        margin = ACTIVE_TOLERANCE * lengths * max(SLOWEST, norm(x))
+        value = rows.C.dot(x)
+        held = (lengths > 0.0) & ((value <= rows.lower + margin) | (value >= rows.upper - margin))
+        names += strongest(np.flatnonzero(held), rows, row_multipliers)
+    return [Reason(Code.AT_LIMITS, active, tuple(names))] if active or names else []
+
+
+def strongest(indices: NDArray[np.intp], rows: LimitRows, multipliers: Array | None) -> list[str]:
+    """The names of some rows, the one that pulls hardest first; its scale does not count."""
+    pulls = np.zeros(len(rows.C)) if multipliers is None else np.abs(multipliers) * np.linalg.norm(rows.C, axis=1)
+    return [row_name(i, rows.names) for i in sorted(indices.tolist(), key=lambda i: -pulls[i])]
 
 
 def is_met(A: Array, b: Array, x: Array) -> bool:
@@ -137,12 +155,12 @@ def _falls(demand: Demand, x: Array) -> bool:
     )
 
 
-def _row_troubles(demand: Demand, problem: Posed) -> list[str]:
+def _row_troubles(demand: Demand, problem: Posed) -> list[Reason]:
     """What of the exact rows no velocity meets, here or anywhere."""
-    troubles = list(filter(None, [unkept(problem.reduction)]))
+    troubles = unkept(problem.reduction)
     beyond = 0.0 if problem.reduction is None else problem.reduction.beyond
     if beyond > UNMET_TOLERANCE:
-        troubles.append(f"this arm can keep {demand.row_rank} of the exact rows: {beyond:.1e} of the demand is unmet")
+        troubles.append(Reason(Code.ROWS_TOO_MANY, numbers=(float(demand.row_rank or 0), beyond)))
     return troubles
 
 

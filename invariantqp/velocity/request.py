@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.problem import VelocityProblem
-from invariantqp.velocity.qp.quadratic import named
-from invariantqp.velocity.report import damping_reason
+from invariantqp.velocity.reasons import TOOL_SPEED, named, row_name
+from invariantqp.velocity.report import damped
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.velocity.solve import solve
 
@@ -84,15 +84,13 @@ def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions
     x = problem.left(1.0).joint(objective.centre())
     x = x if law.to_joint is None else law.to_joint.dot(x)
     if not demand.allows(x):
-        outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
-        m = len(x)
+        joints = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
+        fast = demand.cone is not None and not demand.cone.allows(x)
+        rows = [TOOL_SPEED] if fast else []
         if demand.rows is not None:
-            outside += [m + i for i in np.flatnonzero(demand.rows.excess(x)).tolist()]
-        exceeded = [named(outside, m)] if outside else []
-        if demand.cone is not None and not demand.cone.allows(x):
-            exceeded.append("the tool")
-        reason = f"the closed form exceeds the limits of {' and '.join(exceeded)}; solved by {law.backend.name}"
+            rows += [row_name(i, demand.rows.names) for i in np.flatnonzero(demand.rows.excess(x)).tolist()]
+        reason = f"the closed form exceeds the limits of {named(joints, rows)}; solved by {law.backend.name}"
         return MethodChoice("qp", reason, objective.damping, objective.ratio)
     if objective.damping > 0.0:
-        return MethodChoice("damped", damping_reason(objective), objective.damping, objective.ratio)
+        return MethodChoice("damped", str(damped(objective)), objective.damping, objective.ratio)
     return MethodChoice("closed-form", "no limit is active and no singularity is near", 0.0, objective.ratio)

@@ -33,7 +33,9 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
-from invariantqp.velocity.qp.quadratic import Quadratic, named, weighted
+from invariantqp.velocity.qp.quadratic import Quadratic, weighted
+from invariantqp.velocity.reasons import Code, Reason, worst_first
+from invariantqp.velocity.report import at_limits
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.solve import computed
 from invariantqp.velocity.stages import beside, given_way, slowed_rows, unkept
@@ -189,14 +191,15 @@ def _solved(
     m = len(demand.lower)
     T = np.eye(m) if law.to_joint is None else law.to_joint
     limits = given_way(law, demand)
-    origin, B, share, inside, moved = np.zeros(m), np.eye(m), 1.0, limits.inside, ""
+    origin, B, share, inside = np.zeros(m), np.eye(m), 1.0, limits.inside
+    moved: tuple[Reason, ...] = ()
     troubles = list(limits.troubles)
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(law.to_joint), demand.root)
         reduction, part = slowed_rows(reduction, limits, 0.0, law.backend)
         share, inside = part.value, part.velocity
         moved = beside(demand.exact, reduction, law.to_joint, part)
-        troubles += filter(None, [unkept(reduction)])
+        troubles += unkept(reduction)
         origin, B = reduction.origin(share), reduction.basis
     bounded, backend = False, ""
     for level in levels:
@@ -210,18 +213,16 @@ def _solved(
         B = B.dot(_left(level, T.dot(B)))
         bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend
         if found.trouble:
-            troubles.append(found.trouble)
+            troubles.append(Reason(Code.SOLVER, words=found.trouble))
     x, active = clipped(demand, T.dot(origin))
-    words = [*troubles]
+    reasons = [*troubles]
     if share < 1.0:
-        words.append(f"limits allow {share:.3g} of the exact rows' speed")
-        words.extend(filter(None, [moved]))
-    if active:
-        words.append(f"at the limits of {named(list(active), m)}")
+        reasons += [Reason(Code.ROWS_SLOWED, numbers=(share,)), *moved]
+    reasons += at_limits(demand, x, active, None)
     status = Status.DEGRADED if troubles else Status.SCALED if share < 1.0 else Status.OK
     method = "qp" if bounded or share < 1.0 else "closed-form"
     residual = demand.s - demand.J.dot(x)
-    return VelocitySolution(x, method, status, "; ".join(words), active, residual, share, 0.0, 0.0, backend)
+    return VelocitySolution(x, method, status, worst_first(reasons), active, residual, share, 0.0, 0.0, backend)
 
 
 def _sum(

@@ -23,12 +23,11 @@ from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.report import reported
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped, held
 from invariantqp.velocity.stages import answered
 from invariantqp.velocity.stationary import printed
-
-NO_NUMBERS = "the numbers are too large or too small to compute with"
 
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
@@ -45,10 +44,10 @@ def computed(demand: Demand, answer: Callable[[], VelocitySolution]) -> Velocity
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             found = answer()
     except SolverFailure as failure:
-        return held(demand, f"no velocity found: {failure}")
+        return held(demand, (Reason(Code.NO_VELOCITY, words=str(failure)),))
     except (ArithmeticError, np.linalg.LinAlgError) as failure:
-        return held(demand, f"{NO_NUMBERS}: {failure}")
-    return found if all(map(isfinite, found.velocity.tolist())) else held(demand, NO_NUMBERS)
+        return held(demand, (Reason(Code.NO_NUMBERS, words=str(failure)),))
+    return found if all(map(isfinite, found.velocity.tolist())) else held(demand, (Reason(Code.NO_NUMBERS),))
 
 
 def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:
@@ -59,13 +58,13 @@ def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     return _general(law, demand, damping)
 
 
-def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
+def standing(law: VelocityLaw, demand: Demand, reasons: tuple[Reason, ...]) -> VelocitySolution:
     """Standing still or, where limits do not allow that, the least motion back inside them."""
-    still = held(demand, reason)
+    still = held(demand, reasons)
     if demand.allows(still.velocity):
         return still
     back = solve(law, demand._replace(s=np.zeros(6), exact=None, posture=None, chase=None))
-    return back._replace(status=Status.HELD, reasons=f"{reason}; moving back inside the limits".removeprefix("; "))
+    return back._replace(status=Status.HELD, reasons=(*reasons, Reason(Code.MOVING_BACK)))
 
 
 def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution:
@@ -79,21 +78,23 @@ def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolu
 def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
     """[DS]'s own formula, clipped to the bounds; it supports no other limits and no exact rows."""
     if demand.exact is not None:
-        return held(demand, "PaperLambda does not support exact rows; use another damping")
+        return held(demand, (Reason(Code.PAPER_EXACT),))
     if demand.rows is not None or demand.cone is not None:
-        return held(demand, "PaperLambda supports no limits but the bounds; use another damping")
+        return held(demand, (Reason(Code.PAPER_LIMITS),))
     if not isinstance(law.form, PitchForm):
-        return held(demand, "PaperLambda needs a pitch form: give form=h")
+        return held(demand, (Reason(Code.PAPER_FORM),))
     Lambda = damping.of_size(demand.J.shape[1])
     if law.metric is not None:
         Lambda = law.metric.dot(Lambda)
     try:
         x, trouble = printed(demand.J, demand.s, law.form.h, Lambda, demand.posture)
     except np.linalg.LinAlgError:
-        return held(demand, "G + Lambda is singular: this is the pole of [DS]'s formula")
+        return held(demand, (Reason(Code.PAPER_POLE),))
     bounded, active = clipped(demand, x)
-    reasons = [r for r in (trouble, "" if demand.allows(x) else "clipped to the bounds") if r]
+    reasons = [Reason(Code.PAPER_GAINS, words=trouble)] if trouble else []
+    if not demand.allows(x):
+        reasons.append(Reason(Code.PAPER_CLIPPED))
     size = float(np.abs(np.asarray(damping.matrix)).max())
     residual = demand.s - demand.J.dot(bounded)
     status = Status.DEGRADED if reasons else Status.OK
-    return VelocitySolution(bounded, "damped", status, "; ".join(reasons), active, residual, 1.0, size, 0.0, "")
+    return VelocitySolution(bounded, "damped", status, tuple(reasons), active, residual, 1.0, size, 0.0, "")

@@ -13,7 +13,7 @@ Contradictions are reported in words (`troubles`). Only `SolverFailure` is raise
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,10 +24,12 @@ from invariantqp.velocity.exact import ExactRows, Reduction
 from invariantqp.velocity.guard import Guard, blend
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits.conflicts import relaxed, slowed
+from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.objective import Objective
 from invariantqp.velocity.posed import Left, Posed, limits_of
 from invariantqp.velocity.qp.backends import Backend
-from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise, named
+from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise
+from invariantqp.velocity.reasons import FIRST_EXACT_ROW, TOOL_SPEED, Code, Reason, row_name
 from invariantqp.velocity.share import Share, share_of
 from invariantqp.velocity.solution import SLOWEST
 
@@ -43,6 +45,9 @@ BESIDE_TOLERANCE = 1e-6
 REGULARISATION = 1e-9
 
 
+HeldBy: TypeAlias = tuple[tuple[int, ...], tuple[str, ...]]  # joints, and other limits by name
+
+
 class Answer(NamedTuple):
     """A velocity inside the limits, and how it came about."""
 
@@ -54,9 +59,9 @@ class Answer(NamedTuple):
     slowed: Array  # (m,) the part of the chase, as a velocity y, that limits slow down; zero where they do not
     pace: float  # share of the chase that is left, 1 where limits do not slow it down
     blended: float  # share of least squares that the guard blended in
-    troubles: tuple[str, ...]  # what was not as asked, in words
-    held_by: str  # the limits that slow the exact rows down, in words
-    beside: str  # how far limits move the exact rows besides, in words
+    troubles: tuple[Reason, ...]  # what was not as asked
+    held_by: HeldBy  # the limits that slow the exact rows down
+    beside: tuple[Reason, ...]  # how far limits move the exact rows besides
 
 
 class Limits(NamedTuple):
@@ -65,7 +70,7 @@ class Limits(NamedTuple):
     polytope: Polytope
     placed: Polytope  # without the limits of velocity and acceleration
     cone: Cone | None
-    troubles: tuple[str, ...]
+    troubles: tuple[Reason, ...]
     inside: Array
 
 
@@ -79,9 +84,9 @@ class Room(NamedTuple):
     cone: Cone | None  # likewise, or None
     placed: Polytope  # the limits on z but those of velocity and acceleration
     inside: Array  # (n,) a z inside all
-    held_by: str  # the limits that slow the exact rows down, in words
-    beside: str  # how far limits move the exact rows besides, in words
-    troubles: tuple[str, ...]  # contradictions between limits
+    held_by: HeldBy  # the limits that slow the exact rows down
+    beside: tuple[Reason, ...]  # how far limits move the exact rows besides
+    troubles: tuple[Reason, ...]  # contradictions between limits
 
 
 def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
@@ -95,8 +100,8 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
     y = problem.left(1.0).joint(objective.centre())
     blocked = problem.reduction is not None and problem.reduction.unmet > UNMET_TOLERANCE
     if not blocked and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
-        first = Answer(y, 1.0, objective, None, np.zeros(len(y)), 1.0, 0.0, (), "", "")
-        room = _room(problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
+        first = Answer(y, 1.0, objective, None, np.zeros(len(y)), 1.0, 0.0, (), ((), ()), ())
+        room = _room(problem, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []), demand.rows)
     else:
         limits = given_way(law, demand)
         share = Share(1.0, limits.inside, [])
@@ -105,7 +110,7 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
             if reduction is not problem.reduction:
                 problem = problem._replace(reduction=reduction)
             objective = problem.slowed(objective, share.value)
-        room = _room(problem, limits, share, beside(demand.exact, problem.reduction, law.to_joint, share))
+        room = _room(problem, limits, share, demand.rows, beside(demand.exact, problem.reduction, law.to_joint, share))
         first = _within(law, room, objective, demand)
     mu = _calm(law, room, first)
     answer = first if mu == 0.0 else _calmed(law, room, first, mu)
@@ -114,33 +119,43 @@ def answered(law: VelocityLaw, demand: Demand, problem: Posed) -> Answer:
 
 def given_way(law: VelocityLaw, demand: Demand) -> Limits:
     """The limits; those that contradict others are relaxed by the least that is necessary."""
-    troubles: list[str] = []
+    troubles: list[Reason] = []
     m = len(demand.lower)
     x = np.minimum(np.maximum(np.zeros(m), demand.lower), demand.upper)
     if demand.rows is not None and not demand.rows.allow(x):
         moved = relaxed(demand.rows, demand.lower, demand.upper, law.to_joint)
         x = moved.inside
         if moved.violation.any():
-            by = ", ".join(f"row {i} by {abs(moved.violation[i]):.3g}" for i in np.flatnonzero(moved.violation))
-            joints = named([i for i in moved.held_by if i < m], m)
-            what = f"the bounds of {joints}" if joints else "each other"
-            troubles.append(f"rows contradict {what}: exceeded at {by}")
+            lengths = np.linalg.norm(demand.rows.C, axis=1)
+            worst = sorted(
+                np.flatnonzero(moved.violation).tolist(), key=lambda i: -abs(moved.violation[i]) / lengths[i]
+            )
+            troubles.append(
+                Reason(
+                    Code.ROWS_CONTRADICT,
+                    tuple(i for i in moved.held_by if i < m),
+                    tuple(row_name(i, demand.rows.names) for i in worst),
+                    tuple(np.abs(moved.violation[worst]).tolist()),
+                )
+            )
             demand = demand._replace(rows=moved.rows)
     polytope, placed, cone = limits_of(law, demand)
     y = x if law.from_joint is None else law.from_joint.dot(x)
     if cone is not None and not cone.allows(y):
         slower, y = slowed(cone, polytope)
         if slower.limit > cone.limit:
-            troubles.append(f"the tool's speed is {slower.limit:.3g}, not {cone.limit:.3g}: other limits require it")
+            troubles.append(Reason(Code.TOOL_FASTER, numbers=(slower.limit, cone.limit)))
             cone = slower
     return Limits(polytope, placed, cone, tuple(troubles), y)
 
 
-def _room(problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room:
+def _room(problem: Posed, limits: Limits, share: Share, rows: LimitRows | None, moved: tuple[Reason, ...] = ()) -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     left = problem.left(share.value)
-    by = [named(share.held_by, problem.A.shape[1])] if share.held_by else []
-    by += ["the tool's speed"] if share.fast else []
+    m = problem.A.shape[1]
+    by = [TOOL_SPEED] if share.fast else []
+    if rows is not None:
+        by += [row_name(i - m, rows.names) for i in share.held_by if i >= m]
     return Room(
         problem,
         share.value,
@@ -149,7 +164,7 @@ def _room(problem: Posed, limits: Limits, share: Share, moved: str = "") -> Room
         left.cone(limits.cone),
         left.limits(limits.placed),
         left.free(share.velocity),
-        " and ".join(by),
+        (tuple(i for i in share.held_by if i < m), tuple(by)),
         moved,
         limits.troubles,
     )
@@ -173,27 +188,30 @@ def slowed_rows(reduction: Reduction, limits: Limits, dt: float, backend: Backen
     return reduction, share_of(reduction, limits.polytope, limits.cone, inside, dt, backend)
 
 
-def unkept(reduction: Reduction | None) -> str:
-    """The reason where the joints cannot keep the direction of the exact rows, "" where they can."""
+def unkept(reduction: Reduction | None) -> list[Reason]:
+    """The reason where the joints cannot keep the direction of the exact rows."""
     if reduction is None or reduction.unmet <= UNMET_TOLERANCE:
-        return ""
-    return f"the joints cannot keep the direction of the exact rows: {reduction.unmet:.1e} of the demand is unmet"
+        return []
+    return [Reason(Code.ROWS_UNKEPT, numbers=(reduction.unmet,))]
 
 
-def beside(rows: ExactRows | None, reduction: Reduction | None, to_joint: Array | None, share: Share) -> str:
-    """How far a motion that limits require takes each exact row off its share of the speed, "" where it does not.
+def beside(
+    rows: ExactRows | None, reduction: Reduction | None, to_joint: Array | None, share: Share
+) -> tuple[Reason, ...]:
+    """How far a motion that limits require takes each exact row off its share of the speed, where it does.
 
     The rows are on x = T y, T (m, m) `to_joint` or the identity; their reduction is on y, counted from the velocity
     that moves them least.
     """
     if rows is None or reduction is None or share.value == 1.0 or not reduction.start.any():
-        return ""
+        return ()
     T = np.eye(len(reduction.start)) if to_joint is None else to_joint
     off = np.abs(rows.A.dot(T.dot((1.0 - share.value) * reduction.start)))
     fast = max(SLOWEST, float(np.linalg.norm(T.dot(share.velocity))))  # slower is rounding of an arm that stands still
     least = BESIDE_TOLERANCE * np.linalg.norm(rows.A, axis=1) * fast
-    moved = ", ".join(f"exact row {i} is off by {off[i]:.3g}" for i in np.flatnonzero(off > least))
-    return f"limits require motion beside it: {moved}" if moved else ""
+    moved = np.flatnonzero(off > least).tolist()
+    names = tuple(row_name(FIRST_EXACT_ROW - i) for i in moved)
+    return (Reason(Code.ROWS_MOVED, rows=names, numbers=tuple(off[moved].tolist())),) if moved else ()
 
 
 def _within(law: VelocityLaw, room: Room, objective: Objective, demand: Demand) -> Answer:
@@ -267,7 +285,9 @@ def _nearest(law: VelocityLaw, room: Room, quadratic: Quadratic) -> Optimum:
 
 def _answer(room: Room, objective: Objective, found: Optimum, slowed: Array | None = None, pace: float = 1.0) -> Answer:
     """The answer for an optimum in z."""
-    troubles = (*room.troubles, f"{found.trouble}; solved by {found.backend}") if found.trouble else room.troubles
+    troubles = room.troubles
+    if found.trouble:
+        troubles = (*troubles, Reason(Code.SOLVER, words=f"{found.trouble}; solved by {found.backend}"))
     y, m = room.left.joint(found.z), room.problem.A.shape[1]
     basis = room.left.basis
     lost = np.zeros(m) if slowed is None else slowed if basis is None else basis.dot(slowed)

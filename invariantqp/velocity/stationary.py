@@ -72,7 +72,7 @@ def convexified(J: Array, s: Array, h: float, posture: Array | None, damping: Da
 
 
 def printed(J: Array, s: Array, h: float, Lambda: Array, posture: Array | None) -> tuple[Array, str]:
-    """[DS]'s damped formula (m,), unbounded, and what is wrong with it in words, "" if nothing is.
+    """[DS]'s damped formula (m,), unbounded, and its closed-loop gains outside [0, 1], "" for none.
 
     Raises:
         numpy.linalg.LinAlgError: G + Lambda is singular, the pole itself.
@@ -86,4 +86,4 @@ def printed(J: Array, s: Array, h: float, Lambda: Array, posture: Array | None) 
     if not len(bad):
         return x, ""
     listed = ", ".join(f"{gain:.3g}" for gain in np.sort(bad))
-    return x, f"[DS]'s Lambda gives closed-loop gains outside [0, 1]: {listed}; negative ones drive the tool away"
+    return x, listed

@@ -155,7 +155,12 @@ ALGEBRA = {
         iq.ExactRows(J[:2], [0.1, 0.2]).with_rows,
         {"others": iq.ExactRows(J[:1], [0.1])},
     ),
-    "LimitRows": lambda: (iq.limits.LimitRows, {"C": J[:2], "lower": [-1, -1], "upper": [1, 1]}),
+    "LimitRows": lambda: (iq.limits.LimitRows, {"C": J[:2], "lower": [-1, -1], "upper": [1, 1], "names": ["a", "b"]}),
+    "JointLimits": lambda: (
+        iq.limits.JointLimits,
+        {"position_lower": -1.0, "position_upper": [1.0, 2.0], "velocity_limit": 0.5, "margin": 0.1},
+    ),
+    "AccelerationLimit": lambda: (iq.limits.AccelerationLimit, {"limit": [1.0, 2.0]}),
     "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None, "exact": False}),
     "JointTask": lambda: (iq.velocity.JointTask, {"velocity": Q, "weight": 1.0, "priority": 0}),
     "TwistTask": lambda: (

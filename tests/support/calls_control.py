@@ -127,7 +127,7 @@ def robot_calls(name, robot):
 
 
 SOURCE = {"joints": None, "offset": T}
-NOW = {"speed": 0.5, "velocity_limit": 1.0, "tool_speed": 0.25}
+NOW = {"speed": 0.5, "velocity_limit": 1.0, "tool_speed": 0.25, "limits": ()}
 # What is called, and arguments that it takes.
 CONTROL = {
     # robots
@@ -173,6 +173,10 @@ CONTROL = {
             "calm": True,
             **NOW,
         },
+    ),
+    "PinkLimit": lambda: (
+        iq.limits.PinkLimit,
+        {"limit": SimpleNamespace(compute_qp_inequalities=lambda *_: None), "collision_model": None},
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
     "Controller.believed": lambda: (controller().believed, {"q": Q, "argument": "q"}),

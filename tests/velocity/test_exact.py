@@ -252,7 +252,10 @@ def test_rows_that_limits_move_against_their_demand_are_told(native, monkeypatch
         solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric)
         off = solution.velocity[0]
         assert solution.status == "scaled"
-        assert f"; limits require motion beside it: exact row 1 is off by {off:.3g}; at the limits" in solution.reason
+        assert (
+            f"; limits require motion beside the exact rows: exact row 1 is off by {off:.3g}; at the limits"
+            in solution.reason
+        )
 
 
 def test_with_open_sides_too():

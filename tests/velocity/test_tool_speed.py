@@ -70,7 +70,7 @@ def test_a_slow_tool_is_left_alone():
     assert limited.method == "closed-form"
     choice = iq.velocity.method_for(J, s, form=h, tool_speed=iq.limits.ToolSpeed(1e-3, (0.0, 0.0, 0.0)))
     assert choice.method == "qp"
-    assert "exceeds the limits of the tool; solved by daqp" in choice.reason
+    assert "exceeds the limits of the tool's speed; solved by daqp" in choice.reason
 
 
 @pytest.mark.parametrize("exact", [False, True], ids=["multiplier", "cone"])

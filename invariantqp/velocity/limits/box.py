@@ -19,6 +19,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
+from invariantqp.velocity.reasons import Code, Reason, of_joints
 
 # How far outside its position range a joint is told to be [rad, length]; less is rounding and noise of encoders.
 OUTSIDE = 1e-3
@@ -150,11 +151,11 @@ class JointBox(Value):
         place = q * self._rate
         return np.minimum(self._low - place, self.velocity_limit), np.maximum(self._high - place, self._slowest)
 
-    def outside(self, q: ArrayLike, joints: Iterable[int]) -> tuple[tuple[int, str], ...]:
+    def outside(self, q: ArrayLike, joints: Iterable[int]) -> tuple[Reason, ...]:
         """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
         x: Any = q
         far = ((i, max(x[i] - self._most[i], self._least[i] - x[i])) for i in joints)
-        return tuple((i, f"{distance:.3g} outside its position range") for i, distance in far if distance > OUTSIDE)
+        return of_joints(Code.OUTSIDE, [(i, (float(distance),)) for i, distance in far if distance > OUTSIDE])
 
     def room(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""

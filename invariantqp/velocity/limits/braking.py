@@ -22,6 +22,7 @@ from attrs import field, frozen
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.reasons import Code, Reason, of_joints
 
 # Limits that contradict each other by less than this, relative to what the acceleration allows in a tick and to the
 # velocity, do so by rounding alone.
@@ -35,7 +36,7 @@ class BrakingBounds(NamedTuple):
 
     lower: Array  # (m,)
     upper: Array  # (m,)
-    strained: tuple[tuple[int, str], ...]  # joint and what gave way there, in words
+    strained: tuple[Reason, ...]  # what gave way, joint by joint
     placed_lower: Array  # (m,) by the room to the position limits alone
     placed_upper: Array  # (m,)
 
@@ -78,16 +79,16 @@ class BrakingBox(Value):
             most = np.where(late, _late_braking(room, before, dt), most)
         return np.minimum(slowest, most), most
 
-    def _strained(self, q: Array, before: Array, lower: Array, upper: Array) -> tuple[tuple[int, str], ...]:
+    def _strained(self, q: Array, before: Array, lower: Array, upper: Array) -> tuple[Reason, ...]:
         """Joints that cannot have all their limits kept."""
         step = self.acceleration * self.box.dt
         jerked = np.maximum(lower - before, before - upper) - step
         allowance = STRAIN_TOLERANCE * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
-        fast = [
-            (i, f"acceleration {(jerked[i] + step[i]) / self.box.dt:.3g}, above its limit {self.acceleration[i]:.3g}")
-            for i in np.flatnonzero(jerked > allowance).tolist()
+        dt, a = self.box.dt, self.acceleration
+        found = [
+            (i, (float(jerked[i] + step[i]) / dt, float(a[i]))) for i in np.flatnonzero(jerked > allowance).tolist()
         ]
-        return (*self.box.outside(q.tolist(), range(len(q))), *fast)
+        return (*self.box.outside(q.tolist(), range(len(q))), *of_joints(Code.ACCELERATION, found))
 
 
 def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:

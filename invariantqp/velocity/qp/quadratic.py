@@ -370,12 +370,3 @@ def _by_program(program: Cvxpy, problem: Quadratic, limits: Polytope, cone: Cone
     step = size * program.solve_in_cone(qp, size * J, start)
     found, nu = nearest.balanced(problem.K.dot(step) / nearest.size, (start + J.dot(step)).dot(J).dot(problem.T))
     return found._replace(backend=program.name, nu=nu * nearest.size / cone.limit**2)
-
-
-def named(indices: list[int], m: int) -> str:
-    """Limits of a polytope on m joints in words: joints by number, then rows."""
-    words = []
-    for what, found in (("joint", [i for i in indices if i < m]), ("row", [i - m for i in indices if i >= m])):
-        if found:
-            words.append(f"{what}{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}")
-    return " and ".join(words)
