@@ -17,7 +17,19 @@ from numpy.typing import ArrayLike
 
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.limits import AnyLimit, Changes, LoopLimits, Rows, changes_of
+from invariantqp.control.limits import (
+    AccelerationLimit,
+    AnyLimit,
+    Changes,
+    JointLimits,
+    Limit,
+    Loop,
+    LoopLimits,
+    Rows,
+    limits_of,
+    row_limit,
+    tool_speed_of,
+)
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
 from invariantqp.control.tracking import question_gain, same_turn, share_of_gain, tracking_gain, tracking_twist
@@ -30,6 +42,7 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.law import SLACK, Chase, Demand, VelocityLaw
+from invariantqp.velocity.limits.box import accelerations
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
@@ -179,18 +192,14 @@ class Controller:
         self.posture_gain: float = float(self._pull.max())
         self._slack = SLACK * self.gain * self.measure.radian
         turning = np.array(seen.J[:3].any(axis=0))
-        self._limits = LoopLimits.of(
-            robot,
-            self.dt,
-            self.delay,
-            limits=limits,
-            rows=rows,
-            acceleration_limit=acceleration_limit,
-            position_margin=position_margin,
-            tool_speed=tool_speed,
-            far_outside=far_outside,
-            turning=turning,
-        )
+        told: list[Limit] = [] if rows is None else [row_limit(rows)]
+        told += [] if tool_speed is None else [tool_speed_of(tool_speed)]
+        told += limits_of(limits)
+        if acceleration_limit is not None:
+            told.append(AccelerationLimit(accelerations(acceleration_limit, m)))
+        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
+        told += [JointLimits(margin=margin)] if margin > 0.0 else []
+        self._limits = LoopLimits.of(Loop.of(robot, self.dt, self.delay), told, far_outside, turning)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         fixed = None if self.joint_rows is None else self.joint_rows.fixed
         self._row_names: tuple[str, ...] = () if fixed is None else fixed.names
@@ -257,7 +266,7 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        now = changes_of(speed, velocity_limit, tool_speed, limits, self._count)
+        now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         core = None if target is None or now is not None else self.compiled
         found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
@@ -326,7 +335,7 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
-        now = changes_of(speed, velocity_limit, tool_speed, limits, self._count)
+        now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         own = now is None and rows is None and sighting is None and at is None and posture is None and calm is True
         core = self.compiled if own else None
         found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)

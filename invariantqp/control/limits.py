@@ -4,13 +4,13 @@
     lower <= C x <= upper    rows at joint positions q; where joint limits leave no velocity for them, they give way
     |v_p(x)| <= limit        the speed of a point of the tool; it gives way to both
 
-Every limit that is not of the first or the last kind answers with rows: see `Limit`, of which one of your own is a
+Every kind of limit is a `Limit`: it narrows what never gives way, or answers with rows, or both. One of your own is a
 class with one method. Where limits contradict each other, they give way by the least, and the reason names them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
@@ -22,7 +22,6 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting, middle
 from invariantqp.velocity.limits.box import JointBox, accelerations
 from invariantqp.velocity.limits.braking import BrakingBox
@@ -42,7 +41,7 @@ LIMITS = (
 
 
 class Loop(NamedTuple):
-    """What a limit may know of the loop that it is in.
+    """What a limit may know of the loop that it is in, and narrow.
 
     Attributes:
         robot: the arm.
@@ -51,7 +50,9 @@ class Loop(NamedTuple):
         position_lower: (m,) [rad, length], -inf where there is none.
         position_upper: (m,) likewise, +inf.
         velocity_limit: (m,) [rad/s, length/s], inf where there is none.
-        acceleration: (m,) what the joints may speed up and brake by [rad/s^2, length/s^2], inf where there is no limit.
+        acceleration: (m,) what joints may speed up and brake by [rad/s^2, length/s^2], inf where there is no limit.
+        margin: distance kept from position limits [rad, length].
+        tool_speed: the speed limit of a point of the tool, or None.
     """
 
     robot: Robot
@@ -61,16 +62,48 @@ class Loop(NamedTuple):
     position_upper: Array
     velocity_limit: Array
     acceleration: Array
+    margin: float = 0.0
+    tool_speed: ToolSpeed | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, dt: float, delay: float) -> Loop:
+        """With the robot's own limits alone."""
+        ranges = robot.position_lower, robot.position_upper
+        return cls(robot, dt, delay, *ranges, robot.velocity_limit, np.full(len(robot.names), inf))
+
+    def within(self, limits: Iterable[Limit]) -> Loop:
+        """As some limits narrow it."""
+        loop = self
+        for limit in limits:
+            loop = limit.narrowed(loop)
+        return loop
+
+    def box(self, velocity_limit: Array | None = None) -> JointBox:
+        """The joint limits, at another velocity limit (m,) if one is given."""
+        fastest = self.velocity_limit if velocity_limit is None else velocity_limit
+        return JointBox(self.position_lower, self.position_upper, fastest, self.dt, self.margin)
+
+    def braking(self, box: JointBox) -> BrakingBox | None:
+        """The joint limits of a box with room to brake, None where no acceleration is limited."""
+        return BrakingBox(box, self.acceleration) if np.isfinite(self.acceleration).any() else None
 
 
 class Limit:
-    """A limit of a loop, in rows: lower <= C x <= upper. Derive from it, and write `rows`.
+    """A limit of a loop. Derive from it, and write `rows`, or `narrowed` for what is never to give way.
 
     Attributes:
         name: what reasons call its rows, where these have no names of their own.
     """
 
     name: str = ""
+
+    def narrowed(self, loop: Loop) -> Loop:
+        """The loop with narrower limits of joints and accelerations; by default as it is.
+
+        Args:
+            loop: as the limits before this one left it.
+        """
+        return loop
 
     def for_loop(self, loop: Loop) -> Limit | LimitRows:
         """The limit as it is in a loop, asked for once; rows that never change cost least where they are given here.
@@ -82,7 +115,7 @@ class Limit:
         return self
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
-        """The rows of a tick.
+        """The rows of a tick; they give way to joint limits.
 
         Args:
             q: (m,) where the joints are when the command of this tick acts [rad, length].
@@ -94,11 +127,12 @@ class Limit:
         Raises:
             BadInput: no velocity can be told to be safe here; the arm is then held, with these words.
         """
-        raise NotImplementedError(f"{type(self).__name__}.rows")
+        del q, velocity
+        return None
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
-class JointLimits(Value):
+class JointLimits(Value, Limit):
     """Position and velocity limits beside the robot's own; the narrower counts. They never give way.
 
     Attributes:
@@ -142,9 +176,34 @@ class JointLimits(Value):
         kept = arrays.not_negative(margin, "margin", "a distance kept from position limits")
         self.__attrs_init__(low, high, speed, kept)
 
+    def narrowed(self, loop: Loop) -> Loop:
+        """The loop inside these limits.
+
+        Raises:
+            BadInput: another number of joints; a range that has nothing in common with the loop's.
+        """
+        m = len(loop.velocity_limit)
+        for limits in (self.position_lower, self.position_upper, self.velocity_limit):
+            if limits.shape not in ((), (m,)):
+                raise BadInput("limits", f"JointLimits on {limits.size} joints", f"{m} limits, or one for all")
+        low, high = (
+            np.maximum(loop.position_lower, self.position_lower),
+            np.minimum(loop.position_upper, self.position_upper),
+        )
+        if (low > high).any():
+            i = int((low > high).argmax())
+            raise BadInput(
+                "limits",
+                f"JointLimits that leave joint {i} no position: from {low[i]:g} to {high[i]:g}",
+                "a range in common with the robot's",
+            )
+        fastest = np.minimum(loop.velocity_limit, self.velocity_limit)
+        margin = max(loop.margin, self.margin)
+        return loop._replace(position_lower=low, position_upper=high, velocity_limit=fastest, margin=margin)
+
 
 @frozen(init=False, eq=False, repr=False, slots=False)
-class AccelerationLimit(Value):
+class AccelerationLimit(Value, Limit):
     """What joints may speed up and brake by; they also keep room to brake before their position limits.
 
     Attributes:
@@ -164,6 +223,30 @@ class AccelerationLimit(Value):
         """
         a = _numbers(limit, "limit")
         self.__attrs_init__(accelerations(a, a.size, "limit").reshape(a.shape))
+
+    def narrowed(self, loop: Loop) -> Loop:
+        """The loop inside these limits.
+
+        Raises:
+            BadInput: another number of joints.
+        """
+        a = accelerations(self.limit, len(loop.acceleration), "limits")
+        return loop._replace(acceleration=np.minimum(loop.acceleration, a))
+
+
+class _OfTool(Limit):
+    """The speed of a point of the tool: one for all limits of a loop."""
+
+    def __init__(self, limit: ToolSpeed) -> None:
+        self._limit = limit
+
+    def narrowed(self, loop: Loop) -> Loop:
+        known, limit = loop.tool_speed, self._limit
+        if known is not None and limit.point is not None:
+            at = ORIGIN if known.point is None else known.point
+            if not np.array_equal(at, limit.point):
+                raise BadInput("limits", "tool speeds of two points", "those of one point of the tool")
+        return loop._replace(tool_speed=limit if known is None else known.slower(limit.limit))
 
 
 class ForPink(Protocol):
@@ -204,7 +287,7 @@ class PinkLimit(Limit):
         self.name = type(limit).__name__
 
     def for_loop(self, loop: Loop) -> Limit:
-        """The limit with a configuration of its own.
+        """The limit with a configuration of its own, tried once.
 
         Raises:
             BadInput: a robot without a model; a limit that fails on this arm.
@@ -213,48 +296,47 @@ class PinkLimit(Limit):
         model: Any = getattr(loop.robot, "model", None)
         if model is None:
             raise BadInput("limits", "a robot of joint screws", "one of a URDF: Pink's limits read its model")
-        return _InPink(self, model, loop)
+        from invariantqp.robots.pink import Configuration  # Pink is loaded when a limit of its kind is
+
+        q = middle(loop.robot)
+        collisions = {} if self.collision_model is None else {"collision_model": self.collision_model}
+        limit = _InPink(self.name, self.limit, Configuration(model, model.createData(), q, **collisions), loop.dt)
+        try:
+            limit.rows(q, np.zeros(len(q)))
+        except _Unusable:  # in that state
+            pass
+        except Exception as error:  # whatever a class of another library raises
+            if isinstance(error, BadInput) and error.argument == "limits":
+                raise
+            remedy = "One that reads collisions is given them by iq.limits.PinkLimit(limit, collision_model=...)."
+            raise BadInput(
+                "limits",
+                f"{self.name}, which fails on this arm: {type(error).__name__}: {error}",
+                "a limit made from robot.model",
+                remedy if self.collision_model is None else "",
+            ) from error
+        return limit
 
 
 class _InPink(Limit):
     """A limit of Pink's in a loop."""
 
-    def __init__(self, given: PinkLimit, model: Any, loop: Loop) -> None:
-        self._given, self._dt = given, loop.dt
-        self.name = given.name
-        from invariantqp.robots.pink import Configuration  # Pink is loaded when a limit of its kind is
-
-        q = middle(loop.robot)
-        with_collisions = {} if given.collision_model is None else {"collision_model": given.collision_model}
-        self._configuration = Configuration(model, model.createData(), q, **with_collisions)
-        try:
-            self.rows(q, np.zeros(len(q)))
-        except (BadInput, _Unusable) as error:
-            if isinstance(error, BadInput) and error.argument == "limits":
-                raise
-        except Exception as error:  # whatever a class of another library raises
-            raise BadInput(
-                "limits",
-                f"{self.name}, which fails on this arm: {type(error).__name__}: {error}",
-                "a limit made from robot.model",
-                ""
-                if given.collision_model is not None
-                else "One that reads collisions is given them by "
-                "iq.limits.PinkLimit(limit, collision_model=...); iq.limits.Clearance needs none.",
-            ) from error
+    def __init__(self, name: str, limit: ForPink, configuration: Any, dt: float) -> None:
+        self.name = name
+        self._limit: Any = limit
+        self._configuration, self._dt = configuration, dt
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
-        limit, dt = self._given.limit, self._dt
         self._configuration.update(q)
-        if hasattr(limit, "set_last_integration"):  # an acceleration limit
-            limit.set_last_integration(velocity.copy(), dt)
+        if hasattr(self._limit, "set_last_integration"):  # an acceleration limit
+            self._limit.set_last_integration(velocity.copy(), self._dt)
         with np.errstate(invalid="ignore"):  # NaN is checked for below
-            answer = limit.compute_qp_inequalities(self._configuration, dt)
+            answer = self._limit.compute_qp_inequalities(self._configuration, self._dt)
         if answer is None:
             return None
         G, h = answer
         C = np.array(G, dtype=np.float64).reshape(-1, np.shape(G)[-1])
-        upper = np.array(h, dtype=np.float64).reshape(-1) / dt
+        upper = np.array(h, dtype=np.float64).reshape(-1) / self._dt
         if C.shape != (len(upper), len(q)):
             raise BadInput(
                 "limits",
@@ -278,8 +360,8 @@ class _InPink(Limit):
 class _Function(Limit):
     """A function of q that returns rows."""
 
-    def __init__(self, function: Callable[[Array], LimitRows | None]) -> None:
-        self._function = function
+    def __init__(self, function: Callable[[Array], LimitRows | None], argument: str = "limits") -> None:
+        self._function, self.argument = function, argument
         called = getattr(function, "name", getattr(function, "__name__", ""))
         self.name = called if isinstance(called, str) and called != "<lambda>" else ""
 
@@ -288,8 +370,19 @@ class _Function(Limit):
         return self._function(q.copy())
 
 
+class _Fixed(Limit):
+    """Rows that never change."""
+
+    def __init__(self, rows: LimitRows, argument: str = "limits") -> None:
+        self._rows, self.argument = rows, argument
+
+    def for_loop(self, loop: Loop) -> LimitRows:
+        del loop
+        return self._rows
+
+
 Rows: TypeAlias = LimitRows | Callable[[Array], LimitRows | None]
-AnyLimit: TypeAlias = Rows | Limit | JointLimits | AccelerationLimit | ToolSpeed | ForPink
+AnyLimit: TypeAlias = Rows | Limit | ToolSpeed | ForPink
 
 
 class _Unusable(Exception):
@@ -300,89 +393,40 @@ class _Unusable(Exception):
         self.reason = reason
 
 
-class Given(NamedTuple):
-    """The limits of an argument, sorted by what they come to."""
-
-    joints: tuple[JointLimits, ...]
-    accelerations: tuple[Array, ...]  # (m,)
-    tool_speed: ToolSpeed | None
-    rows: tuple[tuple[str, LimitRows | Limit], ...]  # each with the argument that it was given by
-
-    @classmethod
-    def of(cls, limits: Sequence[AnyLimit], m: int, rows: Rows | None = None) -> Given:
-        """The limits of `limits=` and `rows=` for m joints, checked as far as they can be by themselves.
-
-        Raises:
-            BadInput: something that is not a limit; rows on another number of joints; two tool speeds.
-        """
-        if not isinstance(limits, (list, tuple)):
-            raise BadInput("limits", excerpt(limits), f"a list: {LIMITS}")
-        if rows is not None and not isinstance(rows, LimitRows) and (isinstance(rows, type) or not callable(rows)):
-            raise BadInput("rows", excerpt(rows), "LimitRows(C, lower, upper), or a function of q that returns it")
-        speeds = [limit for limit in limits if isinstance(limit, ToolSpeed)]
-        if len(speeds) > 1:
-            raise BadInput("limits", "two tool speeds", "one, here or as tool_speed=")
-        combined = [] if rows is None else [("rows", _row_limit(rows, "rows", m))]
-        others = (x for x in limits if not isinstance(x, (ToolSpeed, JointLimits, AccelerationLimit)))
-        return cls(
-            tuple(limit for limit in limits if isinstance(limit, JointLimits)),
-            tuple(accelerations(x.limit, m, "limits") for x in limits if isinstance(x, AccelerationLimit)),
-            speeds[0] if speeds else None,
-            (*combined, *(("limits", _row_limit(limit, "limits", m)) for limit in others)),
-        )
-
-    def box(self, box: JointBox) -> JointBox:
-        """Joint limits beside those of a box.
-
-        Raises:
-            BadInput: another number of joints; a range that has nothing in common with the box's.
-        """
-        if not self.joints:
-            return box
-        m = len(box.velocity_limit)
-        sides = [(x.position_lower, x.position_upper, x.velocity_limit) for x in self.joints]
-        wrong = next((side.size for limits in sides for side in limits if side.shape not in ((), (m,))), None)
-        if wrong is not None:
-            raise BadInput("limits", f"JointLimits on {wrong} joints", f"{m} limits, or one for all")
-        low, high, speed = box.position_lower, box.position_upper, box.velocity_limit
-        for lower, upper, fastest in sides:
-            low, high, speed = np.maximum(low, lower), np.minimum(high, upper), np.minimum(speed, fastest)
-        if (low > high).any():
-            i = int((low > high).argmax())
-            raise BadInput(
-                "limits",
-                f"JointLimits that leave joint {i} no position: from {low[i]:g} to {high[i]:g}",
-                "a range in common with the robot's",
-            )
-        return JointBox(low, high, speed, box.dt, max(limits.margin for limits in self.joints))
-
-
-def _row_limit(limit: object, argument: str, m: int) -> LimitRows | Limit:
-    """What answers with rows, as a limit."""
-    if isinstance(limit, LimitRows):
-        return _required(limit, argument, m)
-    if isinstance(limit, Limit):
-        return limit
-    if isinstance(limit, type):
-        raise BadInput(argument, excerpt(limit), LIMITS)
-    if _is_pinks(limit):
-        return PinkLimit(limit)  # type: ignore[arg-type]
-    if not callable(limit):
-        raise BadInput(argument, excerpt(limit), LIMITS)
-    return _Function(limit)
-
-
-def _required(rows: object, argument: str, m: int) -> LimitRows:
-    """Rows on m joints.
+def limits_of(limits: Sequence[AnyLimit]) -> list[Limit]:
+    """Everything that `limits=` takes, as limits.
 
     Raises:
-        BadInput: something else.
+        BadInput: something that is not a limit.
     """
-    if not isinstance(rows, LimitRows):
-        raise BadInput(argument, type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
-    if np.shape(rows.C)[1] != m:
-        raise BadInput(argument, f"rows on {np.shape(rows.C)[1]} joints", f"rows on {m}, one for each joint")
-    return rows
+    if not isinstance(limits, (list, tuple)):
+        raise BadInput("limits", excerpt(limits), f"a list: {LIMITS}")
+    return [_limit_of(limit) for limit in limits]
+
+
+def _limit_of(limit: object) -> Limit:
+    if isinstance(limit, Limit):
+        return limit
+    if isinstance(limit, LimitRows):
+        return _Fixed(limit)
+    if isinstance(limit, ToolSpeed):
+        return _OfTool(limit)
+    if isinstance(limit, type) or not (_is_pinks(limit) or callable(limit)):
+        raise BadInput("limits", excerpt(limit), LIMITS)
+    return PinkLimit(limit) if _is_pinks(limit) else _Function(limit)  # type: ignore[arg-type]
+
+
+def row_limit(rows: Rows) -> Limit:
+    """What `rows=` takes, as a limit.
+
+    Raises:
+        BadInput: neither rows nor a function.
+    """
+    if isinstance(rows, LimitRows):
+        return _Fixed(rows, "rows")
+    if isinstance(rows, type) or not callable(rows):
+        raise BadInput("rows", excerpt(rows), "LimitRows(C, lower, upper), or a function of q that returns it")
+    return _Function(rows, "rows")
 
 
 def _is_pinks(limit: object) -> bool:
@@ -399,16 +443,24 @@ class TickRows(NamedTuple):
 class RowLimits:
     """All limits of a loop that answer with rows, in their order."""
 
-    def __init__(self, given: tuple[tuple[str, LimitRows | Limit], ...], loop: Loop) -> None:
-        """As they are in a loop; each with the argument that it was given by."""
+    def __init__(self, given: Sequence[Limit], loop: Loop) -> None:
+        """As they are in a loop.
+
+        Raises:
+            BadInput: rows on another number of joints.
+        """
+        self._given, self._loop = tuple(given), loop
         self._m = len(loop.velocity_limit)
-        self._given, self._loop = given, loop
-        self._limits = [
-            (argument, limit if isinstance(limit, LimitRows) else limit.for_loop(loop)) for argument, limit in given
-        ]
-        for argument, limit in self._limits:
-            if isinstance(limit, LimitRows):
-                _required(limit, argument, self._m)
+        self._limits: list[Limit | LimitRows] = []
+        for limit in given:
+            made = limit.for_loop(loop)
+            if isinstance(made, LimitRows):
+                self._limits.append(self._named(made, limit))
+            elif type(made).rows is not Limit.rows:
+                self._limits.append(made)
+
+    def __bool__(self) -> bool:
+        return bool(self._limits)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""
@@ -428,9 +480,8 @@ class RowLimits:
     @property
     def fixed(self) -> LimitRows | None:
         """The rows where they are the same in every tick."""
-        if not all(isinstance(limit, LimitRows) for _, limit in self._limits):
-            return None
-        return self.at(np.zeros(self._m), np.zeros(self._m)).rows
+        rows = [limit for limit in self._limits if isinstance(limit, LimitRows)]
+        return _stacked(rows) if len(rows) == len(self._limits) else None
 
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
@@ -440,34 +491,35 @@ class RowLimits:
             return None
 
     def _parts(self, q: Array, before: Array, *, pinks: bool = True) -> Iterator[LimitRows]:
-        for argument, limit in self._limits:
+        for limit in self._limits:
             if isinstance(limit, LimitRows):
                 yield limit
             elif pinks or not isinstance(limit, _InPink):
-                found = self._asked(argument, limit, q, before)
+                try:
+                    found = limit.rows(q, before)
+                except BadInput as error:
+                    if error.argument == "limits":
+                        raise
+                    words = Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error))
+                    raise _Unusable(words) from error
                 if found is not None:
-                    yield found
+                    yield self._named(found, limit)
 
-    def _asked(self, argument: str, limit: Limit, q: Array, before: Array) -> LimitRows | None:
-        """The rows of a limit, by its name where they have none."""
-        try:
-            rows = limit.rows(q, before)
-        except BadInput as error:
-            if isinstance(limit, _InPink):
-                raise
-            raise _Unusable(Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error))) from error
-        if rows is None:
-            return None
-        rows = _required(rows, argument, self._m)
+    def _named(self, rows: object, limit: Limit) -> LimitRows:
+        """Rows on the arm's joints, by the name of their limit where they have none.
+
+        Raises:
+            BadInput: something else.
+        """
+        argument = getattr(limit, "argument", "limits")
+        if not isinstance(rows, LimitRows):
+            raise BadInput(argument, type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
+        k, m = rows.C.shape
+        if m != self._m:
+            raise BadInput(argument, f"rows on {m} joints", f"rows on {self._m}, one for each joint")
         if rows.names or not limit.name:
             return rows
-        k = len(rows.C)
-        return evolve_rows(rows, [limit.name] if k == 1 else [f"{limit.name} row {i}" for i in range(k)])
-
-
-def evolve_rows(rows: LimitRows, names: Sequence[str]) -> LimitRows:
-    """The same rows by other names."""
-    return LimitRows(rows.C, rows.lower, rows.upper, names)
+        return rows.called([limit.name] if k == 1 else [f"{limit.name} row {i}" for i in range(k)])
 
 
 def _stacked(parts: list[LimitRows]) -> LimitRows | None:
@@ -476,96 +528,40 @@ def _stacked(parts: list[LimitRows]) -> LimitRows | None:
         return parts[0] if parts else None
     named = any(part.names for part in parts)
     names = [name for part in parts for name in part.names or ("",) * len(part.C)] if named else ()
-    return LimitRows(
-        np.concatenate([part.C for part in parts]),
-        np.concatenate([part.lower for part in parts]),
-        np.concatenate([part.upper for part in parts]),
-        names,
-    )
+    C, lower, upper = (np.concatenate([getattr(part, side) for part in parts]) for side in ("C", "lower", "upper"))
+    return LimitRows(C, lower, upper, names)
 
 
 class Changes(NamedTuple):
     """What is other in this tick than the controller was made with: slower, and inside more limits.
 
-    v_max(tick) = max(speed min(v_max, velocity_limit), |x_before| - a dt)
+    v_max(tick) = max(speed v_max, |x_before| - a dt)
 
     A limit below what the joints have now is approached as fast as their accelerations allow.
     """
 
     speed: float  # share of the motion's speed, in [0, 1]
-    given: Given  # more limits
+    loop: Loop  # inside the limits of this tick, too
+    joint_rows: RowLimits  # more rows
 
-    def box(self, box: JointBox, braking: BrakingBox | None, before: Array) -> tuple[JointBox, BrakingBox | None]:
+    def box(self, usual: JointBox, before: Array) -> tuple[JointBox, BrakingBox | None]:
         """Joint limits of this tick, coming from the joint velocity `before` (m,)."""
-        narrow = self.given.box(box)
-        limit = self.speed * narrow.velocity_limit if self.speed > 0.0 else np.zeros(len(before))  # may be infinite
-        acceleration = least_of(self.given.accelerations, braking)
-        if acceleration is not None:
-            slowest = np.abs(before) - acceleration * box.dt
-            limit = np.minimum(np.maximum(limit, slowest), box.velocity_limit)
-        slower = JointBox(narrow.position_lower, narrow.position_upper, limit, box.dt)
-        return slower, None if acceleration is None else BrakingBox(slower, acceleration)
+        fastest = self.loop.velocity_limit
+        fastest = self.speed * fastest if self.speed > 0.0 else np.zeros(len(before))  # which may be infinite
+        slowest = np.maximum(np.abs(before) - self.loop.acceleration * usual.dt, 0.0)
+        box = self.loop.box(np.minimum(np.maximum(fastest, slowest), usual.velocity_limit))
+        return box, self.loop.braking(box)
 
-    def cone(
-        self, cone: Cone | None, own: Cone, bounds: tuple[Array, Array], before: Array, step: Array
-    ) -> Cone | None:
-        """The limit of the tool's speed in this tick: lower than the controller's `cone`, for the point of `own`.
-
-        `step` (m,) is by how much joint velocities may change, inf where there is no limit of acceleration.
-        """
-        told = self.given.tool_speed
-        limit = min(inf if cone is None else cone.limit, inf if told is None else told.limit)
-        if limit == inf:
-            return cone
-        limit *= self.speed
+    def cone(self, point: Cone, bounds: tuple[Array, Array], before: Array) -> Cone | None:
+        """The limit of the tool's speed in this tick, of a point whose velocity is that of a cone; None for none."""
+        told = self.loop.tool_speed
+        if told is None:
+            return None
         # All joints slower by the same share is a velocity that accelerations allow, along the way the tool goes now.
-        over = np.abs(before) - step
+        over = np.abs(before) - self.loop.acceleration * self.loop.dt
         share = float((over[over > 0.0] / np.abs(before[over > 0.0])).max(initial=0.0))
         slower = np.minimum(np.maximum(share * before, bounds[0]), bounds[1])
-        return (own if cone is None else cone)._replace(limit=max(limit, own.speed(slower)))
-
-
-def least_of(limits: tuple[Array, ...], braking: BrakingBox | None) -> Array | None:
-    """(m,) the lowest of some acceleration limits and those of a box, None where there are none."""
-    all_of_them = limits if braking is None else (*limits, braking.acceleration)
-    return np.minimum.reduce(all_of_them) if all_of_them else None
-
-
-def changes_of(
-    speed: float,
-    velocity_limit: ArrayLike | None,
-    tool_speed: float | None,
-    limits: Sequence[AnyLimit],
-    m: int,
-) -> Changes | None:
-    """What a tick of m joints is told to change; None for nothing.
-
-    Raises:
-        BadInput: a speed outside [0, 1], a limit below zero, a tool speed that is not above zero, no limit.
-    """
-    if type(speed) is float and speed == 1.0 and velocity_limit is None and tool_speed is None and limits == ():
-        return None
-    share = arrays.not_negative(speed, "speed", "a share of the speed, from 0 to 1")
-    if share > 1.0:
-        raise BadInput("speed", f"{share:g}", "a share of the speed, from 0 to 1")
-    given = Given.of(limits, m)
-    if velocity_limit is not None:
-        given = given._replace(joints=(*given.joints, _slower(velocity_limit, m)))
-    if tool_speed is not None:
-        if given.tool_speed is not None:
-            raise BadInput("limits", "two tool speeds", "one, here or as tool_speed=")
-        given = given._replace(tool_speed=ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True)))
-    if share == 1.0 and given == Given((), (), None, ()):
-        return None
-    return Changes(share, given)
-
-
-def _slower(value: ArrayLike, m: int) -> JointLimits:
-    expected = f"{m} speeds, zero or more, or one for all"
-    a = arrays.array(value, "velocity_limit", expected)
-    if a.shape not in ((), (m,)) or not (a >= 0.0).all():  # NaN is not above zero either
-        raise BadInput("velocity_limit", f"{excerpt(value)}" if a.shape in ((), (m,)) else f"shape {a.shape}", expected)
-    return JointLimits(velocity_limit=a)
+        return point._replace(limit=max(self.speed * told.limit, point.speed(slower)))
 
 
 class TickLimits(NamedTuple):
@@ -592,54 +588,52 @@ class LoopLimits(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        robot: Robot,
-        dt: float,
-        delay: float,
-        *,
-        limits: Sequence[AnyLimit],
-        rows: Rows | None,
-        acceleration_limit: ArrayLike | None,
-        position_margin: float,
-        tool_speed: ToolSpeed | float | None,
-        far_outside: Literal["hold", "return"],
-        turning: NDArray[np.bool_],
+        cls, loop: Loop, limits: Sequence[Limit], far_outside: Literal["hold", "return"], turning: NDArray[np.bool_]
     ) -> LoopLimits:
-        """The limits for the arguments of a controller; `turning` (m,) says which joints turn.
+        """The limits of a loop with the robot's own alone; `turning` (m,) says which joints turn.
 
         Raises:
-            BadInput: something that is not a limit, two tool speeds.
+            BadInput: limits for another number of joints, or that have nothing in common.
             MissingExtra: a limit of Pink's without Pink.
         """
-        m = len(robot.names)
-        given = Given.of(limits, m, rows)
-        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
-        if margin > 0.0:
-            given = given._replace(joints=(*given.joints, JointLimits(margin=margin)))
-        box = given.box(JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, dt))
-        if acceleration_limit is not None:
-            given = given._replace(accelerations=(*given.accelerations, accelerations(acceleration_limit, m)))
-        acceleration = least_of(given.accelerations, None)
-        braking = None if acceleration is None else BrakingBox(box, acceleration)
-        if tool_speed is not None and given.tool_speed is not None:
-            raise BadInput("limits", "two tool speeds", "one, here or as tool_speed=")
-        speed = given.tool_speed if tool_speed is None else tool_speed
-        if speed is not None and not isinstance(speed, ToolSpeed):
-            speed = ToolSpeed(arrays.number(speed, "tool_speed", "a speed", positive=True))
-        believed = None
+        robot, loop = loop.robot, loop.within(limits)
+        box, believed, rows = loop.box(), None, RowLimits(limits, loop)
         if arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold":
             room = np.where(turning, FAR_OUTSIDE, inf)
             believed = robot.position_lower - room, robot.position_upper + room
-        most = np.full(m, inf) if acceleration is None else acceleration
-        loop = Loop(robot, dt, delay, box.position_lower, box.position_upper, box.velocity_limit, most)
-        return cls(box, braking, speed, RowLimits(given.rows, loop) if given.rows else None, loop, believed)
+        return cls(box, loop.braking(box), loop.tool_speed, rows or None, loop, believed)
+
+    def changed(
+        self,
+        speed: float,
+        velocity_limit: ArrayLike | None,
+        tool_speed: float | None,
+        limits: Sequence[AnyLimit],
+    ) -> Changes | None:
+        """What a tick is told to change; None for nothing.
+
+        Raises:
+            BadInput: a speed outside [0, 1], a limit below zero, a tool speed that is not above zero, no limit.
+        """
+        if type(speed) is float and speed == 1.0 and velocity_limit is None and tool_speed is None and limits == ():
+            return None
+        share = arrays.not_negative(speed, "speed", "a share of the speed, from 0 to 1")
+        if share > 1.0:
+            raise BadInput("speed", f"{share:g}", "a share of the speed, from 0 to 1")
+        told = limits_of(limits)
+        if velocity_limit is not None:
+            told.append(_slower(velocity_limit, len(self.loop.velocity_limit)))
+        if tool_speed is not None:
+            told.append(tool_speed_of(arrays.number(tool_speed, "tool_speed", "a speed", positive=True)))
+        if share == 1.0 and not told:
+            return None
+        loop = self.loop.within(told)
+        return Changes(share, loop, RowLimits(told, loop))
 
     def at(self, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None) -> TickLimits:
         """The limits at joint positions q (m,), coming from the joint velocity `before` (m,), changed for `now`."""
         strained: tuple[Reason, ...] = ()
-        box, braking = self.box, self.braking
-        if now is not None:
-            box, braking = now.box(box, braking, before)
+        box, braking = (self.box, self.braking) if now is None else now.box(self.box, before)
         if braking is None:
             lower, upper = box.at(q)
             placed = box.placed(q)
@@ -647,43 +641,21 @@ class LoopLimits(NamedTuple):
             bounds = braking.at(q, before)
             lower, upper, strained = bounds[:3]
             placed = bounds[3:]
-        cone = self._cone(sighting, target, now, (lower, upper), before, braking)
+        cone = None
+        speed = self.tool_speed if now is None else now.loop.tool_speed
+        if speed is not None:
+            point = self.loop.robot.points(sighting, target, ORIGIN if speed.point is None else speed.point)[0]
+            cone = speed.cone(sighting.J, point)
+            cone = cone if now is None else now.cone(cone, (lower, upper), before)
         rows, trouble = self._rows(q, before, now)
         return TickLimits(lower, upper, rows, cone, strained, trouble, placed)
-
-    def _cone(
-        self,
-        sighting: Sighting,
-        target: Any,
-        now: Changes | None,
-        bounds: tuple[Array, Array],
-        before: Array,
-        braking: BrakingBox | None,
-    ) -> Cone | None:
-        """The speed limit of a point of the tool in this tick."""
-        speed = self.tool_speed
-        if speed is None and now is None:
-            return None
-        told = None if now is None else now.given.tool_speed
-        if speed is None:
-            point = ORIGIN if told is None or told.point is None else told.point
-        else:
-            point = ORIGIN if speed.point is None else speed.point
-            if told is not None and told.point is not None and not np.array_equal(told.point, point):
-                raise BadInput("limits", "a tool speed of another point", "one of the point that the controller limits")
-        here = self.loop.robot.points(sighting, target, point)[0]
-        cone = None if speed is None else speed.cone(sighting.J, here)
-        if now is None:
-            return cone
-        step = np.full(len(before), inf) if braking is None else braking.acceleration * self.box.dt
-        return now.cone(cone, Cone(velocity_at(sighting.J, here), inf, np.zeros(3)), bounds, before, step)
 
     def _rows(self, q: Array, before: Array, now: Changes | None) -> TickRows:
         """The rows of this tick: the loop's own, then those for `now`."""
         found = TickRows(None) if self.joint_rows is None else self.joint_rows.at(q, before)
-        if now is None or not now.given.rows or found.trouble:
+        if now is None or found.trouble:
             return found
-        more = RowLimits(now.given.rows, self.loop).at(q, before)
+        more = now.joint_rows.at(q, before)
         return TickRows(_stacked([r for r in (found.rows, more.rows) if r is not None]), more.trouble)
 
     def wrong(self, q: Array) -> Reason | None:
@@ -707,6 +679,26 @@ class LoopLimits(NamedTuple):
             return solution
         far = self.box.outside(q, solution.active)
         return solution._replace(reasons=(*with_names(far, names), *solution.reasons)) if far else solution
+
+
+def tool_speed_of(limit: ToolSpeed | float) -> Limit:
+    """A tool speed, or a number for one of the tool frame's origin, as a limit.
+
+    Raises:
+        BadInput: a number that is not above zero.
+    """
+    if not isinstance(limit, ToolSpeed):
+        limit = ToolSpeed(arrays.number(limit, "tool_speed", "a speed", positive=True))
+    return _OfTool(limit)
+
+
+def _slower(value: ArrayLike, m: int) -> JointLimits:
+    """The velocity limit of one tick."""
+    expected = f"{m} speeds, zero or more, or one for all"
+    a = arrays.array(value, "velocity_limit", expected)
+    if a.shape not in ((), (m,)) or not (a >= 0.0).all():  # NaN is not above zero either
+        raise BadInput("velocity_limit", f"{excerpt(value)}" if a.shape in ((), (m,)) else f"shape {a.shape}", expected)
+    return JointLimits(velocity_limit=a)
 
 
 def _numbers(value: ArrayLike, argument: str) -> Array:

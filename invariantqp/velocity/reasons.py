@@ -141,8 +141,9 @@ def sentences(reasons: Iterable[Reason]) -> str:
 
 
 def of_joints(code: Code, found: Iterable[tuple[int, tuple[float, ...]]]) -> tuple[Reason, ...]:
-    """A reason for each joint that is told with its numbers, the one whose first number is the largest first."""
-    return tuple(Reason(code, (i,), (), numbers) for i, numbers in sorted(found, key=lambda one: -one[1][0]))
+    """A reason for each joint that is told with its numbers; the one whose first number reads largest comes first."""
+    worst = sorted(found, key=lambda one: -float(f"{one[1][0]:.3g}"))
+    return tuple(Reason(code, (i,), (), numbers) for i, numbers in worst)
 
 
 def with_names(reasons: Iterable[Reason], names: Sequence[str]) -> tuple[Reason, ...]:

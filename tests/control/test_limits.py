@@ -171,7 +171,8 @@ def test_a_limit_of_ones_own_is_told_of_the_loop_and_of_every_tick(robot, goal):
     assert cable.loop.robot is robot
     np.testing.assert_array_equal(cable.loop.acceleration, np.full(7, 7.0))
     np.testing.assert_array_equal(cable.loop.velocity_limit, np.ones(7))
-    np.testing.assert_allclose(cable.loop.position_upper, robot.position_upper - 0.1)
+    np.testing.assert_array_equal(cable.loop.position_upper, robot.position_upper)
+    assert cable.loop.margin == 0.1
     before = np.full(7, 1e-3)
     loop.step(PANDA, goal, velocity=before)
     loop.step(PANDA, goal)
@@ -181,16 +182,31 @@ def test_a_limit_of_ones_own_is_told_of_the_loop_and_of_every_tick(robot, goal):
     np.testing.assert_array_equal(cable.seen[1], before)
 
 
-def test_a_limit_that_says_nothing_is_refused_by_name(robot):
-    with pytest.raises(NotImplementedError, match=r"Limit\.rows"):
-        answer(robot, limits=[Limit()])
+class Payload(Limit):
+    """A limit that never gives way: half of the accelerations, and a slow wrist."""
+
+    def narrowed(self, loop):
+        fastest = loop.velocity_limit.copy()
+        fastest[6] = 0.01
+        return loop._replace(acceleration=0.5 * loop.acceleration, velocity_limit=fastest)
+
+
+def test_a_limit_of_ones_own_may_narrow_what_never_gives_way(robot, goal):
+    seen = []
+    limits = [AccelerationLimit(8.0), Payload()]
+    driven(robot, goal, 100, lambda q, b, s: seen.append((np.abs(s.velocity - b), s.velocity)), limits=limits)
+    assert max(change.max() for change, _ in seen) == pytest.approx(4.0 * DT)
+    assert max(abs(x[6]) for _, x in seen) == pytest.approx(0.01)
+    assert iq.native == (iq.Controller(robot, dt=DT, limits=limits).compiled is not None)
 
 
 def test_a_tool_speed_by_this_door(robot):
-    assert answer(robot, limits=[ToolSpeed(0.1)]) == answer(robot, tool_speed=0.1)
-    for options in ({"tool_speed": 0.1, "limits": [ToolSpeed(0.1)]}, {"limits": [ToolSpeed(0.1), ToolSpeed(0.2)]}):
-        with pytest.raises(iq.BadInput, match="limits: found two tool speeds"):
-            answer(robot, **options)
+    wanted = answer(robot, tool_speed=0.1)
+    for limits in ([ToolSpeed(0.1)], [ToolSpeed(0.1), ToolSpeed(0.2)], [ToolSpeed(0.3), ToolSpeed(0.1, np.zeros(3))]):
+        assert answer(robot, limits=limits) == wanted
+        assert answer(robot, limits=limits, tool_speed=0.2) == wanted
+    with pytest.raises(iq.BadInput, match="limits: found tool speeds of two points"):
+        answer(robot, tool_speed=0.1, limits=[ToolSpeed(0.1, [0.0, 0.0, 0.1])])
 
 
 @pytest.mark.parametrize(
@@ -265,10 +281,8 @@ def test_limits_of_a_tick_add_to_those_of_the_controller(robot, goal):
         assert ROWS.excess(x) == pytest.approx([0.0], abs=1e-9)
         assert MORE.excess(x) == pytest.approx([0.0], abs=1e-9)
         assert tool_speed(robot, PANDA, None, x) < 1.0 + 1e-9
-    with pytest.raises(iq.BadInput, match="another point"):
+    with pytest.raises(iq.BadInput, match="two points"):
         loop.step(PANDA, goal, limits=[ToolSpeed(0.1, [0.0, 0.0, 0.1])])
-    with pytest.raises(iq.BadInput, match="two tool speeds"):
-        loop.step(PANDA, goal, tool_speed=0.1, limits=[ToolSpeed(0.1)])
 
 
 def test_a_refused_limit_leaves_the_loop_as_it_was(robot, goal):

@@ -64,6 +64,10 @@ class LimitRows(Value):
             raise BadInput("names", f"{len(called)} names", f"{len(matrix)}, one for each row of C")
         self.__attrs_init__(matrix, sides.lower, sides.upper, called)
 
+    def called(self, names: Sequence[str]) -> LimitRows:
+        """The same rows by other names (k,)."""
+        return LimitRows(self.C, self.lower, self.upper, names)
+
     def with_box(self, lower: Array, upper: Array) -> Polytope:
         """The polytope of a box (m,) on the joints and these rows."""
         A = np.vstack((np.eye(len(lower)), self.C))
