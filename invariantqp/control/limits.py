@@ -29,7 +29,7 @@ from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.limits.toolspeed import ToolSpeed
 from invariantqp.velocity.qp.quadratic import Cone
 from invariantqp.velocity.reasons import Code, Reason, with_names
-from invariantqp.velocity.solution import VelocitySolution, with_trouble
+from invariantqp.velocity.solution import VelocitySolution, both, with_trouble
 
 ORIGIN = np.zeros(3)
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
@@ -678,7 +678,7 @@ class LoopLimits(NamedTuple):
         if not solution.active or self.braking is not None:
             return solution
         far = self.box.outside(q, solution.active)
-        return solution._replace(reasons=(*with_names(far, names), *solution.reasons)) if far else solution
+        return solution._replace(reasons=both(with_names(far, names), solution)) if far else solution
 
 
 def tool_speed_of(limit: ToolSpeed | float) -> Limit:

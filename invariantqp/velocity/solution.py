@@ -64,7 +64,7 @@ class Status(str, Enum):
 
 
 # What a solution is made with for its reasons: reasons, a text of a law that has none, or what the compiled core wrote.
-Why: TypeAlias = tuple[Reason, ...] | str | Written
+Why: TypeAlias = tuple[Reason | str | Written, ...] | str | Written
 
 
 class _Solution(NamedTuple):
@@ -110,10 +110,13 @@ class VelocitySolution(_Solution):
     @property
     def reasons(self) -> tuple[Reason, ...]:
         """Why, as data, the worst first."""
-        why: Why = self[3]
-        if isinstance(why, tuple):
-            return why
-        return told(why) if isinstance(why, str) else read(why, self.row_names)
+        found: list[Reason] = []
+        for part in _parts(self[3]):
+            if isinstance(part, Reason):
+                found.append(part)
+            else:
+                found += told(part) if isinstance(part, str) else read(part, self.row_names)
+        return tuple(found)
 
     @property
     def reason(self) -> str:
@@ -156,8 +159,16 @@ def at_bounds(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
 def with_trouble(solution: VelocitySolution, trouble: Why) -> VelocitySolution:
     """The solution with more reasons: status "degraded", unless it is "held"."""
     status = Status.HELD if solution.status is Status.HELD else Status.DEGRADED
-    more = told(trouble) if isinstance(trouble, str) else trouble
-    return solution._replace(status=status, reasons=(*more, *solution.reasons))
+    return solution._replace(status=status, reasons=both(trouble, solution))
+
+
+def both(first: Why, solution: VelocitySolution) -> Why:
+    """Some reasons before those of a solution, which are not read for that."""
+    return (*_parts(first), *_parts(solution[3]))
+
+
+def _parts(why: Why) -> tuple[Reason | str | Written, ...]:
+    return why if isinstance(why, tuple) else (why,)
 
 
 def held(demand: Demand, why: Why) -> VelocitySolution:
