@@ -34,6 +34,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import PaperLambda
+from invariantqp.velocity.reasons import Why
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
@@ -165,7 +166,7 @@ class PathDriver(Pausable):
     def _told(self, answer: PathSolution, q: ArrayLike) -> PathSolution:
         """The solution of a tick that the core drove, its reason with the words that Python has for limits."""
         inner = self.controller.told(answer.velocity_solution, q)
-        return answer._replace(reason="" if answer.status is Status.DONE else inner.reason, velocity_solution=inner)
+        return answer._replace(reasons="" if answer.status is Status.DONE else inner.reasons, velocity_solution=inner)
 
     def _halted(self, q: Array, before: Array) -> PathSolution:
         """What is told of a tick whose joint positions cannot be true; place and time stay."""
@@ -173,7 +174,7 @@ class PathDriver(Pausable):
         self._state = at_rest(state.place, answer.velocity.copy(), state.ticks, back=state.back)
         at = state.place if self._path is None else self._path.place(state.place)
         lag = None if self._pace.rate is None else state.ticks * self.controller.dt - at / self._pace.rate
-        return PathSolution(answer.velocity, Status.HELD, answer.reason, at, 0.0, DISBELIEF, lag, inf, answer)
+        return PathSolution(answer.velocity, Status.HELD, answer.reasons, at, 0.0, DISBELIEF, lag, inf, answer)
 
     def _set_out(self, q: Array, before: Array) -> PathSolution:
         """On the way to the place where the path is to be driven from, and looking along it there."""
@@ -231,12 +232,12 @@ class PathDriver(Pausable):
         told = self._waiting(answer, self._trouble or "on the way to the path's start", off)
         if self._stood < PATIENCE:
             return told
-        why = f"the arm comes no closer than {off:.3g} to the path; {told.reason}"
-        return told._replace(status=Status.BLOCKED, reason=why)
+        why: Why = (f"the arm comes no closer than {off:.3g} to the path", *told.reasons)
+        return told._replace(status=Status.BLOCKED, reasons=why)
 
     def _waiting(self, answer: VelocitySolution, reason: str, off: float) -> PathSolution:
         """What is told on the way to the path."""
-        why = "; ".join(filter(None, (reason, answer.reason)))
+        why: Why = (reason, *answer.reasons)
         state = self._state
         ticks = state.ticks + 1 if self._trouble else 0  # time runs from when it first set out
         self._state = state._replace(velocity=answer.velocity.copy(), ticks=ticks)

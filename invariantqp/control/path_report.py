@@ -14,6 +14,7 @@ from invariantqp.control.path_plan import PathPlan
 from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.reasons import told
 from invariantqp.velocity.solution import Status
 
 # The end is reached within this share of the path, by joints slower than this share of their limits; what blocks the
@@ -45,21 +46,21 @@ def reported(
         blocked = blocked or f"it is out of reach, by {plan.off[-1]:.3g}"
     near = (STOPPED if blocked else ARRIVED) * path.curve.end
     arrived = still and plan.end - after.place <= near
-    status, reason = Status.MOVING, answer.reason
+    status, why = Status.MOVING, answer.reasons
     if arrived and blocked:
-        status, reason = Status.BLOCKED, f"the path cannot be had from {at:.6g} on: {blocked}"
+        status, why = Status.BLOCKED, told(f"the path cannot be had from {at:.6g} on: {blocked}")
     elif arrived and here.off + dt * _speed(driven) <= tolerance:
-        status, reason, ruling = Status.DONE, "", ENDED
+        status, why, ruling = Status.DONE, (), ENDED
     elif plan.off[i] > reachable and plan.blocked and plan.off[0] > reachable:  # blocked at its start
-        status, reason = Status.WAITING, "; ".join(filter(None, ("on the way to the path's start", reason)))
+        status, why = Status.WAITING, (*told("on the way to the path's start"), *why)
     elif plan.off[i] > reachable:
-        status, reason = Status.LEFT, f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here"
+        status, why = Status.LEFT, told(f"the arm is {plan.off[i]:.3g} off the path, which it cannot reach here")
     else:
         stands_now = abs(rate) * dt <= STANDING * path.curve.end
         status, ruling = on_the_path(plan, after, ruling, near, stop=stop, stands=stands_now, still=still)
     lag = None if pace.rate is None else after.ticks * dt - at / pace.rate
     return PathSolution(
-        answer.velocity, status, reason, at, (at - path.place(here.place)) / dt, ruling, lag, here.off, answer
+        answer.velocity, status, why, at, (at - path.place(here.place)) / dt, ruling, lag, here.off, answer
     )
 
 

@@ -5,18 +5,30 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import compared
+from invariantqp.velocity.reasons import Explained, Why
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 
-@compared
-class PathSolution(NamedTuple):
+class _Solution(NamedTuple):
+    velocity: Array
+    status: Status
+    reasons: Why
+    place: float
+    speed: float
+    ruling: str
+    lag: float | None
+    across: float
+    velocity_solution: VelocitySolution
+
+
+class PathSolution(Explained, _Solution):
     """A joint velocity of a tick along a path, and where on the path the tool is. A tuple: one is made in every tick.
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "waiting", "moving", "slowed", "paused", "left", "blocked", "done" or "held": see `Status`.
-        reason: why, in words, "" where there is nothing to report.
+        reasons: why, as data, those of the velocity law among them; () where there is nothing to report.
+        reason: the same in words, "" for nothing.
         place: the path's parameter where the tool is.
         speed: of the place [1/s], negative backward.
         ruling: the limit that rules the speed, in words; "settling" where all of the path is driven and the joints come
@@ -26,12 +38,9 @@ class PathSolution(NamedTuple):
         velocity_solution: the velocity law's answer.
     """
 
-    velocity: Array
-    status: Status
-    reason: str
-    place: float
-    speed: float
-    ruling: str
-    lag: float | None
-    across: float
-    velocity_solution: VelocitySolution
+    __slots__ = ()
+
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What rows are called that reasons name."""
+        return self.velocity_solution.row_names

@@ -117,19 +117,18 @@ class StreamedPath(PathDriver):
         self._age += self.controller.dt
         if self._closed and self._curve is None:  # fewer than two poses that are apart
             there = answer.across <= self._tolerance and stands(self.controller, answer.velocity)
-            return answer._replace(status=Status.DONE, reason="", ruling="the path's end") if there else answer
+            return answer._replace(status=Status.DONE, reasons="", ruling="the path's end") if there else answer
         late = self._age > self.timeout and not self._closed
         if late:
             self._open_all()
         words = [f"no pose for {self._age:.3g} s"] if late else []
         seen = self._search is not None and self._search.done
         if answer.status is not Status.DONE or (self._closed and seen):
-            reason = "; ".join(filter(None, [answer.reason, *words]))
-            return answer._replace(lag=None, reason=reason)
+            return answer._replace(lag=None, reasons=(*answer.reasons, *words))
         reason, ruling = words[0] if late else "at the end of what has come", "the end of the stream"
         if not seen:  # poses came faster than ticks look along them
             reason, ruling = "; ".join(["looking along the path", *words]), "the look ahead"
-        return answer._replace(status=Status.WAITING, ruling=ruling, lag=None, reason=reason)
+        return answer._replace(status=Status.WAITING, ruling=ruling, lag=None, reasons=reason)
 
     def _open_all(self) -> None:
         """Let the tool drive to the very last pose."""

@@ -81,7 +81,7 @@ static PyObject *told(const Loop *loop, const Course *course, const Progress *pr
     PyObject *values[] = {
         Py_NewRef(PyTuple_GetItem(answer, 0)), /* velocity */
         Py_NewRef(STATUSES[progress->status]),
-        progress->status == AT_END ? Py_NewRef(NOTHING) : PyObject_GetAttrString(answer, "reason"),
+        Py_NewRef(progress->status == AT_END ? NOTHING : PyTuple_GetItem(answer, 3)), /* reasons */
         PyFloat_FromDouble(progress->place),
         PyFloat_FromDouble(progress->speed),
         ruling(words, progress->ruling),

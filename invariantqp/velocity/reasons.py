@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Sequence
-from enum import IntEnum, auto
-from typing import NamedTuple, TypeAlias
+from enum import Enum, IntEnum, auto
+from typing import Any, NamedTuple, TypeAlias
+
+from invariantqp.geometry.fields import same
 
 # Limits named one by one in a sentence; a crowd of them is counted.
 MOST_NAMED = 3
@@ -181,6 +183,8 @@ def _each(reason: Reason) -> str:
 
 # Reasons as the compiled core writes them, in doubles: of each its code, how many joints, rows and numbers, and these.
 Written: TypeAlias = bytes
+# What a solution is made with: reasons, a text of a law that has none, what the core wrote, or several of these.
+Why: TypeAlias = "tuple[Reason | str | Written, ...] | str | Written"
 # In place of the index of a row.
 TOOL_SPEED_ROW, FIRST_EXACT_ROW = -1, -2
 
@@ -208,3 +212,64 @@ def read(written: Written, names: Sequence[str] = ()) -> tuple[Reason, ...]:
         called = tuple(row_name(int(i), names) for i in parts[1])
         found.append(Reason(Code(code), tuple(map(int, parts[0])), called, tuple(parts[2])))
     return tuple(found)
+
+
+def parts(why: Why) -> tuple[Reason | str | Written, ...]:
+    """The parts of what a solution is made with."""
+    return why if isinstance(why, tuple) else (why,)
+
+
+class Explained:
+    """Base of a named tuple with a field `reasons`, which are read when they are asked for.
+
+    Equal, printed and pickled as what they say, whatever they are made from.
+    """
+
+    __slots__ = ()
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Why, as data, the worst first."""
+        found: list[Reason] = []
+        for part in parts(self._items()[self._at()]):
+            if isinstance(part, Reason):
+                found.append(part)
+            else:
+                found += told(part) if isinstance(part, str) else read(part, self.row_names)
+        return tuple(found)
+
+    @property
+    def reason(self) -> str:
+        """Why, in words, "" where there is nothing to report."""
+        return sentences(self.reasons)
+
+    row_names: tuple[str, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Explained) and type(other) is type(self) and same(self._plain(), other._plain())
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        items = self._items()
+        return hash((tuple(items[0].tolist()), *(item for item in items if isinstance(item, Enum))))
+
+    def __repr__(self) -> str:
+        names = type(self)._fields  # type: ignore[attr-defined]
+        shown = (f"{name}={value!r}" for name, value in zip(names, self._plain(), strict=True))
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return self._plain()
+
+    def _items(self) -> tuple[Any, ...]:
+        return tuple(self)  # type: ignore[arg-type]
+
+    def _at(self) -> int:
+        return type(self)._fields.index("reasons")  # type: ignore[attr-defined,no-any-return]
+
+    def _plain(self) -> tuple[Any, ...]:
+        """The fields, reasons as data."""
+        items, at = self._items(), self._at()
+        return (*items[:at], self.reasons, *items[at + 1 :])

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import same
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
-from invariantqp.velocity.reasons import Reason, Written, read, sentences, told
+from invariantqp.velocity.reasons import Explained, Why, parts
 
 # A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
 # rest is rounding of an arm that stands still.
@@ -63,10 +62,6 @@ class Status(str, Enum):
     __format__ = str.__format__  # type: ignore[assignment]
 
 
-# What a solution is made with for its reasons: reasons, a text of a law that has none, or what the compiled core wrote.
-Why: TypeAlias = tuple[Reason | str | Written, ...] | str | Written
-
-
 class _Solution(NamedTuple):
     velocity: Array
     method: str
@@ -83,7 +78,7 @@ class _Solution(NamedTuple):
     row_names: tuple[str, ...] = ()
 
 
-class VelocitySolution(_Solution):
+class VelocitySolution(Explained, _Solution):
     """A joint velocity and how it was found. A tuple, because one is made in every tick.
 
     Attributes:
@@ -107,42 +102,6 @@ class VelocitySolution(_Solution):
 
     __slots__ = ()
 
-    @property
-    def reasons(self) -> tuple[Reason, ...]:
-        """Why, as data, the worst first."""
-        found: list[Reason] = []
-        for part in _parts(self[3]):
-            if isinstance(part, Reason):
-                found.append(part)
-            else:
-                found += told(part) if isinstance(part, str) else read(part, self.row_names)
-        return tuple(found)
-
-    @property
-    def reason(self) -> str:
-        """Why, in words, "" where there is nothing to report."""
-        return sentences(self.reasons)
-
-    def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and same(self._plain(), other._plain())
-
-    def __ne__(self, other: object) -> bool:
-        return not self == other
-
-    def __hash__(self) -> int:
-        return hash((tuple(self.velocity.tolist()), self.method, self.status, self.backend))
-
-    def __repr__(self) -> str:
-        shown = (f"{name}={value!r}" for name, value in zip(self._fields, self._plain(), strict=True))
-        return f"{type(self).__name__}({', '.join(shown)})"
-
-    def __getnewargs__(self) -> tuple[Any, ...]:
-        return self._plain()
-
-    def _plain(self) -> tuple[Any, ...]:
-        """The fields, reasons as data."""
-        return (*self[:3], self.reasons, *self[4:])
-
 
 def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
     """The velocity without rounding past its bounds, and the joints at them."""
@@ -164,11 +123,7 @@ def with_trouble(solution: VelocitySolution, trouble: Why) -> VelocitySolution:
 
 def both(first: Why, solution: VelocitySolution) -> Why:
     """Some reasons before those of a solution, which are not read for that."""
-    return (*_parts(first), *_parts(solution[3]))
-
-
-def _parts(why: Why) -> tuple[Reason | str | Written, ...]:
-    return why if isinstance(why, tuple) else (why,)
+    return (*parts(first), *parts(solution[3]))
 
 
 def held(demand: Demand, why: Why) -> VelocitySolution:
