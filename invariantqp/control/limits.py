@@ -11,6 +11,7 @@ class with one method. Where limits contradict each other, they give way by the 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property
 from math import inf
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
@@ -477,7 +478,7 @@ class RowLimits:
         except _Unusable as trouble:
             return TickRows(None, trouble.reason)
 
-    @property
+    @cached_property
     def fixed(self) -> LimitRows | None:
         """The rows where they are the same in every tick."""
         rows = [limit for limit in self._limits if isinstance(limit, LimitRows)]
@@ -584,7 +585,8 @@ class LoopLimits(NamedTuple):
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
     joint_rows: RowLimits | None  # limits on combinations of joint velocities, or None
     loop: Loop  # what limits are told of it
-    believed: tuple[Array, Array] | None  # (m,) bounds of positions that are believed, or None for all
+    beyond: Array  # (m,) how far outside its range a joint's position is believed, inf where it always is
+    believed: tuple[list[float], list[float]]  # bounds of those positions
 
     @classmethod
     def of(
@@ -597,11 +599,11 @@ class LoopLimits(NamedTuple):
             MissingExtra: a limit of Pink's without Pink.
         """
         robot, loop = loop.robot, loop.within(limits)
-        box, believed, rows = loop.box(), None, RowLimits(limits, loop)
-        if arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold":
-            room = np.where(turning, FAR_OUTSIDE, inf)
-            believed = robot.position_lower - room, robot.position_upper + room
-        return cls(box, loop.braking(box), loop.tool_speed, rows or None, loop, believed)
+        box, rows = loop.box(), RowLimits(limits, loop)
+        held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
+        beyond = np.where(turning & held, FAR_OUTSIDE, inf)
+        believed = (robot.position_lower - beyond).tolist(), (robot.position_upper + beyond).tolist()
+        return cls(box, loop.braking(box), loop.tool_speed, rows or None, loop, beyond, believed)
 
     def changed(
         self,
@@ -660,13 +662,11 @@ class LoopLimits(NamedTuple):
 
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""
-        if self.believed is None:
-            return None
         lower, upper = self.believed
+        if all(a <= x <= b for a, x, b in zip(lower, q.tolist(), upper, strict=True)):
+            return None
         beyond = np.maximum(q - upper, lower - q)
         i = int(beyond.argmax())
-        if not beyond[i] > 0.0:
-            return None
         far = float(q[i]), float(beyond[i]) + FAR_OUTSIDE
         return Reason(Code.NOT_BELIEVED, (i,), numbers=far, words=self.loop.robot.names[i])
 
