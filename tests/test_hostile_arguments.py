@@ -35,8 +35,8 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
-    "Controller.posture_pull Controller.told Controller.wrong PinkLimit.for_loop PinkLimit.rows "
-    "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
+    "Controller.posture_pull Controller.told Controller.wrong "
+    "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
@@ -105,6 +105,8 @@ def methods(kind):
     """Public methods that take arguments, other than those a tuple or a pydantic model brings."""
     for name, member in inspect.getmembers(kind, callable):
         made_here = (getattr(member, "__module__", None) or "").startswith("invariantqp")
+        if issubclass(kind, iq.limits.Limit) and hasattr(iq.limits.Limit, name):
+            continue  # what a controller asks of every limit
         if not name.startswith("_") and made_here and len(inspect.signature(member).parameters) > 1:
             yield name
 

@@ -23,10 +23,10 @@ from invariantqp.control.limits import (
     Changes,
     JointLimits,
     Limit,
-    Loop,
     LoopLimits,
     Rows,
     limits_of,
+    loop_of,
     row_limit,
     tool_speed_of,
 )
@@ -199,7 +199,7 @@ class Controller:
             told.append(AccelerationLimit(accelerations(acceleration_limit, m)))
         margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
         told += [JointLimits(margin=margin)] if margin > 0.0 else []
-        self._limits = LoopLimits.of(Loop.of(robot, self.dt, self.delay), told, far_outside, turning)
+        self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, turning)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         fixed = None if self.joint_rows is None else self.joint_rows.fixed
         self._row_names: tuple[str, ...] = () if fixed is None else fixed.names

@@ -66,28 +66,6 @@ class Loop(NamedTuple):
     margin: float = 0.0
     tool_speed: ToolSpeed | None = None
 
-    @classmethod
-    def of(cls, robot: Robot, dt: float, delay: float) -> Loop:
-        """With the robot's own limits alone."""
-        ranges = robot.position_lower, robot.position_upper
-        return cls(robot, dt, delay, *ranges, robot.velocity_limit, np.full(len(robot.names), inf))
-
-    def within(self, limits: Iterable[Limit]) -> Loop:
-        """As some limits narrow it."""
-        loop = self
-        for limit in limits:
-            loop = limit.narrowed(loop)
-        return loop
-
-    def box(self, velocity_limit: Array | None = None) -> JointBox:
-        """The joint limits, at another velocity limit (m,) if one is given."""
-        fastest = self.velocity_limit if velocity_limit is None else velocity_limit
-        return JointBox(self.position_lower, self.position_upper, fastest, self.dt, self.margin)
-
-    def braking(self, box: JointBox) -> BrakingBox | None:
-        """The joint limits of a box with room to brake, None where no acceleration is limited."""
-        return BrakingBox(box, self.acceleration) if np.isfinite(self.acceleration).any() else None
-
 
 class Limit:
     """A limit of a loop. Derive from it, and write `rows`, or `narrowed` for what is never to give way.
@@ -247,7 +225,9 @@ class _OfTool(Limit):
             at = ORIGIN if known.point is None else known.point
             if not np.array_equal(at, limit.point):
                 raise BadInput("limits", "tool speeds of two points", "those of one point of the tool")
-        return loop._replace(tool_speed=limit if known is None else known.slower(limit.limit))
+        if known is not None:
+            limit = ToolSpeed(min(known.limit, limit.limit), known.point, exact=known.exact)
+        return loop._replace(tool_speed=limit)
 
 
 class ForPink(Protocol):
@@ -434,6 +414,25 @@ def _is_pinks(limit: object) -> bool:
     return hasattr(limit, "compute_qp_inequalities")
 
 
+def loop_of(robot: Robot, dt: float, delay: float) -> Loop:
+    """A loop with the robot's own limits alone."""
+    ranges = robot.position_lower, robot.position_upper
+    return Loop(robot, dt, delay, *ranges, robot.velocity_limit, np.full(len(robot.names), inf))
+
+
+def _within(loop: Loop, limits: Iterable[Limit]) -> Loop:
+    """A loop as some limits narrow it."""
+    for limit in limits:
+        loop = limit.narrowed(loop)
+    return loop
+
+
+def _boxes(loop: Loop, velocity_limit: Array) -> tuple[JointBox, BrakingBox | None]:
+    """The joint limits of a loop at a velocity limit (m,); the same with room to brake, or None."""
+    box = JointBox(loop.position_lower, loop.position_upper, velocity_limit, loop.dt, loop.margin)
+    return box, BrakingBox(box, loop.acceleration) if np.isfinite(loop.acceleration).any() else None
+
+
 class TickRows(NamedTuple):
     """The rows of one tick, None where there are none; and why they cannot be used, None where they can."""
 
@@ -550,8 +549,7 @@ class Changes(NamedTuple):
         fastest = self.loop.velocity_limit
         fastest = self.speed * fastest if self.speed > 0.0 else np.zeros(len(before))  # which may be infinite
         slowest = np.maximum(np.abs(before) - self.loop.acceleration * usual.dt, 0.0)
-        box = self.loop.box(np.minimum(np.maximum(fastest, slowest), usual.velocity_limit))
-        return box, self.loop.braking(box)
+        return _boxes(self.loop, np.minimum(np.maximum(fastest, slowest), usual.velocity_limit))
 
     def cone(self, point: Cone, bounds: tuple[Array, Array], before: Array) -> Cone | None:
         """The limit of the tool's speed in this tick, of a point whose velocity is that of a cone; None for none."""
@@ -598,12 +596,13 @@ class LoopLimits(NamedTuple):
             BadInput: limits for another number of joints, or that have nothing in common.
             MissingExtra: a limit of Pink's without Pink.
         """
-        robot, loop = loop.robot, loop.within(limits)
-        box, rows = loop.box(), RowLimits(limits, loop)
+        robot, loop = loop.robot, _within(loop, limits)
+        box, braking = _boxes(loop, loop.velocity_limit)
+        rows = RowLimits(limits, loop)
         held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
         beyond = np.where(turning & held, FAR_OUTSIDE, inf)
         believed = (robot.position_lower - beyond).tolist(), (robot.position_upper + beyond).tolist()
-        return cls(box, loop.braking(box), loop.tool_speed, rows or None, loop, beyond, believed)
+        return cls(box, braking, loop.tool_speed, rows or None, loop, beyond, believed)
 
     def changed(
         self,
@@ -629,7 +628,7 @@ class LoopLimits(NamedTuple):
             told.append(tool_speed_of(arrays.number(tool_speed, "tool_speed", "a speed", positive=True)))
         if share == 1.0 and not told:
             return None
-        loop = self.loop.within(told)
+        loop = _within(self.loop, told)
         return Changes(share, loop, RowLimits(told, loop))
 
     def at(self, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None) -> TickLimits:

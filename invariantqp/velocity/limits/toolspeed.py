@@ -56,10 +56,6 @@ class ToolSpeed(Value):
             raise BadInput("exact", excerpt(exact), "True or False")
         self.__attrs_init__(speed, where, exact, Cvxpy() if exact else None)
 
-    def slower(self, limit: float) -> ToolSpeed:
-        """The same point, no faster than `limit` [length/s]."""
-        return ToolSpeed(min(self.limit, limit), self.point, exact=self.exact)
-
     def cone(self, J: Array, point: Array) -> Cone:
         """The cone for joint twists J (6, m) and the point (3,) in the frame of J."""
         return Cone(velocity_at(J, point), self.limit, np.zeros(3), self._program)
