@@ -43,6 +43,21 @@ def wall(q: Vector) -> iq.limits.LimitRows:
     return iq.limits.LimitRows([[1.0, -1.0]], [-np.inf], [1.0 - q[0]])
 
 
+class Table(iq.limits.Limit):
+    """A limit of the user's."""
+
+    name = "the table"
+
+    def for_loop(self, loop: iq.limits.Loop) -> iq.limits.Limit:
+        """It knows the tick."""
+        self.dt: float = loop.dt
+        return self
+
+    def rows(self, q: Vector, velocity: Vector) -> iq.limits.LimitRows | None:
+        """Nothing, while the joints rest."""
+        return wall(q) if velocity.any() else None
+
+
 class Halfway:
     """A damping policy of the user's."""
 
@@ -81,10 +96,13 @@ def loop() -> None:
         acceleration_limit=8.0,
         tool_speed=iq.limits.ToolSpeed(0.25),
         rows=wall,
+        limits=[wall, Table(), iq.limits.JointLimits(velocity_limit=0.5), iq.limits.AccelerationLimit(9.0)],
     )
     q = np.zeros(7)
     solution = controller.step(q, robot.pose(q), feedforward=[0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
     assert_type(solution.active, tuple[int, ...])
+    assert_type(solution.reason, str)
+    assert_type(solution.reasons, tuple[iq.velocity.Reason, ...])
     q = q + controller.dt * solution.velocity
     iq.Controller(
         iq.robots.Chain(np.eye(6), np.eye(4), names=["a", "b", "c", "d", "e", "f"]), dt=0.01, point="own", length=0.5
