@@ -4,6 +4,6 @@ from invariantqp.lazy import lazily
 
 with lazily(__name__):
     from invariantqp.control.joint_rows import PinkLimit as PinkLimit
-    from invariantqp.velocity.limits.box import Bounds as Bounds
-    from invariantqp.velocity.limits.rows import LimitRows as LimitRows
-    from invariantqp.velocity.limits.toolspeed import ToolSpeed as ToolSpeed
+    from invariantqp.velocity.limits import Bounds as Bounds
+    from invariantqp.velocity.limits import LimitRows as LimitRows
+    from invariantqp.velocity.limits import ToolSpeed as ToolSpeed

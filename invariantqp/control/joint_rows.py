@@ -17,7 +17,7 @@ import numpy as np
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.limits.rows import LimitRows
+from invariantqp.velocity.limits import LimitRows
 
 Rows = LimitRows | Callable[[Array], LimitRows | None]
 LIMITS = (

@@ -12,7 +12,7 @@ from support.two_laws import disagreements, native_answer, python_answer, random
 import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.qp.backends import backend_of
+from invariantqp.velocity.backends import backend_of
 from invariantqp.velocity.solution import VelocitySolution
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")

@@ -33,7 +33,7 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
-from invariantqp.velocity.qp.quadratic import Quadratic, named, weighted
+from invariantqp.velocity.qp import Quadratic, named, weighted
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.solve import computed
 from invariantqp.velocity.stages import beside, given_way, slowed_rows, unkept

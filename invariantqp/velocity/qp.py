@@ -1,0 +1,312 @@
+"""A strictly convex quadratic program: a library says which limits are near, least squares on these gives the digits.
+
+    minimise 1/2 |K (z - c)|^2   over   lower <= A z <= upper,   |v_p| <= limit
+
+In e = K (z - c), z = c + T e, this is the point of a convex set nearest to zero. Solvers stop at tolerances of their
+own; so one is asked only which limits are near. Non-negative least squares picks those of them that pull, and e is the
+shortest on these. The answer depends on solver, frame and unit by rounding times the condition of T = K^-1 alone.
+
+    e + N'y = 0,  N = A T:     y > 0 at an upper limit, y < 0 at a lower one; loosening limit i by d gains |y_i| d
+
+The speed limit of a point is kept by its multiplier: 1/2 nu |v_p|^2 is added, nu >= 0 such that the speed is the limit.
+
+Reference: Lawson and Hanson 1974, ch. 23 (least distance by non-negative least squares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import sqrt
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, nnls
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
+from invariantqp.systems.span import TINY
+from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, semidefinite, solved
+
+# Smaller than this share of what it is compared with, a difference is rounding.
+ROUNDING = 1e-9
+# A limit this close, relative to its value (or 1), is at it.
+ACTIVE_TOLERANCE = 1e-6
+# A row and a column whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that the
+# law has no jump.
+COSINE_ROUNDING = 1e-13
+# A limit this close to the solver's answer, on the scaled problem, is near.
+CLOSE = 1e-7
+# The multiplier of a speed limit outweighs the rest by this factor at most.
+MOST_SHARE = 1e8
+# What an answer is called that no solver gave.
+OWN = "least distance"
+
+
+class Polytope(NamedTuple):
+    """lower <= A z <= upper."""
+
+    A: Array  # (k, n) the joints first, then rows
+    lower: Array  # (k,), -inf where there is none
+    upper: Array  # (k,), inf where there is none
+
+    def allows(self, z: Array) -> bool:
+        """Whether z is inside but for rounding."""
+        value, margin = self.A.dot(z), ROUNDING * np.linalg.norm(self.A, axis=1) * np.linalg.norm(z)
+        return bool(((value <= self.upper + margin) & (value >= self.lower - margin)).all())
+
+    def admitting(self, z: Array) -> Polytope:
+        """The same limits, widened so far that z is inside by rounding."""
+        value, margin = self.A.dot(z), ROUNDING * np.linalg.norm(self.A, axis=1) * np.linalg.norm(z)
+        return Polytope(self.A, np.minimum(self.lower, value - margin), np.maximum(self.upper, value + margin))
+
+    def on(self, origin: Array, basis: Array) -> Polytope:
+        """The same limits on z, x = origin + basis z."""
+        value = self.A.dot(origin)
+        return Polytope(product(self.A, basis), self.lower - value, self.upper - value)
+
+
+class Cone(NamedTuple):
+    """|start + J x| <= limit: the speed of a point."""
+
+    J: Array  # (3, m)
+    limit: float  # [length/s]
+    start: Array  # (3,)
+
+    def velocity(self, x: Array) -> Array:
+        """(3,) of the point [length/s]."""
+        return np.asarray(self.start + self.J.dot(x), dtype=np.float64)
+
+    def speed(self, x: Array) -> float:
+        """|v_p| [length/s]."""
+        v = self.velocity(x)
+        return sqrt(float(v.dot(v)))
+
+    def allows(self, x: Array, tolerance: float = 0.0) -> bool:
+        """Whether the point is slow enough, but for a relative tolerance."""
+        return self.speed(x) <= self.limit * (1.0 + tolerance)
+
+    def on(self, origin: Array, basis: Array) -> Cone:
+        """The same cone on z, x = origin + basis z."""
+        return Cone(product(self.J, basis), self.limit, self.velocity(origin))
+
+
+def product(A: Array, B: Array) -> Array:
+    """(k, n) A B, zero where it is only rounding."""
+    rounding = COSINE_ROUNDING * np.outer(np.linalg.norm(A, axis=1), np.linalg.norm(B, axis=0)) + TINY
+    C: Array = A.dot(B)
+    return np.clip(np.abs(C) / rounding - 1.0, 0.0, 1.0) * C
+
+
+class Quadratic(NamedTuple):
+    """1/2 |K (z - centre)|^2, with T = K^-1."""
+
+    K: Array  # (n, n)
+    T: Array  # (n, n)
+    centre: Array  # (n,)
+
+    @classmethod
+    def diagonal(cls, root: Array, centre: Array) -> Quadratic:
+        """K = diag(root), root (n,)."""
+        return cls(np.diag(root), np.diag(1.0 / root), centre)
+
+    @classmethod
+    def weighted(cls, root: Array, wanted: Array) -> Quadratic:
+        """1/2 |root z - wanted|^2 but for a constant, root (k, n) of full column rank."""
+        U, sizes, Vt = np.linalg.svd(root, full_matrices=False)
+        T = Vt.T / sizes
+        return cls(sizes[:, None] * Vt, T, T.dot(wanted.dot(U)))
+
+    def plus(self, root: Array, wanted: Array) -> Quadratic:
+        """The same with 1/2 |root z - wanted|^2 added; however large root (k, n) is, with the digits of both."""
+        n = len(self.centre)
+        U, sizes, Wt = np.linalg.svd(root.dot(self.T))
+        size, pull = np.zeros(n), np.zeros(n)
+        size[: len(sizes)] = sizes
+        pull[: len(sizes)] = (wanted - root.dot(self.centre)).dot(U[:, : len(sizes)])
+        more = np.sqrt(1.0 + size * size)
+        T = self.T.dot(Wt.T) / more
+        return Quadratic(more[:, None] * Wt.dot(self.K), T, self.centre + T.dot(size * pull / more))
+
+
+class Optimum(NamedTuple):
+    """The minimiser, its multipliers, and how it was found."""
+
+    z: Array  # (n,)
+    multipliers: Array  # (k,) y, zero where the limit is not active
+    backend: str = ""  # the solver; "" where none was needed
+    trouble: str = ""  # what went wrong on the way, "" for nothing
+    nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
+
+
+def minimise(
+    backend: Backend, cost: Quadratic, limits: Polytope, cone: Cone | None = None, inside: Array | None = None
+) -> Optimum:
+    """The optimum inside limits and cone.
+
+    Args:
+        backend: the solver asked first; DAQP stands in for it.
+        cost: what is minimised.
+        limits: on z; infinite where there is none.
+        cone: likewise, or None.
+        inside: (n,) a z inside both, but for rounding, where one is known: the answer where no other is found.
+
+    Raises:
+        SolverFailure: no answer was found, and none is known; `.infeasible` when a solver says that there is none.
+    """
+
+    def at(nu: float) -> Optimum:
+        priced = cost if cone is None or nu == 0.0 else cost.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
+        return _in_polytope(backend, priced, limits, inside)._replace(nu=nu)
+
+    found = at(0.0)
+    if cone is None or cone.allows(found.z, ROUNDING):
+        return found
+    if not cone.J.any():
+        if inside is None:
+            raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
+        return found
+    return at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), at, lambda found: found.z, inside)
+
+
+Found = TypeVar("Found")
+
+
+def at_speed_limit(
+    cone: Cone, weight: float, at: Callable[[float], Found], z: Callable[[Found], Array], inside: Array | None
+) -> Found:
+    """at(nu) for the nu at which the speed of the point, which falls as nu grows, is the limit.
+
+    `weight` is |K|^2 of the cost, and z(at(nu)) the velocity found.
+
+    Raises:
+        SolverFailure: not even the largest nu is enough.
+    """
+
+    def excess(nu: float) -> float:
+        return 1.0 - cone.limit / max(cone.speed(z(at(nu))), TINY)  # nearly linear in nu
+
+    low, high = 0.0, weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
+    most = MOST_SHARE * high
+    while excess(high) > 0.0:
+        low, high = high, 10.0 * high
+        if high > most:
+            if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
+                raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
+            return at(low)
+    return at(low) if excess(low) <= 0.0 else at(brentq(excess, low, high, xtol=TINY, disp=False))
+
+
+def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
+    """The optimum inside the limits; limits that leave hardly more room than rounding are widened by that, once."""
+    try:
+        return _optimum(backend, cost, limits)
+    except SolverFailure as failure:
+        if inside is None:
+            raise
+        trouble = "" if failure.infeasible else str(failure)
+    try:
+        return _optimum(backend, cost, limits.admitting(inside))
+    except SolverFailure:
+        return Optimum(inside, np.zeros(len(limits.lower)), OWN, trouble)
+
+
+def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
+    value, lengths = limits.A.dot(cost.centre), np.linalg.norm(limits.A, axis=1)
+    rounding = COSINE_ROUNDING * lengths * np.linalg.norm(cost.centre)
+    none = np.zeros(len(value))
+    if ((value <= limits.upper + rounding) & (value >= limits.lower - rounding)).all():
+        return Optimum(cost.centre, none)
+    N = product(limits.A, cost.T)
+    lengths = np.linalg.norm(N, axis=1)
+    if (np.maximum(limits.lower - value, value - limits.upper)[lengths == 0.0] > rounding[lengths == 0.0]).any():
+        raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
+    moving = (lengths > 0.0).nonzero()[0]
+    N = N[moving] / lengths[moving, None]
+    lower, upper = ((side - value)[moving] / lengths[moving] for side in (limits.lower, limits.upper))
+    size = float(np.maximum(lower, -upper).max())  # how far the optimum without limits is outside
+    lower, upper = lower / size, upper / size
+    G, b = np.vstack((N, -N)), np.append(upper, -lower)  # G e <= b
+    name, trouble = OWN, ""
+    try:
+        solution = solved(backend, BoxQP.of(np.eye(len(cost.centre)), np.zeros(len(cost.centre)), lower, upper, N))
+        near, name, trouble = G.dot(solution.z) >= b - CLOSE, solution.backend, solution.trouble
+    except SolverFailure as failure:
+        if failure.infeasible:
+            raise
+        near, trouble = np.isfinite(b), "" if type(backend) is Daqp else str(failure)
+    at = _pulling(G, b, near)
+    shortest = np.linalg.pinv(G[at])
+    e = shortest.dot(b[at])
+    y, r = np.zeros(len(b)), len(moving)
+    y[at] = np.maximum(-e.dot(shortest), 0.0)
+    multipliers = none
+    multipliers[moving] = size * (y[:r] - y[r:]) / lengths[moving]
+    # Once more what is missing, measured in z: at its limits to rounding, whatever the condition of T.
+    z = cost.centre + size * cost.T.dot(e)
+    side = np.append(limits.upper[moving], -limits.lower[moving])[at]
+    rows = np.vstack((limits.A[moving], -limits.A[moving]))[at]
+    z = z + cost.T.dot(shortest.dot((side - rows.dot(z)) / np.tile(lengths[moving], 2)[at]))
+    return Optimum(z, multipliers, name, trouble)
+
+
+def _pulling(G: Array, b: Array, near: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Those of some limits that are active at the shortest e inside these; they do not depend on each other."""
+    some = near.nonzero()[0]
+    E = np.vstack((-G[some].T, -b[some]))
+    try:
+        return np.asarray(some[nnls(E, np.eye(len(E))[-1])[0] > 0.0])
+    except RuntimeError as error:
+        raise SolverFailure(OWN, str(error)) from error
+
+
+def largest_pace(
+    cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
+) -> float:
+    """p of: minimise 1/2 |K (z - start - p way)|^2 + delta |K way| (1 - p)  over z inside the limits and 0 <= p <= 1.
+
+    In r = K (z - start - p way) and g = p |K way| that is 1/2 |r|^2 - delta g: one QP, whose Hessian is diag(1, ..., 1, 0).
+    """
+    if norm(cost.K.dot(start + way - inside)) <= delta:  # no more is missed than by the velocity that is known
+        return 1.0
+    try:
+        return _pace(cost, start, way, delta, limits, cone, inside)
+    except SolverFailure:
+        return _pace(cost, start, way, delta, limits.admitting(inside), cone, inside)
+
+
+def _pace(
+    cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
+) -> float:
+    n, length = len(start), norm(cost.K.dot(way))
+    columns = np.column_stack((cost.T, way / length))  # z = start + columns (r, g)
+    N, value = product(limits.A, columns), limits.A.dot(start)
+    lengths = np.linalg.norm(N, axis=1)
+    moving = (lengths > 0.0).nonzero()[0]
+    N = np.vstack((N[moving] / lengths[moving, None], np.eye(n + 1)[-1]))
+    lower = np.append((limits.lower - value)[moving] / lengths[moving], 0.0)
+    upper = np.append((limits.upper - value)[moving] / lengths[moving], length)
+    size = max(length, float(np.maximum(lower, -upper).max()))
+    H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
+    slow = None if cone is None else cone.on(start, size * columns)
+
+    def at(nu: float) -> Array:
+        """(r, g) in units of `size`."""
+        qp = BoxQP.of(H, c, lower / size, upper / size, N)
+        if slow is not None and nu > 0.0:
+            M = slow.J
+            qp = qp._replace(H=H + nu * M.T.dot(M), c=c - nu * slow.start.dot(M))
+        x, y = semidefinite(qp)
+        a = y.nonzero()[0]
+        KKT = np.block([[qp.H, N[a].T], [N[a], np.zeros((len(a), len(a)))]])
+        right = np.append(qp.c, np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
+        inverse = np.linalg.pinv(KKT)
+        solution = inverse.dot(right)
+        solution += inverse.dot(right - KKT.dot(solution))  # what rounding missed
+        return np.append(solution[:n], right[-1] if y[-1] != 0.0 else solution[n])
+
+    x = at(0.0)
+    if slow is not None and slow.J.any() and not slow.allows(x, ROUNDING):
+        first = np.append(cost.K.dot(inside - start), 0.0) / size
+        x = at_speed_limit(slow, float(n), at, lambda x: x, first)
+    return float(min(max(x[-1] * size / length, 0.0), 1.0))
