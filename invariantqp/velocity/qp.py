@@ -16,6 +16,7 @@ Reference: Lawson and Hanson 1974, ch. 23 (least distance by non-negative least 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from math import sqrt
 from typing import NamedTuple, TypeVar
 
@@ -183,8 +184,11 @@ def at_speed_limit(
         SolverFailure: not even the largest nu is enough.
     """
 
+    once = cache(at)
+
     def excess(nu: float) -> float:
-        return 1.0 - cone.limit / max(cone.speed(z(at(nu))), TINY)  # nearly linear in nu
+        over = 1.0 - cone.limit / max(cone.speed(z(once(nu))), TINY)  # nearly linear in nu
+        return over if abs(over) > COSINE_ROUNDING else 0.0
 
     low, high = 0.0, weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
     most = MOST_SHARE * high
@@ -193,8 +197,8 @@ def at_speed_limit(
         if high > most:
             if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
                 raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
-            return at(low)
-    return at(low) if excess(low) <= 0.0 else at(brentq(excess, low, high, xtol=TINY, disp=False))
+            return once(low)
+    return once(low if excess(low) <= 0.0 else brentq(excess, low, high, xtol=TINY, disp=False))
 
 
 def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
@@ -270,15 +274,16 @@ def largest_pace(
     if norm(cost.K.dot(start + way - inside)) <= delta:  # no more is missed than by the velocity that is known
         return 1.0
     try:
-        return _pace(cost, start, way, delta, limits, cone, inside)
-    except SolverFailure:
-        return _pace(cost, start, way, delta, limits.admitting(inside), cone, inside)
+        return _largest_pace(cost, start, way, delta, limits, cone, inside)
+    except SolverFailure:  # limits that leave hardly more room than rounding
+        return _largest_pace(cost, start, way, delta, limits.admitting(inside), cone, inside)
 
 
-def _pace(
+def _largest_pace(
     cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
 ) -> float:
     n, length = len(start), norm(cost.K.dot(way))
+    size = max(length, norm(cost.K.dot(start + way - inside)))
     columns = np.column_stack((cost.T, way / length))  # z = start + columns (r, g)
     N, value = product(limits.A, columns), limits.A.dot(start)
     lengths = np.linalg.norm(N, axis=1)
@@ -286,27 +291,26 @@ def _pace(
     N = np.vstack((N[moving] / lengths[moving, None], np.eye(n + 1)[-1]))
     lower = np.append((limits.lower - value)[moving] / lengths[moving], 0.0)
     upper = np.append((limits.upper - value)[moving] / lengths[moving], length)
-    size = max(length, float(np.maximum(lower, -upper).max()))
     H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
     slow = None if cone is None else cone.on(start, size * columns)
 
-    def at(nu: float) -> Array:
-        """(r, g) in units of `size`."""
+    def at(nu: float) -> tuple[BoxQP, Array, Array]:
+        """The problem with the price nu on the speed; (r, g) in units of `size`, and the multipliers."""
         qp = BoxQP.of(H, c, lower / size, upper / size, N)
         if slow is not None and nu > 0.0:
-            M = slow.J
-            qp = qp._replace(H=H + nu * M.T.dot(M), c=c - nu * slow.start.dot(M))
-        x, y = semidefinite(qp)
-        a = y.nonzero()[0]
-        KKT = np.block([[qp.H, N[a].T], [N[a], np.zeros((len(a), len(a)))]])
-        right = np.append(qp.c, np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
-        inverse = np.linalg.pinv(KKT)
-        solution = inverse.dot(right)
-        solution += inverse.dot(right - KKT.dot(solution))  # what rounding missed
-        return np.append(solution[:n], right[-1] if y[-1] != 0.0 else solution[n])
+            qp = qp._replace(H=H + nu * slow.J.T.dot(slow.J), c=c - nu * slow.start.dot(slow.J))
+        return (qp, *semidefinite(qp))
 
-    x = at(0.0)
+    qp, x, y = at(0.0)
     if slow is not None and slow.J.any() and not slow.allows(x, ROUNDING):
         first = np.append(cost.K.dot(inside - start), 0.0) / size
-        x = at_speed_limit(slow, float(n), at, lambda x: x, first)
-    return float(min(max(x[-1] * size / length, 0.0), 1.0))
+        qp, x, y = at_speed_limit(slow, float(n), at, lambda found: found[1], first)
+    if y[-1] != 0.0:
+        return float(y[-1] > 0.0)
+    a = y.nonzero()[0]
+    KKT = np.block([[qp.H, N[a].T], [N[a], np.zeros((len(a), len(a)))]])
+    right = np.append(qp.c, np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
+    inverse = np.linalg.pinv(KKT)
+    exact = inverse.dot(right)
+    exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
+    return float(min(max(exact[n] * size / length, 0.0), 1.0))
