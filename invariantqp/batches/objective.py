@@ -21,8 +21,15 @@ import numpy as np
 from invariantqp.batches.box import Problem, inverse_hessian_times, least_squares_in_box
 from invariantqp.batches.measure import length_of
 from invariantqp.batches.namespace import Namespace, Rows, carries_derivatives, constant, constant_of, precision
-from invariantqp.velocity.damping import CALM, DEVIATION_SHARE, QUIET_SHARE
-from invariantqp.velocity.damping import UNLIMITED_CEILING, UNLIMITED_THRESHOLD, Adaptive, Fixed
+from invariantqp.velocity.damping import (
+    CALM,
+    DEVIATION_SHARE,
+    QUIET_SHARE,
+    UNLIMITED_CEILING,
+    UNLIMITED_THRESHOLD,
+    Adaptive,
+    Fixed,
+)
 from invariantqp.velocity.objective import NULL_RATIO, NULL_WEIGHT
 
 # In single precision, directions that the law damps by less than this share of the largest singular value are damped by

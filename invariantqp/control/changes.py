@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.limits import JointBox
-from invariantqp.velocity.limits import BrakingBox
+from invariantqp.velocity.limits import BrakingBox, JointBox
 from invariantqp.velocity.qp import Cone
 
 # What stands in the reason of a tick whose slider is at zero.

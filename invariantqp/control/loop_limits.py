@@ -15,10 +15,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
-from invariantqp.velocity.limits import JointBox, accelerations
-from invariantqp.velocity.limits import BrakingBox
-from invariantqp.velocity.limits import LimitRows
-from invariantqp.velocity.limits import ToolSpeed
+from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 

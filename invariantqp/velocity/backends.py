@@ -15,7 +15,7 @@ import daqp
 import numpy as np
 
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
-from invariantqp.extras import optional, require
+from invariantqp.extras import require
 from invariantqp.geometry.arrays import Array
 
 # Stand-in for infinity in a scaled problem.

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.backends import Backend, Daqp
+from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.qp import Cone, Optimum, Polytope, Quadratic, minimise
 from invariantqp.velocity.solution import Status, VelocitySolution
 

@@ -7,10 +7,10 @@
     Complement(Z)            Q = KK', K'Z = 0: s projected along Z, what may be given up
     CarriedMetric(W, pose)   definite: measures twists itself, in place of diag(L^2 I, I) at a point
 
-Where the joints can do the whole twist, no form changes anything: in exact arithmetic A x = P b, P the form's projector.
-Where a form has no projector (a principal pitch, a planar arm) or |P| is large, small eigenvalues of U'MU are filtered,
-and each direction counts only as far as damping leaves it: the attempt goes over to least squares (y = 0) without a
-jump. So the law works for every type of arm, and rounding never decides between two laws.
+Where the joints can do the whole twist, no form changes anything; else, in exact arithmetic, A x = P b, P the form's
+projector. Where a form has no projector (a principal pitch, a planar arm) or |P| is large, small eigenvalues of U'MU
+are filtered, and each direction counts only as far as damping leaves it: the attempt goes over to least squares (y = 0)
+without a jump. So the law works for every type of arm, and rounding never decides between two laws.
 
 Descent: |b - A x|^2 = |r|^2 + |y|^2 where the attempt is met. At least the share eta of the least-squares decrease is
 kept if |y|^2 <= (1 - eta) |U U'b|^2; a longer y is shortened to that.

@@ -350,7 +350,7 @@ class ToolSpeed(Value):
         Args:
             limit: [length/s], positive.
             point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
-    
+
         Raises:
             BadInput: a limit that is not positive, a point that is none.
         """

@@ -10,7 +10,7 @@ become active. Answers are computed from K^-1, whose condition number is the squ
 
 [DS]'s own problem made convex is another objective of the same shape, kept to compare with:
 
-    G = J'Q_h J = V diag(mu) V',   g = J'Q_h s,   K = diag(mu^2 + lambda^2)^(1/4) V',   z* = V mu / (mu^2 + lambda^2) V'g
+    G = J'Q_h J = V diag(mu) V',  g = J'Q_h s,  K = diag(mu^2 + lambda^2)^(1/4) V',  z* = V mu / (mu^2 + lambda^2) V'g
 
 G is indefinite for every arm of rank 4 or more, so it is no Hessian of a QP; K'K is positive definite with about the
 condition of G, and z* is [DS]'s damped formula with Lambda = lambda^2 G^-1, whose gains mu^2 / (mu^2 + lambda^2) lie in

@@ -50,21 +50,28 @@ class Polytope(NamedTuple):
     A: Array  # (k, n) the joints first, then rows
     lower: Array  # (k,), -inf where there is none
     upper: Array  # (k,), inf where there is none
+    rounding: Array | float = 0.0  # (k,) how far a value may be outside: rounding of what exact rows fix of it
 
-    def allows(self, z: Array) -> bool:
-        """Whether z is inside but for rounding."""
-        value, margin = self.A.dot(z), ROUNDING * np.linalg.norm(self.A, axis=1) * np.linalg.norm(z)
+    def margin(self, *velocities: Array) -> Array:
+        """(k,) how far a value may be outside its limit: rounding, where it comes from some z (n,)."""
+        speed = sum(norm(z) for z in velocities)
+        return np.asarray(self.rounding + ROUNDING * np.linalg.norm(self.A, axis=1) * speed)
+
+    def allows(self, z: Array, *terms: Array) -> bool:
+        """Whether z is inside but for rounding, also that of terms (n,) of which z is the sum."""
+        value, margin = self.A.dot(z), self.margin(z, *terms)
         return bool(((value <= self.upper + margin) & (value >= self.lower - margin)).all())
 
     def admitting(self, z: Array) -> Polytope:
         """The same limits, widened so far that z is inside by rounding."""
-        value, margin = self.A.dot(z), ROUNDING * np.linalg.norm(self.A, axis=1) * np.linalg.norm(z)
-        return Polytope(self.A, np.minimum(self.lower, value - margin), np.maximum(self.upper, value + margin))
+        value, margin = self.A.dot(z), self.margin(z)
+        lower, upper = np.minimum(self.lower, value - margin), np.maximum(self.upper, value + margin)
+        return self._replace(lower=lower, upper=upper)
 
     def on(self, origin: Array, basis: Array) -> Polytope:
         """The same limits on z, x = origin + basis z."""
         value = self.A.dot(origin)
-        return Polytope(product(self.A, basis), self.lower - value, self.upper - value)
+        return Polytope(product(self.A, basis), self.lower - value, self.upper - value, self.margin(origin))
 
 
 class Cone(NamedTuple):
@@ -183,7 +190,6 @@ def at_speed_limit(
     Raises:
         SolverFailure: not even the largest nu is enough.
     """
-
     once = cache(at)
 
     def excess(nu: float) -> float:
@@ -223,7 +229,8 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
         return Optimum(cost.centre, none)
     N = product(limits.A, cost.T)
     lengths = np.linalg.norm(N, axis=1)
-    if (np.maximum(limits.lower - value, value - limits.upper)[lengths == 0.0] > rounding[lengths == 0.0]).any():
+    fixed = lengths == 0.0
+    if (np.maximum(limits.lower - value, value - limits.upper) > limits.rounding + rounding)[fixed].any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
     moving = (lengths > 0.0).nonzero()[0]
     N = N[moving] / lengths[moving, None]
@@ -231,14 +238,12 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     size = float(np.maximum(lower, -upper).max())  # how far the optimum without limits is outside
     lower, upper = lower / size, upper / size
     G, b = np.vstack((N, -N)), np.append(upper, -lower)  # G e <= b
-    name, trouble = OWN, ""
+    name, trouble, near, infeasible = OWN, "", np.isfinite(b), False
     try:
         solution = solved(backend, BoxQP.of(np.eye(len(cost.centre)), np.zeros(len(cost.centre)), lower, upper, N))
         near, name, trouble = G.dot(solution.z) >= b - CLOSE, solution.backend, solution.trouble
-    except SolverFailure as failure:
-        if failure.infeasible:
-            raise
-        near, trouble = np.isfinite(b), "" if type(backend) is Daqp else str(failure)
+    except SolverFailure as failure:  # perhaps of limits that leave no more room than rounding
+        trouble, infeasible = "" if type(backend) is Daqp else str(failure), failure.infeasible
     at = _pulling(G, b, near)
     shortest = np.linalg.pinv(G[at])
     e = shortest.dot(b[at])
@@ -251,6 +256,8 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     side = np.append(limits.upper[moving], -limits.lower[moving])[at]
     rows = np.vstack((limits.A[moving], -limits.A[moving]))[at]
     z = z + cost.T.dot(shortest.dot((side - rows.dot(z)) / np.tile(lengths[moving], 2)[at]))
+    if not limits.allows(z, z - cost.centre):
+        raise SolverFailure(name, "no velocity inside the limits", infeasible=infeasible)
     return Optimum(z, multipliers, name, trouble)
 
 
@@ -269,7 +276,7 @@ def largest_pace(
 ) -> float:
     """p of: minimise 1/2 |K (z - start - p way)|^2 + delta |K way| (1 - p)  over z inside the limits and 0 <= p <= 1.
 
-    In r = K (z - start - p way) and g = p |K way| that is 1/2 |r|^2 - delta g: one QP, whose Hessian is diag(1, ..., 1, 0).
+    In r = K (z - start - p way), g = p |K way| it is 1/2 |r|^2 - delta g: one QP with the Hessian diag(1, ..., 1, 0).
     """
     if norm(cost.K.dot(start + way - inside)) <= delta:  # no more is missed than by the velocity that is known
         return 1.0

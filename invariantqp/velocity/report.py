@@ -48,24 +48,10 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     stuck = _is_stuck(demand, problem.wanted, x, share)
     limited = stuck or (missed > MISSED and not _falls(demand, x))
     troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
-    status = Status.OK
-    if troubles:
-        status = Status.DEGRADED
-    elif slow:
-        status = Status.SCALED
-    elif answer.blended > 0.0:
-        status = Status.GUARDED
-    elif limited:
-        status = Status.LIMITED
-    words = [*troubles]
-    if stuck:
-        words.append(STUCK)
-    if slow:
-        words.extend(slowed_rows(demand, answer.room, to_joint))
-    if answer.pace < WHOLE_SPEED:
-        words.append(f"limits allow {answer.pace:.3g} of the approach's speed")
-    if answer.blended > 0.0:
-        words.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
+    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
+    if status is Status.OK:
+        status = Status.GUARDED if answer.blended > 0.0 else Status.LIMITED if limited else Status.OK
+    words = [*troubles, *([STUCK] if stuck else []), *_slowed(demand, answer, to_joint)]
     if objective.damping > 0.0:
         words.append(damping_reason(objective))
     if status is Status.LIMITED and not stuck and answer.pace >= WHOLE_SPEED:
@@ -146,8 +132,18 @@ def row_troubles(demand: Demand, reduction: Reduction) -> list[str]:
     return troubles
 
 
+def _slowed(demand: Demand, answer: Answer, to_joint: Array | None) -> list[str]:
+    """What limits slow down, and what the guard does about the rest, in words."""
+    words = [] if answer.room.share.value >= WHOLE_SPEED else slowed_rows(demand, answer.room, to_joint)
+    if answer.pace < WHOLE_SPEED:
+        words.append(f"limits allow {answer.pace:.3g} of the approach's speed")
+    if answer.blended > 0.0:
+        words.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
+    return words
+
+
 def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[str]:
-    """The share of the exact rows' speed, what holds it, and how far a motion that limits require moves each besides."""
+    """The share of the exact rows' speed, what holds it; and how far a motion that limits require moves them."""
     share, start = room.share, room.reduction.start
     by = [named(share.held_by, len(start))] if share.held_by else []
     by += ["the tool's speed"] if share.fast else []

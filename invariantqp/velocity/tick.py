@@ -202,10 +202,9 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Problem:
         return problem
     fraction = None if law.guard is None else law.guard.fraction
     inverse_root = np.asarray(np.linalg.inv(demand.root), np.float64)
-    attempt, ahead = (
-        None if b is None else attempted(law.form, inverse_root, A, b, damping, fraction) for b in (wanted, ahead)
-    )
-    return problem._replace(attempt=attempt, ahead=ahead)
+    if ahead is not None:
+        ahead = attempted(law.form, inverse_root, A, ahead, damping, fraction)
+    return problem._replace(attempt=attempted(law.form, inverse_root, A, wanted, damping, fraction), ahead=ahead)
 
 
 def _followed(law: VelocityLaw, problem: Problem) -> float:
@@ -410,7 +409,13 @@ def _rows_given_way(
     moved: NDArray[np.bool_] = np.abs(t) > ROUNDING * np.linalg.norm(z)
     t = lengths * np.where(moved, t + np.sign(t) * WIDENING * size, 0.0 if moved.any() else t)
     wider = LimitRows(rows.C, rows.lower + np.minimum(t, 0.0), rows.upper + np.maximum(t, 0.0))
-    least = minimise(Daqp(), Quadratic.diagonal(np.ones(m), np.zeros(m)), wider.with_box(lower, upper).on(np.zeros(m), T), None, z[:m])
+    least = minimise(
+        Daqp(),
+        Quadratic.diagonal(np.ones(m), np.zeros(m)),
+        wider.with_box(lower, upper).on(np.zeros(m), T),
+        None,
+        z[:m],
+    )
     x = np.asarray(np.clip(T.dot(least.z), lower, upper))
     if not moved.any():
         return wider, x, ()

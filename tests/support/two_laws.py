@@ -12,8 +12,8 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.velocity import solve as python
-from invariantqp.velocity.damping import CALM
 from invariantqp.velocity.compiled import compiled
+from invariantqp.velocity.damping import CALM
 from invariantqp.velocity.law import Chase, Demand, VelocityLaw
 from invariantqp.velocity.tick import posed
 

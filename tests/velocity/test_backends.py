@@ -16,8 +16,7 @@ from support.velocity_reference import (
 
 import invariantqp as iq
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.qp import backends
-from invariantqp.velocity.qp import Cone, Polytope, Quadratic, minimise
+from invariantqp.velocity.qp import Cone, Polytope, Quadratic, backends, minimise
 from invariantqp.velocity.solve import solve
 
 # Relative to the largest joint velocity. A solver only says which limits are near; the numbers are ours.

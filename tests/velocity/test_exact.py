@@ -10,11 +10,10 @@ from support.velocity_reference import eliminated, quadprog_minimum, regular_pro
 
 import invariantqp as iq
 from invariantqp.velocity import share as share_module
-from invariantqp.velocity.exact import reduce
-from invariantqp.velocity.limits import bounds_of
 from invariantqp.velocity.backends import Daqp
+from invariantqp.velocity.exact import reduce, share_of
+from invariantqp.velocity.limits import bounds_of
 from invariantqp.velocity.qp import Polytope
-from invariantqp.velocity.exact import share_of
 
 # The share is at most this far from the largest, by what regularises it and keeps an inside.
 SHARE_TOLERANCE = 1e-6

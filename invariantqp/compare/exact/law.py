@@ -17,8 +17,7 @@ import mpmath as mp
 from invariantqp.compare.exact.box import active_set
 from invariantqp.compare.exact.linear import Numbers, matrix
 from invariantqp.compare.method import Question, Setting
-from invariantqp.velocity.damping import CALM, DEVIATION_SHARE, QUIET_SHARE
-from invariantqp.velocity.damping import DEFAULT_CEILING, DEFAULT_THRESHOLD
+from invariantqp.velocity.damping import CALM, DEFAULT_CEILING, DEFAULT_THRESHOLD, DEVIATION_SHARE, QUIET_SHARE
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.objective import NULL_RATIO
 
