@@ -224,51 +224,66 @@ def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Ar
 def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     value, lengths = limits.A.dot(cost.centre), np.linalg.norm(limits.A, axis=1)
     rounding = COSINE_ROUNDING * lengths * np.linalg.norm(cost.centre)
-    none = np.zeros(len(value))
-    if ((value <= limits.upper + rounding) & (value >= limits.lower - rounding)).all():
-        return Optimum(cost.centre, none)
+    outside = np.maximum(limits.lower - value, value - limits.upper) - rounding
+    if (outside <= 0.0).all():
+        return Optimum(cost.centre, np.zeros(len(value)))
     N = product(limits.A, cost.T)
     lengths = np.linalg.norm(N, axis=1)
-    fixed = lengths == 0.0
-    if (np.maximum(limits.lower - value, value - limits.upper) > limits.rounding + rounding)[fixed].any():
+    if (outside > limits.rounding)[lengths == 0.0].any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
     moving = (lengths > 0.0).nonzero()[0]
-    N = N[moving] / lengths[moving, None]
-    lower, upper = ((side - value)[moving] / lengths[moving] for side in (limits.lower, limits.upper))
-    size = float(np.maximum(lower, -upper).max())  # how far the optimum without limits is outside
-    lower, upper = lower / size, upper / size
-    G, b = np.vstack((N, -N)), np.append(upper, -lower)  # G e <= b
-    name, trouble, near, infeasible = OWN, "", np.isfinite(b), False
+    rows, lower, upper = limits.A[moving], limits.lower[moving], limits.upper[moving]
+    N, lengths = N[moving] / lengths[moving, None], lengths[moving]
+    low, high = (lower - value[moving]) / lengths, (upper - value[moving]) / lengths
+    size = float(np.maximum(low, -high).max())  # how far the optimum without limits is outside
+    n, r = len(cost.centre), len(moving)
+    G, b = np.vstack((N, -N)), np.append(high, -low) / size  # G e <= b in units of `size`
+
+    def optimum(e: Array, y: Array, name: str, trouble: str) -> Optimum:
+        multipliers = np.zeros(len(value))
+        multipliers[moving] = size * (y[:r] - y[r:]) / lengths
+        return Optimum(cost.centre + size * cost.T.dot(e), multipliers, name, trouble)
+
+    def on_pulling(near: NDArray[np.bool_], name: str, trouble: str) -> Optimum:
+        """On those of some limits that pull."""
+        at = _pulling(G, b, near)
+        shortest = np.linalg.pinv(G[at])
+        e, y = shortest.dot(b[at]), np.zeros(len(b))
+        y[at] = np.maximum(-e.dot(shortest), 0.0)
+        found = optimum(e, y, name, trouble)
+        # Once more what is missing, measured in z: at its limits to rounding, whatever the condition of T.
+        missing = np.append(upper - rows.dot(found.z), rows.dot(found.z) - lower) / np.tile(lengths, 2)
+        return found._replace(z=found.z + cost.T.dot(shortest.dot(missing[at])))
+
     try:
-        solution = solved(backend, BoxQP.of(np.eye(len(cost.centre)), np.zeros(len(cost.centre)), lower, upper, N))
-        near, name, trouble = G.dot(solution.z) >= b - CLOSE, solution.backend, solution.trouble
+        z, name, trouble = solved(backend, BoxQP.of(np.eye(n), np.zeros(n), low / size, high / size, N))
     except SolverFailure as failure:  # perhaps of limits that leave no more room than rounding
-        trouble, infeasible = "" if type(backend) is Daqp else str(failure), failure.infeasible
-    at = _pulling(G, b, near)
-    shortest = np.linalg.pinv(G[at])
-    e = shortest.dot(b[at])
-    y, r = np.zeros(len(b)), len(moving)
-    y[at] = np.maximum(-e.dot(shortest), 0.0)
-    multipliers = none
-    multipliers[moving] = size * (y[:r] - y[r:]) / lengths[moving]
-    # Once more what is missing, measured in z: at its limits to rounding, whatever the condition of T.
-    z = cost.centre + size * cost.T.dot(e)
-    side = np.append(limits.upper[moving], -limits.lower[moving])[at]
-    rows = np.vstack((limits.A[moving], -limits.A[moving]))[at]
-    z = z + cost.T.dot(shortest.dot((side - rows.dot(z)) / np.tile(lengths[moving], 2)[at]))
-    if not limits.allows(z, z - cost.centre):
-        raise SolverFailure(name, "no velocity inside the limits", infeasible=infeasible)
-    return Optimum(z, multipliers, name, trouble)
+        found = on_pulling(np.isfinite(b), OWN, "" if type(backend) is Daqp else str(failure))
+        if not limits.allows(found.z, found.z - cost.centre):
+            raise
+        return found
+    near = G.dot(z) >= b - CLOSE
+    found = on_pulling(near, name, trouble)
+    if limits.allows(found.z, found.z - cost.centre):
+        return found
+    y = np.zeros(len(b))  # opposite limits were near, and cannot both be met
+    y[near] = _non_negative(G[near].T, -z)
+    return optimum(z, y, name, trouble)
 
 
 def _pulling(G: Array, b: Array, near: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Those of some limits that are active at the shortest e inside these; they do not depend on each other."""
     some = near.nonzero()[0]
     E = np.vstack((-G[some].T, -b[some]))
+    return np.asarray(some[_non_negative(E, np.eye(len(E))[-1]) > 0.0])
+
+
+def _non_negative(E: Array, f: Array) -> Array:
+    """u >= 0 with the least |E u - f|; zero where SciPy does not find it."""
     try:
-        return np.asarray(some[nnls(E, np.eye(len(E))[-1])[0] > 0.0])
-    except RuntimeError as error:
-        raise SolverFailure(OWN, str(error)) from error
+        return np.asarray(nnls(E, f)[0]) if E.size else np.zeros(E.shape[1])
+    except RuntimeError:
+        return np.zeros(E.shape[1])
 
 
 def largest_pace(

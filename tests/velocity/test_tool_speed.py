@@ -180,7 +180,6 @@ BAD = {
     "nan": ((np.nan,), {}, "limit"),
     "infinite": ((np.inf,), {}, "limit"),
     "point": ((0.25, [0.0, np.nan, 0.0]), {}, "point"),
-    "exact": ((0.25,), {"exact": "yes"}, "exact"),
 }
 
 
