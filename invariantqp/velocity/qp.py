@@ -305,7 +305,6 @@ def _largest_pace(
     cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
 ) -> float:
     n, length = len(start), norm(cost.K.dot(way))
-    size = max(length, norm(cost.K.dot(start + way - inside)))
     columns = np.column_stack((cost.T, way / length))  # z = start + columns (r, g)
     N, value = product(limits.A, columns), limits.A.dot(start)
     lengths = np.linalg.norm(N, axis=1)
@@ -313,8 +312,11 @@ def _largest_pace(
     N = np.vstack((N[moving] / lengths[moving, None], np.eye(n + 1)[-1]))
     lower = np.append((limits.lower - value)[moving] / lengths[moving], 0.0)
     upper = np.append((limits.upper - value)[moving] / lengths[moving], length)
-    H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
+    size = max(length, float(np.maximum(lower, -upper).max()))  # how far the chase goes, or is outside
+    if cone is not None and cone.J.any():
+        size = max(size, (cone.speed(start + way) - cone.limit) / float(np.linalg.norm(cone.J.dot(cost.T))))
     slow = None if cone is None else cone.on(start, size * columns)
+    H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
 
     def at(nu: float) -> tuple[BoxQP, Array, Array]:
         """The problem with the price nu on the speed; (r, g) in units of `size`, and the multipliers."""
