@@ -24,8 +24,8 @@ UNBOUNDED = 1e30
 FEASIBILITY_TOLERANCE = 1e-7
 # Far below that, above what active-set arithmetic on cond(H) = 1e6 can lose.
 DAQP_TOLERANCE = 1e-10
-# The proximal step of a semidefinite problem at which they end; the weight of one is that of the other directions, 1.
-SETTLED = 1e-12
+# Weight of a proximal step of a semidefinite problem, beside 1 of its other directions; and the last step's length.
+PROXIMAL, SETTLED = 1e-4, 1e-12
 # What each solver is asked for: defaults leave errors up to 0.3 on ill-conditioned problems.
 TIGHT: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
@@ -102,7 +102,10 @@ def semidefinite(qp: BoxQP) -> tuple[Array, Array]:
     Raises:
         SolverFailure: none was found; `.infeasible` where there is none.
     """
-    return _daqp(qp, eps_prox=1.0, eta_prox=SETTLED)
+    try:
+        return _daqp(qp, eps_prox=PROXIMAL, eta_prox=SETTLED)
+    except SolverFailure:  # where limits leave hardly any room, longer steps get there
+        return _daqp(qp, eps_prox=1.0, eta_prox=1e3 * SETTLED)
 
 
 def _daqp(qp: BoxQP, **settings: float) -> tuple[Array, Array]:

@@ -231,6 +231,8 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     lengths = np.linalg.norm(N, axis=1)
     if (outside > limits.rounding)[lengths == 0.0].any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
+    if (outside[lengths > 0.0] <= 0.0).all():
+        return Optimum(cost.centre, np.zeros(len(value)))
     moving = (lengths > 0.0).nonzero()[0]
     rows, lower, upper = limits.A[moving], limits.lower[moving], limits.upper[moving]
     N, lengths = N[moving] / lengths[moving, None], lengths[moving]

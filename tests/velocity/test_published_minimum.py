@@ -5,6 +5,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from scipy.linalg import null_space
+from scipy.optimize import linprog
 from support.repeats import repeats
 
 import invariantqp as iq
@@ -16,7 +17,6 @@ cp = pytest.importorskip("cvxpy")
 # Tighter than it gets in every case, and then it says so; the comparison decides.
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 
-TIGHT = {"solver": "CLARABEL", "tol_feas": 1e-12, "tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "max_iter": 200}
 THRESHOLD, CEILING = 1e-2, 2e-3  # of damping
 POSTURE_PACE, CALM = 0.01, 0.25
 
@@ -30,7 +30,7 @@ def random_case(rng):
     root = iq.adjoint(iq.transform(translation=rng.normal(size=3))) * np.repeat([reach, 1.0], 3)[:, None]
     s = rng.normal(size=6)
     fast = float(np.abs(np.linalg.lstsq(J, s, rcond=None)[0]).max())
-    side = fast * rng.uniform(0.2, 1.2, (2, m))
+    side = fast * rng.uniform(0.2, 1.0, (2, m)) * rng.uniform(1.0, 4.0)
     chase, rows, exact, cone, dt = None, None, None, None, 0.0
     k = int(rng.integers(1, min(m - 1, 3) + 1)) if rng.random() < 0.4 else 0
     if k:
@@ -41,7 +41,7 @@ def random_case(rng):
     if rng.random() < 0.7:
         part, wide = rng.uniform(0.0, 0.9), rng.uniform(0.5, 3.0, (2, m))
         slack = 3e-3 * np.linalg.norm(root @ s)
-        chase = Chase(part * s, part * exact.b if k else None, -wide[0] * side[0], wide[1] * side[1], slack, True)
+        chase = Chase(part * s, part * exact.b if k else None, -wide[0] * side[0], wide[1] * side[1], slack, apart=True)
         chase = chase._replace(lower=np.minimum(chase.lower, -side[0]), upper=np.maximum(chase.upper, side[1]))
     if rng.random() < 0.4:
         C = rng.normal(size=(2, m))
@@ -53,6 +53,16 @@ def random_case(rng):
     fastest = np.full(m, fast) if rng.random() < 0.7 else None
     demand = Demand(J, s, root, -side[0], side[1], exact, posture, rows, cone, None, chase, fastest)
     return VelocityLaw(dt=dt), demand
+
+
+def clarabel(problem):
+    """As tight as it gets: it may fail at tolerances that only some problems allow."""
+    for tight in (1e-13, 1e-12, 1e-11, 1e-10):
+        try:
+            problem.solve(solver="CLARABEL", tol_feas=tight, tol_gap_abs=tight, tol_gap_rel=tight, max_iter=200)
+        except cp.SolverError:
+            continue
+        return
 
 
 class Published:
@@ -113,7 +123,9 @@ class Published:
         if demand.allows(origin + self.B @ free):
             z, slowed, pace = free, 0.0, 1.0
         else:
-            z, slowed, pace = self.slowed(origin, target, posture) if chase else (self.nearest(origin, target), 0.0, 1.0)
+            z, slowed, pace = (
+                self.slowed(origin, target, posture) if chase else (self.nearest(origin, target), 0.0, 1.0)
+            )
         mu = self.calm(origin + self.B @ (z + slowed), z, dt)
         if mu > 0.0:
             z = self.nearest(origin, self.paced(target, pace), mu=mu)
@@ -142,7 +154,7 @@ class Published:
         missed = cp.sum_squares((K @ (z - z0) - p * (K @ way)) / length) / 2.0
         limits = self.limits(z, origin, demand.lower, demand.upper, everything=True)
         problem = cp.Problem(cp.Minimize(missed + delta / length * (1.0 - p)), [*limits, p >= 0.0, p <= 1.0])
-        problem.solve(**TIGHT)
+        clarabel(problem)
         pace = float(np.clip(p.value, 0.0, 1.0))
         far = [np.linalg.lstsq(self.root, self.paced(target, q), rcond=None)[0] for q in (1.0, pace)]
         return self.nearest(origin, self.paced(target, pace)), far[0] - far[1], pace
@@ -151,10 +163,13 @@ class Published:
         demand = self.demand
         lower, upper = (demand.lower, demand.upper) if box is None else box
         z = cp.Variable(self.B.shape[1])
-        root, wanted = np.vstack((self.root, np.sqrt(mu) * np.eye(len(self.B.T)))), np.append(target, np.zeros(len(self.B.T)))
+        root, wanted = (
+            np.vstack((self.root, np.sqrt(mu) * np.eye(len(self.B.T)))),
+            np.append(target, np.zeros(len(self.B.T))),
+        )
         size = np.linalg.norm(wanted)
         limits = self.limits(z, origin, lower, upper, everything=box is None)
-        cp.Problem(cp.Minimize(cp.sum_squares((root @ z - wanted) / size)), limits).solve(**TIGHT)
+        clarabel(cp.Problem(cp.Minimize(cp.sum_squares((root @ z - wanted) / size)), limits))
         return z.value
 
     def calm(self, x, z, dt):
@@ -167,13 +182,43 @@ class Published:
         return max(0.0, 0.5 * CALM * dt * error * size - 1e-9 * size**2)
 
 
-@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize(
+    "native", [pytest.param(True, marks=pytest.mark.skipif(core is None, reason="no core")), False]
+)
 def test_the_answer_is_the_published_minimum(native):
-    worst, seen = 0.0, dict.fromkeys(("qp", "closed-form", "damped", "scaled", "limited", "ok", "approach"), 0)
+    apart, seen = [], []
     for seed in range(repeats(1000, 60)):
         law, demand = random_case(np.random.default_rng(seed))
         with mock.patch("invariantqp.velocity.solve.core", core if native else None):
             solution = solve(law, demand)
         expected = Published(demand, solution.scale).velocity(law.dt)
-        worst = max(worst, np.abs(solution.velocity - expected).max() / np.abs(expected).max())
-        print(seed, native, np.abs(solution.velocity - expected).max() / np.abs(expected).max(), solution.reason)
+        apart.append(np.abs(solution.velocity - expected).max() / np.abs(expected).max())
+        seen += [
+            solution.method,
+            str(solution.status),
+            *(["slowed"] if "the approach's speed" in solution.reason else []),
+        ]
+        if demand.exact is not None:
+            assert solution.scale == pytest.approx(largest_share(demand), rel=2e-6)
+    # The solver's own accuracy: where directions are damped, the Hessian's condition times its gap.
+    assert np.max(apart) < 2e-6
+    assert np.quantile(apart, 0.9) < 1e-8
+    for what in ("qp", "closed-form", "scaled", "limited", "ok", "slowed"):
+        assert seen.count(what) > 3, what
+
+
+def largest_share(demand):
+    """The largest a in [0, 1] with C x = a e inside the limits, by linear programming."""
+    rows, m = demand.exact, demand.J.shape[1]
+    C, sides = np.empty((0, m)), np.empty(0)
+    if demand.rows is not None:
+        C, sides = np.vstack((demand.rows.C, -demand.rows.C)), np.append(demand.rows.upper, -demand.rows.lower)
+    found = linprog(
+        np.append(np.zeros(m), -1.0),
+        A_ub=np.column_stack((C, np.zeros(len(C)))) if len(C) else None,
+        b_ub=sides if len(C) else None,
+        A_eq=np.column_stack((rows.A, -rows.b)),
+        b_eq=np.zeros(len(rows.b)),
+        bounds=[*zip(demand.lower, demand.upper, strict=True), (0.0, 1.0)],
+    )
+    return -found.fun

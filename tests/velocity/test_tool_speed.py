@@ -1,6 +1,5 @@
 """The speed limit of a tool point: by its multiplier, as the cone itself, and both against what they must give."""
 
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -75,9 +74,7 @@ def test_exact_rows_are_slowed_to_the_limit_and_told_by_whom():
     p = rng.normal(size=3)
     Jp = point_jacobian(J, p)
     b = np.array([0.3, 0.0, 0.4])
-    solution = iq.solve_velocity(
-        J, s, form=h, exact=iq.ExactRows(Jp, b), tool_speed=iq.limits.ToolSpeed(0.25, p)
-    )
+    solution = iq.solve_velocity(J, s, form=h, exact=iq.ExactRows(Jp, b), tool_speed=iq.limits.ToolSpeed(0.25, p))
     assert solution.status == "scaled"
     assert solution.scale == pytest.approx(0.5, rel=1e-6)
     assert "held by the tool's speed" in solution.reason
@@ -101,9 +98,7 @@ def test_bounds_that_force_the_tool_to_move_come_first():
         options={"ftol": 1e-15, "gtol": 1e-12},
     )
     slowest = np.linalg.norm(Jp @ least.x)
-    solution = iq.solve_velocity(
-        J, s, form=h, bounds=bounds, tool_speed=iq.limits.ToolSpeed(0.5 * slowest, p)
-    )
+    solution = iq.solve_velocity(J, s, form=h, bounds=bounds, tool_speed=iq.limits.ToolSpeed(0.5 * slowest, p))
     assert solution.status == "degraded"
     assert "the tool's speed is" in solution.reason
     # A ten-thousandth more, for the problem after it to have an inside.
