@@ -102,10 +102,7 @@ def semidefinite(qp: BoxQP) -> tuple[Array, Array]:
     Raises:
         SolverFailure: none was found; `.infeasible` where there is none.
     """
-    try:
-        return _daqp(qp, eps_prox=PROXIMAL, eta_prox=SETTLED)
-    except SolverFailure:  # where limits leave hardly any room, longer steps get there
-        return _daqp(qp, eps_prox=1.0, eta_prox=1e3 * SETTLED)
+    return _daqp(qp, eps_prox=PROXIMAL, eta_prox=SETTLED)
 
 
 def _daqp(qp: BoxQP, **settings: float) -> tuple[Array, Array]:

@@ -299,8 +299,18 @@ def largest_pace(
         return 1.0
     try:
         return _largest_pace(cost, start, way, delta, limits, cone, inside)
-    except SolverFailure:  # limits that leave hardly more room than rounding
-        return _largest_pace(cost, start, way, delta, limits.admitting(inside), cone, inside)
+    except SolverFailure:  # DAQP finds none where limits leave hardly any room
+        u = cost.K.dot(way) / norm(cost.K.dot(way))
+
+    def missed(p: float) -> float:
+        """What limits take away along the chase, less delta: zero where p is the optimum, and it does not fall."""
+        centre = start + p * way
+        z = minimise(Daqp(), cost._replace(centre=centre), limits, cone, inside).z
+        return float(u.dot(cost.K.dot(centre - z))) - delta
+
+    if missed(1.0) <= 0.0:
+        return 1.0
+    return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=COSINE_ROUNDING))
 
 
 def _largest_pace(
