@@ -30,7 +30,7 @@ def random_case(rng):
     root = iq.adjoint(iq.transform(translation=rng.normal(size=3))) * np.repeat([reach, 1.0], 3)[:, None]
     s = rng.normal(size=6)
     fast = float(np.abs(np.linalg.lstsq(J, s, rcond=None)[0]).max())
-    side = fast * rng.uniform(0.2, 1.0, (2, m)) * rng.uniform(1.0, 4.0)
+    side = fast * rng.uniform(0.2, 1.0, (2, m)) * rng.choice((0.5, 1.0, 4.0))
     chase, rows, exact, cone, dt = None, None, None, None, 0.0
     k = int(rng.integers(1, min(m - 1, 3) + 1)) if rng.random() < 0.4 else 0
     if k:
@@ -57,12 +57,14 @@ def random_case(rng):
 
 def clarabel(problem):
     """As tight as it gets: it may fail at tolerances that only some problems allow."""
-    for tight in (1e-13, 1e-12, 1e-11, 1e-10):
+    for tight in (1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8):
         try:
             problem.solve(solver="CLARABEL", tol_feas=tight, tol_gap_abs=tight, tol_gap_rel=tight, max_iter=200)
         except cp.SolverError:
             continue
-        return
+        if problem.status.startswith("optimal"):
+            return
+    raise cp.SolverError("no answer at any tolerance")
 
 
 class Published:
@@ -186,12 +188,17 @@ class Published:
     "native", [pytest.param(True, marks=pytest.mark.skipif(core is None, reason="no core")), False]
 )
 def test_the_answer_is_the_published_minimum(native):
-    apart, seen = [], []
+    apart, seen, unsolved = [], [], 0
     for seed in range(repeats(1000, 60)):
         law, demand = random_case(np.random.default_rng(seed))
         with mock.patch("invariantqp.velocity.solve.core", core if native else None):
             solution = solve(law, demand)
-        expected = Published(demand, solution.scale).velocity(law.dt)
+        try:
+            expected = Published(demand, solution.scale).velocity(law.dt)
+        except cp.SolverError:  # rows at the largest share leave it no room
+            assert solution.status == "scaled"
+            unsolved += 1
+            continue
         apart.append(np.abs(solution.velocity - expected).max() / np.abs(expected).max())
         seen += [
             solution.method,
@@ -200,9 +207,10 @@ def test_the_answer_is_the_published_minimum(native):
         ]
         if demand.exact is not None:
             assert solution.scale == pytest.approx(largest_share(demand), rel=2e-6)
-    # The solver's own accuracy: where directions are damped, the Hessian's condition times its gap.
+    # Clarabel's accuracy, the square root of its gap by the smallest curvature; where it gets further, so do these.
     assert np.max(apart) < 2e-6
-    assert np.quantile(apart, 0.9) < 1e-8
+    assert np.median(apart) < 1e-10
+    assert unsolved < 0.03 * len(apart)
     for what in ("qp", "closed-form", "scaled", "limited", "ok", "slowed"):
         assert seen.count(what) > 3, what
 
