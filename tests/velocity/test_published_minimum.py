@@ -133,6 +133,10 @@ class Published:
             z = self.nearest(origin, self.paced(target, pace), mu=mu)
         return origin + self.B @ z
 
+    def missed(self, x):
+        origin, target, _ = self.centre(self.demand.s, self.e, self.share, self.posture())
+        return np.sum((self.root @ (self.B.T @ (x - origin)) - target) ** 2)
+
     def paced(self, target, pace):
         if self.demand.chase is None:
             return target
@@ -194,12 +198,16 @@ def test_the_answer_is_the_published_minimum(native):
         with mock.patch("invariantqp.velocity.solve.core", core if native else None):
             solution = solve(law, demand)
         try:
-            expected = Published(demand, solution.scale).velocity(law.dt)
-        except cp.SolverError:  # rows at the largest share leave it no room
-            assert solution.status == "scaled"
+            published = Published(demand, solution.scale)
+            expected = published.velocity(law.dt)
+        except cp.SolverError:  # a chase, or rows at the largest share, that limits leave hardly any room
             unsolved += 1
             continue
         apart.append(np.abs(solution.velocity - expected).max() / np.abs(expected).max())
+        if law.dt == 0.0 and demand.chase is None:  # one problem: ours is inside, and misses no more
+            ours, theirs = published.missed(solution.velocity), published.missed(expected)
+            assert ours <= theirs + 1e-9 * np.linalg.norm(published.b) ** 2
+            assert demand.cone is None or demand.cone.speed(solution.velocity) <= demand.cone.limit * (1.0 + 1e-12)
         seen += [
             solution.method,
             str(solution.status),
@@ -207,8 +215,8 @@ def test_the_answer_is_the_published_minimum(native):
         ]
         if demand.exact is not None:
             assert solution.scale == pytest.approx(largest_share(demand), rel=2e-6)
-    # Clarabel's accuracy, the square root of its gap by the smallest curvature; where it gets further, so do these.
-    assert np.max(apart) < 2e-6
+    # Clarabel's accuracy: the square root of its gap by the smallest curvature, the most at a tool speed.
+    assert np.max(apart) < 1e-5
     assert np.median(apart) < 1e-10
     assert unsolved < 0.03 * len(apart)
     for what in ("qp", "closed-form", "scaled", "limited", "ok", "slowed"):
