@@ -8,6 +8,6 @@ with lazily(__name__):
     from invariantqp.control.limits import Limit as Limit
     from invariantqp.control.limits import Loop as Loop
     from invariantqp.control.limits import PinkLimit as PinkLimit
-    from invariantqp.velocity.limits.box import Bounds as Bounds
-    from invariantqp.velocity.limits.rows import LimitRows as LimitRows
-    from invariantqp.velocity.limits.toolspeed import ToolSpeed as ToolSpeed
+    from invariantqp.velocity.limits import Bounds as Bounds
+    from invariantqp.velocity.limits import LimitRows as LimitRows
+    from invariantqp.velocity.limits import ToolSpeed as ToolSpeed

@@ -24,11 +24,8 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.robots.kinematics import Robot, Sighting, middle
-from invariantqp.velocity.limits.box import JointBox, accelerations
-from invariantqp.velocity.limits.braking import BrakingBox
-from invariantqp.velocity.limits.rows import LimitRows
-from invariantqp.velocity.limits.toolspeed import ToolSpeed
-from invariantqp.velocity.qp.quadratic import Cone
+from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
+from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import Code, Reason, with_names
 from invariantqp.velocity.solution import VelocitySolution, both, with_trouble
 
@@ -226,7 +223,7 @@ class _OfTool(Limit):
             if not np.array_equal(at, limit.point):
                 raise BadInput("limits", "tool speeds of two points", "those of one point of the tool")
         if known is not None:
-            limit = ToolSpeed(min(known.limit, limit.limit), known.point, exact=known.exact)
+            limit = ToolSpeed(min(known.limit, limit.limit), known.point)
         return loop._replace(tool_speed=limit)
 
 

@@ -21,7 +21,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Adaptive, PaperLambda
 from invariantqp.velocity.law import VelocityLaw
-from invariantqp.velocity.limits.braking import BrakingBox
+from invariantqp.velocity.limits import BrakingBox
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of

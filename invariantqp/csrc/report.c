@@ -103,7 +103,7 @@ static double missed_share(int m, const Row A[6], const double wanted[6], const 
     return size > 0.0 ? norm(6, left) / size : INFINITY;
 }
 
-/* posed.py, _pace: how much of a chase counts as motion of the task */
+/* tick.py, _followed: how much of a chase counts as motion of the task */
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6])
 {
     double chase[6], size;
@@ -115,7 +115,7 @@ double steady_share(const Demand *demand, const double wanted[6], const double a
     return size <= demand->chase.slack ? 0.0 : 1.0 - demand->chase.slack * demand->chase.slack / (size * size);
 }
 
-/* posed.py, _pace: by the joint velocity x that the task needs */
+/* tick.py, _followed: by the joint velocity x that the task needs */
 double posture_share(const Demand *demand, const Row x)
 {
     double t = 0.0;

@@ -18,63 +18,60 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
+from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.limits.rows import LimitRows
-from invariantqp.velocity.objective import NULL_RATIO, Objective
-from invariantqp.velocity.posed import Posed
-from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
-from invariantqp.velocity.reasons import TOOL_SPEED, Code, Reason, row_name, worst_first
+from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.objective import Objective
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING
+from invariantqp.velocity.reasons import FIRST_EXACT_ROW, TOOL_SPEED, Code, Reason, row_name, worst_first
 from invariantqp.velocity.solution import SLOWEST, Status, VelocitySolution, clipped
-from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, unkept
+from invariantqp.velocity.tick import Answer, Problem, Room
 
-# A twist is met where the residual is less than this share of it ...
-MET_TOLERANCE = 1e-9
-# ... or less than the rounding of J x itself: an arm rests on its target while its null space moves.
+# A twist is met, too, where the residual is the rounding of J x: an arm rests on its target while its null space moves.
 PRODUCT_ROUNDING = 1e-14
 # What "ok" promises.
 MISSED = 0.05
 FALLING = 0.5
 # Exact rows at this share of their speed count as not slowed down: regularising the share takes 1e-7 of it.
 WHOLE_SPEED = 1.0 - 1e-6
+# A motion of an exact row below this share of the joints' is none: regularising leaves 1e-9 of it.
+BESIDE_TOLERANCE = 1e-6
 # A velocity that achieves less than this share of the twist makes no progress.
 PROGRESS_SHARE = 1e-4
 
 
-def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution:
-    """The solution for an answer in joint velocities x."""
-    objective, found = answer.objective, answer.found
-    slow = answer.share < WHOLE_SPEED
-    x, active = clipped(demand, _shortened(demand, answer.y))
-    residual = demand.s - demand.J.dot(x)
+def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array | None) -> VelocitySolution:
+    """The solution for an answer y; x = T y, T (m, m) `to_joint` or the identity."""
+    objective, found, share = answer.objective, answer.found, answer.room.share.value
+    slow = share < WHOLE_SPEED
+    y = answer.y if to_joint is None else to_joint.dot(answer.y)
+    x, active = clipped(demand, _shortened(demand, y))
     missed = _missed(demand, problem, x)
-    stuck = _is_stuck(demand, problem.wanted, x, answer.share)
+    stuck = _is_stuck(demand, problem.wanted, x, share)
     limited = stuck or (missed > MISSED and not _falls(demand, x))
-    troubles = [*answer.troubles, *_row_troubles(demand, problem)]
-    reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else [])]
-    if slow:
-        reasons += [Reason(Code.ROWS_SLOWED, *answer.held_by, (answer.share,)), *answer.beside]
-    if answer.pace < WHOLE_SPEED:
-        reasons.append(Reason(Code.CHASE_SLOWED, numbers=(answer.pace,)))
-    if answer.blended > 0.0:
-        reasons.append(Reason(Code.GUARDED, numbers=(answer.blended,)))
+    troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
+    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
+    if status is Status.OK:
+        status = Status.GUARDED if answer.blended > 0.0 else Status.LIMITED if limited else Status.OK
+    reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *_slowed(demand, answer, to_joint)]
     if objective.damping > 0.0:
         reasons.append(damped(objective))
-    status = _status(degraded=bool(troubles), slow=slow, guarded=answer.blended > 0.0, limited=limited)
     if status is Status.LIMITED and not stuck and answer.pace >= WHOLE_SPEED:
         reasons.append(Reason(Code.MISSED, numbers=(missed,)) if missed < inf else Reason(Code.MOVED))
-    multipliers, row_multipliers = _multipliers(demand, answer)
+    bound = found is not None and (found.nu > 0.0 or bool(found.multipliers.any()) or answer.pace < 1.0)
+    multipliers, row_multipliers = _multipliers(demand, answer) if bound else (None, None)
     reasons += at_limits(demand, x, active, row_multipliers)
     return VelocitySolution(
         velocity=x,
-        method="qp" if slow or found is not None else "damped" if objective.damping > 0.0 else "closed-form",
+        method="qp" if slow or bound else "damped" if objective.damping > 0.0 else "closed-form",
         status=status,
         reasons=worst_first(reasons),
         active=active,
-        residual=residual,
-        scale=answer.share,
+        residual=demand.s - demand.J.dot(x),
+        scale=share,
         damping=objective.damping,
         guard=answer.blended,
-        backend="" if found is None else found.backend,
+        backend=found.backend if found is not None and bound else "",
         multipliers=multipliers,
         row_multipliers=row_multipliers,
         row_names=() if demand.rows is None else demand.rows.names,
@@ -109,18 +106,10 @@ def strongest(indices: NDArray[np.intp], rows: LimitRows, multipliers: Array | N
 def is_met(A: Array, b: Array, x: Array) -> bool:
     """Whether A x = b but for rounding."""
     left = norm(b - A.dot(x))
-    return left <= MET_TOLERANCE * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
+    return left <= ROUNDING * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
 
 
-def _status(*, degraded: bool, slow: bool, guarded: bool, limited: bool) -> Status:
-    if degraded:
-        return Status.DEGRADED
-    if slow:
-        return Status.SCALED
-    return Status.GUARDED if guarded else Status.LIMITED if limited else Status.OK
-
-
-def _missed(demand: Demand, problem: Posed, x: Array) -> float:
+def _missed(demand: Demand, problem: Problem, x: Array) -> float:
     """The share of the measured twist that x misses, 0 where it is met but for rounding.
 
     Of fewer than six joints, and beside exact rows, the share of what is left for them to do.
@@ -128,13 +117,9 @@ def _missed(demand: Demand, problem: Posed, x: Array) -> float:
     wanted, A = problem.wanted, demand.root.dot(demand.J)
     if is_met(A, wanted, x):
         return 0.0
-    if (problem.reduction is not None or A.shape[1] < 6) and problem.spectrum is not None:
-        U, sigma, _, largest = problem.spectrum
-        fixed = np.zeros(6) if problem.reduction is None else problem.A.dot(problem.reduction.full)
-        done = U[:, : len(sigma)][:, sigma > NULL_RATIO * largest]
-        wanted = fixed + done.dot((wanted - fixed).dot(done))
-        if is_met(A, wanted, x):
-            return 0.0
+    wanted = problem.possible()
+    if is_met(A, wanted, x):
+        return 0.0
     size = norm(wanted)
     return norm(wanted - A.dot(x)) / size if size > 0.0 else inf
 
@@ -155,13 +140,44 @@ def _falls(demand: Demand, x: Array) -> bool:
     )
 
 
-def _row_troubles(demand: Demand, problem: Posed) -> list[Reason]:
+def row_troubles(demand: Demand, reduction: Reduction) -> list[Reason]:
     """What of the exact rows no velocity meets, here or anywhere."""
-    troubles = unkept(problem.reduction)
-    beyond = 0.0 if problem.reduction is None else problem.reduction.beyond
-    if beyond > UNMET_TOLERANCE:
-        troubles.append(Reason(Code.ROWS_TOO_MANY, numbers=(float(demand.row_rank or 0), beyond)))
+    troubles = []
+    if reduction.contradicts:
+        troubles.append(Reason(Code.ROWS_UNKEPT, numbers=(reduction.unmet,)))
+    if reduction.beyond > ROUNDING:
+        troubles.append(Reason(Code.ROWS_TOO_MANY, numbers=(float(demand.row_rank or 0), reduction.beyond)))
     return troubles
+
+
+def _slowed(demand: Demand, answer: Answer, to_joint: Array | None) -> list[Reason]:
+    """What limits slow down, and what the guard does about the rest."""
+    reasons = [] if answer.room.share.value >= WHOLE_SPEED else slowed_rows(demand, answer.room, to_joint)
+    if answer.pace < WHOLE_SPEED:
+        reasons.append(Reason(Code.CHASE_SLOWED, numbers=(answer.pace,)))
+    if answer.blended > 0.0:
+        reasons.append(Reason(Code.GUARDED, numbers=(answer.blended,)))
+    return reasons
+
+
+def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reason]:
+    """The share of the exact rows' speed, what holds it; and how far a motion that limits require moves them."""
+    share, start = room.share, room.reduction.start
+    m, names = len(start), () if demand.rows is None else demand.rows.names
+    rows = [TOOL_SPEED] if share.fast else []
+    rows += [row_name(i - m, names) for i in share.held_by if i >= m]
+    joints = tuple(sorted(i for i in share.held_by if i < m))
+    reasons = [Reason(Code.ROWS_SLOWED, joints, tuple(rows), (share.value,))]
+    if demand.exact is None or not start.any():
+        return reasons
+    T = np.eye(m) if to_joint is None else to_joint
+    off = np.abs(demand.exact.A.dot(T.dot((1.0 - share.value) * start)))
+    fast = max(SLOWEST, norm(T.dot(share.velocity)))  # slower is rounding of an arm that stands still
+    moved = np.flatnonzero(off > BESIDE_TOLERANCE * np.linalg.norm(demand.exact.A, axis=1) * fast).tolist()
+    if moved:
+        exact = tuple(row_name(FIRST_EXACT_ROW - i) for i in moved)
+        reasons.append(Reason(Code.ROWS_MOVED, (), exact, tuple(off[moved].tolist())))
+    return reasons
 
 
 def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
