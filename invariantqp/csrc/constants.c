@@ -22,6 +22,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.report", PRODUCT_ROUNDING),
     {"velocity.report.MISSED", MISSED_SHARE},
     ONE("velocity.report", FALLING),
+    ONE("velocity.report", GROWING),
     ONE("velocity.posed", POSTURE_PACE),
     {"velocity.stages.ROUNDING", PACE_ROUNDING},
     {"velocity.stages.NOTHING", NO_CHASE},
