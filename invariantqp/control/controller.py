@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import Any, Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,9 +28,11 @@ from invariantqp.control.memory import HEADER, Memory, ticks_late
 from invariantqp.control.observed import Observed, at_rest
 from invariantqp.control.posture import POSTURE_GAIN, posture_of
 from invariantqp.control.tracking import question_gain, tracking_gain, tracking_twist
+from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
@@ -41,6 +44,9 @@ from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
+
+if TYPE_CHECKING:
+    from invariantqp._native import Loop
 
 
 class Controller:
@@ -87,6 +93,7 @@ class Controller:
         rows: Rows | None = None,
         limits: Sequence[Limit] = (),
         far_outside: Literal["hold", "return"] = "hold",
+        engine: Engine = "compiled",
     ) -> None:
         """Make the loop's fixed part.
 
@@ -122,6 +129,8 @@ class Controller:
                 they contradict these. Reasons number their rows after `rows`, in their order. Pink cannot pickle its.
             far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
                 its position range, as one in degrees is; "return" moves back from there too.
+            engine: "compiled" for the compiled core where it is installed and has this loop, "python" for the
+                definition in Python alone, which answers the same later.
 
         Raises:
             BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, or an
@@ -133,7 +142,12 @@ class Controller:
             UserWarning: a gain of at most 1 1/s beside a tick of at most 20 ms, which may be meant as a share of the
                 error in a tick.
         """
-        self.robot = require_robot(robot)
+        by = arrays.choice(engine, "engine", ENGINES)
+        robot = require_robot(robot)
+        if isinstance(robot, Chain):
+            robot = robot.by_engine(by) if by == "python" else robot
+            by = robot.engine
+        self.robot = robot
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.delay: float = arrays.not_negative(delay, "delay", "a dead time in seconds")
@@ -156,6 +170,7 @@ class Controller:
             metric=metric_of(joint_metric, seen.J, self.measure.length),
             backend=backend_of(backend),
             dt=self.dt + self.delay,
+            engine=by,
         )
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
@@ -174,23 +189,10 @@ class Controller:
             turning,
         )
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
-        self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
+        self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
-        self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
-            robot,
-            self.law,
-            self.measure,
-            self._limits,
-            self.gain,
-            self._posture,
-            self._pull,
-            self.delay,
-            self._slack,
-            slow,
-            self.exact,
-            self.row_rank,
-        )
+        self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name[0] != "_" and "compiled" in self.__dict__:  # the core has its own copy
@@ -199,6 +201,38 @@ class Controller:
 
     def __copy__(self) -> Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks
+
+    def _compiled(self) -> Loop | None:
+        return compiled_loop(
+            self.robot,
+            self.law,
+            self.measure,
+            self._limits,
+            self.exact,
+            gain=self.gain,
+            posture=self._posture if self._pull.any() else None,
+            pull=self._pull,
+            delay=self.delay,
+            slack=self._slack,
+            slowness=self._slowness,
+            row_rank=-1 if self.row_rank is None else self.row_rank,
+        )
+
+    def by_engine(self, engine: Engine) -> Controller:
+        """A copy of the loop as it is now, computed by another engine.
+
+        Args:
+            engine: as in `Controller`.
+
+        Raises:
+            BadInput: neither "compiled" nor "python".
+        """
+        other = deepcopy(self)
+        fields = vars(other)
+        fields["law"] = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
+        fields["robot"] = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
+        fields["compiled"] = Controller._compiled(other)
+        return other
 
     def step(
         self,

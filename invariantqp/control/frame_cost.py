@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.engine import core
+from invariantqp.engine import Engine, core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -56,6 +56,7 @@ class FrameCost:
             latter are NaN until they are told or a configuration has told the reach.
         gain: share of the error removed in a step.
         lm_damping: mu |dq|^2 is added, mu = lm_damping |b|^2.
+        engine: "compiled" for the compiled core where it is installed, "python" for Python alone.
     """
 
     form: Form | CarriedMetric | None
@@ -66,6 +67,7 @@ class FrameCost:
     cost: Array
     gain: float
     lm_damping: float
+    engine: Engine = "compiled"
     _by_length: bool
     _known: tuple[object, ToolMeasure, NDArray[np.intp]] | None
 
@@ -177,8 +179,9 @@ class FrameCost:
     def _moved(self, J: Array, s: Array, root: Array, more: float) -> tuple[Array, Array]:
         """H and c of the joints that move the frame, where a length costs 1; `more` is Pink's damping."""
         form = None if isinstance(self.form, CarriedMetric) else self.form
-        law = VelocityLaw(form=form, damping=self.damping, guard=self.guard)
-        found = None if core is None or law.compiled is None else core.cost(J, s, root, law.compiled, more)
+        law = VelocityLaw(form=form, damping=self.damping, guard=self.guard, engine=self.engine)
+        fixed = law.compiled
+        found = None if core is None or fixed is None else core.cost(J, s, root, fixed, more)
         if found is not None:
             H, c = found
             return H, c

@@ -48,7 +48,7 @@ class LoopLimits(NamedTuple):
     braking: BrakingBox | None  # the same with acceleration limits, or None
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
     joint_rows: JointRows | None  # limits on combinations of joint velocities, or None
-    believed: tuple[Array, Array] | None  # (m,) bounds of positions that are believed, or None for all
+    beyond: Array  # (m,) how far outside its range a joint's position is believed, inf where it always is
 
     def at(
         self, robot: Robot, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None
@@ -83,10 +83,8 @@ class LoopLimits(NamedTuple):
 
     def wrong(self, q: Array, names: tuple[str, ...]) -> str:
         """Why joint positions (m,) cannot be true, "" where they may be; of several joints, the worst."""
-        if self.believed is None:
-            return ""
-        lower, upper = self.believed
-        beyond = np.maximum(q - upper, lower - q)
+        box = self.box
+        beyond = np.maximum(q - box.position_upper, box.position_lower - q) - self.beyond
         i = int(beyond.argmax())
         if not beyond[i] > 0.0:
             return ""
@@ -139,11 +137,9 @@ def loop_limits(
     tool_speed = speeds[0] if speeds else None
     if tool_speed is not None and not isinstance(tool_speed, ToolSpeed):
         tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
-    believed = None
-    if arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold":
-        room = np.where(turning, FAR_OUTSIDE, np.inf)
-        believed = robot.position_lower - room, robot.position_upper + room
-    return LoopLimits(box, braking, tool_speed, combined, believed)
+    held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
+    beyond = np.where(turning & held, FAR_OUTSIDE, np.inf)
+    return LoopLimits(box, braking, tool_speed, combined, beyond)
 
 
 def _named(joints: Strained, names: tuple[str, ...]) -> str:

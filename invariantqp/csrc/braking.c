@@ -43,7 +43,7 @@ static void one_way(double room, double behind, double before, double accelerati
 Outcome braking_box(const Loop *loop, const double *q, const double *before, Demand *demand)
 {
     double dt = loop->dt, *lower = demand->lower, *upper = demand->upper;
-    for (int j = 0; j < (int)loop->joints; j++) {
+    for (int j = 0; j < loop->joints; j++) {
         double ahead = loop->position_upper[j] - q[j], behind = q[j] - loop->position_lower[j];
         double fastest = loop->fastest[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
         one_way(ahead, behind, before[j], loop->acceleration[j], dt, &least, &most);
@@ -63,7 +63,7 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Dem
 double share_within(const Loop *loop, const Row distance)
 {
     double share = 1.0;
-    for (int j = 0; j < (int)loop->joints; j++) {
+    for (int j = 0; j < loop->joints; j++) {
         double d = fabs(distance[j]), a = BRAKING_SHARE * loop->acceleration[j], knee = a / (loop->gain * loop->gain);
         if (d > knee)
             share = fmin(share, sqrt(a * (2.0 * d - knee)) / (loop->gain * d));
@@ -80,13 +80,13 @@ Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], d
     Objective objective;
     Spectrum found;
     Row distance;
-    int m = (int)loop->joints;
+    int m = loop->joints;
     if (spectrum(6, m, A, error, NULL, &found) == HAND_BACK ||
         least_squares(&damped, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
-    if (loop->has_metric != 0.0)
-        transformed(m, loop->metric.T, distance, distance);
+    if (loop->law.has_metric)
+        transformed(m, loop->law.T, distance, distance);
     *share = share_within(loop, distance);
     return DONE;
 }

@@ -43,7 +43,6 @@ const Constant CONSTANTS[] = {
     ONE("control.approach", HALF_TURN),
     ONE("velocity.limits.braking", STRAIN_TOLERANCE),
     ONE("velocity.limits.box", OUTSIDE),
-    ONE("control.loop_limits", FAR_OUTSIDE),
     ONE("velocity.limits.braking", BOUNDLESS),
     ONE("control.approach", BRAKING_SHARE),
     ONE("pose.newton", DAMPING),

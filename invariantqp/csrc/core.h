@@ -7,21 +7,14 @@
 #ifndef CORE_H
 #define CORE_H
 
+#include "fields.h"
 #include <math.h>
 #include <stddef.h>
-#include <stdbool.h>
 
-/* More joints than this are handed back. */
-#define MOST 16
-/* More limits than this are handed back. */
-#define LIMITS (2 * MOST + 1)
-/* More exact rows than this are handed back. */
-#define MOST_ROWS 8
+/* Limits of joints and rows, and one of a share. */
+#define LIMITS (MOST + MOST_LIMITS + 1)
 
 typedef enum { DONE, HAND_BACK } Outcome;
-
-/* (rows, MOST) row by row; only the first n columns are used. */
-typedef double Row[MOST];
 
 /* qp/quadratic.py: |start + J x| <= limit; a limit of 0 is none */
 typedef struct {
@@ -42,17 +35,6 @@ typedef struct {
     Row A[LIMITS];
     double lower[LIMITS], upper[LIMITS];
 } Polytope;
-
-/* law.py: x = T y with T'MT = I for a joint metric M, and y = inverse x */
-typedef struct {
-    Row T[MOST], inverse[MOST];
-} Metric;
-
-/* forms.py: Q_h of a pitch h, or the projector along `count` twists Z; fraction of the guard, -1 for none. */
-typedef struct {
-    double pitch, fraction, count;
-    double Z[6][6]; /* Z[i] is twist i */
-} Form;
 
 /* law.py: which part of a twist closes an error, and what may be slowed down for it. */
 typedef struct {
@@ -82,10 +64,11 @@ typedef struct {
     Cone cone;
     /* limits/rows.py: least <= G x <= most */
     int limits;
-    Row G[MOST];
-    Row least, most;
-    const Metric *metric; /* NULL is the identity */
-    const Form *form;     /* NULL is least squares */
+    Row G[MOST_LIMITS];
+    double least[MOST_LIMITS], most[MOST_LIMITS];
+    const Law *metric;    /* with T and its inverse; NULL is the identity */
+    const Law *form;      /* NULL is least squares */
+    double brought[6][6]; /* of a form that is brought, on measured twists */
     /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed, or more where a direction contributes
        more than `speed`, if that is not zero */
     double threshold, ceiling, fixed, speed;
@@ -191,7 +174,7 @@ void backward(int n, const Row *L, double *x);
 void solved(int n, const Row *L, const double *g, double *x);
 
 /* chain.c */
-void pose_from(const double H[16], Pose *T);
+void pose_from(const double *H, Pose *T);
 void place(const Pose *T, const double point[3], double p[3]);
 void turned(const Pose *T, const double b[3], double c[3]);
 void cross(const double a[3], const double b[3], double c[3]);
@@ -240,6 +223,7 @@ void joint(const Reduction *reduction, int m, const double *z, double share, Row
 void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
 Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside);
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
+void governed(const Law *law, Demand *demand);
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
 Outcome solve(const Demand *demand, Solution *solution);
 Outcome frame_cost(const Demand *demand, double more, Row *H, Row c);

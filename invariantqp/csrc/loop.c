@@ -23,13 +23,13 @@ void root_at(const double p[3], double length, double root[6][6])
 static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 {
     double p[3], ad[6][6] = {{0.0}};
-    if (loop->carried == 0.0) {
+    if (loop->carried == AT_A_POINT) {
         place(tool, loop->point, p);
         root_at(p, loop->length, root);
         return;
     }
     memcpy(root, loop->root, sizeof loop->root);
-    if (loop->carried == 1.0)
+    if (loop->carried == BY_THE_BASE)
         return;
     root_at(tool->p, 1.0, ad); /* [[I, 0], [-[p]x, I]], then turned into the tool's frame */
     for (int i = 0; i < 6; i++)
@@ -45,8 +45,8 @@ static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 static void box(const Loop *loop, const double *q, Demand *demand)
 {
     double rate = 1.0 / loop->dt;
-    for (int j = 0; j < (int)loop->joints; j++) {
-        double place = q[j] * rate, fastest = loop->fastest[j], low = loop->low[j] - place, high = loop->high[j] - place;
+    for (int j = 0; j < loop->joints; j++) {
+        double fastest = loop->fastest[j], low = (loop->position_lower[j] - q[j]) * rate, high = (loop->position_upper[j] - q[j]) * rate;
         demand->lower[j] = between(low, -fastest, fastest);
         demand->upper[j] = between(high, -fastest, fastest);
         demand->chase.lower[j] = fmin(low, fastest);
@@ -73,7 +73,7 @@ int commands_of(const Loop *loop)
 /* memory.py, in_flight: where the joints are when the command of this tick acts. */
 void predicted(const Loop *loop, const double *kept, const double *q, Row there)
 {
-    int m = (int)loop->joints;
+    int m = loop->joints;
     double part;
     int whole = ticks_late(loop, &part);
     const double *commands = kept + KEPT + m;
@@ -88,7 +88,7 @@ void predicted(const Loop *loop, const double *kept, const double *q, Row there)
 /* memory.py, after: a tick at q that gave a command. */
 void remembered(const Loop *loop, const double *q, const double *command, double *kept)
 {
-    int m = (int)loop->joints, count = commands_of(loop);
+    int m = loop->joints, count = commands_of(loop);
     double *commands = kept + KEPT + m;
     memcpy(kept + KEPT, q, (size_t)m * sizeof(double));
     memmove(commands + m, commands, (size_t)((count - 1) * m) * sizeof(double));
@@ -98,7 +98,7 @@ void remembered(const Loop *loop, const double *q, const double *command, double
 /* convergence.py and memory.py, followed: what the tool was told to move since the tick before, and what it moved. */
 static void watched(const Loop *loop, const Demand *demand, const double *q, const double *kept, Memory *memory)
 {
-    int m = (int)loop->joints;
+    int m = loop->joints;
     double part, told[6], done[6], share = 1.0 / MEMORY, size, along;
     const double *positions = kept + KEPT, *commands = positions + m;
     int whole = ticks_late(loop, &part);
@@ -132,7 +132,7 @@ bool has_trouble(const Memory *memory)
 /* limits/box.py: whether a joint at a limit is outside its range, where Python has words for it. */
 bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 {
-    for (int j = 0; j < solution->m && loop->has_braking == 0.0; j++)
+    for (int j = 0; j < solution->m && !loop->has_braking; j++)
         if (solution->active[j] && fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > OUTSIDE)
             return true;
     return false;
@@ -141,8 +141,8 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 /* loop_limits.py: whether joint positions may not be true; Python decides. */
 bool is_far(const Loop *loop, const double *q)
 {
-    for (int j = 0; j < (int)loop->joints; j++)
-        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > FAR_OUTSIDE)
+    for (int j = 0; j < loop->joints; j++)
+        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > loop->beyond[j])
             return true;
     return false;
 }
@@ -171,23 +171,17 @@ static Outcome approach(const Loop *loop, const Demand *demand, const double mea
 /* controller.py: of a demand what no target decides, for joint twists demand->J. */
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand)
 {
-    demand->metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
-    demand->form = loop->has_form != 0.0 ? &loop->form : NULL;
-    demand->limits = (int)loop->limits;
+    governed(&loop->law, demand);
+    demand->limits = loop->limits;
     memcpy(demand->G, loop->G, (size_t)demand->limits * sizeof(Row));
-    memcpy(demand->least, loop->least, sizeof(Row));
-    memcpy(demand->most, loop->most, sizeof(Row));
-    demand->row_rank = (int)loop->row_rank;
-    demand->dt = loop->dt + loop->delay;
-    demand->threshold = loop->threshold;
-    demand->ceiling = loop->ceiling;
-    demand->fixed = loop->fixed;
-    demand->speed = loop->speed;
+    memcpy(demand->least, loop->least, sizeof demand->least);
+    memcpy(demand->most, loop->most, sizeof demand->most);
+    demand->row_rank = loop->row_rank;
     measured_by(loop, tool, demand->root);
     demand->cone.limit = loop->speed_limit;
     if (loop->speed_limit > 0.0)
         limited_point(loop, tool, demand);
-    if (loop->has_braking != 0.0)
+    if (loop->has_braking)
         return braking_box(loop, q, before, demand);
     box(loop, q, demand);
     return DONE;
@@ -202,11 +196,11 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     Pose tool, home;
     double error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], most = 0.0, square = 0.0, share = 1.0, gain = 0.0;
     Row there;
-    int m = demand.m = (int)loop->joints;
+    int m = demand.m = loop->joints;
     demand.chased = target != NULL;
     memcpy(memory, kept, sizeof *memory);
     predicted(loop, kept, q, there);
-    pose_from(loop->home, &home);
+    pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, there, demand.J, &tool);
     if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK) ||
         demand_in(loop, there, before, &tool, &demand) == HAND_BACK)
@@ -219,7 +213,7 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     }
     for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);
-    if (demand.chased && loop->has_braking != 0.0 && approach(loop, &demand, measured, &share) == HAND_BACK)
+    if (demand.chased && loop->has_braking && approach(loop, &demand, measured, &share) == HAND_BACK)
         return HAND_BACK;
     gain = demand.chased ? share * loop->gain : 0.0;
     for (int i = 0; i < 6; i++) {
@@ -230,7 +224,7 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     }
     if (!(square < INFINITY) || (!demand.chased && most > LARGEST_SPEED))
         return HAND_BACK;
-    demand.has_posture = loop->has_posture != 0.0;
+    demand.has_posture = loop->has_posture;
     demand.paced = true;
     for (int j = 0; j < m; j++) {
         demand.posture[j] = demand.has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
@@ -240,14 +234,14 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     if (demand.chased) {
         memcpy(demand.chase.ahead, ahead, sizeof ahead);
         demand.chase.slack = loop->slack;
-        demand.chase.apart = loop->carried == 0.0;
-        if (loop->wanted > 0.0) {
-            if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, wanted, ahead, &demand) == HAND_BACK)
+        demand.chase.apart = loop->carried == AT_A_POINT;
+        if (loop->wanted > 0) {
+            if (rows_of(loop->exact, loop->wanted, 0.0, &tool, wanted, ahead, &demand) == HAND_BACK)
                 return HAND_BACK;
             memcpy(demand.chase.rows_ahead, demand.e, sizeof demand.chase.rows_ahead);
         }
     }
-    if (rows_of(loop->exact, (int)loop->wanted, gain, &tool, wanted, along, &demand) == HAND_BACK ||
+    if (rows_of(loop->exact, loop->wanted, gain, &tool, wanted, along, &demand) == HAND_BACK ||
         solve(&demand, solution) == HAND_BACK)
         return HAND_BACK;
     if (demand.chased)

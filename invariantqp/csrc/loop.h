@@ -5,37 +5,6 @@
 
 #include "core.h"
 
-/* control/demands.py: a point or a direction of the tool, the direction of a plane's normal, or a row on the joints */
-typedef enum { POINT, AXIS, PLANE, JOINTS } Kind;
-typedef struct {
-    double kind, point[3], direction[3], speed;
-    Row row;
-} Wanted;
-
-/* control/controller.py: what does not change from tick to tick. Numbers alone, so that an array carries it. */
-typedef struct {
-    double joints, dt, gain, length, slowness, has_posture;
-    double row_rank, speed_limit, has_braking;
-    double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
-    double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
-    double delay;                      /* until a command shows, beyond one tick */
-    double threshold, ceiling, fixed, speed;
-    double planned_threshold, planned_ceiling; /* damping where the joint motion is planned */
-    double slack;                              /* of a chase */
-    double point[3];                   /* of the tool, where the error is measured */
-    double fast[3];                    /* of the tool, a point whose speed is limited */
-    double home[16];
-    Row screws[6];
-    Row low, high, fastest; /* position limits / time, and the velocity limit */
-    Row posture, pull;      /* the joint positions, and the gain of each */
-    Row position_lower, position_upper, acceleration;
-    Wanted exact[MOST_ROWS];
-    Row G[MOST], least, most;
-    Metric metric;
-    Form form;
-    double root[6][6]; /* of the carried metric */
-} Loop;
-
 /* control/memory.py and convergence.py: what a loop keeps from tick to tick; `turn` and positions are NaN before the first.
    In Python these numbers, then the positions (m,) and the last commands (k, m), the latest first. */
 typedef struct {
@@ -67,7 +36,6 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 #define FAST_SHARE 0.02
 #define STRAIN_TOLERANCE 1e-9
 #define OUTSIDE 1e-3
-#define FAR_OUTSIDE 0.5
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5
 

@@ -28,7 +28,7 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
     else
         memcpy(tangent, state->tangent, sizeof tangent);
     curve_pose(course, expected, &target);
-    pose_from(loop->home, &home);
+    pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, q, here->J, &tool);
     if (error_twist(&target, &tool, error) == HAND_BACK)
         return HAND_BACK;
@@ -75,7 +75,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
     }
     demand->has_posture = true;
     demand->paced = demand->chased = false;
-    pose_from(loop->home, &end);
+    pose_from(loop->home[0], &end);
     kinematics(m, loop->screws, &end, middle, demand->J, tool);
     for (int k = 0; k < 6; k++) {
         turning[k] = dot(m, demand->J[k], slope);

@@ -47,6 +47,18 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     return true;
 }
 
+/* What of a demand the law decides. */
+void governed(const Law *law, Demand *demand)
+{
+    demand->metric = law->has_metric ? law : NULL;
+    demand->form = law->form != LEAST_SQUARES ? law : NULL;
+    demand->threshold = law->threshold;
+    demand->ceiling = law->ceiling;
+    demand->fixed = law->fixed;
+    demand->speed = law->speed;
+    demand->dt = law->dt;
+}
+
 Outcome solve(const Demand *demand, Solution *solution)
 {
     int m = demand->m;

@@ -37,7 +37,7 @@ typedef struct {
 static void limits_of(const Demand *demand, const Row lower, const Row upper, Polytope *limits)
 {
     int m = demand->m;
-    const Metric *metric = demand->metric;
+    const Law *metric = demand->metric;
     limits->count = m + demand->limits;
     limits->box = metric == NULL && demand->limits == 0;
     memcpy(limits->lower, lower, (size_t)m * sizeof(double));
@@ -110,7 +110,7 @@ static Outcome pace(Posed *problem, double *share)
 static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6], Posed *problem)
 {
     int m = demand->m;
-    const Metric *metric = demand->metric;
+    const Law *metric = demand->metric;
     Row C[MOST_ROWS], still = {0.0};
     problem->demand = demand;
     problem->A = A;

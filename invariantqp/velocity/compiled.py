@@ -13,10 +13,10 @@ from typing import Any, NamedTuple, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.engine import core
+from invariantqp.engine import core, core_for
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.qp.backends import Backend, Daqp
+from invariantqp.velocity.qp.backends import Daqp
 from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise
 from invariantqp.velocity.solution import Status, VelocitySolution
 
@@ -30,19 +30,37 @@ if core is not None:
 
 def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     """The core's answer; None where Python has to answer."""
-    policy = law.compiled
-    if core is None or policy is None:
+    fixed, cone, exact, rows, chase = law.compiled, demand.cone, demand.exact, demand.rows, demand.chase
+    if core is None or fixed is None or (cone is not None and cone.program is not None):
         return None
-    J, s, root, lower, upper, exact, posture, rows, cone, row_rank, chase, fastest = demand
-    if cone is not None and cone.program is not None:
-        return None
-    demands = None if exact is None else (exact.A, exact.b, exact.of_twist, row_rank)
-    slow = None if cone is None else (cone.J, cone.limit, cone.start)
-    limits = None if rows is None else (rows.C, rows.lower, rows.upper)
-    metric = _metric(law)
-    found: VelocitySolution | None = core.tick(
-        J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric, chase, fastest
-    )
+    fields: dict[str, Any] = {
+        "J": demand.J,
+        "s": demand.s,
+        "root": demand.root,
+        "lower": demand.lower,
+        "upper": demand.upper,
+        "posture": demand.posture,
+        "fastest": demand.fastest,
+    }
+    if exact is not None:
+        fields |= {
+            "C": exact.A,
+            "e": exact.b,
+            "D": exact.of_twist,
+            "row_rank": -1 if demand.row_rank is None else demand.row_rank,
+        }
+        if len(exact.b) > core.MOST_ROWS:
+            return None
+    if rows is not None:
+        fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
+    if cone is not None:
+        fields |= {"cone_limit": cone.limit, "cone_start": cone.start, "cone_J": cone.J}
+    if chase is not None:
+        fields |= {"chase_ahead": chase.ahead, "chase_rows_ahead": chase.rows_ahead, "chase_lower": chase.lower}
+        fields |= {"chase_upper": chase.upper, "chase_slack": chase.slack, "chase_apart": chase.apart}
+    if fixed.form == "brought" and law.form is not None:
+        fields["brought"] = np.asarray(law.form.matrix(np.asarray(np.linalg.inv(demand.root))), np.float64)
+    found: VelocitySolution | None = core.tick(fixed, **fields)
     return found
 
 
@@ -127,12 +145,12 @@ def compiled_rows(
         posture: (N, m) or None.
     """
     n, _, m = J.shape
-    policy, metric = law.compiled, _metric(law)
-    if core is None or policy is None or m > core.MOST_JOINTS:
+    fixed = law.compiled
+    if core is None or fixed is None or fixed.form == "brought" or m > core.MOST_JOINTS:
         return None
     written = Written.empty(n, m, core.RECORD)
     taken = np.zeros(2, np.int32)
-    arguments = J, s, roots, *box, posture, *written, policy, metric, taken, ROWS_AT_A_TIME
+    arguments = J, s, roots, *box, posture, *written, fixed, taken, ROWS_AT_A_TIME
     threads = max(1, min(n // ROWS_A_THREAD, cpu_count()))
     helpers = [_started(core.ticks, arguments) for _ in range(threads - 1)]
     core.ticks(*arguments)
@@ -161,18 +179,13 @@ def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType
     return done
 
 
-def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
+def minimised(law: VelocityLaw, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
     """`minimise` by the core where it can, from a z (n,) inside; it raises the same."""
-    found = None
-    if core is not None and type(backend) is Daqp and (cone is None or (cone.program is None and cone.J.any())):
+    found, core = None, core_for(law.engine)
+    if core is not None and type(law.backend) is Daqp and (cone is None or (cone.program is None and cone.J.any())):
         slow = None if cone is None else (cone.J, cone.limit, cone.start)
         found = core.optimum(*problem, limits.A, limits.lower, limits.upper, slow, inside)
     if found is None:
-        return minimise(backend, problem, limits, cone, inside)
+        return minimise(law.backend, problem, limits, cone, inside)
     z, multipliers, nu = found
     return Optimum(z, multipliers, "native" if nu > 0.0 or multipliers.any() else "", "", nu)
-
-
-def _metric(law: VelocityLaw) -> tuple[Array | None, Array | None] | None:
-    """(m, m) T and its inverse; None for the identity."""
-    return None if law.metric is None else (law.to_joint, law.from_joint)

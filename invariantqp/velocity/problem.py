@@ -8,6 +8,7 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
@@ -46,6 +47,7 @@ class VelocityOptions(TypedDict, total=False):
     point: (3,) in the frame of J, the physical point at which the error is least where the twist cannot be met; None or
         "own" is the arm's own point, which its joints move least. Name one where the joint axes nearly meet in a point.
     length: L [length/rad]: a radian counts as much as L units of length at the point; None is the arm's reach to it.
+    engine: "compiled" (the default) for the compiled core where there is one, "python" for Python alone.
     """
 
     form: Form | CarriedMetric | float | None
@@ -60,6 +62,7 @@ class VelocityOptions(TypedDict, total=False):
     tool_speed: ToolSpeed | None
     point: ArrayLike | str | None
     length: float | None
+    engine: Engine
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,7 @@ class VelocityProblem:
         tool_speed: ToolSpeed | None = None,
         point: ArrayLike | str | None = None,
         length: float | None = None,
+        engine: Engine = "compiled",
     ) -> VelocityProblem:
         """Check all arguments.
 
@@ -110,6 +114,7 @@ class VelocityProblem:
             tool_speed: its point in the frame of J.
             point: (3,) in the frame of J, or "own".
             length: [length/rad].
+            engine: "compiled" or "python".
 
         Raises:
             BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
@@ -134,6 +139,7 @@ class VelocityProblem:
             guard=guard_of(guard),
             metric=metric_of(joint_metric, twists, measure.length),
             backend=backend_of(backend),
+            engine=arrays.choice(engine, "engine", ENGINES),
         )
         wanted = None if posture is None else arrays.vector(posture, m, "posture")
         cone = None if tool_speed is None else _cone(tool_speed, twists, None if point is None else measure.point)

@@ -205,7 +205,7 @@ def _solved(
         cone = None if limits.cone is None else limits.cone.on(origin, B)
         best = _sum(level, origin, B, T, damping, share)
         known = (inside - origin).dot(B)
-        found = minimised(law.backend, best, limits.polytope.on(origin, B), cone, known)
+        found = minimised(law, best, limits.polytope.on(origin, B), cone, known)
         inside = origin = origin + B.dot(found.z)
         B = B.dot(_left(level, T.dot(B)))
         bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend

@@ -16,7 +16,6 @@ from math import isfinite
 
 import numpy as np
 
-from invariantqp.engine import core
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.forms import PitchForm
@@ -33,7 +32,7 @@ NO_NUMBERS = "the numbers are too large or too small to compute with"
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     """The joint velocity for a checked demand."""
-    answer = None if core is None else compiled(law, demand)
+    answer = compiled(law, demand)
     if answer is not None:
         return answer
     return computed(demand, lambda: _answer(law, demand))
