@@ -122,6 +122,26 @@ class Loop:
         most: Array | None = None,
     ) -> None: ...
 
+class Now:
+    G: Array  # (limits, joints) rows of limits in place of the loop's, least <= G x <= most
+    least: Array  # (limits,) -inf where there is none
+    most: Array  # (limits,) inf where there is none
+    speed: float  # share of the motion's speed, above 0
+    velocity_limit: Array | None  # (joints,) joint speeds, where they are lower than the loop's
+    tool_speed: float  # of the limited point [length/s], likewise
+    brought: Array | None  # (6, 6) the matrix of a form that is brought, on measured twists
+    def __init__(
+        self,
+        *,
+        G: Array | None = None,
+        least: Array | None = None,
+        most: Array | None = None,
+        speed: float | None = None,
+        velocity_limit: Array | None = None,
+        tool_speed: float | None = None,
+        brought: Array | None = None,
+    ) -> None: ...
+
 class Arm:
     screws: Array  # (6, joints) joint twists at q = 0
     home: Array  # (4, 4) tool pose at q = 0

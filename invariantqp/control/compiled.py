@@ -1,8 +1,8 @@
 """A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
-The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits, those of
-accelerations too, fixed `LimitRows`, a tool speed, a joint metric, forms and carried metrics, and the exact demands of
-`demands`. What it is told of a loop is the table of `csrc/fields.h`, by name.
+The core answers what `Controller.step` would in Python, or hands the tick back. Rows that a function gives, or a limit
+of Pink's, and the matrix of a form of one's own are found in Python and told in each tick, as is what `step` changes.
+What it is told of a loop is the table of `csrc/fields.h`, by name.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def compiled_loop(
         robot: the arm.
         law: of its ticks.
         measure: at a point of the tool, or of a carried metric.
-        limits: of the loop; of rows on the joint velocity, the core has those that are the same in every tick.
+        limits: of the loop; rows that are not the same in every tick are told in each.
         exact: what is met exactly.
         fields: more fields of `csrc/fields.h`.
     """
     core, fixed, speed, carried = core_for(law.engine), law.compiled, limits.tool_speed, measure.carried
-    if core is None or fixed is None or fixed.form == "brought" or (carried is None and measure.point is None):
+    if core is None or fixed is None or (carried is None and measure.point is None):
         return None
     m = len(robot.names)
     if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
@@ -52,9 +52,9 @@ def compiled_loop(
     wanted, planned = compiled_demands(exact), law.planned.compiled or fixed
     if wanted is None or len(wanted) > core.MOST_ROWS or (speed is not None and speed.exact):
         return None
-    if limits.joint_rows is not None:
-        rows = limits.joint_rows.fixed
-        if rows is None or len(rows.lower) > core.MOST_LIMITS:
+    rows = None if limits.joint_rows is None else limits.joint_rows.fixed
+    if rows is not None:
+        if len(rows.lower) > core.MOST_LIMITS:
             return None
         fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
     if speed is not None:

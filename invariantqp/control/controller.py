@@ -21,7 +21,7 @@ from invariantqp.control.changes import STOPPED, Changes, changes_of
 from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.convergence import slowness
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
-from invariantqp.control.joint_rows import Rows
+from invariantqp.control.joint_rows import Rows, TickRows
 from invariantqp.control.loop_limits import Limit, loop_limits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, ticks_late
@@ -192,6 +192,8 @@ class Controller:
         self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), robot.velocity_limit)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
+        brought = self.law.compiled is not None and self.law.compiled.form == "brought"
+        self._varies = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -268,8 +270,11 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         now = changes_of(speed, velocity_limit, tool_speed, self._count)
-        core = None if target is None or now is not None else self.compiled
-        found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
+        core = None if target is None else self.compiled
+        if core is None or now is not None or self._varies:
+            found = None if core is None else self._by_core(core, q, target, feedforward, velocity, now)
+        else:
+            found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
             answer, more = found
             return self.memory.judged(self.told(answer, q)) if more else answer
@@ -334,9 +339,9 @@ class Controller:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         now = changes_of(speed, velocity_limit, tool_speed, self._count)
-        own = now is None and rows is None and sighting is None and at is None and posture is None and calm is True
+        own = rows is None and sighting is None and at is None and posture is None and calm is True
         core = self.compiled if own else None
-        found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
+        found = None if core is None else self._by_core(core, q, None, twist, velocity, now)
         if found is not None:
             answer, more = found
             return self.told(answer, q) if more else answer
@@ -368,6 +373,37 @@ class Controller:
             raise BadInput("reason", excerpt(reason), "a text")
         state = self._at_rest(positions, sighting, velocity)
         return self._tick(state, np.zeros(6), None, np.zeros(6), stand=reason)
+
+    def _by_core(
+        self,
+        core: Loop,
+        q: ArrayLike,
+        target: Any,
+        feedforward: ArrayLike | None,
+        velocity: ArrayLike | None,
+        now: Changes | None,
+    ) -> tuple[VelocitySolution, bool] | None:
+        """A tick by the core, told what Python finds in each; None where Python has to answer."""
+        other: dict[str, Any] = {} if now is None else now._asdict()
+        if now is not None and now.speed == 0.0:
+            return None
+        if self._varies:
+            positions = arrays.vector(q, self._count, "q")
+            if self.wrong(positions):
+                return None
+            late, rows = self._late != (0, 0.0), self.joint_rows
+            there = positions + self.dt * self.memory.in_flight if late else positions
+            last = self.kept[HEADER + self._count : HEADER + 2 * self._count]
+            before = last if velocity is None else arrays.vector(velocity, self._count, "velocity")
+            limits = TickRows(None) if rows is None or rows.fixed is not None else rows.at(there, before)
+            if limits.trouble:
+                return None
+            if limits.rows is not None:
+                other |= {"G": limits.rows.C, "least": limits.rows.lower, "most": limits.rows.upper}
+            if self.law.form is not None and core.law.form == "brought":
+                root = self._at_rest(positions, None, velocity).root
+                other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
+        return compiled_tick(core, self.kept, q, target, feedforward, velocity, **other)
 
     @property
     def memory(self) -> Memory:

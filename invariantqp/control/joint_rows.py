@@ -9,8 +9,9 @@ Where a limit gives NaN or allows no velocity, it cannot be kept: the tick is th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from math import inf
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -72,6 +73,8 @@ class JointRows:
         self._dt = dt
         self._given = given
         self._configuration: Any = None
+        alone = len(given) == 1 and callable(given[0][1]) and not _is_pinks(given[0][1])
+        self._function = given[0][1] if alone else None  # where there is nothing beside it
         for argument, limit in given:
             if isinstance(limit, LimitRows):
                 self._require(limit, argument)
@@ -96,6 +99,8 @@ class JointRows:
             BadInput: rows on another number of joints.
         """
         try:
+            if self._function is not None:
+                return TickRows(self._checked(*self._given[0], q))
             if self._configuration is not None:
                 self._configuration.update(q)
             parts = [part for given in self._given for part in self._parts(*given, q, before)]
@@ -103,7 +108,7 @@ class JointRows:
             return TickRows(None, str(trouble))
         return TickRows(_stacked(parts))
 
-    @property
+    @cached_property
     def fixed(self) -> LimitRows | None:
         """The rows where they are the same in every tick."""
         if not all(isinstance(limit, LimitRows) for _, limit in self._given):
@@ -121,14 +126,21 @@ class JointRows:
     def _parts(self, argument: str, limit: Any, q: Array, before: Array) -> Iterator[_Part]:
         return self._foreign(limit, before) if _is_pinks(limit) else self._own(argument, limit, q)
 
-    def _own(self, argument: str, own: Any, q: Array) -> Iterator[_Part]:
-        if not isinstance(own, LimitRows):
-            try:
-                own = own(q.copy())
-            except BadInput as error:
-                raise _Unusable(f"rows: {error}") from error
-            if own is not None:
-                self._require(own, argument)
+    def _checked(self, argument: str, own: Any, q: Array) -> LimitRows | None:
+        """Rows of the user's at joint positions q (m,)."""
+        if isinstance(own, LimitRows):
+            return own
+        try:
+            rows = own(q.copy())
+        except BadInput as error:
+            raise _Unusable(f"rows: {error}") from error
+        if rows is None:
+            return None
+        self._require(rows, argument)
+        return cast("LimitRows", rows)
+
+    def _own(self, argument: str, limit: Any, q: Array) -> Iterator[_Part]:
+        own = self._checked(argument, limit, q)
         if own is not None:
             yield np.asarray(own.C), np.asarray(own.lower), np.asarray(own.upper)
 

@@ -49,6 +49,7 @@ class LoopLimits(NamedTuple):
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
     joint_rows: JointRows | None  # limits on combinations of joint velocities, or None
     beyond: Array  # (m,) how far outside its range a joint's position is believed, inf where it always is
+    believed: tuple[list[float], list[float]]  # bounds of those positions
 
     def at(
         self, robot: Robot, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None
@@ -83,11 +84,11 @@ class LoopLimits(NamedTuple):
 
     def wrong(self, q: Array, names: tuple[str, ...]) -> str:
         """Why joint positions (m,) cannot be true, "" where they may be; of several joints, the worst."""
-        box = self.box
-        beyond = np.maximum(q - box.position_upper, box.position_lower - q) - self.beyond
-        i = int(beyond.argmax())
-        if not beyond[i] > 0.0:
+        lower, upper = self.believed
+        if all(a <= x <= b for a, x, b in zip(lower, q.tolist(), upper, strict=True)):
             return ""
+        beyond = np.maximum(q - self.box.position_upper, self.box.position_lower - q) - self.beyond
+        i = int(beyond.argmax())
         return (
             f"joint {i} ({names[i]}): {q[i]:.1f} rad is {beyond[i] + FAR_OUTSIDE:.1f} outside its position range; are "
             'these degrees? Give far_outside="return" to move back from there'
@@ -139,7 +140,8 @@ def loop_limits(
         tool_speed = ToolSpeed(arrays.number(tool_speed, "tool_speed", "a speed", positive=True))
     held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
     beyond = np.where(turning & held, FAR_OUTSIDE, np.inf)
-    return LoopLimits(box, braking, tool_speed, combined, beyond)
+    believed = (box.position_lower - beyond).tolist(), (box.position_upper + beyond).tolist()
+    return LoopLimits(box, braking, tool_speed, combined, beyond, believed)
 
 
 def _named(joints: Strained, names: tuple[str, ...]) -> str:

@@ -3,14 +3,14 @@
 #include "boundary.h"
 #include <stdarg.h>
 
-typedef enum { OK, LIMITED, SCALED, GUARDED } Status;
+typedef enum { OK, LIMITED, SCALED, GUARDED, DEGRADED } Status;
 /* In the order of Method and Status. */
 static const char *const METHOD[] = {"closed-form", "damped", "qp"};
-static const char *const STATUS[] = {"ok", "limited", "scaled", "guarded"};
+static const char *const STATUS[] = {"ok", "limited", "scaled", "guarded", "degraded"};
 
 /* The type of answers, and what many of them share; made once. */
 static PyTypeObject *ANSWER;
-static PyObject *METHODS[3], *STATUSES[4], *NATIVE, *NOTHING, *NONE_ACTIVE, *ZERO, *ONE;
+static PyObject *METHODS[3], *STATUSES[5], *NATIVE, *NOTHING, *NONE_ACTIVE, *ZERO, *ONE;
 
 bool words_made(void)
 {
@@ -51,7 +51,7 @@ bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, con
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    return taken_as("answer_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
+    return taken_as("answer_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 5, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
 }
 
 /* A tuple of some type with these values, which it takes over; NULL where one of them is. */
@@ -78,7 +78,7 @@ static PyObject *number(double x)
 }
 
 /* Longer than any reason. */
-#define WORDS 1024
+#define WORDS 2048
 
 /* Write at the end of words. */
 static void put(char *words, const char *format, ...)
@@ -120,7 +120,8 @@ static int name(char *words, const char *lead, const char *what, int n, const bo
 
 static Status status(const Solution *solution)
 {
-    return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : solution->limited ? LIMITED : OK;
+    return solution->yielded.rows > 0 || solution->yielded.speed > 0.0 ? DEGRADED :
+           solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : solution->limited ? LIMITED : OK;
 }
 
 static PyObject *reason(int m, const Solution *solution)
@@ -129,11 +130,29 @@ static PyObject *reason(int m, const Solution *solution)
     char words[WORDS];
     bool good = true;
     words[0] = 0;
+    const Yielded *yielded = &solution->yielded;
+    if (yielded->rows > 0) {
+        say(words, "rows contradict ");
+        if (name(words, "the bounds of ", "joint", m, yielded->to) == 0)
+            put(words, "each other");
+        for (int i = 0, told = 0; i < yielded->rows; i++) {
+            if (yielded->by[i] == 0.0)
+                continue;
+            put(words, "%srow %d", told++ > 0 ? ", " : ": exceeded at ", i);
+            good = add(words, " by ", fabs(yielded->by[i]), 'g', 3) && good;
+        }
+    }
+    if (yielded->speed > 0.0) {
+        say(words, "the tool's speed is ");
+        good = add(words, "", yielded->speed, 'g', 3) && good;
+        good = add(words, ", not ", yielded->limit, 'g', 3) && good;
+        put(words, ": other limits require it");
+    }
     if (solution->stuck)
         say(words, "no velocity reduces the error: it is the least that these joints and limits allow");
     if (solution->slow) {
         say(words, "limits allow ");
-        good = add(words, "", solution->scale, 'g', 3);
+        good = add(words, "", solution->scale, 'g', 3) && good;
         put(words, " of the exact rows' speed");
         int held = name(words, HELD, "joint", m, solution->held_by);
         held += name(words, held > 0 ? " and " : HELD, "row", solution->limits, solution->held_by + m);

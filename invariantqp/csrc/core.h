@@ -68,6 +68,7 @@ typedef struct {
     double least[MOST_LIMITS], most[MOST_LIMITS];
     const Law *metric;    /* with T and its inverse; NULL is the identity */
     const Law *form;      /* NULL is least squares */
+    bool has_brought;
     double brought[6][6]; /* of a form that is brought, on measured twists */
     /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed, or more where a direction contributes
        more than `speed`, if that is not zero */
@@ -101,7 +102,6 @@ typedef struct {
     double multipliers[LIMITS];
     double nu; /* of the speed limit */
     bool met;  /* whether a limit is active */
-    bool undecided; /* whether a limit is so close that Python might decide otherwise */
 } Optimum;
 
 /* exact.py: y = start + share (full - start) + B z; basis[i] is column i of B, span[i] likewise of what the rows fix */
@@ -121,6 +121,14 @@ typedef struct {
     Optimum near;
 } Share;
 
+/* limits/conflicts.py: how limits that contradict others give way: rows by how much, above them positive, to the bounds of
+   which joints, and the tool's speed to which other one, 0 for none */
+typedef struct {
+    int rows;
+    double by[MOST_LIMITS], speed, limit;
+    bool to[MOST];
+} Yielded;
+
 /* solution.py */
 typedef enum { CLOSED_FORM, DAMPED, QP } Method;
 typedef struct {
@@ -132,6 +140,7 @@ typedef struct {
     bool stuck, limited, slow, met, fast, held_by[LIMITS];
     double scale, pace, damping, blended, ratio, missed; /* for the reason */
     int rows;
+    Yielded yielded;
     double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
 } Solution;
 
@@ -200,8 +209,6 @@ double calm(int n, const Row A[6], const double wanted[6], const Row y, const Ro
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
-Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                Optimum *found);
 bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
 void along(int n, int k, const Row *Q, Row row);
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
@@ -225,6 +232,8 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
 void governed(const Law *law, Demand *demand);
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
+Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded);
+Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *yielded);
 Outcome solve(const Demand *demand, Solution *solution);
 Outcome frame_cost(const Demand *demand, double more, Row *H, Row c);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
@@ -269,6 +278,10 @@ extern const Constant CONSTANTS[];
 #define PROGRESS_SHARE 1e-4
 #define WHOLE_SPEED (1.0 - 1e-6)
 #define REGULARISATION 1e-9
+#define LEAST_MOTION 1e-8
+#define VIOLATION_TOLERANCE 1e-9
+#define WIDENING 1e-7
+#define FASTER 1e-4
 #define EXACT_CALM 1.0
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR 1e-6

@@ -98,6 +98,18 @@ typedef enum { AT_A_POINT, BY_THE_BASE, BY_THE_TOOL } Carrier;
     VECTOR(least, limits, NOTHING, "-inf where there is none") \
     VECTOR(most, limits, NOTHING, "inf where there is none")
 
+/* control/changes.py and joint_rows.py: what of a loop is other in this tick than it was made with. */
+#define NOW_FIELDS \
+    LENGTH(joints, MOST, "joints") \
+    LENGTH(limits, MOST_LIMITS, "rows of limits") \
+    MATRIX(G, limits, joints, NOTHING, "rows of limits in place of the loop's, least <= G x <= most") \
+    VECTOR(least, limits, NOTHING, "-inf where there is none") \
+    VECTOR(most, limits, NOTHING, "inf where there is none") \
+    NUMBER(speed, 1.0, "share of the motion's speed, above 0") \
+    MAYBE_VECTOR(velocity_limit, joints, has_velocity_limit, "joint speeds, where they are lower than the loop's") \
+    NUMBER(tool_speed, INFINITY, "of the limited point [length/s], likewise") \
+    MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists")
+
 /* pose/arm.py: an arm as pose searches see it. */
 #define ARM_FIELDS \
     LENGTH(joints, MOST, "joints") \
@@ -140,7 +152,7 @@ typedef enum { AT_A_POINT, BY_THE_BASE, BY_THE_TOOL } Carrier;
     VECTOR(chase.upper, m, NOTHING, "likewise") \
     NUMBER(chase.slack, 0.0, "a measured twist that counts as nothing") \
     FLAG(chase.apart, false, "whether the measure tells position and angle apart") \
-    MATRIX(brought, 6, 6, NOTHING, "the matrix of a form that is brought, on measured twists")
+    MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists")
 
 /* The structs. A length that is a field has room for as many as it may be. */
 #define ROOM_3 3
@@ -167,6 +179,7 @@ typedef enum { AT_A_POINT, BY_THE_BASE, BY_THE_TOOL } Carrier;
 typedef struct { LAW_FIELDS } Law;
 typedef struct { WANTED_FIELDS } Wanted;
 typedef struct { LOOP_FIELDS } Loop;
+typedef struct { NOW_FIELDS } Now;
 typedef struct { ARM_FIELDS } Arm;
 #undef NUMBER
 #undef COUNT

@@ -16,14 +16,14 @@ typedef struct {
 void root_at(const double p[3], double length, double root[6][6]);
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
-Outcome braking_box(const Loop *loop, const double *q, const double *before, Demand *demand);
-double share_within(const Loop *loop, const Row distance);
-Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
+Outcome braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand);
+double share_within(const Loop *loop, double gain, const Row distance);
+Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);
 void predicted(const Loop *loop, const double *kept, const double *q, Row there);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
-Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
+Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Memory *memory, Solution *solution);
 bool has_trouble(const Memory *memory);
 bool is_far(const Loop *loop, const double *q);

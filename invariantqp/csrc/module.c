@@ -36,7 +36,8 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     if (fit == WRONG)
         return NULL;
     governed(law, &demand);
-    if (fit == UNFIT || demand.m == 0 || (law->has_metric && law->joints != demand.m) || solve(&demand, &solution) == HAND_BACK)
+    if (fit == UNFIT || demand.m == 0 || (law->has_metric && law->joints != demand.m) ||
+        (law->form == BROUGHT && !demand.has_brought) || solve(&demand, &solution) == HAND_BACK)
         Py_RETURN_NONE;
     return fields(demand.m, &solution);
 }
@@ -84,16 +85,23 @@ static bool target_pose(PyObject *object, Pose *T)
     return good;
 }
 
-/* step(loop, memory, q, target, feedforward, velocity): a VelocitySolution, and whether Python has words to add; the
-   memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. None, and the memory as it
-   was, where Python has to answer, or to say what is wrong. */
-static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+/* step(loop, memory, q, target, feedforward, velocity, ...): a VelocitySolution, and whether Python has words to add; the
+   memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. By name, what is other in
+   this tick. None, and the memory as it was, where Python has to answer, or to say what is wrong. */
+static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
     const Loop *fixed = count == 6 ? loop_of(arguments[0]) : NULL;
     double *kept = fixed == NULL ? NULL : memory_of(arguments[1], fixed);
     if (kept == NULL)
         return refused("step(loop, memory, q, target, feedforward, velocity)");
+    Now other, *now = names == NULL ? NULL : &other;
+    Fit fit = now == NULL ? FITS : called_by_name(&TABLE_now, arguments + 6, names, now);
+    if (fit == WRONG)
+        return NULL;
+    if (fit == UNFIT || (now != NULL && now->joints != 0 && now->joints != fixed->joints) ||
+        (fixed->law.form == BROUGHT && !(now != NULL && now->has_brought)))
+        Py_RETURN_NONE;
     int m = fixed->joints;
     Row q, before;
     Pose target;
@@ -106,7 +114,7 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     if ((arguments[5] != Py_None && (!vector(arguments[5], m, before) || !all_finite(m, before))) ||
         !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
         (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead) ||
-        step(fixed, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &memory, &solution) == HAND_BACK)
+        step(fixed, now, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &memory, &solution) == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *found[] = {fields(m, &solution), NULL};
     if (found[0] == NULL)
@@ -144,11 +152,13 @@ static PyObject *optimum(PyObject *module, PyObject *const *arguments, Py_ssize_
 }
 
 #define CALLED(name, function, does) {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, does}
+#define CALLED_BY_NAME(name, function, does) \
+    {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL | METH_KEYWORDS, does}
 static PyMethodDef methods[] = {
     CALLED("answer_as", answer_as, "Make every answer a VelocitySolution, this type, its status a member of this enum."),
     CALLED("ticks", batch_ticks, "Many ticks at once, without the GIL."),
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
-    CALLED("step", controller_step,
+    CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and whether Python has words to add; None where Python has to answer."),
     CALLED("tell_as", tell_as, "Make every answer along a path a PathSolution, this type, its status a member of this enum."),
     CALLED("drive", path_drive,
@@ -156,7 +166,7 @@ static PyMethodDef methods[] = {
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
     CALLED("cost", cost, "H and c of a frame task, or None where Python has to find them."),
-    {"tick", (PyCFunction)(void (*)(void))tick, METH_FASTCALL | METH_KEYWORDS, "A VelocitySolution, or None where Python has to answer."},
+    CALLED_BY_NAME("tick", tick, "A VelocitySolution, or None where Python has to answer."),
     CALLED("optimum", optimum, "The optimum of a quadratic inside limits, its multipliers and the speed limit's; or None."),
     CALLED("descend", search_descend,
            "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."),

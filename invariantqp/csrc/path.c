@@ -105,7 +105,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
         memcpy(along, turning, sizeof along);
         memcpy(across, home, sizeof across);
     }
-    double gain = loop->has_braking != 0.0 ? loop->gain * share_within(loop, astray) : loop->gain;
+    double gain = loop->has_braking != 0.0 ? loop->gain * share_within(loop, loop->gain, astray) : loop->gain;
     for (int k = 0; k < 6; k++)
         demand->s[k] = rate * along[k] + gain * across[k];
     return DONE;
@@ -213,6 +213,8 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     curve_tangent(course, middle, after->tangent);
     if (twist_of(loop, course, &here, q, rate, strayed, slope, after->tangent, &tool, &demand) == HAND_BACK ||
         demand_in(loop, there, before->velocity, &tool, &demand) == HAND_BACK)
+        return HAND_BACK;
+    if (demand.form != NULL && demand.form->form == BROUGHT)
         return HAND_BACK;
     demand.dt = 0.0; /* not calm, and hardly damped: the joint motion is planned */
     demand.threshold = loop->planned_threshold;

@@ -39,7 +39,8 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
         return false;
     clipped(demand, x, solution);
     solution->m = m;
-    solution->rows = 0;
+    solution->rows = solution->yielded.rows = 0;
+    solution->yielded.speed = 0.0;
     solution->method = CLOSED_FORM;
     solution->stuck = solution->limited = solution->slow = solution->met = false;
     solution->scale = solution->pace = 1.0;
@@ -59,6 +60,9 @@ void governed(const Law *law, Demand *demand)
     demand->dt = law->dt;
 }
 
+/* Whether there is a number between two limits; NaN is none. */
+static bool is_between(double lower, double upper) { return lower <= upper && lower < INFINITY && upper > -INFINITY; }
+
 Outcome solve(const Demand *demand, Solution *solution)
 {
     int m = demand->m;
@@ -72,6 +76,11 @@ Outcome solve(const Demand *demand, Solution *solution)
         plain = plain && demand->fastest[j] > 0.0;
     for (int i = 0; i < 6; i++)
         plain = plain && usual(m, A[i]);
+    for (int j = 0; j < m; j++)
+        plain = plain && is_between(demand->lower[j], demand->upper[j]) &&
+                (!demand->chased || is_between(demand->chase.lower[j], demand->chase.upper[j]));
+    for (int i = 0; i < demand->limits; i++)
+        plain = plain && is_between(demand->least[i], demand->most[i]);
     for (int i = 0; i < demand->rows; i++)
         plain = plain && usual(m, demand->C[i]);
     plain = plain && usual(demand->rows, demand->e);

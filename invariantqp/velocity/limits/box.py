@@ -9,6 +9,7 @@ empty and has no jump.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -22,15 +23,32 @@ from invariantqp.geometry.fields import Value, own
 
 # How far outside its position range a joint is told to be [rad, length]; less is rounding and noise of encoders.
 OUTSIDE = 1e-3
+LIMITS = "a vector of limits, infinite where there is none"
 
 
-def _limit(value: ArrayLike, argument: str) -> Array:
-    a = arrays.array(value, argument, "a vector of limits, infinite where there is none")
-    if a.ndim != 1 or len(a) == 0:
-        raise BadInput(argument, f"shape {a.shape}", "one limit a joint: shape (m,), m >= 1")
-    if np.isnan(a).any():
-        raise BadInput(argument, f"NaN at index {int(np.isnan(a).argmax())}", "numbers, or +-inf for no limit")
-    return a
+def between(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
+    """Two vectors of limits with a point between them.
+
+    Raises:
+        BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
+    """
+    low, high = arrays.array(lower, "lower", LIMITS), arrays.array(upper, "upper", LIMITS)
+    pairs = zip(low.tolist(), high.tolist(), strict=True) if low.ndim == 1 and low.shape == high.shape != (0,) else None
+    if pairs and all(a <= b and a < inf and b > -inf for a, b in pairs):  # sooner than numpy for a few
+        return low, high
+    for a, argument in ((low, "lower"), (high, "upper")):
+        if a.ndim != 1 or len(a) == 0:
+            raise BadInput(argument, f"shape {a.shape}", "one limit a joint: shape (m,), m >= 1")
+        if np.isnan(a).any():
+            raise BadInput(argument, f"NaN at index {int(np.isnan(a).argmax())}", "numbers, or +-inf for no limit")
+    if low.shape != high.shape:
+        raise BadInput("upper", f"{len(high)} limits", f"{len(low)}, one for each lower limit")
+    crossed = low > high
+    if crossed.any():
+        i = int(crossed.argmax())
+        found = f"lower {low[i]:g} above upper {high[i]:g} at joint {i}"
+        raise BadInput("lower", found, "lower <= upper for every joint", "No velocity satisfies both.")
+    raise BadInput("lower", "a lower limit of +inf or an upper limit of -inf", "a box with points in it")
 
 
 def accelerations(value: ArrayLike, m: int) -> Array:
@@ -65,17 +83,7 @@ class Bounds(Value):
         Raises:
             BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
         """
-        low, high = _limit(lower, "lower"), _limit(upper, "upper")
-        if low.shape != high.shape:
-            raise BadInput("upper", f"{len(high)} limits", f"{len(low)}, one for each lower limit")
-        crossed = low > high
-        if crossed.any():
-            i = int(crossed.argmax())
-            found = f"lower {low[i]:g} above upper {high[i]:g} at joint {i}"
-            raise BadInput("lower", found, "lower <= upper for every joint", "No velocity satisfies both.")
-        if (low == np.inf).any() or (high == -np.inf).any():
-            raise BadInput("lower", "a lower limit of +inf or an upper limit of -inf", "a box with points in it")
-        self.__attrs_init__(low, high)
+        self.__attrs_init__(*between(lower, upper))
 
 
 def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bounds:

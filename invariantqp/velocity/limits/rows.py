@@ -10,7 +10,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.limits.box import between
 from invariantqp.velocity.qp.quadratic import Polytope
 
 
@@ -47,14 +47,14 @@ class LimitRows(Value):
             raise BadInput("C", f"shape {matrix.shape}", "(k, m), one row a limit")
         matrix = arrays.matrix(matrix, (None, matrix.shape[1]), "C")
         try:
-            sides = Bounds(lower, upper)
+            low, high = between(lower, upper)
         except BadInput as error:
             raise BadInput(
                 error.argument, error.found.replace("joint", "row"), "lower <= upper for each row"
             ) from error
-        if len(sides.lower) != len(matrix):
-            raise BadInput("lower", f"{len(sides.lower)} limits", f"{len(matrix)}, one for each row of C")
-        self.__attrs_init__(matrix, sides.lower, sides.upper)
+        if len(low) != len(matrix):
+            raise BadInput("lower", f"{len(low)} limits", f"{len(matrix)}, one for each row of C")
+        self.__attrs_init__(matrix, low, high)
 
     def with_box(self, lower: Array, upper: Array) -> Polytope:
         """The polytope of a box (m,) on the joints and these rows."""
