@@ -316,7 +316,7 @@ def test_rows_of_a_function_a_barrier_and_a_form_are_told_in_each_tick(panda, ex
     held = iq.Controller(robot, **options, rows=crossed).step(panda[1], robot.pose(panda[1] + 0.1))
     assert held.status == "held"
     np.testing.assert_allclose(seen[0], panda[1])
-    for given in (
+    for limits in (
         {"rows": spread},
         {"rows": spread, "limits": [more]},
         {"form": Brought(np.diag([1.0, 2, -1, 1, -0.5, 0.3]))},
