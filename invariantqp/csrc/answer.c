@@ -120,8 +120,9 @@ static int name(char *words, const char *lead, const char *what, int n, const bo
 
 static Status status(const Solution *solution)
 {
-    return solution->yielded.rows > 0 || solution->yielded.speed > 0.0 ? DEGRADED :
-           solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : solution->limited ? LIMITED : OK;
+    if (solution->yielded.rows > 0 || solution->yielded.speed > 0.0 || solution->unmet > 0.0 || solution->beyond > 0.0)
+        return DEGRADED;
+    return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : solution->limited ? LIMITED : OK;
 }
 
 static PyObject *reason(int m, const Solution *solution)
@@ -147,6 +148,17 @@ static PyObject *reason(int m, const Solution *solution)
         good = add(words, "", yielded->speed, 'g', 3) && good;
         good = add(words, ", not ", yielded->limit, 'g', 3) && good;
         put(words, ": other limits require it");
+    }
+    if (solution->unmet > 0.0) {
+        say(words, "the joints cannot keep the direction of the exact rows: ");
+        good = add(words, "", solution->unmet, 'e', 1) && good;
+        put(words, " of the demand is unmet");
+    }
+    if (solution->beyond > 0.0) {
+        say(words, "this arm can keep ");
+        put(words, "%d of the exact rows: ", solution->row_rank);
+        good = add(words, "", solution->beyond, 'e', 1) && good;
+        put(words, " of the demand is unmet");
     }
     if (solution->stuck)
         say(words, "no velocity reduces the error: it is the least that these joints and limits allow");

@@ -36,6 +36,8 @@ const Constant CONSTANTS[] = {
     ONE("velocity.share", WHOLE),
     ONE("velocity.share", INTERIOR),
     ONE("velocity.stages", BESIDE_TOLERANCE),
+    ONE("velocity.stages", UNMET_TOLERANCE),
+    ONE("velocity.exact", TERMS),
     ONE("velocity.qp.quadratic", MOST_SHARE),
     ONE("control.memory", WHOLE_TICKS),
     ONE("control.memory", MOST_LATE),

@@ -90,6 +90,14 @@ typedef struct {
     double U[6][6];
 } Spectrum;
 
+/* Rows are worked on in steps of STEP numbers, those after the last one zero. */
+#define STEP 4
+/* spectrum.c: a row and what is rotated with it: entries of b, a direction of joint space, or another row. */
+typedef struct {
+    Row row;
+    double with[MOST + STEP];
+} Rotated;
+
 /* qp/quadratic.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e */
 typedef struct {
     int n;
@@ -107,8 +115,8 @@ typedef struct {
 /* exact.py: y = start + share (full - start) + B z; basis[i] is column i of B, span[i] likewise of what the rows fix */
 typedef struct {
     int n;
-    Row full, start, basis[MOST], span[MOST_ROWS];
-    double effort, bend;
+    Row full, start, basis[MOST], span[MOST];
+    double effort, bend, unmet, beyond; /* shares of the demand that no velocity can meet here, and anywhere */
 } Reduction;
 
 /* share.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it; the weakest
@@ -139,7 +147,8 @@ typedef struct {
     bool active[MOST];
     bool stuck, limited, slow, met, fast, held_by[LIMITS];
     double scale, pace, damping, blended, ratio, missed; /* for the reason */
-    int rows;
+    int rows, row_rank;
+    double unmet, beyond; /* of exact rows, 0 where they are met but for rounding */
     Yielded yielded;
     double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
 } Solution;
@@ -193,6 +202,8 @@ void exponential(const double w[3], const double v[3], double q, Pose *T);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahead, Spectrum *found);
+Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma);
+void completed(int n, int rank, Row *V);
 void want(Spectrum *found, const double b[6], const double *ahead);
 double damped_square(const Demand *demand, double sigma, double wanted, double largest);
 Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
@@ -293,6 +304,8 @@ extern const Constant CONSTANTS[];
 #define MOST_SHARE 1e8
 #define LARGEST_SPEED 1e12
 #define SLIDING 1e-9
+#define TERMS 1e-5
+#define UNMET_TOLERANCE 1e-9
 #define HALF_TURN (0.8 * 3.14159265358979323846)
 
 #endif

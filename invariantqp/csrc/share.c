@@ -53,7 +53,8 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
     Row d;
     for (int j = 0; j < m; j++)
         d[j] = reduction->full[j] - reduction->start[j];
-    return norm(m, d) > UNDECIDED * norm(m, reduction->full) ? DONE : HAND_BACK;
+    double left = norm(m, d);
+    return left == 0.0 || left > UNDECIDED * norm(m, reduction->full) ? DONE : HAND_BACK;
 }
 
 /* From a velocity share->inside that moves the rows least. `limits` and `cone` are on y, dt is the tick. */

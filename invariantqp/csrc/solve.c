@@ -40,7 +40,7 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     clipped(demand, x, solution);
     solution->m = m;
     solution->rows = solution->yielded.rows = 0;
-    solution->yielded.speed = 0.0;
+    solution->yielded.speed = solution->unmet = solution->beyond = 0.0;
     solution->method = CLOSED_FORM;
     solution->stuck = solution->limited = solution->slow = solution->met = false;
     solution->scale = solution->pace = 1.0;

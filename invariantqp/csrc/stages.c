@@ -504,8 +504,13 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
         still = still && share->inside[j] == 0.0;
     if (demand->rows == 0)
         return DONE;
+    share->fast = share->near.met = false;
     if (!still && counted(&problem->reduction, m, &problem->limits, &problem->cone, share->inside) == HAND_BACK)
         return HAND_BACK;
+    if (problem->reduction.unmet > UNMET_TOLERANCE) { /* the share tends to zero as the joints lose a direction */
+        share->value = 0.0;
+        return DONE;
+    }
     return share_of(&problem->reduction, m, &problem->limits, &problem->cone, demand->dt, share);
 }
 
@@ -572,7 +577,8 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
     moved(demand, y, x);
     if (!all_finite(m, x))
         return HAND_BACK;
-    bool free = allows(demand, x);
+    bool blocked = demand->rows > 0 && problem.reduction.unmet > UNMET_TOLERANCE;
+    bool free = !blocked && allows(demand, x);
     if (free)
         memcpy(share.inside, y, (size_t)m * sizeof(double));
     else if (roomy(&problem, &share, &solution->yielded) == HAND_BACK ||
@@ -591,6 +597,9 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
         return HAND_BACK;
     if (demand->form != NULL && guarded(&problem, &room, mu, y, &blended) == HAND_BACK)
         return HAND_BACK;
+    solution->unmet = blocked ? problem.reduction.unmet : 0.0;
+    solution->beyond = demand->rows > 0 && problem.reduction.beyond > UNMET_TOLERANCE ? problem.reduction.beyond : 0.0;
+    solution->row_rank = demand->row_rank;
     moved(demand, y, x);
     found.met = found.met || pace < 1.0;
     reported(demand, A, wanted, possible(&problem, done), &cost, x, &share, pace, &found, demand->form == NULL ? 0.0 : blended,

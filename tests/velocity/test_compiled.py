@@ -226,17 +226,45 @@ def test_exact_rows_hold_at_their_share(tick):
     assert "held by" in solution.reason
 
 
+def test_exact_rows_that_depend_on_each_other(tick):
+    law, demand = tick
+    J, rng = demand.J, np.random.default_rng(2)
+    point = np.eye(6)[3:]
+    twice, each = np.vstack((point, point)), np.linspace(0.04, 0.1, 7)
+    for rows, said in (
+        (iq.ExactRows.of(J, twice, np.tile(demand.s[3:], 2)), ""),
+        (iq.ExactRows.of(J, twice, demand.s[[3, 4, 5, 4, 4, 4]]), "cannot keep the direction of the exact rows"),
+        (iq.ExactRows.of(J, np.vstack((point, rng.normal(size=3) @ point)), np.zeros(4)), ""),
+        (iq.ExactRows(np.eye(7), each), ""),
+        (iq.ExactRows(np.vstack((np.eye(7), np.ones(7))), np.append(each, each.sum())), ""),
+        (iq.ExactRows(np.vstack((np.eye(7), np.ones(7))), np.append(each, 0.8)), "direction"),
+        (iq.ExactRows(np.zeros((2, 7)), [0.0, 1.0]), "direction"),
+    ):
+        for width in (1e3, 0.05):
+            told = demand._replace(exact=rows, lower=np.full(7, -width), upper=np.full(7, width))
+            native = native_answer(law, told)
+            assert disagreements(law, told, native, python_answer(law, told)) == []
+            assert said in native.reason
+            assert (native.status == "degraded") == bool(said)
+            np.testing.assert_allclose(rows.A @ native.velocity, native.scale * rows.b, atol=1e-9)
+
+
+def test_exact_rows_of_an_arm_that_can_keep_fewer(tick):
+    law, demand = tick
+    two = iq.ExactRows.of(demand.J, np.eye(6)[4:], [1.0, 1.0])
+    for rank in (1, 2):
+        told = demand._replace(exact=two, row_rank=rank)
+        native = native_answer(law, told)
+        assert disagreements(law, told, native, python_answer(law, told)) == []
+        assert ("this arm can keep 1 of the exact rows" in native.reason) == (rank == 1)
+
+
 def test_exact_rows_that_it_does_not_have_are_handed_back(tick):
     law, demand = tick
-    J = demand.J
-    same = iq.ExactRows.of(J, np.ones((2, 6)), [1.0, 1.0])
     many = iq.ExactRows(np.ones((9, 7)), np.ones(9))
-    whole = iq.ExactRows(np.eye(7), np.zeros(7))
-    for rows in (same, many, whole):
+    nearly = iq.ExactRows(np.vstack((np.eye(7)[:1], np.eye(7)[:1] + 1e-9 * np.eye(7)[1:2])), np.ones(2))
+    for rows in (many, nearly):
         assert native_answer(law, demand._replace(exact=rows)) is None
-    two = iq.ExactRows.of(J, np.eye(6)[4:], [1.0, 1.0])
-    assert native_answer(law, demand._replace(exact=two, row_rank=1)) is None
-    assert native_answer(law, demand._replace(exact=two, row_rank=2)) is not None
 
 
 def test_arrays_of_any_layout_and_no_others(tick):
