@@ -168,11 +168,14 @@ class Arm:
 
 def tick(
     law: Law,
+    unlimited: Law = ...,
     /,
     *,
     J: Array,
     s: Array,
-    root: Array,
+    root: Array | None = None,
+    point: Array | None = None,
+    length: float | None = None,
     lower: Array,
     upper: Array,
     posture: Array | None = None,

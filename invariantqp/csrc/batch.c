@@ -5,9 +5,6 @@
 #include <intrin.h>
 #endif
 
-/* geometry/sizes.py: bounds of |J|^2 of a row. */
-static const double SMALLEST_SQUARE = 1e-60, LARGEST_SQUARE = 1e60;
-
 /* A number that no other thread has yet. */
 static npy_int32 another(npy_int32 *taken)
 {
@@ -16,21 +13,6 @@ static npy_int32 another(npy_int32 *taken)
 #else
     return __atomic_fetch_add(taken, 1, __ATOMIC_RELAXED);
 #endif
-}
-
-/* velocity/problem.py: whether a joint only slides. */
-static bool is_prismatic(int m, const Row J[6])
-{
-    Row turning = {0.0}, moving = {0.0};
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < m; j++) {
-            turning[j] += J[i][j] * J[i][j];
-            moving[j] += J[3 + i][j] * J[3 + i][j];
-        }
-    for (int j = 0; j < m; j++)
-        if (sqrt(turning[j]) <= SLIDING * sqrt(moving[j]) && moving[j] > 0.0)
-            return true;
-    return false;
 }
 
 /* velocity/batch.py, check: whether it has nothing to refuse of a row; `solve` looks at the posture. */
@@ -44,7 +26,7 @@ static bool is_sound(const Demand *demand)
     }
     for (int j = 0; j < demand->m; j++)
         sound = sound && demand->lower[j] <= demand->upper[j] && demand->lower[j] < INFINITY && demand->upper[j] > -INFINITY;
-    return sound && square >= SMALLEST_SQUARE && square <= LARGEST_SQUARE;
+    return sound && square >= SMALLEST_SIZE * SMALLEST_SIZE && square <= LARGEST_SIZE * LARGEST_SIZE;
 }
 
 /* A word into one row of an array of NumPy's text. */
@@ -135,7 +117,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             if (shared.has_posture)
                 copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
             record[row] = LEFT;
-            if (!is_sound(&demand) || (shared.metric == NULL && is_prismatic(shared.m, (const Row *)demand.J)) ||
+            if (!is_sound(&demand) || (shared.metric == NULL && is_sliding(shared.m, (const Row *)demand.J, 1.0)) ||
                 solve(&demand, &solution) == HAND_BACK)
                 continue;
             memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));

@@ -48,7 +48,9 @@ typedef struct {
     int m;
     Row J[6];
     double s[6];
+    bool has_root, has_point;
     double root[6][6];
+    double point[3], length; /* where no root is given: a length of 0 is the reach, no point the arm's own */
     Row lower, upper;
     Row posture; /* zero where there is none */
     bool has_posture, paced;
@@ -200,6 +202,11 @@ void lie(const double a[6], const double b[6], double c[6]);
 void product(const Pose *A, const Pose *B, Pose *C);
 void exponential(const double w[3], const double v[3], double q, Pose *T);
 
+/* measure.c */
+void root_at(const double p[3], double length, double root[6][6]);
+Outcome measured(Demand *demand);
+bool is_sliding(int m, const Row J[6], double length);
+
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahead, Spectrum *found);
 Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma);
@@ -304,6 +311,11 @@ extern const Constant CONSTANTS[];
 #define MOST_SHARE 1e8
 #define LARGEST_SPEED 1e12
 #define SLIDING 1e-9
+#define SMALLEST_SIZE 1e-30
+#define LARGEST_SIZE 1e30
+#define LENGTH_LIMIT 1000000000000.0
+#define WELL_POSED 0.0001
+#define CENTRE_ROUNDING 1e-12
 #define TERMS 1e-5
 #define UNMET_TOLERANCE 1e-9
 #define HALF_TURN (0.8 * 3.14159265358979323846)

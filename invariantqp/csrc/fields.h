@@ -131,7 +131,9 @@ typedef enum { AT_A_POINT, BY_THE_BASE, BY_THE_TOOL } Carrier;
     LENGTH(limits, MOST_LIMITS, "rows of limits") \
     MATRIX(J, 6, m, NEEDED, "joint twists") \
     VECTOR(s, 6, NEEDED, "wanted twist") \
-    MATRIX(root, 6, 6, NEEDED, "of the measure") \
+    MAYBE_MATRIX(root, 6, 6, has_root, "of the measure; None is by point and length, and sizes are checked") \
+    MAYBE_VECTOR(point, 3, has_point, "where twists are measured; None is the arm's own point") \
+    NUMBER(length, 0.0, "what a radian counts as there; 0 is the arm's reach") \
     VECTOR(lower, m, NEEDED, "bounds of the joint velocity") \
     VECTOR(upper, m, NEEDED, "likewise") \
     MAYBE_VECTOR(posture, m, has_posture, "joint velocity wanted where the twist leaves joints free") \

@@ -5,20 +5,6 @@
 #include "loop.h"
 #include <string.h>
 
-/* measure.py: [[L I, 0], [-[p]x, I]] */
-void root_at(const double p[3], double length, double root[6][6])
-{
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            root[i][j] = i != j ? 0.0 : i < 3 ? length : 1.0;
-    root[3][1] = p[2];
-    root[3][2] = -p[1];
-    root[4][0] = -p[2];
-    root[4][2] = p[0];
-    root[5][0] = p[1];
-    root[5][1] = -p[0];
-}
-
 /* measure.py: the root of this tick's measure, at a point of the tool or of a metric carried by a body. */
 static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 {

@@ -13,7 +13,6 @@ typedef struct {
 #define KEPT ((int)(sizeof(Memory) / sizeof(double)))
 
 /* braking.c, demands.c, loop.c */
-void root_at(const double p[3], double length, double root[6][6]);
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
 Outcome braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand);

@@ -29,14 +29,17 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     (void)module;
     Demand demand;
     Solution solution;
-    const Law *law = count == 1 ? described(&TABLE_Law, arguments[0]) : NULL;
-    if (law == NULL)
-        return refused("tick(a Law, and the fields of a tick by name)");
-    Fit fit = called_by_name(&TABLE_tick, arguments + 1, names, &demand);
+    const Law *law = count == 1 || count == 2 ? described(&TABLE_Law, arguments[0]) : NULL;
+    const Law *unlimited = count == 2 ? described(&TABLE_Law, arguments[1]) : law;
+    if (law == NULL || unlimited == NULL)
+        return refused("tick(a Law, another one where some joint has no limit, and the fields of a tick by name)");
+    Fit fit = called_by_name(&TABLE_tick, arguments + count, names, &demand);
     if (fit == WRONG)
         return NULL;
+    for (int j = 0; j < demand.m && fit == FITS; j++)
+        law = isfinite(demand.lower[j]) && isfinite(demand.upper[j]) ? law : unlimited;
     governed(law, &demand);
-    if (fit == UNFIT || demand.m == 0 || (law->has_metric && law->joints != demand.m) ||
+    if (fit == UNFIT || demand.m == 0 || (!demand.has_root && measured(&demand) == HAND_BACK) || (law->has_metric && law->joints != demand.m) ||
         (law->form == BROUGHT && !demand.has_brought) || solve(&demand, &solution) == HAND_BACK)
         Py_RETURN_NONE;
     return fields(demand.m, &solution);

@@ -49,7 +49,10 @@ def written(text: str) -> str:
         ]
         listed = "".join(f"        {argument},\n" for argument in arguments)
         if table["name"] == "TICK":
-            parts.append("def tick(\n    law: Law,\n    /,\n    *,\n" + listed.replace("        ", "    "))
+            parts.append(
+                "def tick(\n    law: Law,\n    unlimited: Law = ...,\n    /,\n    *,\n"
+                + listed.replace("        ", "    ")
+            )
             parts[-1] += ") -> VelocitySolution | None: ...\n"
             continue
         part = f"class {table['name'].capitalize()}:\n"

@@ -11,11 +11,15 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, SupportsIndex
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.engine import core, core_for
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.damping import damping_of
+from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.limits.rows import LimitRows
 from invariantqp.velocity.qp.backends import Daqp
 from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise
 from invariantqp.velocity.solution import Status, VelocitySolution
@@ -61,6 +65,75 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     if fixed.form == "brought" and law.form is not None:
         fields["brought"] = np.asarray(law.form.matrix(np.asarray(np.linalg.inv(demand.root))), np.float64)
     found: VelocitySolution | None = core.tick(fixed, **fields)
+    return found
+
+
+# The laws of `solve_velocity` without options for one: where each joint has limits, and where one has none.
+LAWS = VelocityLaw().compiled, VelocityLaw(damping=damping_of(None, limited=False)).compiled
+UNBOUNDED = [(np.full(m, -np.inf), np.full(m, np.inf)) for m in range(17)]
+
+
+def _bounds(value: Any) -> dict[str, Any] | None:
+    if type(value) is Bounds:
+        return {"lower": value.lower, "upper": value.upper}
+    return {"lower": value[0], "upper": value[1]} if type(value) is tuple and len(value) == 2 else None
+
+
+def _rows(value: Any) -> dict[str, Any] | None:
+    return {"G": value.C, "least": value.lower, "most": value.upper} if type(value) is LimitRows else None
+
+
+def _exact(value: Any) -> dict[str, Any] | None:
+    return {"C": value.A, "e": value.b, "D": value.of_twist} if type(value) is ExactRows else None
+
+
+def _point(value: Any) -> dict[str, Any] | None:
+    if type(value) in {list, tuple} and set(map(type, value)) <= {int, float}:
+        return {"point": np.array(value, np.float64)}
+    return {"point": value} if type(value) is np.ndarray else None
+
+
+def _length(value: Any) -> dict[str, Any] | None:
+    return {"length": float(value)} if type(value) in {int, float} and value > 0.0 else None
+
+
+def _posture(value: Any) -> dict[str, Any] | None:
+    return {"posture": value} if type(value) is np.ndarray else None
+
+
+def _engine(value: Any) -> dict[str, Any] | None:
+    return {} if value == "compiled" else None
+
+
+# Options of `solve_velocity` as the core takes them; None for a value that is checked in Python.
+TAKEN: dict[str, Callable[[Any], dict[str, Any] | None]] = {
+    "bounds": _bounds,
+    "rows": _rows,
+    "exact": _exact,
+    "point": _point,
+    "length": _length,
+    "posture": _posture,
+    "engine": _engine,
+}
+# Of these, None is no value.
+OPTIONAL = {"form", "damping", "joint_metric", "tool_speed", *TAKEN} - {"engine"}
+
+
+def compiled_problem(J: ArrayLike, twist: ArrayLike, **options: Any) -> VelocitySolution | None:
+    """`solve_velocity`, with its checks, by the core; None where Python has to answer, or to say what is wrong."""
+    law, unlimited = LAWS
+    if core is None or law is None or type(J) is not np.ndarray or J.ndim != 2 or J.shape[1] > core.MOST_JOINTS:
+        return None
+    lower, upper = UNBOUNDED[J.shape[1]]
+    fields: dict[str, Any] = {"J": J, "s": twist, "lower": lower, "upper": upper}
+    for name, value in options.items():
+        if value is None and name in OPTIONAL:
+            continue
+        taken = TAKEN[name](value) if name in TAKEN else None
+        if taken is None:
+            return None
+        fields |= taken
+    found: VelocitySolution | None = core.tick(law, unlimited, **fields)
     return found
 
 

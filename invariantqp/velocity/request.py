@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.velocity.compiled import compiled_problem
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.posed import posed
 from invariantqp.velocity.problem import VelocityProblem
@@ -64,6 +65,9 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
 
     Reference: [DS] Sect. 6.2 for forms. A stationary point of an indefinite form is not a minimum, hence the guard.
     """
+    found = compiled_problem(J, twist, **options)
+    if found is not None:
+        return found
     problem = VelocityProblem.of(J, twist, **options)
     return solve(problem.law, problem.demand)
 

@@ -81,6 +81,53 @@ def test_solve_velocity_asks_the_core_first():
     np.testing.assert_allclose(first.velocity, second.velocity, rtol=1e-12)
 
 
+@settings(max_examples=repeats(1000, 200), deadline=None, derandomize=True)
+@given(st.integers(0, 2**63))
+def test_solve_velocity_is_the_core_s_with_its_checks(seed):
+    """Point, length, sizes, bounds and rows: the answer of Python, which measures by its own."""
+    rng = np.random.default_rng(seed)
+    m, unit = int(rng.integers(1, 13)), 10.0 ** rng.integers(-6, 7)
+    J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+    if rng.random() < 0.3:
+        J[:3, rng.integers(m)] = 0.0  # a slide
+    if rng.random() < 0.2:
+        J[:3] = J[:3] * (0.0, 0.0, 1.0)[rng.integers(3)] + np.outer([0.0, 0.0, 1.0], J[2])  # nearly parallel axes
+    J[3:], s[3:] = unit * J[3:], unit * s[3:]
+    width = 10.0 ** rng.uniform(-1.0, 1.0)
+    told = {
+        "bounds": (None, iq.Bounds(-width * np.ones(m), width * np.ones(m)), (np.full(m, -width), np.full(m, np.inf))),
+        "point": (None, unit * rng.normal(size=3), tuple(unit * rng.normal(size=3))),
+        "length": (None, unit, 3),
+        "posture": (None, rng.normal(size=m)),
+        "rows": (None, iq.limits.LimitRows(rng.normal(size=(2, m)), -np.ones(2), [0.5, np.inf])),
+        "exact": (None, iq.ExactRows.of(J, np.eye(6)[3:4], s[3:4]), iq.ExactRows(np.eye(m)[:1], [0.1])),
+    }
+    options = {name: values[rng.integers(len(values))] for name, values in told.items() if rng.random() < 0.5}
+    native, python = iq.solve_velocity(J, s, **options), iq.solve_velocity(J, s, **options, engine="python")
+    near = 1e-7 * max(1e-9, np.abs(python.velocity).max(), np.abs(native.velocity).max())
+    np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
+    assert (native.status, native.active) == (python.status, python.active)
+
+
+def test_arguments_that_the_core_refuses_are_named():
+    J, s = np.random.default_rng(0).normal(size=(6, 7)), np.ones(6)
+    for name, bad in {
+        "twist": {"twist": 1e13 * s},
+        "J": {"J": 1e31 * J},
+        "point": {"point": [1e31, 0.0, 0.0]},
+        "length": {"length": 1e-31},
+        "bounds": {"bounds": (np.ones(7), np.zeros(7))},
+        "posture": {"posture": np.full(7, np.nan)},
+        "rows": {"rows": iq.limits.LimitRows(np.ones((1, 6)), [-1.0], [1.0])},
+        "exact": {"exact": iq.ExactRows(np.ones((1, 6)), [-1.0])},
+        "guard": {"guard": None},
+        "backend": {"backend": None},
+        "engine": {"engine": None},
+    }.items():
+        with pytest.raises(iq.BadInput, match=name):
+            iq.solve_velocity(**{"J": J, "twist": s} | bad)
+
+
 @pytest.mark.parametrize(
     "law",
     [
