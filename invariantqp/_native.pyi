@@ -122,26 +122,6 @@ class Loop:
         most: Array | None = None,
     ) -> None: ...
 
-class Now:
-    G: Array  # (limits, joints) rows of limits in place of the loop's, least <= G x <= most
-    least: Array  # (limits,) -inf where there is none
-    most: Array  # (limits,) inf where there is none
-    speed: float  # share of the motion's speed, above 0
-    velocity_limit: Array | None  # (joints,) joint speeds, where they are lower than the loop's
-    tool_speed: float  # of the limited point [length/s], likewise
-    brought: Array | None  # (6, 6) the matrix of a form that is brought, on measured twists
-    def __init__(
-        self,
-        *,
-        G: Array | None = None,
-        least: Array | None = None,
-        most: Array | None = None,
-        speed: float | None = None,
-        velocity_limit: Array | None = None,
-        tool_speed: float | None = None,
-        brought: Array | None = None,
-    ) -> None: ...
-
 class Arm:
     screws: Array  # (6, joints) joint twists at q = 0
     home: Array  # (4, 4) tool pose at q = 0
@@ -166,6 +146,19 @@ class Arm:
         exact: tuple[Wanted, ...] | None = None,
     ) -> None: ...
 
+def cost(
+    law: Law,
+    /,
+    *,
+    J: Array,
+    s: Array,
+    root: Array,
+    gain: float | None = None,
+    unit: float | None = None,
+    more: float | None = None,
+    lm_damping: float | None = None,
+    of_error: bool | None = None,
+) -> tuple[Array, Array] | None: ...
 def tick(
     law: Law,
     unlimited: Law = ...,
@@ -232,7 +225,7 @@ def optimum(
     inside: Array,
     /,
 ) -> tuple[Array, Array, float] | None: ...
-def cost(J: Array, s: Array, root: Array, law: Law, more: float, /) -> tuple[Array, Array] | None: ...
+def pseudoinverse(J: Array, h: float, /) -> Array | None: ...
 def step(
     loop: Loop, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /
 ) -> tuple[VelocitySolution, bool] | None: ...

@@ -79,6 +79,9 @@ static const Field OF_ARM[] = {ARM_FIELDS END};
 #define OF Now
 static const Field OF_NOW[] = {NOW_FIELDS END};
 #undef OF
+#define OF FrameError
+static const Field OF_COST[] = {COST_FIELDS END};
+#undef OF
 #define OF Demand
 static const Field OF_TICK[] = {TICK_FIELDS END};
 #undef OF
@@ -107,6 +110,7 @@ Table TABLE_Loop = {.name = "Loop", .does = "What of a controller does not chang
                     .fields = OF_LOOP, .settled = loop_settled};
 Table TABLE_Arm = {.name = "Arm", .does = "An arm as pose searches see it.", .size = sizeof(Arm), .fields = OF_ARM};
 Table TABLE_now = {.name = "step", .does = "", .size = sizeof(Now), .fields = OF_NOW};
+Table TABLE_cost = {.name = "cost", .does = "", .size = sizeof(FrameError), .fields = OF_COST};
 Table TABLE_tick = {.name = "tick", .does = "", .size = sizeof(Demand), .fields = OF_TICK};
 
 /* An object of a table: its struct after the head that Python needs. */
@@ -401,7 +405,7 @@ static bool named_fields(Table *table)
 /* The types of all tables, into the module. */
 bool types_made(PyObject *module)
 {
-    bool good = named_fields(&TABLE_tick) && named_fields(&TABLE_now);
+    bool good = named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_cost);
     for (int t = 0; good && t < TYPES; t++) {
         Table *table = TABLES[t];
         good = named_fields(table);

@@ -124,6 +124,18 @@ typedef enum { AT_A_POINT, BY_THE_BASE, BY_THE_TOOL } Carrier;
     VECTOR(whole, joints, NEEDED, "1 where the range of a joint holds a whole turn") \
     OBJECTS(exact, Wanted, wanted, "what is met exactly")
 
+/* control/frame_cost.py: the error of a frame. */
+#define COST_FIELDS \
+    LENGTH(m, MOST, "joints") \
+    MATRIX(J, 6, m, NEEDED, "joint twists") \
+    VECTOR(s, 6, NEEDED, "wanted twist") \
+    MATRIX(root, 6, 6, NEEDED, "of the measure") \
+    NUMBER(gain, 1.0, "of s") \
+    NUMBER(unit, 1.0, "what a length costs, beside the root") \
+    NUMBER(more, 0.0, "damping of every joint") \
+    NUMBER(lm_damping, 0.0, "likewise, times the squared measure of the wanted twist") \
+    FLAG(of_error, false, "whether J and s are an error and its derivative, linear parts first")
+
 /* law.py: the input of a tick, a Demand (core.h); `chase_ahead` is `chase.ahead` there. */
 #define TICK_FIELDS \
     LENGTH(m, MOST, "joints") \
@@ -182,6 +194,7 @@ typedef struct { LAW_FIELDS } Law;
 typedef struct { WANTED_FIELDS } Wanted;
 typedef struct { LOOP_FIELDS } Loop;
 typedef struct { NOW_FIELDS } Now;
+typedef struct { COST_FIELDS } FrameError;
 typedef struct { ARM_FIELDS } Arm;
 #undef NUMBER
 #undef COUNT

@@ -45,23 +45,22 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     return fields(demand.m, &solution);
 }
 
-/* cost(J, s, root, law, more): (H, c), or None where Python has to find them. */
-static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+/* cost(law, ...) with the fields of a frame's error by name: (H, c), or None where Python has to find them. */
+static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
-    Demand demand;
-    const Law *law = count == 5 ? described(&TABLE_Law, arguments[3]) : NULL;
+    FrameError error;
+    const Law *law = count == 1 ? described(&TABLE_Law, arguments[0]) : NULL;
     if (law == NULL)
-        return refused("cost(J, s, root, law, more)");
-    governed(law, &demand);
-    demand.m = joints_of(arguments[0]);
-    double more = PyFloat_AsDouble(arguments[4]);
+        return refused("cost(a Law, and the fields of a frame's error by name)");
+    Fit fit = called_by_name(&TABLE_cost, arguments + 1, names, &error);
     Row H[MOST], c;
-    if (PyErr_Occurred() || demand.m == 0 || law->has_metric || law->form == BROUGHT ||
-        !matrix(arguments[0], 6, demand.m, MOST, demand.J[0]) || !vector(arguments[1], 6, demand.s) ||
-        !matrix(arguments[2], 6, 6, 6, demand.root[0]) || frame_cost(&demand, more, H, c) == HAND_BACK)
-        return left_to_python();
-    return Py_BuildValue("(NN)", new_matrix(demand.m, demand.m, MOST, H[0]), new_vector(demand.m, c));
+    if (fit == WRONG)
+        return NULL;
+    if (fit == UNFIT || error.m == 0 || law->has_metric || law->form == BROUGHT || (error.of_error && law->form == COMPLEMENT) ||
+        frame_cost(law, &error, H, c) == HAND_BACK)
+        Py_RETURN_NONE;
+    return Py_BuildValue("(NN)", new_matrix(error.m, error.m, MOST, H[0]), new_vector(error.m, c));
 }
 
 /* The values of a Loop; NULL for anything else. */
@@ -168,8 +167,9 @@ static PyMethodDef methods[] = {
            "A tick along a path: a PathSolution, and whether Python has words to add; None where Python has to drive."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
-    CALLED("cost", cost, "H and c of a frame task, or None where Python has to find them."),
+    CALLED_BY_NAME("cost", cost, "H and c of a frame task, or None where Python has to find them."),
     CALLED_BY_NAME("tick", tick, "A VelocitySolution, or None where Python has to answer."),
+    CALLED("pseudoinverse", pseudoinverse, "J^{+h}, or None where Python has to find it."),
     CALLED("optimum", optimum, "The optimum of a quadratic inside limits, its multipliers and the speed limit's; or None."),
     CALLED("descend", search_descend,
            "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."),

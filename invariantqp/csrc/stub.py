@@ -48,6 +48,12 @@ def written(text: str) -> str:
             for name, type_, needed, _ in made
         ]
         listed = "".join(f"        {argument},\n" for argument in arguments)
+        if table["name"] == "NOW":  # `step` is written by hand
+            continue
+        if table["name"] == "COST":
+            parts.append("def cost(\n    law: Law,\n    /,\n    *,\n" + listed.replace("        ", "    "))
+            parts[-1] += ") -> tuple[Array, Array] | None: ...\n"
+            continue
         if table["name"] == "TICK":
             parts.append(
                 "def tick(\n    law: Law,\n    unlimited: Law = ...,\n    /,\n    *,\n"
@@ -58,7 +64,7 @@ def written(text: str) -> str:
         part = f"class {table['name'].capitalize()}:\n"
         part += "".join(f"    {name}: {type_}  # {meaning}\n" for name, type_, _, meaning in made)
         parts.append(f"{part}    def __init__(\n        self,\n        *,\n{listed}    ) -> None: ...\n")
-    return "\n".join(parts)
+    return "\n".join(parts).replace("...\n\ndef", "...\ndef")
 
 
 def stub() -> str:

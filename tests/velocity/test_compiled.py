@@ -64,7 +64,7 @@ def test_constants_are_those_of_python():
         assert getattr(import_module(f"invariantqp.{file}"), constant) == value
 
 
-CALLED = "tick ticks solution step drive sight cost optimum descend misses answer_as tell_as"
+CALLED = "tick ticks solution step drive sight cost optimum pseudoinverse descend misses answer_as tell_as"
 
 
 @pytest.mark.parametrize("name", CALLED.split())
