@@ -1,35 +1,199 @@
 # The compiled core; its sources are in csrc/.
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.law import Policy
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 CONSTANTS: dict[str, float]
 MOST_JOINTS: int
 MOST_ROWS: int
+MOST_LIMITS: int
 RECORD: int
 
-def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
-def tick(
+# From csrc/fields.h by csrc/stub.py:
+
+class Law:
+    threshold: float  # of damping: the share of the largest singular value below which it begins
+    ceiling: float  # of damping: the share of the largest singular value that it ends at
+    fixed: float  # damping everywhere [length]
+    speed: float  # the joint speed from which one direction is damped by itself; 0 is none
+    dt: float  # how long a velocity is held [s]
+    form: Literal["least squares", "pitch", "complement", "brought"]  # what is attempted of a twist beyond the joints
+    pitch: float  # of a pitch form [length/rad]
+    fraction: float  # of the descent guard; -1 is none
+    Z: Array  # (twists, 6) twists along which a complement projects
+    T: Array | None  # (joints, joints) from y to joint velocities
+    inverse: Array  # (joints, joints) of T
+    def __init__(
+        self,
+        *,
+        threshold: float | None = None,
+        ceiling: float | None = None,
+        fixed: float | None = None,
+        speed: float | None = None,
+        dt: float | None = None,
+        form: Literal["least squares", "pitch", "complement", "brought"] | None = None,
+        pitch: float | None = None,
+        fraction: float | None = None,
+        Z: Array | None = None,
+        T: Array | None = None,
+        inverse: Array | None = None,
+    ) -> None: ...
+
+class Wanted:
+    kind: Literal["point", "axis", "plane", "joints"]  # what is met
+    point: Array  # (3,) of the tool [length]
+    direction: Array  # (3,) an axis of the tool, or the normal of a plane
+    row: Array  # (joints,) on the joint velocity
+    speed: float  # that the row asks for
+    def __init__(
+        self,
+        *,
+        kind: Literal["point", "axis", "plane", "joints"],
+        point: Array | None = None,
+        direction: Array | None = None,
+        row: Array | None = None,
+        speed: float | None = None,
+    ) -> None: ...
+
+class Loop:
+    law: Law  # of its ticks
+    planned_threshold: float  # of damping where the joint motion is planned
+    planned_ceiling: float  # likewise
+    screws: Array  # (6, joints) joint twists at q = 0
+    home: Array  # (4, 4) tool pose at q = 0
+    dt: float  # tick [s]
+    gain: float  # of the error [1/s]
+    delay: float  # until a command shows, beyond one tick [s]
+    point: Array  # (3,) of the tool, where the error is measured [length]
+    length: float  # what a radian counts as there [length]
+    carried: Literal["nothing", "base", "tool"]  # a metric instead of a point, fixed to the base or the tool
+    root: Array  # (6, 6) of that metric
+    slowness: float  # one over the measured twist at full speed
+    slack: float  # of a chase: a measured twist that counts as nothing
+    posture: Array | None  # (joints,) joint positions to be near where joints are free
+    pull: Array  # (joints,) gains of the posture [1/s]
+    position_lower: Array  # (joints,) [rad, length]
+    position_upper: Array  # (joints,) [rad, length]
+    beyond: Array  # (joints,) how far outside it a joint's position is believed
+    fastest: Array  # (joints,) joint speeds [rad/s, length/s]
+    acceleration: Array | None  # (joints,) limits of acceleration
+    fast: Array  # (3,) of the tool, a point whose speed is limited [length]
+    speed_limit: float  # of that point [length/s]; 0 is none
+    exact: tuple[Wanted, ...]  # what is met exactly
+    row_rank: int  # how many exact rows the arm can keep in its best state; -1 is all
+    G: Array  # (limits, joints) rows of limits, least <= G x <= most
+    least: Array  # (limits,) -inf where there is none
+    most: Array  # (limits,) inf where there is none
+    def __init__(
+        self,
+        *,
+        law: Law,
+        planned_threshold: float | None = None,
+        planned_ceiling: float | None = None,
+        screws: Array,
+        home: Array,
+        dt: float,
+        gain: float,
+        delay: float | None = None,
+        point: Array | None = None,
+        length: float | None = None,
+        carried: Literal["nothing", "base", "tool"] | None = None,
+        root: Array | None = None,
+        slowness: float | None = None,
+        slack: float | None = None,
+        posture: Array | None = None,
+        pull: Array | None = None,
+        position_lower: Array,
+        position_upper: Array,
+        beyond: Array,
+        fastest: Array,
+        acceleration: Array | None = None,
+        fast: Array | None = None,
+        speed_limit: float | None = None,
+        exact: tuple[Wanted, ...] | None = None,
+        row_rank: int | None = None,
+        G: Array | None = None,
+        least: Array | None = None,
+        most: Array | None = None,
+    ) -> None: ...
+
+class Arm:
+    screws: Array  # (6, joints) joint twists at q = 0
+    home: Array  # (4, 4) tool pose at q = 0
+    point: Array  # (3,) of the tool, where positions are compared [length]
+    length: float  # what a radian counts as there [length]
+    lower: Array  # (joints,) position limits [rad, length]
+    upper: Array  # (joints,) likewise
+    turn: Array  # (joints,) a whole turn of a hinge
+    whole: Array  # (joints,) 1 where the range of a joint holds a whole turn
+    exact: tuple[Wanted, ...]  # what is met exactly
+    def __init__(
+        self,
+        *,
+        screws: Array,
+        home: Array,
+        point: Array,
+        length: float,
+        lower: Array,
+        upper: Array,
+        turn: Array,
+        whole: Array,
+        exact: tuple[Wanted, ...] | None = None,
+    ) -> None: ...
+
+def cost(
+    law: Law,
+    /,
+    *,
     J: Array,
     s: Array,
     root: Array,
+    gain: float | None = None,
+    unit: float | None = None,
+    more: float | None = None,
+    lm_damping: float | None = None,
+    of_error: bool | None = None,
+) -> tuple[Array, Array] | None: ...
+def tick(
+    law: Law,
+    unlimited: Law = ...,
+    /,
+    *,
+    J: Array,
+    s: Array,
+    root: Array | None = None,
+    point: Array | None = None,
+    length: float | None = None,
     lower: Array,
     upper: Array,
-    posture: Array | None,
-    dt: float,
-    policy: Policy,
-    exact: tuple[Array, Array, Array | None, int | None] | None,
-    cone: tuple[Array, float, Array] | None,
-    limits: tuple[Array, Array, Array] | None,
-    metric: tuple[Array | None, Array | None] | None,
-    /,
+    posture: Array | None = None,
+    fastest: Array | None = None,
+    C: Array | None = None,
+    e: Array | None = None,
+    D: Array | None = None,
+    row_rank: int | None = None,
+    G: Array | None = None,
+    least: Array | None = None,
+    most: Array | None = None,
+    cone_limit: float | None = None,
+    cone_start: Array | None = None,
+    cone_J: Array | None = None,
+    chase_ahead: Array | None = None,
+    chase_rows_ahead: Array | None = None,
+    chase_lower: Array | None = None,
+    chase_upper: Array | None = None,
+    chase_slack: float | None = None,
+    chase_apart: bool | None = None,
+    brought: Array | None = None,
 ) -> VelocitySolution | None: ...
+
+# By hand:
+def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
 def ticks(
     J: Array,
     s: Array,
@@ -44,8 +208,7 @@ def ticks(
     status: NDArray[np.str_],
     numbers: Array,
     records: Array,
-    policy: Policy,
-    metric: tuple[Array | None, Array | None] | None,
+    law: Law,
     taken: NDArray[np.int32],
     size: int,
     /,
@@ -62,36 +225,12 @@ def optimum(
     inside: Array,
     /,
 ) -> tuple[Array, Array, float] | None: ...
-def cost(J: Array, s: Array, root: Array, policy: Policy, more: float, /) -> tuple[Array, Array] | None: ...
-def loop(
-    numbers: Array,
-    point: Array,
-    fast: Array,
-    home: Array,
-    screws: Array,
-    low: Array,
-    high: Array,
-    fastest: Array,
-    middle: Array,
-    pull: Array,
-    position_lower: Array,
-    position_upper: Array,
-    acceleration: Array,
-    exact: Array,
-    rows: Array,
-    rows_lower: Array,
-    rows_upper: Array,
-    to_joint: Array,
-    from_joint: Array,
-    policy: Policy,
-    root: Array,
-    /,
-) -> Array: ...
+def pseudoinverse(J: Array, h: float, /) -> Array | None: ...
 def step(
-    loop: Array, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /
+    loop: Loop, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /
 ) -> tuple[VelocitySolution, bool] | None: ...
 def drive(
-    loop: Array,
+    loop: Loop,
     memory: Array,
     course: Array,
     q: Any,
@@ -102,22 +241,10 @@ def drive(
     back: bool,
     /,
 ) -> tuple[VelocitySolution, PathState, float, float, float, int, str, bool] | None: ...
-def arm(
-    numbers: Array,
-    point: Array,
-    home: Array,
-    screws: Array,
-    lower: Array,
-    upper: Array,
-    turn: Array,
-    whole: Array,
-    exact: Array,
-    /,
-) -> Array: ...
 def descend(
-    arm: Array, target: Any, start: Array, goal: float, turning: bool, patient: bool, known: Array | None, /
+    arm: Arm, target: Any, start: Array, goal: float, turning: bool, patient: bool, known: Array | None, /
 ) -> tuple[Array, float, float, float, int, bool, bool, Array | None] | None: ...
-def misses(arm: Array, target: Any, q: Array, /) -> tuple[float, float] | None: ...
+def misses(arm: Arm, target: Any, q: Array, /) -> tuple[float, float] | None: ...
 def sight(
     screws: Array, home: Array, q: Array, target: Array | None, /
 ) -> tuple[Array, Array, Array | None] | None: ...

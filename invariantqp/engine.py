@@ -14,7 +14,11 @@ import warnings
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Literal
 
+# What computes: the compiled core where there is one, or Python alone.
+Engine = Literal["compiled", "python"]
+ENGINES: tuple[Engine, ...] = ("compiled", "python")
 WITHOUT = (
     "invariantqp runs from its sources in {folder}, where no compiled core was built: ticks take seven to fifty times "
     "as long. With a C compiler, run there: pip install -e . Without one, INVARIANTQP_NATIVE=0 silences this."
@@ -32,6 +36,11 @@ def _found() -> tuple[ModuleType | None, str]:
         if (package / "csrc").is_dir():  # no wheel has it
             warnings.warn(WITHOUT.format(folder=package.parent), stacklevel=2)
         return None, "pure Python: no compiled core was built"
+
+
+def core_for(engine: Engine) -> ModuleType | None:
+    """The compiled core; None for Python alone, and where there is no core."""
+    return core if engine == "compiled" else None
 
 
 core, engine = _found()

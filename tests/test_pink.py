@@ -545,3 +545,25 @@ def test_damping_reaches_joints_that_do_not_move_the_frame():
         found.append(task.compute_qp_objective(here)[0][6, 6])
     assert found[0] == pytest.approx(0.09)
     assert found[1] == pytest.approx(found[0])
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {"form": 0.3}, {"point": [0.0, 0.1, 0.2], "lm_damping": 0.1, "gain": 0.4}], ids=str
+)
+@pytest.mark.parametrize("name", ["panda", "so101"])
+def test_the_core_has_the_objective_of_python(arms, name, given):
+    robot, rng = arms[name], np.random.default_rng(0)
+    told = {"position_cost": [1.5, 1.5, 0.7], "orientation_cost": [0.3, 0.7, 0.7], **given}
+    native, python = InvariantFrameTask(robot.tool, **told), InvariantFrameTask(robot.tool, **told)
+    python.engine = "python"
+    for _ in range(20):
+        q = rng.uniform(robot.position_lower, robot.position_upper)
+        state = configuration(robot, q)
+        target = near(rng, state.get_transform_frame_to_world(robot.tool))
+        for task in (native, python):
+            task.set_target(target)
+        for one, other in zip(native.compute_qp_objective(state), python.compute_qp_objective(state), strict=True):
+            np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * np.abs(other).max())
+    native.gain = np.nan
+    with pytest.raises(iq.BadInput):
+        native.compute_qp_objective(state)

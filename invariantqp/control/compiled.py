@@ -1,25 +1,28 @@
 """A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
-The core answers what `Controller.step` would in Python, or hands the tick back. It has joint limits, those of
-accelerations too, fixed `LimitRows`, a tool speed, a joint metric, forms and carried metrics, and the exact demands of
-`demands`.
+The core answers what `Controller.step` would in Python, or hands the tick back. Rows that a function gives, or a limit
+of Pink's, and the matrix of a form of one's own are found in Python and told in each tick, as is what `step` changes.
+What it is told of a loop is the table of `csrc/fields.h`, by name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlane, ExactPoint
-from invariantqp.control.limits import LoopLimits, RowLimits
+from invariantqp.control.limits import LoopLimits
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.engine import core
-from invariantqp.geometry.arrays import Array
+from invariantqp.engine import core, core_for
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
+
+if TYPE_CHECKING:
+    from invariantqp._native import Loop, Wanted
 
 # A tick by the core, for the loop of `compiled_loop`, the numbers of its Memory, which it writes, and what `step` is
 # given; without a target (None), what `follow` is. The solution, and whether there are words to add to it; None where
@@ -28,85 +31,73 @@ compiled_tick: Callable[..., tuple[VelocitySolution, bool] | None] = getattr(cor
 
 
 def compiled_loop(
-    robot: Robot,
-    law: VelocityLaw,
-    measure: ToolMeasure,
-    limits: LoopLimits,
-    gain: float,
-    posture: Array,
-    pull: Array,
-    delay: float,
-    slack: float,
-    slow: float,
-    exact: tuple[Exact, ...],
-    row_rank: int | None,
-) -> Array | None:
-    """The fixed numbers of a loop for `compiled_tick`; None for a loop that the core does not have.
+    robot: Robot, law: VelocityLaw, measure: ToolMeasure, limits: LoopLimits, exact: tuple[Exact, ...], **fields: Any
+) -> Loop | None:
+    """A loop for `compiled_tick`; None for one that the core does not have.
 
     Args:
         robot: the arm.
         law: of its ticks.
         measure: at a point of the tool, or of a carried metric.
-        limits: of the loop; of rows on the joint velocity, the core has those that are the same in every tick.
-        gain: of the error [1/s].
-        posture: (m,) joint positions.
-        pull: (m,) gains of the posture [1/s].
-        delay: of the robot [s].
-        slack: of a chase.
-        slow: 1 / |v|, v the measured twist at full speed.
+        limits: of the loop; rows that are not the same in every tick are told in each.
         exact: what is met exactly.
-        row_rank: how many of its rows the arm can keep at best.
+        fields: more fields of `csrc/fields.h`.
     """
-    box, braking, speed, joint_rows = limits[:4]
-    carried = measure.carried
-    if core is None or law.compiled is None or (carried is None and measure.point is None):
+    core, fixed, speed, carried = core_for(law.engine), law.compiled, limits.tool_speed, measure.carried
+    if core is None or fixed is None or (carried is None and measure.point is None):
         return None
-    m, planned = len(posture), (law.planned.compiled or law.compiled)[:2]
+    m = len(robot.names)
     if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None
-    wanted, rows = compiled_demands(exact, m), _rows(joint_rows, m)
-    if wanted is None or len(wanted) > core.MOST_ROWS or rows is None or len(rows[0]) > core.MOST_JOINTS:
+    wanted, planned = compiled_demands(exact), law.planned.compiled or fixed
+    if wanted is None or len(wanted) > core.MOST_ROWS:
         return None
-    numbers = [m, box.dt, gain, measure.length, slow, pull.any()]
-    numbers += [-1 if row_rank is None else row_rank, 0.0 if speed is None else speed.limit, braking is not None]
-    kind = 0 if carried is None else 2 if carried.follows_tool else 1
-    numbers += [len(wanted), len(rows[0]), law.metric is not None, 0, kind]
-    numbers += [delay, slack, *planned]
-    fast = np.zeros(3) if speed is None or speed.point is None else speed.point
-    low, high = box.position_lower / box.dt, box.position_upper / box.dt
-    point = np.zeros(3) if measure.point is None else measure.point
-    root = np.eye(6) if carried is None else carried.root(np.eye(4))  # in the frame of its body
-    fixed = np.array(numbers, np.float64), point, fast, robot.home, robot.screws
-    acceleration = np.zeros(m) if braking is None else braking.acceleration
-    room = box.position_lower, box.position_upper, acceleration
-    same = np.eye(m)
-    metric = same if law.to_joint is None else law.to_joint, same if law.from_joint is None else law.from_joint
-    held = wanted, *rows
-    made: Array = core.loop(
-        *fixed, low, high, box.velocity_limit, posture, pull, *room, *held, *metric, law.compiled, root
+    rows = None if limits.joint_rows is None else limits.joint_rows.fixed
+    if rows is not None:
+        if len(rows.lower) > core.MOST_LIMITS:
+            return None
+        fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
+    if speed is not None:
+        fields |= {"fast": speed.point, "speed_limit": speed.limit}
+    if carried is not None:
+        by = "tool" if carried.follows_tool else "base"
+        fields |= {"carried": by, "root": carried.root(np.eye(4))}  # in the frame of its body
+    box, braking = limits.box, limits.braking
+    made: Loop = core.Loop(
+        law=fixed,
+        planned_threshold=planned.threshold,
+        planned_ceiling=planned.ceiling,
+        screws=robot.screws,
+        home=robot.home,
+        dt=box.dt,
+        point=measure.point,
+        length=measure.length,
+        position_lower=box.position_lower,
+        position_upper=box.position_upper,
+        beyond=limits.beyond,
+        fastest=box.velocity_limit,
+        acceleration=None if braking is None else braking.acceleration,
+        exact=wanted,
+        **fields,
     )
     return made
 
 
-def compiled_demands(exact: tuple[Exact, ...], m: int) -> Array | None:
-    """(k, 8 + m) the demands as the core takes them: kind, point, direction, speed, row; None for another kind."""
-    found, nothing, still = [], np.zeros(3), np.zeros(m)
+def compiled_demands(exact: tuple[Exact, ...]) -> tuple[Wanted, ...] | None:
+    """The demands as the core takes them; None for another kind."""
+    found: list[Wanted] = []
+    if core is None:
+        return None
     for demand in exact:
         if type(demand) is ExactPoint:
-            found.append((0.0, *demand.point, *nothing, 0.0, *still))
+            found.append(core.Wanted(kind="point", point=demand.point))
         elif type(demand) is ExactAxis:
-            found.append((1.0, *nothing, *demand.axis, 0.0, *still))
+            found.append(core.Wanted(kind="axis", direction=demand.axis))
         elif type(demand) is ExactPlane:
-            found.append((2.0, *demand.point, *demand.normal, 0.0, *still))
+            found.append(core.Wanted(kind="plane", point=demand.point, direction=demand.normal))
         elif type(demand) is ExactJoints:
-            found += [(3.0, *nothing, *nothing, b, *row) for row, b in zip(demand.A, demand.b, strict=True)]
+            rows = zip(demand.A, demand.b, strict=True)
+            found += [core.Wanted(kind="joints", row=row, speed=float(b)) for row, b in rows]
         else:
             return None
-    return np.array(found, np.float64).reshape(len(found), 8 + m)
-
-
-def _rows(limits: RowLimits | None, m: int) -> tuple[Array, Array, Array] | None:
-    """(k, m) C, (k,) lower and upper of `LimitRows`; None where they may change from tick to tick."""
-    if limits is None:
-        return np.empty((0, m)), np.empty(0), np.empty(0)
-    return None if limits.fixed is None else (limits.fixed.C, limits.fixed.lower, limits.fixed.upper)
+    return tuple(found)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import Any, Literal, NamedTuple, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,9 +34,11 @@ from invariantqp.control.limits import (
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
 from invariantqp.control.tracking import question_gain, same_turn, share_of_gain, tracking_gain, tracking_twist
+from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
@@ -47,6 +50,9 @@ from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
+
+if TYPE_CHECKING:
+    from invariantqp._native import Loop
 
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
@@ -115,6 +121,7 @@ class Controller:
         rows: Rows | None = None,
         limits: Sequence[AnyLimit] = (),
         far_outside: Literal["hold", "return"] = "hold",
+        engine: Engine = "compiled",
     ) -> None:
         """Make the loop's fixed part.
 
@@ -151,6 +158,8 @@ class Controller:
                 call rows by their names, those without one by their place in the list. Pink cannot pickle its.
             far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
                 its position range, as one in degrees is; "return" moves back from there too.
+            engine: "compiled" for the compiled core where it is installed and has this loop, "python" for the
+                definition in Python alone, which answers the same later.
 
         Raises:
             BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, or an
@@ -162,7 +171,12 @@ class Controller:
             UserWarning: a gain of at most 1 1/s beside a tick of at most 20 ms, which may be meant as a share of the
                 error in a tick.
         """
-        self.robot = require_robot(robot)
+        by = arrays.choice(engine, "engine", ENGINES)
+        robot = require_robot(robot)
+        if isinstance(robot, Chain):
+            robot = robot.by_engine(by) if by == "python" else robot
+            by = robot.engine
+        self.robot = robot
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.delay: float = arrays.not_negative(delay, "delay", "a dead time in seconds")
@@ -185,6 +199,7 @@ class Controller:
             metric=metric_of(joint_metric, seen.J, self.measure.length),
             backend=backend_of(backend),
             dt=self.dt + self.delay,
+            engine=by,
         )
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
@@ -203,23 +218,12 @@ class Controller:
         self._row_names: tuple[str, ...] = () if fixed is None else fixed.names
         fastest = self.box.velocity_limit
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
-        self._slowness = slow = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
+        self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
-        self.compiled: Array | None = compiled_loop(  # for the core; None for a loop that it does not have
-            robot,
-            self.law,
-            self.measure,
-            self._limits,
-            self.gain,
-            self._posture,
-            self._pull,
-            self.delay,
-            self._slack,
-            slow,
-            self.exact,
-            self.row_rank,
-        )
+        brought = self.law.compiled is not None and self.law.compiled.form == "brought"
+        self._varies = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
+        self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name[0] != "_" and "compiled" in self.__dict__:  # the core has its own copy
@@ -228,6 +232,38 @@ class Controller:
 
     def __copy__(self) -> Controller:
         return deepcopy(self)  # solvers and limits keep state between ticks
+
+    def _compiled(self) -> Loop | None:
+        return compiled_loop(
+            self.robot,
+            self.law,
+            self.measure,
+            self._limits,
+            self.exact,
+            gain=self.gain,
+            posture=self._posture if self._pull.any() else None,
+            pull=self._pull,
+            delay=self.delay,
+            slack=self._slack,
+            slowness=self._slowness,
+            row_rank=-1 if self.row_rank is None else self.row_rank,
+        )
+
+    def by_engine(self, engine: Engine) -> Controller:
+        """A copy of the loop as it is now, computed by another engine.
+
+        Args:
+            engine: as in `Controller`.
+
+        Raises:
+            BadInput: neither "compiled" nor "python".
+        """
+        other = deepcopy(self)
+        fields = vars(other)
+        fields["law"] = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
+        fields["robot"] = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
+        fields["compiled"] = Controller._compiled(other)
+        return other
 
     def step(
         self,
@@ -265,11 +301,14 @@ class Controller:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        core = None if target is None or now is not None else self.compiled
-        found = None if core is None else compiled_tick(core, self.kept, q, target, feedforward, velocity)
+        core = None if target is None else self.compiled
+        if core is None or now is not None or self._varies:
+            found = None if core is None else self._by_core(core, q, target, feedforward, velocity, now)
+        else:
+            found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
             answer, more = found
-            answer = answer._replace(row_names=self._row_names) if self._row_names else answer
+            answer = answer._replace(row_names=self._row_names) if self._row_names and not answer.row_names else answer
             return self.memory.judged(self.told(answer, q)) if more else answer
         memory = self.memory
         before = memory.now(velocity)
@@ -334,12 +373,12 @@ class Controller:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        own = now is None and rows is None and sighting is None and at is None and posture is None and calm is True
+        own = rows is None and sighting is None and at is None and posture is None and calm is True
         core = self.compiled if own else None
-        found = None if core is None else compiled_tick(core, self.kept, q, None, twist, velocity)
+        found = None if core is None else self._by_core(core, q, None, twist, velocity, now)
         if found is not None:
             answer, more = found
-            answer = answer._replace(row_names=self._row_names) if self._row_names else answer
+            answer = answer._replace(row_names=self._row_names) if self._row_names and not answer.row_names else answer
             return self.told(answer, q) if more else answer
         positions = arrays.vector(q, self._count, "q")
         s = sizes.not_too_fast(arrays.twist(twist))
@@ -369,6 +408,39 @@ class Controller:
             raise BadInput("reason", excerpt(reason), "a text")
         state = self._at_rest(positions, sighting, velocity)
         return self._tick(state, np.zeros(6), None, np.zeros(6), stand=Reason(Code.TOLD, words=reason))
+
+    def _by_core(
+        self,
+        core: Loop,
+        q: ArrayLike,
+        target: Any,
+        feedforward: ArrayLike | None,
+        velocity: ArrayLike | None,
+        now: Changes | None,
+    ) -> tuple[VelocitySolution, bool] | None:
+        """A tick by the core, told what Python finds in each; None where Python has to answer."""
+        other = {} if now is None else now.for_core(self._limits.loop)
+        if other is None:
+            return None
+        names: tuple[str, ...] = ()
+        if self._varies or (now is not None and now.joint_rows):
+            positions = arrays.vector(q, self._count, "q")
+            if self.wrong(positions):
+                return None
+            there = positions + self.dt * self.memory.in_flight if self._late != (0, 0.0) else positions
+            last = self.kept[HEADER + self._count : HEADER + 2 * self._count]
+            before = last if velocity is None else arrays.vector(velocity, self._count, "velocity")
+            rows, trouble = self._limits.rows(there, before, now)
+            if trouble is not None:
+                return None
+            if rows is not None:
+                names = rows.names
+                other |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
+            if self.law.form is not None and core.law.form == "brought":
+                root = self._at_rest(positions, None, velocity).root
+                other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
+        found = compiled_tick(core, self.kept, q, target, feedforward, velocity, **other)
+        return (found[0]._replace(row_names=names), found[1]) if found is not None and names else found
 
     @property
     def memory(self) -> Memory:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.engine import core
+from invariantqp.engine import Engine, core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -55,6 +55,7 @@ class FrameCost:
             latter are NaN until they are told or a configuration has told the reach.
         gain: share of the error removed in a step.
         lm_damping: mu |dq|^2 is added, mu = lm_damping |b|^2.
+        engine: "compiled" for the compiled core where it is installed, "python" for Python alone.
     """
 
     form: Form | CarriedMetric | None
@@ -65,7 +66,9 @@ class FrameCost:
     cost: Array
     gain: float
     lm_damping: float
+    engine: Engine = "compiled"
     _by_length: bool
+    _made: VelocityLaw | None = None
     _known: tuple[object, ToolMeasure, NDArray[np.intp]] | None
 
     def _take(
@@ -157,6 +160,10 @@ class FrameCost:
             BadInput: NaN; a form beside a cost of zero.
         """
         measure, indices = self._measured(model, moving)
+        whole = len(indices) == jacobian.shape[1]
+        found = self._by_core(measure, jacobian, error) if whole else None
+        if found is not None:
+            return found
         H, c = np.zeros((jacobian.shape[1],) * 2), np.zeros(jacobian.shape[1])
         unit = float(self.cost[:3].max()) or float(self.cost[3:].max())
         carry = adjoint(pose, check=False)[:, LINEAR_FIRST]
@@ -173,11 +180,39 @@ class FrameCost:
         c[indices] = unit * unit * pull
         return H, c
 
+    def _by_core(self, measure: ToolMeasure, jacobian: Array, error: Array) -> tuple[Array, Array] | None:
+        """(H, c) by the core where all joints move the frame; measured in the frame itself, where the root is fixed."""
+        unit = max(self.cost[:3].tolist()) or max(self.cost[3:].tolist())
+        fixed = self._law().compiled
+        if core is None or fixed is None or measure.carried is not None or measure.point is None or not unit > 0.0:
+            return None
+        if self.form is not None and not self.cost.all():
+            return None  # which Python refuses
+        cost = self.cost[LINEAR_FIRST] / unit  # angular parts first, as everywhere here
+        root = cost[:, None] * root_at(measure.point, 1.0)
+        fields = {"gain": self.gain, "unit": unit, "lm_damping": self.lm_damping}
+        made: tuple[Array, Array] | None
+        made = core.cost(fixed, J=np.asarray(jacobian), s=np.asarray(error), root=root, **fields, of_error=True)
+        return made
+
+    def _law(self) -> VelocityLaw:
+        """The law of this task, made anew where an attribute was changed."""
+        form = None if isinstance(self.form, CarriedMetric) else self.form
+        made = self._made
+        if made is None or not (
+            made.form is form
+            and made.damping is self.damping
+            and made.guard is self.guard
+            and made.engine == self.engine
+        ):
+            self._made = made = VelocityLaw(form=form, damping=self.damping, guard=self.guard, engine=self.engine)
+        return made
+
     def _moved(self, J: Array, s: Array, root: Array, more: float) -> tuple[Array, Array]:
         """H and c of the joints that move the frame, where a length costs 1; `more` is Pink's damping."""
-        form = None if isinstance(self.form, CarriedMetric) else self.form
-        law = VelocityLaw(form=form, damping=self.damping, guard=self.guard)
-        found = None if core is None or law.compiled is None else core.cost(J, s, root, law.compiled, more)
+        law = self._law()
+        fixed = law.compiled
+        found = None if core is None or fixed is None else core.cost(fixed, J=J, s=s, root=root, more=more)
         if found is not None:
             H, c = found
             return H, c

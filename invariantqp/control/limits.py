@@ -548,6 +548,17 @@ class Changes(NamedTuple):
         slowest = np.maximum(np.abs(before) - self.loop.acceleration * usual.dt, 0.0)
         return _boxes(self.loop, np.minimum(np.maximum(fastest, slowest), usual.velocity_limit))
 
+    def for_core(self, usual: Loop) -> dict[str, Any] | None:
+        """The same but rows, for the core; None for ranges, accelerations or points of the tool other than usual."""
+        loop, told = self.loop, self.loop.tool_speed
+        fields = ("position_lower", "position_upper", "acceleration", "margin")
+        here, there = (ORIGIN if s is None or s.point is None else s.point for s in (told, usual.tool_speed))
+        alike = all(np.array_equal(getattr(loop, field), getattr(usual, field)) for field in fields)
+        if self.speed == 0.0 or not alike or (told is not None and not np.array_equal(here, there)):
+            return None
+        limited: dict[str, Any] = {} if told is None else {"tool_speed": told.limit}
+        return {"speed": self.speed, "velocity_limit": loop.velocity_limit, **limited}
+
     def cone(self, point: Cone, bounds: tuple[Array, Array], before: Array) -> Cone | None:
         """The limit of the tool's speed in this tick, of a point whose velocity is that of a cone; None for none."""
         told = self.loop.tool_speed
@@ -645,10 +656,10 @@ class LoopLimits(NamedTuple):
             point = self.loop.robot.points(sighting, target, ORIGIN if speed.point is None else speed.point)[0]
             cone = speed.cone(sighting.J, point)
             cone = cone if now is None else now.cone(cone, (lower, upper), before)
-        rows, trouble = self._rows(q, before, now)
+        rows, trouble = self.rows(q, before, now)
         return TickLimits(lower, upper, rows, cone, strained, trouble, placed)
 
-    def _rows(self, q: Array, before: Array, now: Changes | None) -> TickRows:
+    def rows(self, q: Array, before: Array, now: Changes | None) -> TickRows:
         """The rows of this tick: the loop's own, then those for `now`."""
         found = TickRows(None) if self.joint_rows is None else self.joint_rows.at(q, before)
         if now is None or found.trouble:

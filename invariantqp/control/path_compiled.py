@@ -7,7 +7,7 @@ paths that are left or end short, and carried metrics are Python's.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
 
+if TYPE_CHECKING:
+    from invariantqp._native import Loop
+
 # What rules where no knot of the plan does, as the core counts it: from the last on.
 RULINGS = (TURN, PAUSE, BACK, ENDED, SETTLING, ASTRAY, OVERRIDDEN, ON_TIME)
 # A tick by the core, for a Course, whose state and memory it writes, and what `PathDriver.step` is given; then whether
@@ -36,7 +39,7 @@ if core is not None:
 class Course(NamedTuple):
     """A drive as the compiled core takes it."""
 
-    loop: Array  # of the controller
+    loop: Loop  # of the controller
     kept: Array  # its memory
     state: Array  # of the drive; the numbers of its `PathState`
     numbers: Array  # path, plan and pace

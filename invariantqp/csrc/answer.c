@@ -2,14 +2,14 @@
 
 #include "boundary.h"
 
-typedef enum { OK, LIMITED, SCALED, GUARDED } Status;
+typedef enum { OK, LIMITED, SCALED, GUARDED, DEGRADED } Status;
 /* In the order of Method and Status. */
 static const char *const METHOD[] = {"closed-form", "damped", "qp"};
-static const char *const STATUS[] = {"ok", "limited", "scaled", "guarded"};
+static const char *const STATUS[] = {"ok", "limited", "scaled", "guarded", "degraded"};
 
 /* The type of answers, and what many of them share; made once. */
 static PyTypeObject *ANSWER;
-static PyObject *METHODS[3], *STATUSES[4], *NATIVE, *NOTHING, *NONE_ACTIVE, *ZERO, *ONE;
+static PyObject *METHODS[3], *STATUSES[5], *NATIVE, *NOTHING, *NONE_ACTIVE, *ZERO, *ONE;
 
 bool words_made(void)
 {
@@ -50,7 +50,7 @@ bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, con
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    return taken_as("answer_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 4, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
+    return taken_as("answer_as(a named tuple, the enum of its statuses)", arguments, count, STATUS, 5, &ANSWER, STATUSES) ? Py_NewRef(Py_None) : NULL;
 }
 
 /* A tuple of some type with these values, which it takes over; NULL where one of them is. */
@@ -78,6 +78,8 @@ static PyObject *number(double x)
 
 static Status status(const Solution *solution)
 {
+    if (solution->yielded.rows > 0 || solution->yielded.speed > 0.0 || solution->unmet > 0.0 || solution->beyond > 0.0)
+        return DEGRADED;
     return solution->slow ? SCALED : solution->blended > 0.0 ? GUARDED : solution->limited ? LIMITED : OK;
 }
 
@@ -118,10 +120,51 @@ static void add_limits(Reasons *reasons, int m, int rows, const unsigned char *r
                 add(reasons, LIMIT, i);
 }
 
+/* Add the rows that gave way, the one that is exceeded most first, then by how much. */
+static void add_yielded(Reasons *reasons, int m, const Yielded *yielded)
+{
+    int order[MOST_LIMITS], count = 0;
+    for (int i = 0; i < yielded->rows; i++) {
+        int at = count;
+        if (yielded->by[i] == 0.0)
+            continue;
+        for (; at > 0 && fabs(yielded->share[order[at - 1]]) < fabs(yielded->share[i]); at--)
+            order[at] = order[at - 1];
+        order[at] = i;
+        count++;
+    }
+    for (int j = 0; j < m; j++)
+        if (yielded->to[j])
+            add(reasons, JOINT, j);
+    for (int i = 0; i < count; i++)
+        add(reasons, LIMIT, order[i]);
+    for (int i = 0; i < count; i++)
+        add(reasons, NUMBER, fabs(yielded->by[order[i]]));
+}
+
 /* The reasons of a solution; those of most ticks are none. */
 static PyObject *reasons(int m, const Solution *solution)
 {
     Reasons found = {.count = 0};
+    const Yielded *yielded = &solution->yielded;
+    if (yielded->rows > 0) {
+        say(&found, WHY_ROWS_CONTRADICT);
+        add_yielded(&found, m, yielded);
+    }
+    if (yielded->speed > 0.0) {
+        say(&found, WHY_TOOL_FASTER);
+        add(&found, NUMBER, yielded->speed);
+        add(&found, NUMBER, yielded->limit);
+    }
+    if (solution->unmet > 0.0) {
+        say(&found, WHY_ROWS_UNKEPT);
+        add(&found, NUMBER, solution->unmet);
+    }
+    if (solution->beyond > 0.0) {
+        say(&found, WHY_ROWS_TOO_MANY);
+        add(&found, NUMBER, solution->row_rank);
+        add(&found, NUMBER, solution->beyond);
+    }
     if (solution->stuck)
         say(&found, WHY_STUCK);
     if (solution->slow) {

@@ -33,9 +33,9 @@ static Outcome pitch_form(double h, const double root[6][6], double M[6][6])
 }
 
 /* I - KK', K an orthonormal basis of root Z. */
-static Outcome complement(const Form *form, const double root[6][6], double M[6][6])
+static Outcome complement(const Law *form, const double root[6][6], double M[6][6])
 {
-    int count = (int)form->count;
+    int count = form->twists;
     double K[6][6];
     if (count == 6) /* nothing is left, and M is rounding */
         return HAND_BACK;
@@ -114,7 +114,7 @@ static Outcome filtered(int k, const Row *C, const double *p, double *y)
 Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6], double attempt[6])
 {
     int k = n < 6 ? n : 6;
-    const Form *form = demand->form;
+    const Law *form = demand->form;
     double largest = found->sigma[0], share[6], r[6], done[6] = {0.0}, M[6][6], V[6][6], MV[6][6], square = 0.0;
     Row L[6], C[6], y;
     bool whole = k == 6;
@@ -133,7 +133,9 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
     }
     if (whole)
         return DONE;
-    if ((form->count == 0.0 ? pitch_form(form->pitch, demand->root, M) : complement(form, demand->root, M)) == HAND_BACK)
+    if (form->form == BROUGHT)
+        memcpy(M, demand->brought, sizeof M);
+    else if ((form->form == PITCH ? pitch_form(form->pitch, demand->root, M) : complement(form, demand->root, M)) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < 6; i++) {
         r[i] = b[i] - done[i];

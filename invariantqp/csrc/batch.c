@@ -5,9 +5,6 @@
 #include <intrin.h>
 #endif
 
-/* geometry/sizes.py: bounds of |J|^2 of a row. */
-static const double SMALLEST_SQUARE = 1e-60, LARGEST_SQUARE = 1e60;
-
 /* A number that no other thread has yet. */
 static npy_int32 another(npy_int32 *taken)
 {
@@ -16,21 +13,6 @@ static npy_int32 another(npy_int32 *taken)
 #else
     return __atomic_fetch_add(taken, 1, __ATOMIC_RELAXED);
 #endif
-}
-
-/* velocity/problem.py: whether a joint only slides. */
-static bool is_prismatic(int m, const Row J[6])
-{
-    Row turning = {0.0}, moving = {0.0};
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < m; j++) {
-            turning[j] += J[i][j] * J[i][j];
-            moving[j] += J[3 + i][j] * J[3 + i][j];
-        }
-    for (int j = 0; j < m; j++)
-        if (sqrt(turning[j]) <= SLIDING * sqrt(moving[j]) && moving[j] > 0.0)
-            return true;
-    return false;
 }
 
 /* velocity/batch.py, check: whether it has nothing to refuse of a row; `solve` looks at the posture. */
@@ -44,7 +26,7 @@ static bool is_sound(const Demand *demand)
     }
     for (int j = 0; j < demand->m; j++)
         sound = sound && demand->lower[j] <= demand->upper[j] && demand->lower[j] < INFINITY && demand->upper[j] > -INFINITY;
-    return sound && square >= SMALLEST_SQUARE && square <= LARGEST_SQUARE;
+    return sound && square >= SMALLEST_SIZE * SMALLEST_SIZE && square <= LARGEST_SIZE * LARGEST_SIZE;
 }
 
 /* A word into one row of an array of NumPy's text. */
@@ -77,8 +59,8 @@ static bool is_as(const Expected *expected, PyArrayObject *array, npy_intp n, np
            (expected->dimensions == 2 || PyArray_DIM(array, 1) == 6);
 }
 
-/* ticks(J, s, roots, lower, upper, posture, velocity, residual, record, method, status, numbers, records, POLICY, (T, its
-   inverse) or None, taken, size): N rows, each a tick without dt, by as many threads as call this with the same `taken`:
+/* ticks(J, s, roots, lower, upper, posture, velocity, residual, record, method, status, numbers, records, law,
+   taken, size): N rows, each a tick without dt, by as many threads as call this with the same `taken`:
    how many parts of `size` rows, and how many records. Written of each row: velocity and residual; the number of its
    record, or that it is a closed form and no more (PLAIN), or Python's (LEFT), as a row with a prismatic joint and no
    metric is, which has a metric of its own there; method and status in words; scale, damping, guard. */
@@ -88,7 +70,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 {
     (void)module;
     enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, VELOCITY, RESIDUAL, NUMBER, METHOD, STATUS, NUMBERS, RECORDS, ARRAYS };
-    enum { OF_LAW = ARRAYS, METRIC, TAKEN, SIZE, COUNT };
+    enum { OF_LAW = ARRAYS, TAKEN, SIZE, COUNT };
     static const Expected EXPECTED[ARRAYS] = {
         [J] = {NPY_DOUBLE, 3, OF_JOINTS, 0},        [TWIST] = {NPY_DOUBLE, 2, SIX, 0},
         [ROOT] = {NPY_DOUBLE, 3, SIX, 0},           [LOWER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
@@ -99,27 +81,27 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         [RECORDS] = {NPY_DOUBLE, 2, WHOLE_RECORD, 0},
     };
     Demand shared = {.posture = {0.0}, .chased = false, .paced = false};
-    Form form;
-    Metric measure;
     PyArrayObject *arrays[ARRAYS] = {NULL}, *first = count == COUNT ? (PyArrayObject *)arguments[J] : NULL;
-    bool good = first != NULL && PyArray_Check(first) && PyArray_NDIM(first) == 3 && policy(arguments[OF_LAW], &shared, &form);
+    bool good = first != NULL && PyArray_Check(first) && PyArray_NDIM(first) == 3;
+    const Law *law = good ? described(&TABLE_Law, arguments[OF_LAW]) : NULL;
+    good = law != NULL;
     npy_intp n = good ? PyArray_DIM(first, 0) : 0, m = good ? PyArray_DIM(first, 2) : 0;
     for (int i = 0; good && i < ARRAYS; i++)
         if (i != POSTURE || arguments[i] != Py_None) {
             arrays[i] = (PyArrayObject *)arguments[i];
             good = is_as(&EXPECTED[i], arrays[i], n, m, i >= VELOCITY);
         }
-    good = good && m >= 1 && m <= MOST && (arguments[METRIC] == Py_None || metric(arguments[METRIC], (int)m, &measure));
+    good = good && m >= 1 && m <= MOST && (!law->has_metric || law->joints == (int)m);
     PyArrayObject *counts = good ? (PyArrayObject *)arguments[TAKEN] : NULL;
     good = good && PyArray_Check(counts) && PyArray_TYPE(counts) == NPY_INT32 && PyArray_ISCARRAY(counts) &&
            PyArray_NDIM(counts) == 1 && PyArray_DIM(counts, 0) == 2;
     npy_intp size = good ? (npy_intp)PyLong_AsSsize_t(arguments[SIZE]) : 0;
     if (size < 1)
         return refused("ticks(J, s, roots, lower, upper, posture, velocity, residual, record, method, status, "
-                       "numbers, records, " POLICY ", (T, inverse) or None, taken, size)");
+                       "numbers, records, law, taken, size)");
     shared.m = (int)m;
     shared.has_posture = arrays[POSTURE] != NULL;
-    shared.metric = arguments[METRIC] != Py_None ? &measure : NULL;
+    governed(law, &shared);
     npy_int32 *taken = (npy_int32 *)PyArray_DATA(counts), *record = (npy_int32 *)PyArray_DATA(arrays[NUMBER]);
     Py_BEGIN_ALLOW_THREADS
     Demand demand = shared;
@@ -135,7 +117,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             if (shared.has_posture)
                 copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
             record[row] = LEFT;
-            if (!is_sound(&demand) || (shared.metric == NULL && is_prismatic(shared.m, (const Row *)demand.J)) ||
+            if (!is_sound(&demand) || (shared.metric == NULL && is_sliding(shared.m, (const Row *)demand.J, 1.0)) ||
                 solve(&demand, &solution) == HAND_BACK)
                 continue;
             memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));
@@ -159,7 +141,7 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
     (void)module;
     Solution solution;
     if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || !within(solution.m, 1, MOST) ||
-        !within(solution.limits, 0, MOST) || !within((int)solution.method, CLOSED_FORM, QP))
+        !within(solution.limits, 0, MOST_LIMITS) || !within((int)solution.method, CLOSED_FORM, QP))
         return refused("solution(record)");
     return fields(solution.m, &solution);
 }

@@ -26,18 +26,18 @@ PyObject *new_matrix(int rows, int n, int width, const double *values);
 /* Whether a number that a count is made of is one. */
 static inline bool within(double x, int least, int most) { return x >= least && x <= most; }
 
+/* fields.c */
+typedef struct Table Table;
+typedef enum { FITS, UNFIT, WRONG } Fit;
+extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Arm, TABLE_now, TABLE_cost, TABLE_tick;
+const void *described(const Table *table, PyObject *object);
+Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *into);
+bool types_made(PyObject *module);
+
 /* module.c */
 const Loop *loop_of(PyObject *object);
 double *memory_of(PyObject *object, const Loop *loop);
-
-/* arguments.c; how a policy is written in messages */
-#define POLICY "(threshold, ceiling, fixed, speed, (pitch, fraction, Z') or None)"
-bool policy(PyObject *tuple, Demand *demand, Form *form);
-bool exact(PyObject *tuple, Demand *demand);
 bool cone(PyObject *tuple, Demand *demand);
-bool limits(PyObject *tuple, Demand *demand);
-bool metric(PyObject *tuple, int m, Metric *into);
-bool chase(PyObject *tuple, Demand *demand);
 int joints_of(PyObject *J);
 
 /* batch.c; numbers of a row's record */
@@ -59,13 +59,15 @@ const char *status_word(const Solution *solution);
 bool is_plain(const Solution *solution);
 
 /* search.c */
-PyObject *search_arm(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* driver.c */
 PyObject *tell_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
+/* pseudoinverse.c */
+PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* sight.c */
 PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

@@ -40,12 +40,12 @@ static void one_way(double room, double behind, double before, double accelerati
 }
 
 /* Limits that contradict each other are handed back: Python names the joints. */
-Outcome braking_box(const Loop *loop, const double *q, const double *before, Demand *demand)
+Outcome braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand)
 {
     double dt = loop->dt, *lower = demand->lower, *upper = demand->upper;
-    for (int j = 0; j < (int)loop->joints; j++) {
+    for (int j = 0; j < loop->joints; j++) {
         double ahead = loop->position_upper[j] - q[j], behind = q[j] - loop->position_lower[j];
-        double fastest = loop->fastest[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
+        double fastest = speeds[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
         one_way(ahead, behind, before[j], loop->acceleration[j], dt, &least, &most);
         one_way(behind, ahead, -before[j], loop->acceleration[j], dt, &least_back, &most_back);
         lower[j] = fmin(fmax(fmax(least, -most_back), -fastest), fastest);
@@ -60,33 +60,33 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, Dem
 }
 
 /* The share of the gain from which the joints can still brake within a distance each. */
-double share_within(const Loop *loop, const Row distance)
+double share_within(const Loop *loop, double gain, const Row distance)
 {
     double share = 1.0;
-    for (int j = 0; j < (int)loop->joints; j++) {
-        double d = fabs(distance[j]), a = BRAKING_SHARE * loop->acceleration[j], knee = a / (loop->gain * loop->gain);
+    for (int j = 0; j < loop->joints; j++) {
+        double d = fabs(distance[j]), a = BRAKING_SHARE * loop->acceleration[j], knee = a / (gain * gain);
         if (d > knee)
-            share = fmin(share, sqrt(a * (2.0 * d - knee)) / (loop->gain * d));
+            share = fmin(share, sqrt(a * (2.0 * d - knee)) / (gain * d));
     }
     return share;
 }
 
 /* The same before the target; `error` is measured, as A is;
    A is on y where there is a joint metric. */
-Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share)
+Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share)
 {
     static const Row STILL = {0.0};
     Demand damped = {.threshold = DISTANCE_DAMPING, .ceiling = DISTANCE_DAMPING};
     Objective objective;
     Spectrum found;
     Row distance;
-    int m = (int)loop->joints;
+    int m = loop->joints;
     if (spectrum(6, m, A, error, NULL, &found) == HAND_BACK ||
         least_squares(&damped, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
-    if (loop->has_metric != 0.0)
-        transformed(m, loop->metric.T, distance, distance);
-    *share = share_within(loop, distance);
+    if (loop->law.has_metric)
+        transformed(m, loop->law.T, distance, distance);
+    *share = share_within(loop, gain, distance);
     return DONE;
 }

@@ -74,7 +74,7 @@ void exponential(const double w[3], const double v[3], double q, Pose *T)
 }
 
 /* A pose from its (4, 4) matrix, row by row. */
-void pose_from(const double H[16], Pose *T)
+void pose_from(const double *H, Pose *T)
 {
     for (int i = 0; i < 3; i++) {
         memcpy(T->R[i], H + 4 * i, 3 * sizeof(double));

@@ -7,21 +7,14 @@
 #ifndef CORE_H
 #define CORE_H
 
+#include "fields.h"
 #include <math.h>
 #include <stddef.h>
-#include <stdbool.h>
 
-/* More joints than this are handed back. */
-#define MOST 16
-/* More limits than this are handed back. */
-#define LIMITS (2 * MOST + 1)
-/* More exact rows than this are handed back. */
-#define MOST_ROWS 8
+/* Limits of joints and rows, and one of a share. */
+#define LIMITS (MOST + MOST_LIMITS + 1)
 
 typedef enum { DONE, HAND_BACK } Outcome;
-
-/* (rows, MOST) row by row; only the first n columns are used. */
-typedef double Row[MOST];
 
 /* velocity/qp.py: |start + J x| <= limit; a limit of 0 is none */
 typedef struct {
@@ -43,17 +36,6 @@ typedef struct {
     double lower[LIMITS], upper[LIMITS];
 } Polytope;
 
-/* law.py: x = T y with T'MT = I for a joint metric M, and y = inverse x */
-typedef struct {
-    Row T[MOST], inverse[MOST];
-} Metric;
-
-/* forms.py: Q_h of a pitch h, or the projector along `count` twists Z; fraction of the guard, -1 for none. */
-typedef struct {
-    double pitch, fraction, count;
-    double Z[6][6]; /* Z[i] is twist i */
-} Form;
-
 /* law.py: which part of a twist closes an error, and what may be slowed down for it. */
 typedef struct {
     double ahead[6], rows_ahead[MOST_ROWS], slack;
@@ -66,7 +48,9 @@ typedef struct {
     int m;
     Row J[6];
     double s[6];
+    bool has_root, has_point;
     double root[6][6];
+    double point[3], length; /* where no root is given: a length of 0 is the reach, no point the arm's own */
     Row lower, upper;
     Row posture; /* zero where there is none */
     bool has_posture, paced;
@@ -82,10 +66,12 @@ typedef struct {
     Cone cone;
     /* limits/rows.py: least <= G x <= most */
     int limits;
-    Row G[MOST];
-    Row least, most;
-    const Metric *metric; /* NULL is the identity */
-    const Form *form;     /* NULL is least squares */
+    Row G[MOST_LIMITS];
+    double least[MOST_LIMITS], most[MOST_LIMITS];
+    const Law *metric;    /* with T and its inverse; NULL is the identity */
+    const Law *form;      /* NULL is least squares */
+    bool has_brought;
+    double brought[6][6]; /* of a form that is brought, on measured twists */
     /* damping.py: lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2) + fixed, or more where a direction contributes
        more than `speed`, if that is not zero */
     double threshold, ceiling, fixed, speed;
@@ -106,6 +92,14 @@ typedef struct {
     double U[6][6];
 } Spectrum;
 
+/* Rows are worked on in steps of STEP numbers, those after the last one zero. */
+#define STEP 4
+/* spectrum.c: a row and what is rotated with it: entries of b, a direction of joint space, or another row. */
+typedef struct {
+    Row row;
+    double with[MOST + STEP];
+} Rotated;
+
 /* velocity/qp.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e */
 typedef struct {
     int n;
@@ -118,14 +112,13 @@ typedef struct {
     double multipliers[LIMITS];
     double nu; /* of the speed limit */
     bool met;  /* whether a limit is active */
-    bool undecided; /* whether a limit is so close that Python might decide otherwise */
 } Optimum;
 
 /* exact.py: y = start + share (full - start) + B z; basis[i] is column i of B, span[i] likewise of what the rows fix */
 typedef struct {
     int n;
-    Row full, start, basis[MOST], span[MOST_ROWS];
-    double effort, bend;
+    Row full, start, basis[MOST], span[MOST];
+    double effort, bend, unmet, beyond; /* shares of the demand that no velocity can meet here, and anywhere */
 } Reduction;
 
 /* exact.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it; the weakest
@@ -140,6 +133,10 @@ typedef struct {
 
 /* reasons.py: the codes of what the core has to say, and indices of what is no row of LimitRows */
 typedef enum {
+    WHY_ROWS_CONTRADICT = 17,
+    WHY_TOOL_FASTER,
+    WHY_ROWS_UNKEPT = 20,
+    WHY_ROWS_TOO_MANY,
     WHY_STUCK = 24,
     WHY_ROWS_SLOWED,
     WHY_ROWS_MOVED,
@@ -153,6 +150,14 @@ typedef enum {
 #define TOOL_SPEED_ROW (-1)
 #define FIRST_EXACT_ROW (-2)
 
+/* velocity/tick.py: how limits that contradict each other give way: rows by how much, above them positive, and at length
+   one by what share, to the bounds of which joints; and the tool's speed to which other one, 0 for none */
+typedef struct {
+    int rows;
+    double by[MOST_LIMITS], share[MOST_LIMITS], speed, limit;
+    bool to[MOST];
+} Yielded;
+
 /* solution.py */
 typedef enum { CLOSED_FORM, DAMPED, QP } Method;
 typedef struct {
@@ -164,7 +169,9 @@ typedef struct {
     bool stuck, limited, slow, met, fast, at_speed;
     unsigned char held_by[LIMITS], at_limit[LIMITS]; /* limits that hold exact rows, and all: 0 for none, rows by rank */
     double scale, pace, damping, blended, ratio, missed; /* for the reason */
-    int rows;
+    int rows, row_rank;
+    double unmet, beyond; /* of exact rows, 0 where they are met but for rounding */
+    Yielded yielded;
     double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
 } Solution;
 
@@ -207,7 +214,7 @@ void backward(int n, const Row *L, double *x);
 void solved(int n, const Row *L, const double *g, double *x);
 
 /* chain.c */
-void pose_from(const double H[16], Pose *T);
+void pose_from(const double *H, Pose *T);
 void place(const Pose *T, const double point[3], double p[3]);
 void turned(const Pose *T, const double b[3], double c[3]);
 void cross(const double a[3], const double b[3], double c[3]);
@@ -215,8 +222,15 @@ void lie(const double a[6], const double b[6], double c[6]);
 void product(const Pose *A, const Pose *B, Pose *C);
 void exponential(const double w[3], const double v[3], double q, Pose *T);
 
+/* measure.c */
+void root_at(const double p[3], double length, double root[6][6]);
+Outcome measured(Demand *demand);
+bool is_sliding(int m, const Row J[6], double length);
+
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahead, Spectrum *found);
+Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma);
+void completed(int n, int rank, Row *V);
 void want(Spectrum *found, const double b[6], const double *ahead);
 double damped_square(const Demand *demand, double sigma, double wanted, double largest);
 Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
@@ -233,8 +247,6 @@ double calm(int n, const Row A[6], const double wanted[6], const Row y, const Ro
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
-Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                Optimum *found);
 bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
 void along(int n, int k, const Row *Q, Row row);
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
@@ -257,9 +269,12 @@ void joint(const Reduction *reduction, int m, const double *z, double share, Row
 void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
 Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside);
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
+void governed(const Law *law, Demand *demand);
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
+Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded);
+Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *yielded);
 Outcome solve(const Demand *demand, Solution *solution);
-Outcome frame_cost(const Demand *demand, double more, Row *H, Row c);
+Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
 void turn_to(const Pose *target, const Pose *tool, double w[3]);
@@ -303,6 +318,10 @@ extern const Constant CONSTANTS[];
 #define PROGRESS_SHARE 1e-4
 #define WHOLE_SPEED (1.0 - 1e-6)
 #define REGULARISATION 1e-9
+#define LEAST_MOTION 1e-8
+#define VIOLATION_TOLERANCE 1e-9
+#define WIDENING 1e-7
+#define FASTER 1e-4
 #define EXACT_CALM 1.0
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR 1e-6
@@ -314,6 +333,13 @@ extern const Constant CONSTANTS[];
 #define MOST_SHARE 1e8
 #define LARGEST_SPEED 1e12
 #define SLIDING 1e-9
+#define SMALLEST_SIZE 1e-30
+#define LARGEST_SIZE 1e30
+#define LENGTH_LIMIT 1000000000000.0
+#define WELL_POSED 0.0001
+#define CENTRE_ROUNDING 1e-12
+#define TERMS 1e-5
+#define UNMET_TOLERANCE 1e-9
 #define HALF_TURN (0.8 * 3.14159265358979323846)
 
 #endif

@@ -3,14 +3,15 @@
        y = start + a (full - start) + B z,   full = C'(CC')^-1 e,   CB = 0,   B'B = I,
        0 <= a <= 1 the share of the demanded speed, start zero where standing still is allowed
 
-   Rows that are parts of the twist, C = D J, are first made orthonormal in the measure. Rows that depend on each other
-   or that the joints cannot meet are handed back. */
+   Rows that are parts of the twist, C = D J, are first made orthonormal in the measure. */
 
 #include "core.h"
 #include <string.h>
 
-/* Rows whose smallest singular value is below this share of the largest are handed back: Python decides on them. */
-static const double DEPENDENT_ROWS = 1e-3;
+/* A singular value above the first share of the largest counts, below the second it is zero; between them, Python decides. */
+static const double INDEPENDENT = 1e-7, DEPENDENT_ROW = 1e-11;
+/* A decision that rounding may make: within this factor of a tolerance. */
+static const double CLOSE = 10.0;
 
 /* D root^-1, for root = [[R, 0], [P, S]] or any other that is invertible; by elimination with pivots. */
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6])
@@ -46,88 +47,125 @@ Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (
     return DONE;
 }
 
-/* The rows C on y and their demands, combined so that parts of the twist are orthonormal in the measure, by the Cholesky
-   factor of their Gram matrix: the same singular values as Python's. Rows beside them become as long as all of those. */
-static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *e)
+/* How many of `rows` singular values, the largest first, count; -1 where that is too close to tell. */
+static int counted_values(int rows, const double *sigma)
 {
-    int k = demand->rows, m = demand->m;
-    double M[MOST_ROWS][6], L[MOST_ROWS][MOST_ROWS], square = 0.0;
-    bool twist[MOST_ROWS], any = false;
-    memcpy(C, given, (size_t)k * sizeof(Row));
-    memcpy(e, demand->e, (size_t)k * sizeof(double));
-    for (int i = 0; i < k && demand->of_twist; i++)
-        any = (twist[i] = dot(6, demand->D[i], demand->D[i]) > 0.0) || any;
-    if (!any)
-        return DONE;
-    if (over_root(k, demand->D, demand->root, M) == HAND_BACK)
+    int rank = 0;
+    for (int i = 0; i < rows; i++) {
+        if (sigma[i] > INDEPENDENT * sigma[0])
+            rank++;
+        else if (sigma[i] > DEPENDENT_ROW * sigma[0])
+            return -1;
+    }
+    return rank;
+}
+
+/* The rows C on y and their demands; parts of the twist are replaced by orthonormal ones in the measure, and rows beside
+   them become as long as all of those. How many rows there are then, and the share of the demands in which parts of one
+   twist contradict each other. */
+static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *e, int *rows, double *contrary)
+{
+    int k = demand->rows, m = demand->m, parts = 0, rank;
+    double M[MOST_ROWS][6], sigma[MOST_ROWS], square = 0.0, lost = 0.0, whole = 0.0, terms = 0.0;
+    Rotated R[MOST_ROWS];
+    *contrary = 0.0;
+    *rows = 0;
+    memset(R, 0, (size_t)k * sizeof *R);
+    if (demand->of_twist && over_root(k, demand->D, demand->root, M) == HAND_BACK)
         return HAND_BACK;
-    for (int i = 0; i < k; i++) {
-        double size = twist[i] ? norm(6, M[i]) : norm(m, C[i]);
+    for (int i = 0; i < k && demand->of_twist; i++) {
+        if (!(dot(6, demand->D[i], demand->D[i]) > 0.0))
+            continue;
+        double size = norm(6, M[i]), term = 0.0;
         if (!(size > 0.0))
             return HAND_BACK;
-        for (int j = 0; j < 6; j++)
-            M[i][j] /= size;
-        for (int j = 0; j < m; j++)
-            C[i][j] /= size;
-        e[i] /= size;
-        for (int j = 0; j <= i; j++)
-            L[i][j] = dot(6, M[i], M[j]);
-        for (int j = 0; j < i && twist[i]; j++)
-            L[i][j] = twist[j] ? (L[i][j] - dot(j, L[i], L[j])) / L[j][j] : 0.0;
-        if (!twist[i])
-            continue;
-        double pivot = L[i][i] - dot(i, L[i], L[i]);
-        if (!(pivot > DEPENDENT_ROWS * DEPENDENT_ROWS))
-            return HAND_BACK;
-        L[i][i] = sqrt(pivot);
-        for (int l = 0; l < i; l++) {
-            for (int j = 0; j < m; j++)
-                C[i][j] -= L[i][l] * C[l][j];
-            e[i] -= L[i][l] * e[l];
+        for (int j = 0; j < 6; j++) {
+            R[parts].row[j] = M[i][j] / size;
+            term += fabs(demand->D[i][j]) * fabs(demand->s[j]);
         }
         for (int j = 0; j < m; j++)
-            C[i][j] /= L[i][i];
-        e[i] /= L[i][i];
-        square += dot(m, C[i], C[i]);
+            R[parts].with[j] = given[i][j] / size;
+        R[parts].with[m] = demand->e[i] / size;
+        terms += term * term / (size * size);
+        parts++;
     }
-    for (int i = 0; i < k && square > 0.0; i++) {
-        double length = twist[i] ? 1.0 : sqrt(square);
+    if (sorted_rows(parts, 6, m + 1, R, sigma) == HAND_BACK || (rank = counted_values(parts, sigma)) < 0)
+        return HAND_BACK;
+    for (int i = 0; i < parts; i++) {
+        double e_i = R[i].with[m];
+        whole += e_i * e_i;
+        lost += i >= rank ? e_i * e_i : 0.0;
+        if (i >= rank)
+            continue;
         for (int j = 0; j < m; j++)
-            C[i][j] *= length;
-        e[i] *= length;
+            C[*rows][j] = R[i].with[j] / sigma[i];
+        e[*rows] = e_i / sigma[i];
+        square += dot(m, C[*rows], C[*rows]);
+        ++*rows;
+    }
+    if (rank < parts)
+        *contrary = sqrt(lost) / fmax(fmax(sqrt(whole), TERMS * sqrt(terms)), 1e-300);
+    for (int i = 0; i < k; i++) {
+        if (demand->of_twist && dot(6, demand->D[i], demand->D[i]) > 0.0)
+            continue;
+        double size = parts > 0 ? norm(m, given[i]) : 1.0, scale = parts > 0 && square > 0.0 ? sqrt(square) : 1.0;
+        scale /= size > 0.0 ? size : 1.0;
+        for (int j = 0; j < m; j++)
+            C[*rows][j] = scale * given[i][j];
+        e[*rows] = scale * demand->e[i];
+        ++*rows;
     }
     return DONE;
 }
 
+static bool is_close(double unmet) { return unmet > UNMET_TOLERANCE / CLOSE && unmet < UNMET_TOLERANCE * CLOSE; }
+
 /* `given` is C on y: the rows of the demand, or those rows times T. */
 Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)
 {
-    int k = demand->rows, m = demand->m;
+    int k, m = demand->m, rank;
     Row C[MOST_ROWS];
-    double e[MOST_ROWS], met = 0.0, square = 0.0, sizes = 0.0;
-    Spectrum found;
-    /* Fewer rows than joints: some directions are left, and none of the rows is too much. */
-    if (k >= m || (demand->row_rank >= 0 && demand->row_rank < k) || whitened(demand, given, C, e) == HAND_BACK ||
-        spectrum(k, m, (const Row *)C, e, NULL, &found) == HAND_BACK)
+    double e[MOST_ROWS], sigma[MOST_ROWS], met = 0.0, square = 0.0, sizes = 0.0, here = 0.0, anywhere = 0.0, contrary;
+    Rotated R[MOST_ROWS];
+    if (whitened(demand, given, C, e, &k, &contrary) == HAND_BACK)
         return HAND_BACK;
-    if (!(found.sigma[k - 1] > DEPENDENT_ROWS * found.sigma[0]))
+    memset(R, 0, (size_t)k * sizeof *R);
+    for (int i = 0; i < k; i++) {
+        memcpy(R[i].row, C[i], (size_t)m * sizeof(double));
+        R[i].with[0] = e[i];
+    }
+    if (sorted_rows(k, m, 1, R, sigma) == HAND_BACK || (rank = counted_values(k, sigma)) < 0)
         return HAND_BACK;
+    int best = demand->row_rank < 0 ? k : demand->row_rank;
+    rank = best < rank ? best : rank;
     for (int j = 0; j < m; j++)
         reduction->full[j] = reduction->start[j] = 0.0;
+    Row V[MOST];
     for (int i = 0; i < k; i++) {
-        double y = found.wanted[i] / found.sigma[i];
-        for (int j = 0; j < m; j++)
-            reduction->full[j] += y * found.V[i][j];
-        met += found.wanted[i] * found.wanted[i];
+        double wanted = R[i].with[0], y;
+        sizes += sigma[i] * sigma[i];
+        if (i >= rank) {
+            *(i < best ? &here : &anywhere) += wanted * wanted;
+            continue;
+        }
+        y = wanted / sigma[i];
+        for (int j = 0; j < m; j++) {
+            V[i][j] = R[i].row[j] / sigma[i];
+            reduction->full[j] += y * V[i][j];
+        }
+        met += wanted * wanted;
         square += y * y;
-        sizes += found.sigma[i] * found.sigma[i];
     }
-    reduction->n = m - k;
+    completed(m, rank, V);
+    reduction->n = m - rank;
     for (int i = 0; i < m; i++)
-        memcpy(i < k ? reduction->span[i] : reduction->basis[i - k], found.V[i], (size_t)m * sizeof(double));
+        memcpy(i < rank ? reduction->span[i] : reduction->basis[i - rank], V[i], (size_t)m * sizeof(double));
+    double all = met + here + anywhere;
     reduction->effort = met > 0.0 ? sqrt(sizes) * sqrt(square) / sqrt(met) : 1.0;
-    reduction->bend = sqrt(sizes) / found.sigma[k - 1];
-    return DONE;
+    reduction->bend = rank > 0 ? sqrt(sizes) / sigma[rank - 1] : 1.0;
+    reduction->unmet = fmax(all > 0.0 ? sqrt(here / all) : 0.0, contrary);
+    reduction->beyond = all > 0.0 ? sqrt(anywhere / all) : 0.0;
+    return is_close(reduction->unmet) || is_close(reduction->beyond) ? HAND_BACK : DONE;
 }
 
 /* y where z = 0. */

@@ -1,16 +1,28 @@
 /* Twin of control/frame_cost.py: the quadratic that a frame task of Pink or mink minimises, 1/2 x'Hx + c'x. */
 
 #include "core.h"
+#include <string.h>
 
-/* H (m, m) and c (m,) where a length costs 1; `more` is Pink's damping of every joint. */
-Outcome frame_cost(const Demand *demand, double more, Row *H, Row c)
+/* H (m, m) and c (m,). */
+Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c)
 {
+    Demand told, *demand = &told;
     static const Row STILL = {0.0};
     Objective objective;
     Spectrum found;
     Row A[6];
     double b[6], attempt[6], most = 0.0;
-    int m = demand->m;
+    int m = told.m = error->m;
+    double unit = error->unit * error->unit;
+    governed(law, demand);
+    memcpy(told.root, error->root, sizeof told.root);
+    for (int i = 0; i < 6; i++) {
+        int from = error->of_error ? (i + 3) % 6 : i;
+        double sign = error->of_error ? -1.0 : 1.0;
+        told.s[i] = error->gain * error->s[from];
+        for (int j = 0; j < m; j++)
+            told.J[i][j] = sign * error->J[from][j];
+    }
     for (int i = 0; i < 6; i++)
         b[i] = dot(6, demand->root[i], demand->s);
     product_of_rows(6, demand->root, m, demand->J, A);
@@ -26,6 +38,7 @@ Outcome frame_cost(const Demand *demand, double more, Row *H, Row c)
     }
     if (least_squares(demand, m, &found, STILL, 0.0, &objective) == HAND_BACK)
         return HAND_BACK;
+    double more = error->more + error->lm_damping * dot(6, b, b);
     for (int i = 0; i < m; i++)
         most = fmax(most, objective.weights[i]);
     for (int j = 0; j < m; j++) {
@@ -34,8 +47,8 @@ Outcome frame_cost(const Demand *demand, double more, Row *H, Row c)
             H[j][l] = 0.0;
     }
     for (int i = 0; i < m; i++) {
-        const double *v = objective.V[i], pull = objective.weights[i] * objective.optimum[i];
-        double weight = (i < objective.rank ? objective.weights[i] : FREE_WEIGHT * most) + more;
+        const double *v = objective.V[i], pull = unit * objective.weights[i] * objective.optimum[i];
+        double weight = unit * ((i < objective.rank ? objective.weights[i] : FREE_WEIGHT * most) + more);
         for (int j = 0; j < m; j++) {
             c[j] -= pull * v[j];
             for (int l = 0; l < m; l++)

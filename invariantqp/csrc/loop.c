@@ -5,31 +5,17 @@
 #include "loop.h"
 #include <string.h>
 
-/* measure.py: [[L I, 0], [-[p]x, I]] */
-void root_at(const double p[3], double length, double root[6][6])
-{
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            root[i][j] = i != j ? 0.0 : i < 3 ? length : 1.0;
-    root[3][1] = p[2];
-    root[3][2] = -p[1];
-    root[4][0] = -p[2];
-    root[4][2] = p[0];
-    root[5][0] = p[1];
-    root[5][1] = -p[0];
-}
-
 /* measure.py: the root of this tick's measure, at a point of the tool or of a metric carried by a body. */
 static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 {
     double p[3], ad[6][6] = {{0.0}};
-    if (loop->carried == 0.0) {
+    if (loop->carried == AT_A_POINT) {
         place(tool, loop->point, p);
         root_at(p, loop->length, root);
         return;
     }
     memcpy(root, loop->root, sizeof loop->root);
-    if (loop->carried == 1.0)
+    if (loop->carried == BY_THE_BASE)
         return;
     root_at(tool->p, 1.0, ad); /* [[I, 0], [-[p]x, I]], then turned into the tool's frame */
     for (int i = 0; i < 6; i++)
@@ -42,11 +28,11 @@ static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 }
 
 /* limits/box.py */
-static void box(const Loop *loop, const double *q, Demand *demand)
+static void box(const Loop *loop, const double *q, const double *speeds, Demand *demand)
 {
     double rate = 1.0 / loop->dt;
-    for (int j = 0; j < (int)loop->joints; j++) {
-        double place = q[j] * rate, fastest = loop->fastest[j], low = loop->low[j] - place, high = loop->high[j] - place;
+    for (int j = 0; j < loop->joints; j++) {
+        double fastest = speeds[j], low = (loop->position_lower[j] - q[j]) * rate, high = (loop->position_upper[j] - q[j]) * rate;
         demand->lower[j] = between(low, -fastest, fastest);
         demand->upper[j] = between(high, -fastest, fastest);
         demand->chase.lower[j] = fmin(low, fastest);
@@ -73,7 +59,7 @@ int commands_of(const Loop *loop)
 /* memory.py, in_flight: where the joints are when the command of this tick acts. */
 void predicted(const Loop *loop, const double *kept, const double *q, Row there)
 {
-    int m = (int)loop->joints;
+    int m = loop->joints;
     double part;
     int whole = ticks_late(loop, &part);
     const double *commands = kept + KEPT + m;
@@ -88,7 +74,7 @@ void predicted(const Loop *loop, const double *kept, const double *q, Row there)
 /* memory.py, after: a tick at q that gave a command. */
 void remembered(const Loop *loop, const double *q, const double *command, double *kept)
 {
-    int m = (int)loop->joints, count = commands_of(loop);
+    int m = loop->joints, count = commands_of(loop);
     double *commands = kept + KEPT + m;
     memcpy(kept + KEPT, q, (size_t)m * sizeof(double));
     memmove(commands + m, commands, (size_t)((count - 1) * m) * sizeof(double));
@@ -98,7 +84,7 @@ void remembered(const Loop *loop, const double *q, const double *command, double
 /* memory.py, followed: what the tool was told to move since the tick before, and what it moved. */
 static void watched(const Loop *loop, const Demand *demand, const double *q, const double *kept, Memory *memory)
 {
-    int m = (int)loop->joints;
+    int m = loop->joints;
     double part, told[6], done[6], share = 1.0 / MEMORY, size, along;
     const double *positions = kept + KEPT, *commands = positions + m;
     int whole = ticks_late(loop, &part);
@@ -132,7 +118,7 @@ bool has_trouble(const Memory *memory)
 /* limits/box.py: whether a joint at a limit is outside its range, where Python has words for it. */
 bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 {
-    for (int j = 0; j < solution->m && loop->has_braking == 0.0; j++)
+    for (int j = 0; j < solution->m && !loop->has_braking; j++)
         if (solution->active[j] && fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > OUTSIDE)
             return true;
     return false;
@@ -141,8 +127,8 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 /* control/limits.py: whether joint positions may not be true; Python decides. */
 bool is_far(const Loop *loop, const double *q)
 {
-    for (int j = 0; j < (int)loop->joints; j++)
-        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > FAR_OUTSIDE)
+    for (int j = 0; j < loop->joints; j++)
+        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > loop->beyond[j])
             return true;
     return false;
 }
@@ -159,78 +145,135 @@ static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 }
 
 /* controller.py: the share of the gain that leaves the joints room to brake before the target. */
-static Outcome approach(const Loop *loop, const Demand *demand, const double measured[6], double *share)
+static Outcome approach(const Loop *loop, double gain, const Demand *demand, const double measured[6], double *share)
 {
     Row A[6];
     product_of_rows(6, demand->root, demand->m, demand->J, A);
     if (demand->metric != NULL)
         product_with(6, demand->m, A, demand->metric->T);
-    return braking_share(loop, (const Row *)A, measured, share);
+    return braking_share(loop, gain, (const Row *)A, measured, share);
 }
 
-/* controller.py: of a demand what no target decides, for joint twists demand->J. */
-Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand)
+/* changes.py: joint speeds of this tick; no joint has to slow down faster than it can. */
+static void joint_speeds(const Loop *loop, const Now *now, const double *before, Row speeds)
 {
-    demand->metric = loop->has_metric != 0.0 ? &loop->metric : NULL;
-    demand->form = loop->has_form != 0.0 ? &loop->form : NULL;
-    demand->limits = (int)loop->limits;
-    memcpy(demand->G, loop->G, (size_t)demand->limits * sizeof(Row));
-    memcpy(demand->least, loop->least, sizeof(Row));
-    memcpy(demand->most, loop->most, sizeof(Row));
-    demand->row_rank = (int)loop->row_rank;
-    demand->dt = loop->dt + loop->delay;
-    demand->threshold = loop->threshold;
-    demand->ceiling = loop->ceiling;
-    demand->fixed = loop->fixed;
-    demand->speed = loop->speed;
+    for (int j = 0; j < loop->joints; j++) {
+        double limit = now->has_velocity_limit ? fmin(loop->fastest[j], now->velocity_limit[j]) : loop->fastest[j];
+        limit *= now->speed;
+        if (loop->has_braking)
+            limit = fmin(fmax(limit, fabs(before[j]) - loop->acceleration[j] * loop->dt), loop->fastest[j]);
+        speeds[j] = limit;
+    }
+}
+
+/* changes.py: the limit of the tool's speed in this tick, at least what the joints make of it that slow down alike. */
+static void tool_speed_now(const Loop *loop, const Now *now, const double *before, const Pose *tool, Demand *demand)
+{
+    double limit = fmin(loop->speed_limit > 0.0 ? loop->speed_limit : INFINITY, now->tool_speed), share = 0.0;
+    Row slower;
+    if (limit == INFINITY)
+        return;
+    limited_point(loop, tool, demand);
+    for (int j = 0; j < loop->joints; j++) {
+        double size = fabs(before[j]), over = size - (loop->has_braking ? loop->acceleration[j] * loop->dt : INFINITY);
+        share = over > 0.0 ? fmax(share, over / size) : share;
+    }
+    for (int j = 0; j < loop->joints; j++)
+        slower[j] = between(share * before[j], demand->lower[j], demand->upper[j]);
+    demand->cone.limit = fmax(limit * now->speed, tool_speed(&demand->cone, loop->joints, slower));
+}
+
+/* controller.py: of a demand what no target decides, for joint twists demand->J; `now` may be NULL. */
+static Outcome demand_now(const Loop *loop, const Now *now, const double *q, const double *before, const Pose *tool,
+                          Demand *demand)
+{
+    bool rows = now != NULL && now->limits > 0;
+    Row speeds;
+    governed(&loop->law, demand);
+    demand->limits = rows ? now->limits : loop->limits;
+    memcpy(demand->G, rows ? now->G : loop->G, (size_t)demand->limits * sizeof(Row));
+    memcpy(demand->least, rows ? now->least : loop->least, (size_t)demand->limits * sizeof(double));
+    memcpy(demand->most, rows ? now->most : loop->most, (size_t)demand->limits * sizeof(double));
+    demand->row_rank = loop->row_rank;
     measured_by(loop, tool, demand->root);
     demand->cone.limit = loop->speed_limit;
     if (loop->speed_limit > 0.0)
         limited_point(loop, tool, demand);
-    if (loop->has_braking != 0.0)
-        return braking_box(loop, q, before, demand);
-    box(loop, q, demand);
+    if (now != NULL)
+        joint_speeds(loop, now, before, speeds);
+    const double *fastest = now != NULL ? speeds : loop->fastest;
+    if (!loop->has_braking)
+        box(loop, q, fastest, demand);
+    else if (braking_box(loop, q, before, fastest, demand) == HAND_BACK)
+        return HAND_BACK;
+    if (now != NULL)
+        tool_speed_now(loop, now, before, tool, demand);
     return DONE;
 }
 
+Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand)
+{
+    return demand_now(loop, NULL, q, before, tool, demand);
+}
+
+/* law.py: all that is asked for, at a share of its speed and as calm as at the whole; the limits are as they were. */
+static void slowed(Demand *demand, double share)
+{
+    demand->dt /= share;
+    demand->chase.slack *= share;
+    for (int i = 0; i < 6; i++) {
+        demand->s[i] *= share;
+        demand->chase.ahead[i] *= share;
+    }
+    for (int i = 0; i < demand->rows; i++) {
+        demand->e[i] *= share;
+        demand->chase.rows_ahead[i] *= share;
+    }
+    for (int j = 0; j < demand->m; j++) {
+        demand->posture[j] *= share;
+        demand->fastest[j] *= share;
+    }
+}
+
 /* The tick towards a target and, without one (NULL), `Controller.follow` for the twist `feedforward`. `before` is the
-   joint velocity now, which acceleration limits count from; `kept` is what the loop keeps, `memory` its numbers after. */
-Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
+   joint velocity now, which acceleration limits count from; `kept` is what the loop keeps, `memory` its numbers after;
+   `now` is what is other in this tick, or NULL. */
+Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Memory *memory, Solution *solution)
 {
     Demand demand;
     Pose tool, home;
-    double error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], most = 0.0, square = 0.0, share = 1.0, gain = 0.0;
+    double speed = now != NULL ? now->speed : 1.0, error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], most = 0.0, square = 0.0, share = 1.0, gain = 0.0;
     Row there;
-    int m = demand.m = (int)loop->joints;
+    int m = demand.m = loop->joints;
     demand.chased = target != NULL;
     memcpy(memory, kept, sizeof *memory);
     predicted(loop, kept, q, there);
-    pose_from(loop->home, &home);
+    pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, there, demand.J, &tool);
     if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK) ||
-        demand_in(loop, there, before, &tool, &demand) == HAND_BACK)
+        demand_now(loop, now, there, before, &tool, &demand) == HAND_BACK)
         return HAND_BACK;
     if (demand.chased)
         memcpy(memory->turn, error, sizeof memory->turn);
     for (int i = 0; i < 6 && feedforward != NULL; i++) {
         ahead[i] = feedforward[i];
-        error[i] += demand.chased ? loop->delay * feedforward[i] : 0.0; /* the target, too, is on by then */
+        error[i] += demand.chased ? loop->delay * speed * feedforward[i] : 0.0; /* the target, too, is on by then */
     }
     for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);
-    if (demand.chased && loop->has_braking != 0.0 && approach(loop, &demand, measured, &share) == HAND_BACK)
+    if (demand.chased && loop->has_braking && approach(loop, speed * loop->gain, &demand, measured, &share) == HAND_BACK)
         return HAND_BACK;
     gain = demand.chased ? share * loop->gain : 0.0;
     for (int i = 0; i < 6; i++) {
         demand.s[i] = gain * error[i] + ahead[i];
-        along[i] = demand.chased ? (1.0 + gain * loop->delay) * ahead[i] : ahead[i];
+        along[i] = demand.chased ? (1.0 + gain * loop->delay * speed) * ahead[i] : ahead[i];
         most = fmax(most, fabs(demand.s[i]));
         square += demand.s[i] * demand.s[i];
     }
     if (!(square < INFINITY) || (!demand.chased && most > LARGEST_SPEED))
         return HAND_BACK;
-    demand.has_posture = loop->has_posture != 0.0;
+    demand.has_posture = loop->has_posture;
     demand.paced = true;
     for (int j = 0; j < m; j++) {
         demand.posture[j] = demand.has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
@@ -240,15 +283,20 @@ Outcome step(const Loop *loop, const double *q, const Pose *target, const double
     if (demand.chased) {
         memcpy(demand.chase.ahead, ahead, sizeof ahead);
         demand.chase.slack = loop->slack;
-        demand.chase.apart = loop->carried == 0.0;
-        if (loop->wanted > 0.0) {
-            if (rows_of(loop->exact, (int)loop->wanted, 0.0, &tool, wanted, ahead, &demand) == HAND_BACK)
+        demand.chase.apart = loop->carried == AT_A_POINT;
+        if (loop->wanted > 0) {
+            if (rows_of(loop->exact, loop->wanted, 0.0, &tool, wanted, ahead, &demand) == HAND_BACK)
                 return HAND_BACK;
             memcpy(demand.chase.rows_ahead, demand.e, sizeof demand.chase.rows_ahead);
         }
     }
-    if (rows_of(loop->exact, (int)loop->wanted, gain, &tool, wanted, along, &demand) == HAND_BACK ||
-        solve(&demand, solution) == HAND_BACK)
+    if (rows_of(loop->exact, loop->wanted, gain, &tool, wanted, along, &demand) == HAND_BACK)
+        return HAND_BACK;
+    if (speed != 1.0)
+        slowed(&demand, speed);
+    if (now != NULL && now->has_brought)
+        memcpy(demand.brought, now->brought, sizeof demand.brought);
+    if (solve(&demand, solution) == HAND_BACK)
         return HAND_BACK;
     if (demand.chased)
         watched(loop, &demand, q, kept, memory);

@@ -5,37 +5,6 @@
 
 #include "core.h"
 
-/* control/demands.py: a point or a direction of the tool, the direction of a plane's normal, or a row on the joints */
-typedef enum { POINT, AXIS, PLANE, JOINTS } Kind;
-typedef struct {
-    double kind, point[3], direction[3], speed;
-    Row row;
-} Wanted;
-
-/* control/controller.py: what does not change from tick to tick. Numbers alone, so that an array carries it. */
-typedef struct {
-    double joints, dt, gain, length, slowness, has_posture;
-    double row_rank, speed_limit, has_braking;
-    double wanted, limits, has_metric; /* how many exact demands and LimitRows, and whether there is a joint metric */
-    double has_form, carried;          /* a metric instead of a point: 1 in the base frame, 2 in the tool's */
-    double delay;                      /* until a command shows, beyond one tick */
-    double threshold, ceiling, fixed, speed;
-    double planned_threshold, planned_ceiling; /* damping where the joint motion is planned */
-    double slack;                              /* of a chase */
-    double point[3];                   /* of the tool, where the error is measured */
-    double fast[3];                    /* of the tool, a point whose speed is limited */
-    double home[16];
-    Row screws[6];
-    Row low, high, fastest; /* position limits / time, and the velocity limit */
-    Row posture, pull;      /* the joint positions, and the gain of each */
-    Row position_lower, position_upper, acceleration;
-    Wanted exact[MOST_ROWS];
-    Row G[MOST], least, most;
-    Metric metric;
-    Form form;
-    double root[6][6]; /* of the carried metric */
-} Loop;
-
 /* control/memory.py: what a loop keeps from tick to tick; `turn` and positions are NaN before the first.
    In Python these numbers, then the positions (m,) and the last commands (k, m), the latest first. */
 typedef struct {
@@ -44,17 +13,16 @@ typedef struct {
 #define KEPT ((int)(sizeof(Memory) / sizeof(double)))
 
 /* braking.c, demands.c, loop.c */
-void root_at(const double p[3], double length, double root[6][6]);
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
-Outcome braking_box(const Loop *loop, const double *q, const double *before, Demand *demand);
-double share_within(const Loop *loop, const Row distance);
-Outcome braking_share(const Loop *loop, const Row A[6], const double error[6], double *share);
+Outcome braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand);
+double share_within(const Loop *loop, double gain, const Row distance);
+Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);
 void predicted(const Loop *loop, const double *kept, const double *q, Row there);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
-Outcome step(const Loop *loop, const double *q, const Pose *target, const double *feedforward, const double *before,
+Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Memory *memory, Solution *solution);
 bool has_trouble(const Memory *memory);
 bool is_far(const Loop *loop, const double *q);
@@ -67,7 +35,6 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 #define FAST_SHARE 0.02
 #define STRAIN_TOLERANCE 1e-9
 #define OUTSIDE 1e-3
-#define FAR_OUTSIDE 0.5
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5
 

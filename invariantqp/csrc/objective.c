@@ -60,7 +60,7 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
     if (!(least >= LEAST_WEIGHT * most))
         return HAND_BACK;
     objective->damping = sqrt(damped);
-    objective->ratio = found->sigma[k - 1] > NULL_RATIO * largest ? found->sigma[k - 1] / largest : 0.0;
+    objective->ratio = k == 0 ? 1.0 : found->sigma[k - 1] > NULL_RATIO * largest ? found->sigma[k - 1] / largest : 0.0;
     return DONE;
 }
 

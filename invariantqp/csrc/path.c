@@ -28,7 +28,7 @@ static Outcome look(const Loop *loop, const Course *course, const Travel *state,
     else
         memcpy(tangent, state->tangent, sizeof tangent);
     curve_pose(course, expected, &target);
-    pose_from(loop->home, &home);
+    pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, q, here->J, &tool);
     if (error_twist(&target, &tool, error) == HAND_BACK)
         return HAND_BACK;
@@ -75,7 +75,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
     }
     demand->has_posture = true;
     demand->paced = demand->chased = false;
-    pose_from(loop->home, &end);
+    pose_from(loop->home[0], &end);
     kinematics(m, loop->screws, &end, middle, demand->J, tool);
     for (int k = 0; k < 6; k++) {
         turning[k] = dot(m, demand->J[k], slope);
@@ -105,7 +105,7 @@ static Outcome twist_of(const Loop *loop, const Course *course, const Beside *he
         memcpy(along, turning, sizeof along);
         memcpy(across, home, sizeof across);
     }
-    double gain = loop->has_braking != 0.0 ? loop->gain * share_within(loop, astray) : loop->gain;
+    double gain = loop->has_braking != 0.0 ? loop->gain * share_within(loop, loop->gain, astray) : loop->gain;
     for (int k = 0; k < 6; k++)
         demand->s[k] = rate * along[k] + gain * across[k];
     return DONE;
@@ -213,6 +213,8 @@ Outcome drive(const Loop *loop, const Course *course, const Travel *before, cons
     curve_tangent(course, middle, after->tangent);
     if (twist_of(loop, course, &here, q, rate, strayed, slope, after->tangent, &tool, &demand) == HAND_BACK ||
         demand_in(loop, there, before->velocity, &tool, &demand) == HAND_BACK)
+        return HAND_BACK;
+    if (demand.form != NULL && demand.form->form == BROUGHT)
         return HAND_BACK;
     demand.dt = 0.0; /* not calm, and hardly damped: the joint motion is planned */
     demand.threshold = loop->planned_threshold;

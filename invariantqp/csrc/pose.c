@@ -10,7 +10,7 @@
 static void placed(const Arm *arm, const double *q, Row J[6], Pose *tool)
 {
     Pose home;
-    pose_from(arm->home, &home);
+    pose_from(arm->home[0], &home);
     kinematics((int)arm->joints, arm->screws, &home, q, J, tool);
 }
 

@@ -5,16 +5,6 @@
 
 #include "loop.h"
 
-/* pose/arm.py: an arm as pose searches see it. Numbers alone, as in a Loop. */
-typedef struct {
-    double joints, length, wanted; /* how many exact demands */
-    double point[3];               /* of the tool, where positions are compared */
-    double home[16];
-    Row screws[6];
-    Row lower, upper, turn, whole; /* limits; whole turns of hinges, and whether the range holds one */
-    Wanted exact[MOST_ROWS];
-} Arm;
-
 #define STALLED 6
 /* pose/newton.py: where one try is; one that is `going` goes on from what it knows */
 typedef struct {

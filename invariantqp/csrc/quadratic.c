@@ -14,10 +14,6 @@
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
-/* Where a limit is closer than this to the optimum without being active, or its multiplier beside a speed limit is a
-   smaller share of the largest, Python might decide otherwise. */
-static const double UNDECIDED = 1e-8;
-
 /* The optimum on a face, with the speed limit where there is one, and the gradient and the limit's multiplier there. */
 Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
 {
@@ -38,15 +34,16 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
+        double outside = 0.0, size = norm(room->n, face->e);
         int worst = 0; /* i + 1 above its upper limit, -(i + 1) below the lower one */
-        double outside = 0.0;
         for (int i = 0; i < room->count; i++) {
             if (side[i] != 0)
                 continue;
             double value = dot(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
             double by = value > upper ? value - upper : lower - value;
-            if (by > outside && by - FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper))) > outside) {
-                outside = by - FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper)));
+            by -= FEASIBLE * (room->length[i] * size + fmin(fabs(lower), fabs(upper)));
+            if (by > outside) {
+                outside = by;
                 worst = value > upper ? i + 1 : -i - 1;
             }
         }
@@ -173,8 +170,9 @@ static Outcome searched(const Quadratic *problem, const double *inside, const Ro
     return from_inside(room, slow, side, e, face, y, nu);
 }
 
-Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                Optimum *found)
+/* The minimiser inside limits and its multipliers; `near` has limits that are likely to be active, `inside` is one point. */
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                 Optimum *found)
 {
     Slow slow;
     int n = problem->n, of[LIMITS], side[LIMITS];
@@ -186,7 +184,7 @@ Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone 
         guess[i] = near != NULL && near->met ? near->multipliers[i] : 0.0; /* near may be found itself */
         found->multipliers[i] = 0.0;
     }
-    found->met = found->undecided = false;
+    found->met = false;
     found->nu = 0.0;
     bool limited = cone->limit > 0.0;
     if (limited)
@@ -211,16 +209,9 @@ Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone 
         corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, &slow, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    double most = 0.0;
-    for (int k = 0; k < room.count; k++)
-        most = fmax(most, fabs(y[k]));
     found->nu = nu;
     found->met = nu > 0.0;
     for (int k = 0; k < room.count; k++) {
-        double value = dot(n, room.N[k], face.e), least = fmin(room.upper[k] - value, value - room.lower[k]);
-        double edge = UNDECIDED * (1.0 + fmin(fabs(room.lower[k]), fabs(room.upper[k])));
-        found->undecided = found->undecided || (side[k] == 0 && isfinite(least) && least <= edge) ||
-                           (nu > 0.0 && side[k] != 0 && fabs(y[k]) <= UNDECIDED * most);
         found->multipliers[of[k]] = y[k];
         found->met = found->met || y[k] != 0.0;
     }
@@ -228,15 +219,7 @@ Outcome optimum_of(const Quadratic *problem, const Polytope *limits, const Cone 
     return all_finite(n, found->z) ? DONE : HAND_BACK;
 }
 
-/* The same; an optimum that Python might decide on otherwise is handed back. */
-Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                 Optimum *found)
-{
-    Outcome outcome = optimum_of(problem, limits, cone, inside, near, found);
-    return outcome == DONE && found->undecided ? HAND_BACK : outcome;
-}
-
-/* The minimiser inside limits; without the marks of `Optimum`, and so without Python's decisions on them. */
+/* The same without a speed limit and without multipliers. */
 Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
 {
     int of[LIMITS], side[LIMITS] = {0};

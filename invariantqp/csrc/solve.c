@@ -39,7 +39,8 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
         return false;
     clipped(demand, x, solution);
     solution->m = m;
-    solution->rows = 0;
+    solution->rows = solution->yielded.rows = 0;
+    solution->yielded.speed = solution->unmet = solution->beyond = 0.0;
     solution->method = CLOSED_FORM;
     solution->stuck = solution->limited = solution->slow = solution->met = false;
     solution->scale = solution->pace = 1.0;
@@ -47,6 +48,21 @@ static bool quick(const Demand *demand, const Row A[6], const double b[6], Solut
     at_limits(demand, solution);
     return true;
 }
+
+/* What of a demand the law decides. */
+void governed(const Law *law, Demand *demand)
+{
+    demand->metric = law->has_metric ? law : NULL;
+    demand->form = law->form != LEAST_SQUARES ? law : NULL;
+    demand->threshold = law->threshold;
+    demand->ceiling = law->ceiling;
+    demand->fixed = law->fixed;
+    demand->speed = law->speed;
+    demand->dt = law->dt;
+}
+
+/* Whether there is a number between two limits; NaN is none. */
+static bool is_between(double lower, double upper) { return lower <= upper && lower < INFINITY && upper > -INFINITY; }
 
 Outcome solve(const Demand *demand, Solution *solution)
 {
@@ -61,6 +77,11 @@ Outcome solve(const Demand *demand, Solution *solution)
         plain = plain && demand->fastest[j] > 0.0;
     for (int i = 0; i < 6; i++)
         plain = plain && usual(m, A[i]);
+    for (int j = 0; j < m; j++)
+        plain = plain && is_between(demand->lower[j], demand->upper[j]) &&
+                (!demand->chased || is_between(demand->chase.lower[j], demand->chase.upper[j]));
+    for (int i = 0; i < demand->limits; i++)
+        plain = plain && is_between(demand->least[i], demand->most[i]);
     for (int i = 0; i < demand->rows; i++)
         plain = plain && usual(m, demand->C[i]);
     plain = plain && usual(demand->rows, demand->e);

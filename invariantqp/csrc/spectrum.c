@@ -16,14 +16,6 @@ static const double NOTHING = 1e-14;
 /* Sweeps over all pairs, at most; fewer than ten are usual. */
 #define SWEEPS 40
 
-/* A row and what is rotated with it: an entry of b, or a direction of joint space. */
-typedef struct {
-    Row row, with;
-} Rotated;
-
-/* Rows are worked on in steps of STEP numbers, those after the last one zero. */
-#define STEP 4
-
 static inline void rotate(int n, double *restrict p, double *restrict q, double c, double s)
 {
     for (; n > 0; n -= STEP, p += STEP, q += STEP)
@@ -72,9 +64,31 @@ static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double leas
     return HAND_BACK;
 }
 
+/* Rows made orthogonal, the longest first: what was rotated with them is U' of it. */
+Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma)
+{
+    double size = 0.0;
+    for (int i = 0; i < rows; i++)
+        size += dot(n, R[i].row, R[i].row);
+    if (orthogonalised(rows, n, with, R, NOTHING * NOTHING * size) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < rows; i++) {
+        Rotated moved = R[i];
+        double length = norm(n, moved.row);
+        int at = i;
+        for (; at > 0 && sigma[at - 1] < length; at--) {
+            sigma[at] = sigma[at - 1];
+            R[at] = R[at - 1];
+        }
+        sigma[at] = length;
+        R[at] = moved;
+    }
+    return DONE;
+}
+
 /* Complete V[0..rank) to an orthonormal basis of n dimensions. Each new direction is what is left of the axis that is
    farthest from those before, made orthogonal twice, which is enough. */
-static void completed(int n, int rank, Row *V)
+void completed(int n, int rank, Row *V)
 {
     for (int k = rank; k < n; k++) {
         int best = 0;

@@ -37,7 +37,7 @@ typedef struct {
 static void limits_of(const Demand *demand, const Row lower, const Row upper, Polytope *limits)
 {
     int m = demand->m;
-    const Metric *metric = demand->metric;
+    const Law *metric = demand->metric;
     limits->count = m + demand->limits;
     limits->box = metric == NULL && demand->limits == 0;
     memcpy(limits->lower, lower, (size_t)m * sizeof(double));
@@ -110,7 +110,7 @@ static Outcome pace(Posed *problem, double *share)
 static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6], Posed *problem)
 {
     int m = demand->m;
-    const Metric *metric = demand->metric;
+    const Law *metric = demand->metric;
     Row C[MOST_ROWS], still = {0.0};
     problem->demand = demand;
     problem->A = A;
@@ -283,7 +283,7 @@ static Outcome missed(Slowed *slowed, double pace, double *by)
     int n = cost->n;
     for (int j = 0; j < n; j++)
         cost->centre[j] = slowed->z0[j] + pace * slowed->way[j];
-    if (optimum_of(cost, &slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->found) ==
+    if (minimise(cost, &slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->found) ==
         HAND_BACK)
         return HAND_BACK;
     *by = -slowed->delta;
@@ -379,11 +379,11 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     quadratic(objective, &cost);
     memcpy(whole, cost.centre, sizeof whole);
     if (demand->chased) {
-        if (optimum_of(&cost, &room->placed, &NONE, room->inside, found, found) == HAND_BACK)
+        if (minimise(&cost, &room->placed, &NONE, room->inside, found, found) == HAND_BACK)
             return HAND_BACK;
         if (is_allowed(room, n, found->z)) {
             joints(problem, found->z, room->share->value, y);
-            return found->undecided ? HAND_BACK : DONE;
+            return DONE;
         }
         memcpy(z1, found->z, sizeof z1);
         Objective rest = *objective;
@@ -392,7 +392,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         memcpy(rest.optimum, objective->still, sizeof rest.optimum);
         centre(&rest, unchased);
         memcpy(cost.centre, unchased, sizeof unchased);
-        if (optimum_of(&cost, &room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
+        if (minimise(&cost, &room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
             return HAND_BACK;
         memcpy(way.z0, still.z, sizeof way.z0);
         for (int j = 0; j < n; j++)
@@ -480,25 +480,37 @@ static Outcome guarded(Posed *problem, const Room *room, double mu, Row y, doubl
     return DONE;
 }
 
-/* A velocity inside the limits, and the share of the exact rows' speed that they allow; limits that contradict each
-   other are handed back. */
-static Outcome roomy(Posed *problem, Share *share)
+/* A velocity inside the limits, after those that contradict others gave way, and the share of the exact rows' speed that
+   they allow. */
+static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
 {
     const Demand *demand = problem->demand;
     int m = demand->m;
-    bool still = true;
-    for (int j = 0; j < m; j++) {
+    bool still = true, kept = true;
+    for (int j = 0; j < m; j++)
         share->inside[j] = between(0.0, demand->lower[j], demand->upper[j]);
-        still = still && share->inside[j] == 0.0;
+    for (int i = 0; i < demand->limits; i++) {
+        double value = dot(m, demand->G[i], share->inside);
+        kept = kept && value >= demand->least[i] && value <= demand->most[i];
     }
-    if (!allows(demand, share->inside))
-        return HAND_BACK;
     if (demand->metric != NULL)
         transformed(m, demand->metric->inverse, share->inside, share->inside);
+    if (!kept && relaxed(m, demand->limits, &problem->limits, &problem->placed, share->inside, yielded) == HAND_BACK)
+        return HAND_BACK;
+    if (problem->cone.limit > 0.0 && !(tool_speed(&problem->cone, m, share->inside) <= problem->cone.limit) &&
+        slowed_point(m, &problem->limits, &problem->cone, share->inside, yielded) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < m; j++)
+        still = still && share->inside[j] == 0.0;
     if (demand->rows == 0)
         return DONE;
+    share->fast = share->near.met = false;
     if (!still && counted(&problem->reduction, m, &problem->limits, &problem->cone, share->inside) == HAND_BACK)
         return HAND_BACK;
+    if (problem->reduction.unmet > UNMET_TOLERANCE) { /* the share tends to zero as the joints lose a direction */
+        share->value = 0.0;
+        return DONE;
+    }
     return share_of(&problem->reduction, m, &problem->limits, &problem->cone, demand->dt, share);
 }
 
@@ -552,7 +564,9 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
     Room room;
     Row x, y, slowed = {0.0};
     int m = demand->m;
-    found.met = found.undecided = share.near.met = share.fast = false;
+    found.met = share.near.met = share.fast = false;
+    solution->yielded.rows = 0;
+    solution->yielded.speed = 0.0;
     share.value = 1.0;
     double blended, pace = 1.0, done[6];
     if (posed(demand, A, wanted, &problem) == HAND_BACK ||
@@ -563,10 +577,11 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
     moved(demand, y, x);
     if (!all_finite(m, x))
         return HAND_BACK;
-    bool free = allows(demand, x);
+    bool blocked = demand->rows > 0 && problem.reduction.unmet > UNMET_TOLERANCE;
+    bool free = !blocked && allows(demand, x);
     if (free)
         memcpy(share.inside, y, (size_t)m * sizeof(double));
-    else if (roomy(&problem, &share) == HAND_BACK ||
+    else if (roomy(&problem, &share, &solution->yielded) == HAND_BACK ||
              (demand->rows > 0 && objective(&problem, problem.attempt, problem.unchased, share.value, &cost) == HAND_BACK))
         return HAND_BACK;
     double mu = free ? calming(&problem, &share, &cost, y, slowed) : 0.0;
@@ -582,6 +597,9 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
         return HAND_BACK;
     if (demand->form != NULL && guarded(&problem, &room, mu, y, &blended) == HAND_BACK)
         return HAND_BACK;
+    solution->unmet = blocked ? problem.reduction.unmet : 0.0;
+    solution->beyond = demand->rows > 0 && problem.reduction.beyond > UNMET_TOLERANCE ? problem.reduction.beyond : 0.0;
+    solution->row_rank = demand->row_rank;
     moved(demand, y, x);
     found.met = found.met || pace < 1.0;
     reported(demand, A, wanted, possible(&problem, done), &cost, x, &share, pace, &found, demand->form == NULL ? 0.0 : blended,

@@ -18,6 +18,7 @@ from invariantqp.errors import BadInput, excerpt
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")
+Word = TypeVar("Word", bound=str)
 
 FLOAT64 = np.dtype(np.float64)
 # The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
@@ -247,7 +248,7 @@ def count(value: int, argument: str, most: int | None = None) -> int:
     return whole
 
 
-def choice(value: str, argument: str, allowed: Sequence[str]) -> str:
+def choice(value: Word, argument: str, allowed: Sequence[Word]) -> Word:
     """One of a few words."""
     if not isinstance(value, str) or value not in allowed:
         raise BadInput(argument, excerpt(value), " or ".join(repr(word) for word in allowed))

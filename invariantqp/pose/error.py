@@ -11,7 +11,7 @@ measured apart from it.
 from __future__ import annotations
 
 from math import sqrt, tan
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pose.arm import PoseArm
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
+
+if TYPE_CHECKING:
+    from invariantqp._native import Arm
 
 STILL = np.zeros(6)
 # Joint displacement for differences of the gradient: they keep seven digits, and Newton needs one.
@@ -66,7 +69,7 @@ class PoseError(NamedTuple):
     # whether W weighs turns about every axis alike; the gradient of f then needs no derivative of the logarithm
     even: bool
     exact: tuple[Exact, ...] = ()  # demands to be met exactly
-    compiled: Array | None = None  # the arm as the compiled core takes it, or None where Python alone has this measure
+    compiled: Arm | None = None  # the arm as the compiled core takes it, or None where Python alone has this measure
 
     @property
     def matrix(self) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.engine import core
+from invariantqp.engine import ENGINES, Engine, core_for
 from invariantqp.errors import BadInput, MissingExtra, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -41,6 +41,7 @@ class Chain(Value):
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
         tool: name of the tool frame.
         places: (m, 3) a point of each joint's axis at q = 0, to draw the arm by.
+        engine: what computes its kinematics: "compiled", the compiled core where there is one, or "python".
     """
 
     screws: Array = field(converter=own)
@@ -51,6 +52,7 @@ class Chain(Value):
     velocity_limit: Array = field(converter=own, repr=False)
     tool: str = field(default="tool", repr=False)
     places: Array = field(converter=own, repr=False, eq=False, kw_only=True)
+    engine: Engine = field(default="compiled", repr=False, eq=False, kw_only=True)
 
     def __init__(
         self,
@@ -134,7 +136,8 @@ class Chain(Value):
         """The same chain with its tool frame moved by a (4, 4) offset in the old tool frame."""
         home = self.home.dot(arrays.pose(offset, "offset"))
         limits = (self.position_lower, self.position_upper, self.velocity_limit)
-        return Chain(self.screws, home, self.names, *limits, tool=f"{self.tool}+offset", places=self.places)
+        moved = Chain(self.screws, home, self.names, *limits, tool=f"{self.tool}+offset", places=self.places)
+        return moved.by_engine(self.engine)
 
     def with_limits(
         self,
@@ -155,7 +158,26 @@ class Chain(Value):
         lower = self.position_lower if position_lower is None else position_lower
         upper = self.position_upper if position_upper is None else position_upper
         speed = self.velocity_limit if velocity_limit is None else velocity_limit
-        return Chain(self.screws, self.home, self.names, lower, upper, speed, tool=self.tool, places=self.places)
+        limits = lower, upper, speed
+        limited = Chain(self.screws, self.home, self.names, *limits, tool=self.tool, places=self.places)
+        return limited.by_engine(self.engine)
+
+    def by_engine(self, engine: Engine) -> Chain:
+        """The same chain, its kinematics, and what is made from it, by another engine.
+
+        Args:
+            engine: "compiled" for the compiled core where it is installed, "python" for Python alone.
+
+        Raises:
+            BadInput: neither.
+        """
+        by = arrays.choice(engine, "engine", ENGINES)
+        if by == self.engine:
+            return self
+        limits = self.position_lower, self.position_upper, self.velocity_limit
+        other = Chain(self.screws, self.home, self.names, *limits, tool=self.tool, places=self.places)
+        object.__setattr__(other, "engine", by)
+        return other
 
     @cached_property
     def model(self) -> Any:
@@ -213,6 +235,7 @@ class Chain(Value):
     def _seen(self, q: Array, wanted: Array | None = None) -> tuple[Array, Array, Array | None]:
         """Joint twists and tool pose at a checked q, and by the compiled core the error, None where it has none."""
         found: tuple[Array, Array, Array | None] | None
+        core = core_for(self.engine)
         found = None if core is None else core.sight(self.screws, self.home, q, wanted)
         return (*self._eyes(q), None) if found is None else found
 

@@ -8,6 +8,7 @@ from typing import Any
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
 from invariantqp.control.measure import tool_metric
+from invariantqp.engine import Engine
 from invariantqp.force.hybrid import HybridController
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.wrench import WrenchSensor
@@ -18,9 +19,9 @@ from invariantqp.velocity.limits import ToolSpeed
 MakeController = Callable[[Robot, LawSpec], Controls]
 
 
-def our_controller(robot: Robot, law: LawSpec) -> Controller:
+def our_controller(robot: Robot, law: LawSpec, engine: Engine = "compiled") -> Controller:
     """The velocity controller that a [law] describes."""
-    return Controller(robot, **law_options(robot, law))
+    return Controller(robot, **law_options(robot, law), engine=engine)
 
 
 def our_hybrid(robot: Robot, law: LawSpec, task: HybridTask, sensor: WrenchSensor | None) -> HybridController:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.engine import core
 from invariantqp.errors import NoPseudoinverse
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -56,6 +57,10 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
 
     Reference: [DS] Theorem 2.2, (3.1) for independent columns, (2.15) for rank 6.
     """
+    if core is not None and joint_metric is None and type(J) is np.ndarray and type(h) is float:
+        inverse: Array | None = core.pseudoinverse(J, h)  # where it is well conditioned
+        if inverse is not None:
+            return inverse
     twists = arrays.columns(J)
     pitch = finite_pitch(h)
     metric = None

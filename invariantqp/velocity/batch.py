@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from invariantqp.engine import ENGINES
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
@@ -195,6 +196,7 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
         guard=guard_of(options.get("guard", True)),
         metric=None if metric is None else arrays.positive_definite(metric, m, "joint_metric"),
         backend=backend_of(options.get("backend", "daqp")),
+        engine=arrays.choice(options.get("engine", "compiled"), "engine", ENGINES),
     )
     lower, upper = box
     limits = np.isfinite(lower) & np.isfinite(upper)

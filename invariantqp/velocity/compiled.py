@@ -11,12 +11,15 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, SupportsIndex
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.engine import core
+from invariantqp.engine import core, core_for
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import Backend, Daqp
+from invariantqp.velocity.backends import Daqp
+from invariantqp.velocity.damping import damping_of
+from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits import Bounds, LimitRows
 from invariantqp.velocity.qp import Cone, Optimum, Polytope, Quadratic, minimise
 from invariantqp.velocity.solution import Status, VelocitySolution
 
@@ -30,18 +33,108 @@ if core is not None:
 
 def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     """The core's answer; None where Python has to answer."""
-    policy = law.compiled
-    if core is None or policy is None:
+    fixed, cone, exact, rows, chase = law.compiled, demand.cone, demand.exact, demand.rows, demand.chase
+    if core is None or fixed is None:
         return None
-    J, s, root, lower, upper, exact, posture, rows, cone, row_rank, chase, fastest = demand
-    demands = None if exact is None else (exact.A, exact.b, exact.of_twist, row_rank)
-    slow = None if cone is None else (cone.J, cone.limit, cone.start)
-    limits = None if rows is None else (rows.C, rows.lower, rows.upper)
-    metric = _metric(law)
-    found: VelocitySolution | None = core.tick(
-        J, s, root, lower, upper, posture, law.dt, policy, demands, slow, limits, metric, chase, fastest
-    )
+    fields: dict[str, Any] = {
+        "J": demand.J,
+        "s": demand.s,
+        "root": demand.root,
+        "lower": demand.lower,
+        "upper": demand.upper,
+        "posture": demand.posture,
+        "fastest": demand.fastest,
+    }
+    if exact is not None:
+        fields |= {
+            "C": exact.A,
+            "e": exact.b,
+            "D": exact.of_twist,
+            "row_rank": -1 if demand.row_rank is None else demand.row_rank,
+        }
+        if len(exact.b) > core.MOST_ROWS:
+            return None
+    if rows is not None:
+        fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
+    if cone is not None:
+        fields |= {"cone_limit": cone.limit, "cone_start": cone.start, "cone_J": cone.J}
+    if chase is not None:
+        fields |= {"chase_ahead": chase.ahead, "chase_rows_ahead": chase.rows_ahead, "chase_lower": chase.lower}
+        fields |= {"chase_upper": chase.upper, "chase_slack": chase.slack, "chase_apart": chase.apart}
+    if fixed.form == "brought" and law.form is not None:
+        fields["brought"] = np.asarray(law.form.matrix(np.asarray(np.linalg.inv(demand.root))), np.float64)
+    found: VelocitySolution | None = core.tick(fixed, **fields)
     return found if found is None or rows is None or not rows.names else found._replace(row_names=rows.names)
+
+
+# The laws of `solve_velocity` without options for one: where each joint has limits, and where one has none.
+LAWS = VelocityLaw().compiled, VelocityLaw(damping=damping_of(None, limited=False)).compiled
+UNBOUNDED = [(np.full(m, -np.inf), np.full(m, np.inf)) for m in range(17)]
+
+
+def _bounds(value: Any) -> dict[str, Any] | None:
+    if type(value) is Bounds:
+        return {"lower": value.lower, "upper": value.upper}
+    return {"lower": value[0], "upper": value[1]} if type(value) is tuple and len(value) == 2 else None
+
+
+def _rows(value: Any) -> dict[str, Any] | None:
+    return {"G": value.C, "least": value.lower, "most": value.upper} if type(value) is LimitRows else None
+
+
+def _exact(value: Any) -> dict[str, Any] | None:
+    return {"C": value.A, "e": value.b, "D": value.of_twist} if type(value) is ExactRows else None
+
+
+def _point(value: Any) -> dict[str, Any] | None:
+    if type(value) in {list, tuple} and set(map(type, value)) <= {int, float}:
+        return {"point": np.array(value, np.float64)}
+    return {"point": value} if type(value) is np.ndarray else None
+
+
+def _length(value: Any) -> dict[str, Any] | None:
+    return {"length": float(value)} if type(value) in {int, float} and value > 0.0 else None
+
+
+def _posture(value: Any) -> dict[str, Any] | None:
+    return {"posture": value} if type(value) is np.ndarray else None
+
+
+def _engine(value: Any) -> dict[str, Any] | None:
+    return {} if value == "compiled" else None
+
+
+# Options of `solve_velocity` as the core takes them; None for a value that is checked in Python.
+TAKEN: dict[str, Callable[[Any], dict[str, Any] | None]] = {
+    "bounds": _bounds,
+    "rows": _rows,
+    "exact": _exact,
+    "point": _point,
+    "length": _length,
+    "posture": _posture,
+    "engine": _engine,
+}
+# Of these, None is no value.
+OPTIONAL = {"form", "damping", "joint_metric", "tool_speed", *TAKEN} - {"engine"}
+
+
+def compiled_problem(J: ArrayLike, twist: ArrayLike, **options: Any) -> VelocitySolution | None:
+    """`solve_velocity`, with its checks, by the core; None where Python has to answer, or to say what is wrong."""
+    law, unlimited = LAWS
+    if core is None or law is None or type(J) is not np.ndarray or J.ndim != 2 or J.shape[1] > core.MOST_JOINTS:
+        return None
+    lower, upper = UNBOUNDED[J.shape[1]]
+    fields: dict[str, Any] = {"J": J, "s": twist, "lower": lower, "upper": upper}
+    for name, value in options.items():
+        if value is None and name in OPTIONAL:
+            continue
+        taken = TAKEN[name](value) if name in TAKEN else None
+        if taken is None:
+            return None
+        fields |= taken
+    found: VelocitySolution | None = core.tick(law, unlimited, **fields)
+    names = getattr(options.get("rows"), "names", ())
+    return found._replace(row_names=names) if found is not None and names else found
 
 
 class Written(NamedTuple):
@@ -125,12 +218,12 @@ def compiled_rows(
         posture: (N, m) or None.
     """
     n, _, m = J.shape
-    policy, metric = law.compiled, _metric(law)
-    if core is None or policy is None or m > core.MOST_JOINTS:
+    fixed = law.compiled
+    if core is None or fixed is None or fixed.form == "brought" or m > core.MOST_JOINTS:
         return None
     written = Written.empty(n, m, core.RECORD)
     taken = np.zeros(2, np.int32)
-    arguments = J, s, roots, *box, posture, *written, policy, metric, taken, ROWS_AT_A_TIME
+    arguments = J, s, roots, *box, posture, *written, fixed, taken, ROWS_AT_A_TIME
     threads = max(1, min(n // ROWS_A_THREAD, cpu_count()))
     helpers = [_started(core.ticks, arguments) for _ in range(threads - 1)]
     core.ticks(*arguments)
@@ -159,18 +252,13 @@ def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType
     return done
 
 
-def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
+def minimised(law: VelocityLaw, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
     """`minimise` by the core where it can, from a z (n,) inside; it raises the same."""
-    found = None
-    if core is not None and type(backend) is Daqp and (cone is None or cone.J.any()):
+    found, core = None, core_for(law.engine)
+    if core is not None and type(law.backend) is Daqp and (cone is None or cone.J.any()):
         slow = None if cone is None else (cone.J, cone.limit, cone.start)
         found = core.optimum(*problem, limits.A, limits.lower, limits.upper, slow, inside)
     if found is None:
-        return minimise(backend, problem, limits, cone, inside)
+        return minimise(law.backend, problem, limits, cone, inside)
     z, multipliers, nu = found
     return Optimum(z, multipliers, "native" if nu > 0.0 or multipliers.any() else "", "", nu)
-
-
-def _metric(law: VelocityLaw) -> tuple[Array | None, Array | None] | None:
-    """(m, m) T and its inverse; None for the identity."""
-    return None if law.metric is None else (law.to_joint, law.from_joint)

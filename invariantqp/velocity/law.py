@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from attrs import frozen
 
+from invariantqp.engine import Engine, core_for
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -23,9 +24,8 @@ from invariantqp.velocity.forms import Complement, Form, PitchForm
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.qp import Cone
 
-# Threshold, ceiling and fixed lambda of damping, its speed for one direction or 0; pitch, fraction of the guard or -1,
-# and complement Z' of a form, or None.
-Policy: TypeAlias = tuple[float, float, float, float, tuple[float, float, Array] | None]
+if TYPE_CHECKING:
+    from invariantqp._native import Law
 
 
 # Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
@@ -130,6 +130,7 @@ class VelocityLaw:
         metric: (m, m) joint metric, or None for the identity.
         backend: the QP solver.
         dt: how long the velocity is held [s], for the damping in `calm`; 0 is none.
+        engine: "compiled" for the core where there is one and it has this law, "python" for Python alone.
     """
 
     form: Form | None = None
@@ -138,6 +139,7 @@ class VelocityLaw:
     metric: Array | None = None
     backend: Backend = field(default_factory=Daqp)
     dt: float = 0.0
+    engine: Engine = "compiled"
 
     @cached_property
     def planned(self) -> VelocityLaw:
@@ -150,24 +152,32 @@ class VelocityLaw:
         return replace(self, dt=self.dt / share)
 
     @cached_property
-    def compiled(self) -> Policy | None:
-        """Damping, form and guard for the compiled core; None where it does not have this law.
+    def compiled(self) -> Law | None:
+        """The same for the compiled core; None where it does not have this law.
 
-        Python's are `PaperLambda`, a convexified form, classes of the user's, and other solvers.
+        Python's are `PaperLambda`, a convexified form, damping of the user's, and other solvers.
         """
+        core = core_for(self.engine)
         damping, form = self.damping, self.form
-        fraction, given = -1.0 if self.guard is None else self.guard.fraction, None
-        if type(form) is PitchForm and not form.convexified:
-            given = form.h, fraction, np.empty((0, 6))
-        elif type(form) is Complement:
-            given = 0.0, fraction, np.asarray(form.Z).T
-        if (given is None and form is not None) or type(self.backend) is not Daqp:
-            return None
-        if type(damping) is Adaptive:
-            return damping.threshold, damping.ceiling, 0.0, 0.0, given
+        fields: dict[str, Any] = {"dt": self.dt, "T": self.to_joint, "inverse": self.from_joint}
         if type(damping) is Selective and type(damping.adaptive) is Adaptive:
-            return damping.adaptive.threshold, damping.adaptive.ceiling, 0.0, damping.speed, given
-        return (damping.threshold, 0.0, damping.value, 0.0, given) if type(damping) is Fixed else None
+            fields["speed"], damping = damping.speed, damping.adaptive
+        if type(damping) is Adaptive:
+            fields |= {"threshold": damping.threshold, "ceiling": damping.ceiling}
+        elif type(damping) is Fixed:
+            fields |= {"threshold": damping.threshold, "fixed": damping.value}
+        else:
+            return None
+        if form is not None:
+            fields |= {"form": "brought", "fraction": -1.0 if self.guard is None else self.guard.fraction}
+        if type(form) is Complement:
+            fields |= {"form": "complement", "Z": np.asarray(form.Z).T}
+        elif isinstance(form, PitchForm):
+            fields |= {"form": "pitch", "pitch": form.h}
+        if core is None or type(self.backend) is not Daqp or getattr(form, "convexified", False):
+            return None
+        made: Law = core.Law(**fields)
+        return made
 
     @cached_property
     def to_joint(self) -> Array | None:

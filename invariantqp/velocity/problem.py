@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.backends import Backend, backend_of
+from invariantqp.velocity.compiled import compiled_problem
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
@@ -69,6 +71,7 @@ class VelocityOptions(TypedDict, total=False):
     point: (3,) in the frame of J, the physical point at which the error is least where the twist cannot be met; None or
         "own" is the arm's own point, which its joints move least. Name one where the joint axes nearly meet in a point.
     length: L [length/rad]: a radian counts as much as L units of length at the point; None is the arm's reach to it.
+    engine: "compiled" (the default) for the compiled core where there is one, "python" for Python alone.
     """
 
     form: Form | CarriedMetric | float | None
@@ -83,6 +86,7 @@ class VelocityOptions(TypedDict, total=False):
     tool_speed: ToolSpeed | None
     point: ArrayLike | str | None
     length: float | None
+    engine: Engine
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +119,7 @@ class VelocityProblem:
         tool_speed: ToolSpeed | None = None,
         point: ArrayLike | str | None = None,
         length: float | None = None,
+        engine: Engine = "compiled",
     ) -> VelocityProblem:
         """Check all arguments.
 
@@ -133,6 +138,7 @@ class VelocityProblem:
             tool_speed: its point in the frame of J.
             point: (3,) in the frame of J, or "own".
             length: [length/rad].
+            engine: "compiled" or "python".
 
         Raises:
             BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
@@ -157,6 +163,7 @@ class VelocityProblem:
             guard=guard_of(guard),
             metric=metric_of(joint_metric, twists, measure.length),
             backend=backend_of(backend),
+            engine=arrays.choice(engine, "engine", ENGINES),
         )
         wanted = None if posture is None else arrays.vector(posture, m, "posture")
         cone = None if tool_speed is None else _cone(tool_speed, twists, None if point is None else measure.point)
@@ -186,6 +193,9 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
 
     Reference: [DS] Sect. 6.2 for forms. A stationary point of an indefinite form is not a minimum, hence the guard.
     """
+    found = compiled_problem(J, twist, **options)
+    if found is not None:
+        return found
     problem = VelocityProblem.of(J, twist, **options)
     return solve(problem.law, problem.demand)
 

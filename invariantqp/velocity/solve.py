@@ -10,7 +10,6 @@ from math import isfinite
 
 import numpy as np
 
-from invariantqp.engine import core
 from invariantqp.geometry.forms import pitch_form
 from invariantqp.velocity.backends import SolverFailure
 from invariantqp.velocity.compiled import compiled
@@ -26,7 +25,7 @@ from invariantqp.velocity.tick import answered, posed
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     """The joint velocity for a checked demand."""
-    answer = None if core is None else compiled(law, demand)
+    answer = compiled(law, demand)
     if answer is not None:
         return answer
     return computed(demand, lambda: _answer(law, demand))

@@ -197,7 +197,7 @@ def _solved(
     for level in levels:
         if not room.basis.shape[1]:
             break
-        found = minimised(law.backend, _sum(level, room, T, damping), room.polytope, room.cone, room.inside)
+        found = minimised(law, _sum(level, room, T, damping), room.polytope, room.cone, room.inside)
         room = room.narrowed(found.z, _left(level, T.dot(room.basis)))
         bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend
         if found.trouble:

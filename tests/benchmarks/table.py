@@ -13,10 +13,9 @@ environment of its own, `placo_row.py`.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from copy import copy
 from functools import partial
 from time import perf_counter_ns
-from unittest.mock import patch
 
 import daqp
 import numpy as np
@@ -24,13 +23,9 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 import invariantqp as iq
-from invariantqp import engine
 from invariantqp.compare.laws.mink_law import MinkLaw
 from invariantqp.compare.laws.pink_law import PinkLaw
-from invariantqp.control import path_driver
-from invariantqp.pose import error, newton
-from invariantqp.robots import chain
-from invariantqp.velocity import compiled, solve
+from invariantqp.velocity import compiled
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
 COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink")
@@ -71,23 +66,6 @@ class HandWritten:
         return daqp.solve(J.T @ J + self.damping, -J.T @ s, rows, upper, lower, self.sense)[0]
 
 
-@contextmanager
-def python_alone(*controllers):
-    """The same controllers, or a pose search, without the core."""
-    modules = (solve, compiled, chain, newton, error)
-    loops = [controller.compiled for controller in controllers]
-    for controller in controllers:
-        vars(controller)["compiled"] = None
-    for module in modules:
-        module.core = None
-    with patch.object(path_driver, "compiled_drive", lambda *_: None):
-        yield
-    for module in modules:
-        module.core = engine.core
-    for controller, loop in zip(controllers, loops, strict=True):
-        vars(controller)["compiled"] = loop
-
-
 def ticks_of(task, wanted, **options):
     """Up to TICKS ticks of the task's path that are as wanted, and a controller for them."""
     robot = task.load_robot()
@@ -102,17 +80,13 @@ def ticks_of(task, wanted, **options):
     return controller, found[:: max(1, len(found) // TICKS)]
 
 
-def times(calls, ticks, *controllers):
-    """Microseconds of each contender, who take turns; "Python" is called without the core."""
+def times(calls, ticks):
+    """Microseconds of each contender, who take turns."""
     took = {name: [] for name in calls}
     for k in range(ROUNDS):
         for tick in ticks:
             for name, call in tuple(calls.items())[:: (-1) ** k]:  # what runs after Python finds its caches cold
-                if not name.startswith(PYTHON):
-                    took[name].append(timed(call, tick))
-                    continue
-                with python_alone(*controllers):
-                    took[name].append(timed(call, tick))
+                took[name].append(timed(call, tick))
     return took
 
 
@@ -152,24 +126,27 @@ def peers(task, robot):
     return found
 
 
-def hybrid():
+def hybrid(engine):
     """A Panda that presses with a pen, its target moving by a millimetre."""
     robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
     task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal=[0, 0, 1]), [5.0])
-    loop, T = iq.HybridController(robot, task, dt=0.002), robot.pose(q)
+    loop, T = iq.HybridController(robot, task, dt=0.002, engine=engine), robot.pose(q)
     felt = iq.Wrench(moment=np.cross(T[:3, 3], [0.0, 0.0, -4.0]), force=[0.0, 0.0, -4.0])
     places = 1e-3 * np.random.default_rng(0).normal(size=(TICKS, 3))
-    return loop, [(q, iq.transform(translation=place) @ T, felt) for place in places]
+    return loop.step, [(q, iq.transform(translation=place) @ T, felt) for place in places]
 
 
 def along_path(name, rate, **options):
-    """Contenders along a smooth path of a random joint motion, up to TICKS of their ticks, and the ordinary loop."""
+    """Contenders along a smooth path of a random joint motion, and up to TICKS of their ticks."""
     robot, rng, dt = iq.load_robot(name), np.random.default_rng(3), 0.002
     low, high = np.maximum(robot.position_lower, -3.0), np.minimum(robot.position_upper, 3.0)
     joints = CubicSpline([0.0, 0.5, 1.0], 0.5 * (low + high) + rng.uniform(-0.25, 0.25, (3, len(low))) * (high - low))
     follower = iq.PathFollower(iq.Controller(robot, dt=dt, **options), lambda u: robot.pose(joints(u)), rate=rate)
     ordinary, q, found, status = iq.Controller(robot, dt=dt, **options), joints(0.0), [], ""
     follower.prepare(q)
+    alone = copy(follower)
+    alone.controller = follower.controller.by_engine("python")
+    python = ordinary.by_engine("python")
     while status != "done":
         state, curve = follower._state, follower._path.curve
         target, ahead = pin.SE3(curve.pose(state.place)), state.speed * curve.tangent(state.place)
@@ -177,15 +154,18 @@ def along_path(name, rate, **options):
         solution = follower.step(q)
         q, status = q + dt * solution.velocity, solution.status
 
-    def on_path(state, q, *_):
+    def on_path(follower, state, q, *_):
         follower._kept[:] = state
         follower.step(q)
 
-    def off_path(state, q, target, ahead, velocity):
+    def off_path(ordinary, state, q, target, ahead, velocity):
         ordinary.step(q, target, ahead, velocity)
 
-    calls = {name: call for pair in ALONG for name, call in zip(pair, (on_path, off_path), strict=True)}
-    return calls, found[:: max(1, len(found) // TICKS)], follower.controller, ordinary
+    pairs = zip(ALONG, ((follower, ordinary), (alone, python)), strict=True)
+    calls = {}
+    for (on, off), (one, other) in pairs:
+        calls |= {on: partial(on_path, one), off: partial(off_path, other)}
+    return calls, found[:: max(1, len(found) // TICKS)]
 
 
 def poses(name):
@@ -201,8 +181,8 @@ def rows_a_second(width):
     J = np.array([robot.jacobian(q) for q in rng.uniform(robot.position_lower, robot.position_upper, (ROWS, 7))])
     s, bounds = 0.1 * rng.normal(size=(ROWS, 6)), iq.Bounds(-width * np.ones(7), width * np.ones(7))
 
-    def rate():
-        call = partial(iq.solve_velocities, J, s, bounds=bounds, point=np.zeros(3), length=1.0)
+    def rate(engine="compiled"):
+        call = partial(iq.solve_velocities, J, s, bounds=bounds, point=np.zeros(3), length=1.0, engine=engine)
         return 1e6 * ROWS / min(timed(call, ()) for _ in range(5))
 
     many, rates = compiled.ROWS_A_THREAD, []
@@ -210,8 +190,7 @@ def rows_a_second(width):
         compiled.ROWS_A_THREAD = rows
         rates.append(rate())
     compiled.ROWS_A_THREAD = many
-    with python_alone():
-        rates.append(rate())
+    rates.append(rate("python"))
     return rates
 
 
@@ -241,19 +220,19 @@ def main():
     for title, name, wanted, options in cases:
         task = iq.load_task(name)
         controller, ticks = ticks_of(task, wanted, **options)
-        calls = {OURS: controller.step, PYTHON: controller.step}
+        calls = {OURS: controller.step, PYTHON: controller.by_engine("python").step}
         if not options.keys() - {"exact"} and options.get("exact", "position") == "position":
             calls[HAND] = HandWritten(controller.robot, controller.dt, controller.gain, "exact" in options).step
         if not options:
             calls |= peers(task, controller.robot)
         if ticks:
-            line(title, times(calls, ticks, controller))
-    loop, ticks = hybrid()
-    line("Panda, a pen pressed with 5 N", times({OURS: loop.step, PYTHON: loop.step}, ticks, loop.loop))
+            line(title, times(calls, ticks))
+    (pressing, ticks), (alone, _) = hybrid("compiled"), hybrid("python")
+    line("Panda, a pen pressed with 5 N", times({OURS: pressing, PYTHON: alone}, ticks))
     for name, exact in (("panda", None), ("so101", None), ("so101", "position")):
         robot, targets = poses(name)
-        solve_one = partial(solve_pose, robot, exact)
-        took = times({OURS: solve_one, PYTHON: solve_one}, targets)
+        alone = partial(solve_pose, robot.by_engine("python"), exact)
+        took = times({OURS: partial(solve_pose, robot, exact), PYTHON: alone}, targets)
         line(f"{name}, a pose{', exact position' if exact else ''}", took)
     for name, width in (("free", 10.0), ("tight box", 0.05)):
         both, one, python = rows_a_second(width)

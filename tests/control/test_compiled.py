@@ -1,8 +1,6 @@
 """A controller's tick in the compiled core is the tick of Python: the same answer, the same memory after it."""
 
-from contextlib import contextmanager
 from copy import copy
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.fuzz_ticks import random_chain
 from support.random_systems import motion
-from support.two_laws import ROUNDING, same_reasons
+from support.two_laws import ROUNDING, Brought, same_reasons
 
 import invariantqp as iq
 from invariantqp.control.compiled import compiled_tick
@@ -42,21 +40,10 @@ LOOPS = [
 ARMS = ("panda", "ur5", "xarm7", "so101", "z1")
 
 
-@contextmanager
-def python_alone():
-    """Neither ticks nor velocities by the core."""
-    with (
-        mock.patch("invariantqp.control.controller.compiled_tick", return_value=None),
-        mock.patch("invariantqp.velocity.solve.core", None),
-    ):
-        yield
-
-
 def in_python(controller, *tick):
     """The same tick by Python: the solution, and the controller after it."""
-    other = copy(controller)
-    with python_alone():
-        return other.step(*tick), other
+    other = controller.by_engine("python")
+    return other.step(*tick), other
 
 
 def rounding(controller, q, target):
@@ -127,8 +114,8 @@ def test_the_cost_of_a_frame_task(seed):
     task.damping = (iq.velocity.Fixed(0.0), iq.velocity.Adaptive())[rng.integers(2)]
     more = (0.0, 1e-3, 1.0)[rng.integers(3)]
     native = task._moved(J, s, root, more)
-    with mock.patch("invariantqp.control.frame_cost.core", None):
-        python = task._moved(J, s, root, more)
+    task.engine = "python"
+    python = task._moved(J, s, root, more)
     for one, other in zip(native, python, strict=True):
         np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * np.abs(other).max())
 
@@ -170,9 +157,8 @@ def test_a_twist_is_followed_as_in_python(exact, limits):
     controller.step(q, robot.pose(q + 0.01))
     for k in range(60):
         twist = 0.2 * np.sin([0.1 * k, 0.3, 1.0, 2.0 + 0.05 * k, 0.5, 3.0]) * (20.0 if k > 30 else 1.0)
-        other, velocity = copy(controller), (None, np.full(7, 0.01))[k % 2]
-        with python_alone():
-            python = other.follow(q, twist, velocity)
+        other, velocity = controller.by_engine("python"), (None, np.full(7, 0.01))[k % 2]
+        python = other.follow(q, twist, velocity)
         answered += compiled_tick(controller.compiled, controller.kept.copy(), q, None, twist, velocity) is not None
         native = controller.follow(q, twist, velocity)
         far = rounding(controller, q, robot.pose(q)) + 1e-10 * np.abs(python.velocity).max()
@@ -200,8 +186,8 @@ def test_acceleration_limits_to_a_target_at_rest_and_beside_a_limit(limit):
     noisy = np.minimum(outside, robot.position_upper + 1e-4)
     assert "outside" not in assert_same(controller, noisy, goal).reason
     fast = copy(controller).step(q, goal, None, np.full(7, 2.0))  # as measured, faster than the commanded one
-    with python_alone():
-        np.testing.assert_allclose(fast.velocity, copy(controller).step(q, goal, None, np.full(7, 2.0)).velocity)
+    python = controller.by_engine("python").step(q, goal, None, np.full(7, 2.0))
+    np.testing.assert_allclose(fast.velocity, python.velocity)
 
 
 def test_a_target_in_any_form(panda):
@@ -247,7 +233,7 @@ def test_python_says_what_is_wrong(panda):
             controller.step(q, target)
 
 
-@pytest.mark.parametrize("angle", [0.79 * np.pi, 0.81 * np.pi, np.pi])
+@pytest.mark.parametrize("angle", [0.79 * np.pi, 0.81 * np.pi, np.pi - 1e-6])
 def test_turns_near_half_a_turn(panda, angle):
     controller, q = panda
     target = controller.robot.pose(q) @ iq.exp([0.0, 0.6 * angle, 0.8 * angle, 0.0, 0.0, 0.0])
@@ -265,7 +251,6 @@ def test_not_converging_is_told(panda):
 
 OTHERS = {
     "exact": lambda: iq.ExactRows(np.tri(9, 7), np.zeros(9)),
-    "rows": lambda: lambda _: iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0]),
     "form": lambda: iq.PitchForm(0.1, convexified=True),
     "point": lambda: "own",
     "backend": lambda: "osqp",
@@ -308,3 +293,73 @@ def test_masked_numbers_are_refused_and_other_subclasses_taken():
             call()
     found = loop.step(np.ma.masked_array(q), here)
     np.testing.assert_allclose(found.velocity, iq.Controller(robot, dt=0.002).step(q, here).velocity, atol=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.03])
+@pytest.mark.parametrize("exact", [None, "position"])
+def test_rows_of_a_function_a_barrier_and_a_form_are_told_in_each_tick(panda, exact, delay):
+    robot, seen = panda[0].robot, []
+    m = len(robot.names)
+
+    def crossed(q):
+        seen.append(q)
+        return iq.limits.LimitRows(np.eye(m), np.ones(m), np.zeros(m))
+
+    def spread(q):
+        few = iq.limits.LimitRows(np.vstack((np.eye(m), np.cos(q))), np.full(m + 1, -0.3), np.full(m + 1, 0.4 + q[0]))
+        return None if q[0] > 0.4 else few
+
+    more = iq.limits.LimitRows(np.ones((1, m)), [-0.5], [0.5])
+    options = {"dt": 0.01, "exact": exact, "delay": delay}
+    held = iq.Controller(robot, **options, rows=crossed).step(panda[1], robot.pose(panda[1] + 0.1))
+    assert held.status == "held"
+    np.testing.assert_allclose(seen[0], panda[1])
+    for limits in (
+        {"rows": spread},
+        {"rows": spread, "limits": [more]},
+        {"form": Brought(np.diag([1.0, 2, -1, 1, -0.5, 0.3]))},
+    ):
+        controller = iq.Controller(robot, **options, **limits)
+        q, methods = panda[1], set()
+        for k in range(30):
+            goal = robot.pose(np.clip(q + 0.02 * np.cos(np.arange(m) + k), robot.position_lower, robot.position_upper))
+            solution = assert_same(controller, q, goal)
+            methods.add(solution.backend)
+            q = q + 0.01 * solution.velocity
+        assert "daqp" not in methods or "form" in limits
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"acceleration_limit": 5.0, "delay": 0.02}, {"exact": "position", **SLOW}], ids=str
+)
+def test_what_a_tick_changes_is_told_to_the_core(panda, options):
+    robot, q = panda[0].robot, panda[1]
+    controller = iq.Controller(robot, dt=0.01, **options)
+    rng, answered = np.random.default_rng(0), 0
+    for k in range(60):
+        goal = iq.exp([0.0, 0.0, 0.01, 0.02 * np.sin(0.2 * k), 0.02, 0.0]) @ robot.pose(q)
+        now = [{"speed": 0.3}, {"velocity_limit": 0.4}, {"tool_speed": 0.05}, {"speed": 0.7, "tool_speed": 0.2}][k % 4]
+        python = controller.by_engine("python")
+        ahead = rng.normal(size=6) * 0.1 if k % 3 else None
+        one, other = (loop.step(q, goal, ahead, **now) for loop in (controller, python))
+        answered += one.backend != other.backend or one.backend == ""
+        near = rounding(controller, q, goal) + 1e-9 * max(1e-3, np.abs(other.velocity).max())
+        np.testing.assert_allclose(one.velocity, other.velocity, rtol=0.0, atol=near)
+        assert (one.status, one.method, one.active) == (other.status, other.method, other.active)
+        np.testing.assert_allclose(controller.kept, python.kept, rtol=1e-6, atol=1e-6)
+        twist = python.by_engine("compiled").follow(q, 0.1 * np.ones(6), **now).velocity
+        np.testing.assert_allclose(
+            twist, python.follow(q, 0.1 * np.ones(6), **now).velocity, rtol=0.0, atol=near + 1e-9
+        )
+        q = q + 0.01 * one.velocity
+    assert answered > 30
+
+
+def test_an_arm_that_may_be_far_outside_returns_by_the_core(panda):
+    robot, q = panda[0].robot, panda[1].copy()
+    q[3] = robot.position_upper[3] + 0.9
+    loops = [iq.Controller(robot, dt=0.01, far_outside=far) for far in ("hold", "return")]
+    assert [loop.step(q, robot.pose(panda[1])).status for loop in loops] == ["held", "limited"]
+    found = compiled_tick(loops[1].compiled, loops[1].kept, q, robot.pose(panda[1]), None, None)
+    assert found is not None
+    assert found[0].velocity[3] < 0.0

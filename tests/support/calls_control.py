@@ -94,6 +94,7 @@ def loop_options():
         "rows": None,
         "limits": (),
         "far_outside": "hold",
+        "engine": "compiled",
     }
 
 
@@ -119,6 +120,7 @@ def robot_calls(name, robot):
         f"{name}.origins": lambda: (robot().origins, {"q": Q}),
         f"{name}.target": lambda: (robot().target, {"pose": T}),
         f"{name}.with_tool": lambda: (robot().with_tool, {"offset": T}),
+        f"{name}.by_engine": lambda: (robot().by_engine, {"engine": "python"}),
         f"{name}.with_limits": lambda: (
             robot().with_limits,
             {"position_lower": -1.0, "position_upper": 2.0, "velocity_limit": 0.5},
@@ -156,6 +158,7 @@ CONTROL = {
     **robot_calls("Chain", chain),
     # control
     "Controller": lambda: (iq.Controller, {"robot": ur5(), **loop_options()}),
+    "Controller.by_engine": lambda: (controller().by_engine, {"engine": "python"}),
     "Controller.step": lambda: (
         controller().step,
         {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q, **NOW},

@@ -7,6 +7,8 @@ from support.exact_pseudoinverse import exact_pseudoinverse, relative_error
 from support.random_systems import motion
 
 import invariantqp as iq
+from invariantqp.engine import core
+from invariantqp.systems.factors import factors
 
 EPS = np.finfo(float).eps
 SEED = st.integers(0, 10_000)
@@ -237,3 +239,28 @@ def test_bad_input(case):
     with pytest.raises(iq.BadInput, match=f"{argument}: found .*; expected ") as caught:
         call()
     assert caught.value.argument == argument
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+def test_the_core_answers_what_is_well_conditioned():
+    rng, answered = np.random.default_rng(0), 0
+    for k in range(600):
+        m, h = int(rng.integers(1, 13)), float(rng.normal() * 10.0 ** rng.uniform(-3.0, 2.0))
+        J = rng.normal(size=(6, m)) * 10.0 ** rng.uniform(-2.0, 2.0)
+        J[3:] *= 10.0 ** rng.uniform(-4.0, 4.0)
+        if k % 4 == 0 and m > 1:  # nearly dependent
+            J[:, 0] = J[:, 1] + 10.0 ** rng.uniform(-9.0, 0.0) * J[:, 0]
+        if k % 4 == 1 and 1 < m < 6:  # at a principal pitch, or near it
+            h = float(iq.systems.principal_pitches(J)[0] * (1.0 + 10.0 ** rng.uniform(-12.0, 0.0)))
+        found, known = core.pseudoinverse(J, h), factors(J, h)
+        assert found is None or known.exists
+        if found is not None:
+            answered += 1
+            error = np.linalg.norm(found - known.inverse)
+            assert error <= 1e-14 * known.condition * np.linalg.norm(known.inverse)
+    assert 300 < answered < 560
+    J = rng.normal(size=(6, 3))
+    for bad in (J.tolist(), J.astype(np.float32), J[:5], np.nan * J, rng.normal(size=(6, 17)), 0.0 * J):
+        assert core.pseudoinverse(bad, 0.1) is None
+    for h in (np.nan, np.inf):
+        assert core.pseudoinverse(J, h) is None

@@ -1,13 +1,15 @@
 """The compiled core gives the answers of the Python law, on hostile inputs too, or hands the tick back."""
 
-from pydoc import locate
+from functools import reduce
+from importlib import import_module
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear, minimize
 from support.repeats import repeats
-from support.two_laws import disagreements, native_answer, python_answer, random_tick
+from support.two_laws import Brought, disagreements, native_answer, python_answer, random_tick
 
 import invariantqp as iq
 from invariantqp.engine import core
@@ -19,14 +21,13 @@ pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 WIDE = (-np.full(7, 1e3), np.full(7, 1e3))
 
 
-class Brought:
-    """A form of the user's."""
+class Quiet:
+    """A damping of the user's."""
 
-    def matrix(self, inverse_root):
-        return inverse_root.T @ inverse_root
+    threshold = 0.0
 
-    def describe(self):
-        return "a definite form"
+    def squares(self, sigma, wanted, largest):
+        return 0.0 * sigma
 
 
 @pytest.fixture
@@ -60,10 +61,11 @@ def test_the_core_answers_most_of_them():
 
 def test_constants_are_those_of_python():
     for name, value in core.CONSTANTS.items():
-        assert locate(f"invariantqp.{name.partition(':')[0]}") == value  # several of C's may be one of Python's
+        room, file, *rest = name.partition(":")[0].split(".")  # several of C's may be one of Python's
+        assert reduce(getattr, rest, import_module(f"invariantqp.{room}.{file}")) == value
 
 
-CALLED = "tick ticks solution loop step drive sight cost optimum arm descend misses answer_as tell_as"
+CALLED = "tick ticks solution step drive sight cost optimum pseudoinverse descend misses answer_as tell_as"
 
 
 @pytest.mark.parametrize("name", CALLED.split())
@@ -72,20 +74,66 @@ def test_the_core_says_how_it_is_called(name):
         getattr(core, name)(*[3] * name.endswith("_as"))
 
 
-def test_solve_velocity_asks_the_core_first(monkeypatch):
+def test_solve_velocity_asks_the_core_first():
     J, s = np.random.default_rng(0).normal(size=(6, 6)), np.ones(6)
     first = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s))
-    monkeypatch.setattr("invariantqp.velocity.solve.core", None)
-    second = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s))
+    second = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s), engine="python")
     assert (first.backend, second.backend) == ("native", "daqp")
     np.testing.assert_allclose(first.velocity, second.velocity, rtol=1e-12)
+
+
+@settings(max_examples=repeats(1000, 200), deadline=None, derandomize=True)
+@given(st.integers(0, 2**63))
+def test_solve_velocity_is_the_core_s_with_its_checks(seed):
+    """Point, length, sizes, bounds and rows: the answer of Python, which measures by its own."""
+    rng = np.random.default_rng(seed)
+    m, unit = int(rng.integers(1, 13)), 10.0 ** rng.integers(-6, 7)
+    J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+    if rng.random() < 0.3:
+        J[:3, rng.integers(m)] = 0.0  # a slide
+    if rng.random() < 0.2:
+        J[:3] = J[:3] * (0.0, 0.0, 1.0)[rng.integers(3)] + np.outer([0.0, 0.0, 1.0], J[2])  # nearly parallel axes
+    J[3:], s[3:] = unit * J[3:], unit * s[3:]
+    width = 10.0 ** rng.uniform(-1.0, 1.0)
+    told = {
+        "bounds": (None, iq.Bounds(-width * np.ones(m), width * np.ones(m)), (np.full(m, -width), np.full(m, np.inf))),
+        "point": (None, unit * rng.normal(size=3), tuple(unit * rng.normal(size=3))),
+        "length": (None, unit, 3),
+        "posture": (None, rng.normal(size=m)),
+        "rows": (None, iq.limits.LimitRows(rng.normal(size=(2, m)), -np.ones(2), [0.5, np.inf])),
+        "exact": (None, iq.ExactRows.of(J, np.eye(6)[3:4], s[3:4]), iq.ExactRows(np.eye(m)[:1], [0.1])),
+    }
+    options = {name: values[rng.integers(len(values))] for name, values in told.items() if rng.random() < 0.5}
+    native, python = iq.solve_velocity(J, s, **options), iq.solve_velocity(J, s, **options, engine="python")
+    near = 1e-7 * max(1e-9, np.abs(python.velocity).max(), np.abs(native.velocity).max())
+    np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
+    assert (native.status, native.active) == (python.status, python.active)
+
+
+def test_arguments_that_the_core_refuses_are_named():
+    J, s = np.random.default_rng(0).normal(size=(6, 7)), np.ones(6)
+    for name, bad in {
+        "twist": {"twist": 1e13 * s},
+        "J": {"J": 1e31 * J},
+        "point": {"point": [1e31, 0.0, 0.0]},
+        "length": {"length": 1e-31},
+        "bounds": {"bounds": (np.ones(7), np.zeros(7))},
+        "posture": {"posture": np.full(7, np.nan)},
+        "rows": {"rows": iq.limits.LimitRows(np.ones((1, 6)), [-1.0], [1.0])},
+        "exact": {"exact": iq.ExactRows(np.ones((1, 6)), [-1.0])},
+        "guard": {"guard": None},
+        "backend": {"backend": None},
+        "engine": {"engine": None},
+    }.items():
+        with pytest.raises(iq.BadInput, match=name):
+            iq.solve_velocity(**{"J": J, "twist": s} | bad)
 
 
 @pytest.mark.parametrize(
     "law",
     [
         {"form": iq.PitchForm(0.1, convexified=True)},
-        {"form": Brought()},
+        {"damping": Quiet()},
         {"backend": backend_of("osqp")},
         {"damping": iq.velocity.PaperLambda(0.1)},
     ],
@@ -95,7 +143,11 @@ def test_another_law_is_python_s(tick, law):
     assert native_answer(VelocityLaw(**law), tick[1]) is None
 
 
-@pytest.mark.parametrize("form", [iq.PitchForm(0.1), iq.Complement(np.eye(6)[:, :1])], ids=["pitch", "complement"])
+@pytest.mark.parametrize(
+    "form",
+    [iq.PitchForm(0.1), iq.Complement(np.eye(6)[:, :1]), Brought(np.diag([1.0, 2.0, -1.0, 1.0, -0.5, 0.3]))],
+    ids=["pitch", "complement", "brought"],
+)
 def test_a_form_is_the_core_s_and_its_guard_acts(form):
     rng, guarded = np.random.default_rng(0), 0
     for _ in range(60):
@@ -111,13 +163,72 @@ def test_a_form_is_the_core_s_and_its_guard_acts(form):
 
 def test_other_limits_are_python_s(tick):
     law, demand = tick
-    many = iq.limits.LimitRows(np.ones((17, 7)), -np.ones(17), np.ones(17))
-    away = iq.limits.LimitRows(np.eye(7)[:1], [1.0], [2.0])  # standing still is not allowed
-    slow = iq.limits.ToolSpeed(1.0, np.zeros(3)).cone(demand.J, np.zeros(3))
-    forced = demand._replace(cone=slow, lower=np.full(7, 10.0), upper=np.full(7, 20.0))  # far too fast
-    for other in (demand._replace(rows=many), demand._replace(rows=away), forced):
+    many = iq.limits.LimitRows(np.ones((33, 7)), -np.ones(33), np.ones(33))
+    for other in (demand._replace(rows=many),):
         assert native_answer(law, other) is None
-    assert native_answer(law, demand._replace(cone=slow)) is not None
+
+
+def test_up_to_32_rows_of_limits(tick):
+    law, demand = tick
+    rng = np.random.default_rng(3)
+    for k in (1, 2, 17, 32):
+        C = rng.normal(size=(k, 7))
+        C[-1] = C[0]  # the same limit twice
+        tight = demand._replace(rows=iq.limits.LimitRows(C, np.full(k, -0.3), np.full(k, 0.3)))
+        native = native_answer(law, tight)
+        assert disagreements(law, tight, native, python_answer(law, tight)) == []
+        assert (np.abs(C @ native.velocity) <= 0.3 + 1e-12).all()
+        assert np.abs(native.row_multipliers).max() > 0.0
+
+
+def test_limits_that_contradict_each_other_give_way_by_the_least(tick):
+    """Against scipy's bounded least squares: the violations of rows of unit length have the least sum of squares."""
+    law, demand = tick
+    rng, degraded = np.random.default_rng(4), 0
+    for k in range(60):
+        m, width = 7, rng.uniform(0.1, 1.0)
+        box = {"lower": -rng.uniform(0.0, width, m), "upper": rng.uniform(0.0, width, m)}
+        if k % 3 == 0:
+            box["lower"][:2] = 0.5 * box["upper"][:2]  # joints that have to move
+        C = rng.normal(size=(3, m)) * 10.0 ** rng.uniform(-2.0, 2.0, (3, 1))
+        C[1] = (C[1], C[0], -C[0])[k % 3]
+        length = np.linalg.norm(C, axis=1)
+        low = length * rng.uniform(0.5, 4.0, 3) * width
+        told = demand._replace(**box, rows=iq.limits.LimitRows(C, low, low * (1.0, 1.5)[k % 2]))
+        native = native_answer(law, told)
+        if native is None:
+            continue
+        assert disagreements(law, told, native, python_answer(law, told)) == []
+        if native.status != "degraded":
+            continue
+        degraded += 1
+        best = minimize(
+            lambda x, C=C, low=low, high=told.rows.upper, size=length: sum(
+                (np.maximum(low - C @ x, 0.0) + np.maximum(C @ x - high, 0.0)) ** 2 / size**2
+            ),
+            np.clip(np.zeros(m), *box.values()),
+            bounds=list(zip(*box.values(), strict=True)),
+            tol=1e-14,
+        )
+        over = np.linalg.norm(told.rows.excess(native.velocity) / length)
+        assert over == pytest.approx(np.sqrt(best.fun), rel=1e-4, abs=1e-6 * width)
+        assert native.reason.startswith("rows contradict ")
+    assert degraded > 40
+
+
+def test_a_tool_that_cannot_be_slow_is_as_slow_as_other_limits_let_it(tick):
+    law, demand = tick
+    for factor in (0.5, 3.0):
+        forced = demand._replace(lower=np.full(7, 0.1), upper=np.full(7, 0.2))
+        cone = iq.limits.ToolSpeed(1.0, np.zeros(3)).cone(demand.J, np.zeros(3))
+        inside = lsq_linear(cone.J, np.zeros(3), (forced.lower, forced.upper), tol=1e-14)
+        least = np.linalg.norm(cone.J @ inside.x)
+        forced = forced._replace(cone=cone._replace(limit=factor * least))
+        native = native_answer(law, forced)
+        assert disagreements(law, forced, native, python_answer(law, forced)) == []
+        assert cone.speed(native.velocity) <= max(factor, 1.0001) * least * (1.0 + 1e-9)
+        assert (native.status == "degraded") == (factor < 1.0)
+        assert ("the tool's speed is" in native.reason) == (factor < 1.0)
 
 
 def test_the_tool_is_never_faster_than_its_limit(tick):
@@ -162,17 +273,45 @@ def test_exact_rows_hold_at_their_share(tick):
     assert "held by" in solution.reason
 
 
+def test_exact_rows_that_depend_on_each_other(tick):
+    law, demand = tick
+    J, rng = demand.J, np.random.default_rng(2)
+    point = np.eye(6)[3:]
+    twice, each = np.vstack((point, point)), np.linspace(0.04, 0.1, 7)
+    for rows, said in (
+        (iq.ExactRows.of(J, twice, np.tile(demand.s[3:], 2)), ""),
+        (iq.ExactRows.of(J, twice, demand.s[[3, 4, 5, 4, 4, 4]]), "cannot keep the direction of the exact rows"),
+        (iq.ExactRows.of(J, np.vstack((point, rng.normal(size=3) @ point)), np.zeros(4)), ""),
+        (iq.ExactRows(np.eye(7), each), ""),
+        (iq.ExactRows(np.vstack((np.eye(7), np.ones(7))), np.append(each, each.sum())), ""),
+        (iq.ExactRows(np.vstack((np.eye(7), np.ones(7))), np.append(each, 0.8)), "direction"),
+        (iq.ExactRows(np.zeros((2, 7)), [0.0, 1.0]), "direction"),
+    ):
+        for width in (1e3, 0.05):
+            told = demand._replace(exact=rows, lower=np.full(7, -width), upper=np.full(7, width))
+            native = native_answer(law, told)
+            assert disagreements(law, told, native, python_answer(law, told)) == []
+            assert said in native.reason
+            assert (native.status == "degraded") == bool(said)
+            np.testing.assert_allclose(rows.A @ native.velocity, native.scale * rows.b, atol=1e-9)
+
+
+def test_exact_rows_of_an_arm_that_can_keep_fewer(tick):
+    law, demand = tick
+    two = iq.ExactRows.of(demand.J, np.eye(6)[4:], [1.0, 1.0])
+    for rank in (1, 2):
+        told = demand._replace(exact=two, row_rank=rank)
+        native = native_answer(law, told)
+        assert disagreements(law, told, native, python_answer(law, told)) == []
+        assert ("this arm can keep 1 of the exact rows" in native.reason) == (rank == 1)
+
+
 def test_exact_rows_that_it_does_not_have_are_handed_back(tick):
     law, demand = tick
-    J = demand.J
-    same = iq.ExactRows.of(J, np.ones((2, 6)), [1.0, 1.0])
     many = iq.ExactRows(np.ones((9, 7)), np.ones(9))
-    whole = iq.ExactRows(np.eye(7), np.zeros(7))
-    for rows in (same, many, whole):
+    nearly = iq.ExactRows(np.vstack((np.eye(7)[:1], np.eye(7)[:1] + 1e-9 * np.eye(7)[1:2])), np.ones(2))
+    for rows in (many, nearly):
         assert native_answer(law, demand._replace(exact=rows)) is None
-    two = iq.ExactRows.of(J, np.eye(6)[4:], [1.0, 1.0])
-    assert native_answer(law, demand._replace(exact=two, row_rank=1)) is None
-    assert native_answer(law, demand._replace(exact=two, row_rank=2)) is not None
 
 
 def test_arrays_of_any_layout_and_no_others(tick):
@@ -194,11 +333,14 @@ def test_more_joints_than_it_has_room_for_are_handed_back():
     assert native_answer(VelocityLaw(), Demand(J[:, :16], np.ones(6), np.eye(6), -box[:16], box[:16])) is not None
 
 
-def test_arguments_are_counted(tick):
-    with pytest.raises(TypeError, match=r"tick\(J, s, root"):
-        core.tick(tick[1].J)
-    with pytest.raises(TypeError):
-        core.tick(*tick[1][:5], None, "dt", (0.0, 0.0, 0.0), *[None] * 4)
+def test_arguments_have_names(tick):
+    law, demand = tick
+    with pytest.raises(TypeError, match=r"tick\(J=...\) is missing: joint twists"):
+        core.tick(law.compiled, s=demand.s)
+    with pytest.raises(TypeError, match=r"tick\(\) takes no 'twist'"):
+        core.tick(law.compiled, twist=demand.s)
+    with pytest.raises(TypeError, match=r"tick\(a Law"):
+        core.tick(demand.J)
 
 
 def test_the_answer_owns_its_arrays(tick):

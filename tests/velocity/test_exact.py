@@ -9,6 +9,7 @@ from support.arms import arm
 from support.velocity_reference import eliminated, quadprog_minimum, regular_problem, root_of, tight_box
 
 import invariantqp as iq
+from invariantqp.engine import ENGINES
 from invariantqp.velocity import exact as exact_module
 from invariantqp.velocity.backends import Daqp
 from invariantqp.velocity.exact import reduce, share_of
@@ -239,16 +240,14 @@ def test_where_rest_is_forbidden_the_share_counts_from_what_moves_the_rows_least
     assert "beside" not in fast.reason
 
 
-@pytest.mark.parametrize("native", [True, False])
-def test_rows_that_limits_move_against_their_demand_are_told(native, monkeypatch):
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rows_that_limits_move_against_their_demand_are_told(engine):
     """The first joint has to move where a row wants it at rest, while another row slows down."""
-    if not native:
-        monkeypatch.setattr("invariantqp.velocity.solve.core", None)
     J = np.random.default_rng(14).normal(size=(6, 4))
     rows = iq.ExactRows([[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]], [4.0, 0.0])
     bounds = ([0.2, -1.0, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
     for metric in (None, np.diag([1.0, 2.0, 3.0, 4.0])):
-        solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric)
+        solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric, engine=engine)
         off = solution.velocity[0]
         assert solution.status == "scaled"
         assert (

@@ -173,7 +173,7 @@ def test_exact_rows_that_cannot_be_kept_are_told(rng):
 
 
 @pytest.mark.skipif(not iq.native, reason="no compiled core here")
-def test_the_core_and_python_find_the_same(rng, monkeypatch):
+def test_the_core_and_python_find_the_same(rng):
     native = 0
     for k in range(30):
         m = 5 + k % 4
@@ -183,9 +183,7 @@ def test_the_core_and_python_find_the_same(rng, monkeypatch):
         rows = iq.limits.LimitRows(rng.normal(size=(2, m)), [-0.1, -0.2], [0.3, 0.1]) if k % 5 == 0 else None
         asked = {"bounds": box(m, 0.3), "tool_speed": slow, "rows": rows}
         one = iq.velocity.solve_tasks([first, second, rest], **asked)
-        with monkeypatch.context() as patch:
-            patch.setattr("invariantqp.velocity.compiled.core", None)
-            other = iq.velocity.solve_tasks([first, second, rest], **asked)
+        other = iq.velocity.solve_tasks([first, second, rest], **asked, engine="python")
         native += one.backend == "native"
         np.testing.assert_allclose(one.velocity, other.velocity, rtol=0.0, atol=1e-10)
         assert (one.method, one.status, one.active) == (other.method, other.status, other.active)

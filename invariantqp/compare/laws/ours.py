@@ -5,17 +5,12 @@ Reference: [DS] (6.4) for Lambda.
 
 from __future__ import annotations
 
-from typing import Any
-
-from numpy.typing import ArrayLike
-
 from invariantqp.compare.method import CANNOT, Method, Setting, Solve, Takes
 from invariantqp.compare.names import OURS, OURS_PYTHON
 from invariantqp.control.controller import Controller
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.engine import native
-from invariantqp.robots import chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec
@@ -23,7 +18,6 @@ from invariantqp.velocity import solve as tick
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.solution import VelocitySolution
 
 # lambda in Lambda = lambda I of [DS] [m]: the value that scripts use in damped least squares.
 PAPER_LAMBDA = 0.05
@@ -31,20 +25,9 @@ PAPER_LAMBDA = 0.05
 GYRATION = 0.05
 
 
-class PythonAlone:
+def python_alone(robot: Robot, law: LawSpec) -> Controller:
     """Our controller without the compiled core."""
-
-    def __init__(self, robot: Robot, law: LawSpec) -> None:
-        self._controller = our_controller(robot, law)
-        vars(self._controller)["compiled"] = None  # what INVARIANTQP_NATIVE=0 does, for one loop alone
-
-    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick."""
-        core, chain.core, tick.core = tick.core, None, None  # type: ignore[attr-defined]
-        try:
-            return self._controller.step(q, target, feedforward)
-        finally:
-            chain.core = tick.core = core  # type: ignore[attr-defined]
+    return our_controller(robot, law, engine="python")
 
 
 def pitch_of(robot: Robot, law: LawSpec) -> float:
@@ -111,7 +94,7 @@ METHODS = [
         family="invariant",
         why="the same law in Python alone",
         takes=OUR_TAKES,
-        system=PythonAlone,
+        system=python_alone,
     ),
     Method(
         name="invariantqp with h",
