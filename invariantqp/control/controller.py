@@ -46,7 +46,7 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
 if TYPE_CHECKING:
-    from invariantqp._native import Loop
+    from invariantqp.engine import Loop
 
 
 class Controller:

@@ -22,7 +22,7 @@ from invariantqp.velocity.qp.backends import Backend, Daqp
 from invariantqp.velocity.qp.quadratic import Cone
 
 if TYPE_CHECKING:
-    from invariantqp._native import Law
+    from invariantqp.engine import Law
 
 
 class Chase(NamedTuple):
