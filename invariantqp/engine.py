@@ -14,7 +14,13 @@ import warnings
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from invariantqp._native import Arm as Arm
+    from invariantqp._native import Law as Law
+    from invariantqp._native import Loop as Loop
+    from invariantqp._native import Wanted as Wanted
 
 # What computes: the compiled core where there is one, or Python alone.
 Engine = Literal["compiled", "python"]

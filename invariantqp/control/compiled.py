@@ -22,7 +22,7 @@ from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
 
 if TYPE_CHECKING:
-    from invariantqp._native import Loop, Wanted
+    from invariantqp.engine import Loop, Wanted
 
 # A tick by the core, for the loop of `compiled_loop`, the numbers of its Memory, which it writes, and what `step` is
 # given; without a target (None), what `follow` is. The solution, and whether there are words to add to it; None where

@@ -52,7 +52,7 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
 if TYPE_CHECKING:
-    from invariantqp._native import Loop
+    from invariantqp.engine import Loop
 
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0

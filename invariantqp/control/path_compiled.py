@@ -24,7 +24,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
 
 if TYPE_CHECKING:
-    from invariantqp._native import Loop
+    from invariantqp.engine import Loop
 
 # What rules where no knot of the plan does, as the core counts it: from the last on.
 RULINGS = (TURN, PAUSE, BACK, ENDED, SETTLING, ASTRAY, OVERRIDDEN, ON_TIME)

@@ -330,18 +330,23 @@ static double slope(const Slowed *slowed)
 }
 
 /* The largest pace in [0, 1] at which no more than delta is missed, or 0. What is missed does not fall and is linear as
-   long as the active limits stay: each step goes to where those of the last one would have it, or else halves. */
+   long as the active limits stay: each step goes to where those of the last one would have it or, beside a speed limit, to
+   where the secant has it, an end that stays being weighed down; or else it halves. */
 static Outcome largest(Slowed *slowed, double length, double *pace)
 {
-    double low = 0.0, high = 1.0, at;
+    double low = 0.0, high = 1.0, at, under = 0.0, over;
     bool first = true;
+    int side = 0;
     *pace = high;
     if (missed(slowed, high, &at) == HAND_BACK)
         return HAND_BACK;
     if (at <= 0.0)
         return DONE;
+    over = at;
     while (high - low > PACE_ROUNDING) {
         double rise = slowed->found->nu > 0.0 ? 0.0 : length * slope(slowed), next = rise > 0.0 ? *pace - at / rise : low;
+        if (rise == 0.0 && under < 0.0)
+            next = low + (high - low) * under / (under - over);
         if (!(next > low && next < high))
             next = first && next <= low ? low : 0.5 * (low + high);
         if (next == *pace)
@@ -355,10 +360,17 @@ static Outcome largest(Slowed *slowed, double length, double *pace)
                 return DONE;
         } else if (fabs(at) <= PACE_ROUNDING * length)
             break;
-        if (at > 0.0)
+        if (at > 0.0) {
             high = *pace;
-        else
+            over = at;
+            under *= side > 0 ? 0.5 : 1.0;
+            side = 1;
+        } else {
             low = *pace;
+            under = at;
+            over *= side < 0 ? 0.5 : 1.0;
+            side = -1;
+        }
     }
     return DONE;
 }

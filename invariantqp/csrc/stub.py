@@ -14,6 +14,11 @@ STUB = SOURCES.parent / "_native.pyi"
 BEGIN, END = "# From csrc/fields.h by csrc/stub.py:\n", "# By hand:\n"
 TABLE = re.compile(r"/\* (?P<about>[^*]*?) \*/\n#define (?P<name>[A-Z]+)_FIELDS \\\n(?P<lines>(?:.*\\\n)*.*\n)")
 LINE = re.compile(r"    (?P<kind>[A-Z_]+)\((?P<name>[\w.]+), (?P<rest>.*?), \"(?P<meaning>.*)\"\)")
+# What comes before the fields of a call, and its answer.
+CALLS = {
+    "COST": ("    law: Law,\n", "tuple[Array, Array]"),
+    "TICK": ("    law: Law,\n    unlimited: Law = ...,\n", "VelocitySolution"),
+}
 TYPES = {"NUMBER": "float", "COUNT": "int", "FLAG": "bool", "VECTOR": "Array", "MATRIX": "Array"}
 
 
@@ -40,7 +45,7 @@ def fields(lines: str, words: dict[str, str]) -> list[tuple[str, str, bool, str]
 def written(text: str) -> str:
     """The stub's part."""
     words = dict(re.findall(r"#define (\w+_WORDS) (.*)", text))
-    parts = []
+    parts, calls = [], ""
     for table in TABLE.finditer(text):
         made = fields(table["lines"], words)
         arguments = [
@@ -50,21 +55,15 @@ def written(text: str) -> str:
         listed = "".join(f"        {argument},\n" for argument in arguments)
         if table["name"] == "NOW":  # `step` is written by hand
             continue
-        if table["name"] == "COST":
-            parts.append("def cost(\n    law: Law,\n    /,\n    *,\n" + listed.replace("        ", "    "))
-            parts[-1] += ") -> tuple[Array, Array] | None: ...\n"
-            continue
-        if table["name"] == "TICK":
-            parts.append(
-                "def tick(\n    law: Law,\n    unlimited: Law = ...,\n    /,\n    *,\n"
-                + listed.replace("        ", "    ")
-            )
-            parts[-1] += ") -> VelocitySolution | None: ...\n"
+        if table["name"] in CALLS:
+            given, answer = CALLS[table["name"]]
+            part = f"def {table['name'].lower()}(\n{given}    /,\n    *,\n" + listed.replace("        ", "    ")
+            calls += f"{part}) -> {answer} | None: ...\n"
             continue
         part = f"class {table['name'].capitalize()}:\n"
         part += "".join(f"    {name}: {type_}  # {meaning}\n" for name, type_, _, meaning in made)
         parts.append(f"{part}    def __init__(\n        self,\n        *,\n{listed}    ) -> None: ...\n")
-    return "\n".join(parts).replace("...\n\ndef", "...\ndef")
+    return "\n".join([*parts, calls])
 
 
 def stub() -> str:

@@ -18,7 +18,7 @@ from invariantqp.robots.kinematics import Robot, remembered
 from invariantqp.systems.centre import centre
 
 if TYPE_CHECKING:
-    from invariantqp._native import Arm
+    from invariantqp.engine import Arm
 
 
 @frozen(eq=False)

@@ -25,7 +25,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
 if TYPE_CHECKING:
-    from invariantqp._native import Arm
+    from invariantqp.engine import Arm
 
 STILL = np.zeros(6)
 # Joint displacement for differences of the gradient: they keep seven digits, and Newton needs one.

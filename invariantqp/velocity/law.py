@@ -25,7 +25,7 @@ from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.qp import Cone
 
 if TYPE_CHECKING:
-    from invariantqp._native import Law
+    from invariantqp.engine import Law
 
 
 # Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
