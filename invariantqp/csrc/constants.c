@@ -35,6 +35,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.report", PRODUCT_ROUNDING),
     {"velocity.report.MISSED", MISSED_SHARE},
     ONE("velocity.report", FALLING),
+    ONE("velocity.report", GROWING),
     ONE("velocity.tick", POSTURE_PACE),
     {"velocity.objective.NULL_RATIO: chase", NO_CHASE},
     ONE("velocity.report", PROGRESS_SHARE),

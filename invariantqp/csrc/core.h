@@ -296,6 +296,7 @@ extern const Constant CONSTANTS[];
 #define PRODUCT_ROUNDING 1e-14
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
+#define GROWING 0.01
 #define POSTURE_PACE 0.01
 #define PACE_ROUNDING 1e-14
 #define NO_CHASE 1e-12

@@ -69,7 +69,8 @@ void clipped(const Demand *demand, const Row x, Solution *solution)
         solution->residual[i] = demand->s[i] - dot(demand->m, demand->J[i], solution->velocity);
 }
 
-/* Whether the errors of position and angle each fall at FALLING of the rate asked for; those within slack do. */
+/* Whether the errors of position and angle each fall at FALLING of the rate asked for; those within slack do
+   not grow by more than GROWING of it. */
 static bool falls(const Demand *demand, const Row x)
 {
     double asked[6], done[6], twist[6];
@@ -86,7 +87,8 @@ static bool falls(const Demand *demand, const Row x)
     int size = demand->chase.apart ? 3 : 6;
     for (int i = 0; i < 6; i += size) {
         double rate = norm(size, asked + i);
-        if (!(dot(size, asked + i, done + i) >= rate * (FALLING * rate - demand->chase.slack)))
+        double least = fmax(FALLING * rate - demand->chase.slack, -GROWING * demand->chase.slack);
+        if (!(dot(size, asked + i, done + i) >= rate * least))
             return false;
     }
     return true;

@@ -297,10 +297,8 @@ def largest_pace(
     """
     if norm(cost.K.dot(start + way - inside)) <= delta:  # no more is missed than by the velocity that is known
         return 1.0
-    try:
-        return _largest_pace(cost, start, way, delta, limits, cone, inside)
-    except SolverFailure:  # DAQP finds none where limits leave hardly any room
-        u = cost.K.dot(way) / norm(cost.K.dot(way))
+    length = norm(cost.K.dot(way))
+    u = cost.K.dot(way) / length
 
     def missed(p: float) -> float:
         """What limits take away along the chase, less delta: zero where p is the optimum, and it does not fall."""
@@ -308,6 +306,12 @@ def largest_pace(
         z = minimise(Daqp(), cost._replace(centre=centre), limits, cone, inside).z
         return float(u.dot(cost.K.dot(centre - z))) - delta
 
+    try:  # DAQP finds no answer, or beside a tool speed a wrong one, where limits leave hardly any room
+        pace = _largest_pace(cost, start, way, delta, limits, cone, inside)
+        if cone is None or pace in {0.0, 1.0} or abs(missed(pace)) <= ACTIVE_TOLERANCE * length:
+            return pace
+    except SolverFailure:
+        pass
     if missed(1.0) <= 0.0:
         return 1.0
     return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=COSINE_ROUNDING))

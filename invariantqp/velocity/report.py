@@ -32,6 +32,8 @@ PRODUCT_ROUNDING = 1e-14
 # What "ok" promises.
 MISSED = 0.05
 FALLING = 0.5
+# An error within slack may grow at this share of the slack: less is rounding, or a loop that comes to rest.
+GROWING = 0.01
 # Exact rows at this share of their speed count as not slowed down: regularising the share takes 1e-7 of it.
 WHOLE_SPEED = 1.0 - 1e-6
 # A motion of an exact row below this share of the joints' is none: regularising leaves 1e-9 of it.
@@ -125,7 +127,9 @@ def _missed(demand: Demand, problem: Problem, x: Array) -> float:
 
 
 def _falls(demand: Demand, x: Array) -> bool:
-    """Whether the errors of position and angle each fall at `FALLING` of the rate asked for; those within slack do.
+    """Whether the errors of position and angle each fall at `FALLING` of the rate asked for, or are within slack.
+
+    One within slack need not fall so fast, but does not grow by more than `GROWING` of the slack either.
 
     By a carried metric position and angle are not measured apart, and are one error.
     """
@@ -135,8 +139,10 @@ def _falls(demand: Demand, x: Array) -> bool:
     asked = demand.root.dot(demand.s - chase.ahead)
     done = demand.root.dot(demand.J.dot(x) - chase.ahead)
     parts = [slice(0, 3), slice(3, 6)] if chase.apart else [slice(0, 6)]
+    rates = [norm(asked[part]) for part in parts]
     return all(
-        asked[part].dot(done[part]) >= norm(asked[part]) * (FALLING * norm(asked[part]) - chase.slack) for part in parts
+        asked[part].dot(done[part]) >= rate * max(FALLING * rate - chase.slack, -GROWING * chase.slack)
+        for part, rate in zip(parts, rates, strict=True)
     )
 
 
