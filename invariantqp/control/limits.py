@@ -106,6 +106,15 @@ class Limit:
         del q, velocity
         return None
 
+    def blocked(self, q: Array) -> str:
+        """Why an arm cannot come to rest at joint positions q (m,), "" where it can: a path then ends before them.
+
+        Args:
+            q: (m,) [rad, length].
+        """
+        del q
+        return ""
+
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class JointLimits(Value, Limit):
@@ -486,6 +495,11 @@ class RowLimits:
             return _stacked(list(self._parts(q, np.zeros(self._m), pinks=False)))
         except _Unusable:
             return None
+
+    def blocked(self, q: Array) -> str:
+        """Why an arm cannot come to rest at joint positions q (m,), "" where it can."""
+        limits = (limit for limit in self._limits if isinstance(limit, Limit))
+        return next((why for limit in limits if (why := limit.blocked(q))), "")
 
     def _parts(self, q: Array, before: Array, *, pinks: bool = True) -> Iterator[LimitRows]:
         for limit in self._limits:

@@ -239,10 +239,10 @@ class BrakingBox(Value):
         jerked = np.maximum(lower - before, before - upper) - step
         allowance = ROUNDING * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
         dt, a = self.box.dt, self.acceleration
-        found = [
+        fast = [
             (i, (float(jerked[i] + step[i]) / dt, float(a[i]))) for i in np.flatnonzero(jerked > allowance).tolist()
         ]
-        return (*self.box.outside(q.tolist(), range(len(q))), *of_joints(Code.ACCELERATION, found))
+        return (*self.box.outside(q.tolist(), range(len(q))), *of_joints(Code.ACCELERATION, fast))
 
 
 def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:

@@ -161,7 +161,7 @@ ALGEBRA = {
         {"position_lower": -1.0, "position_upper": [1.0, 2.0], "velocity_limit": 0.5, "margin": 0.1},
     ),
     "AccelerationLimit": lambda: (iq.limits.AccelerationLimit, {"limit": [1.0, 2.0]}),
-    "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None, "exact": False}),
+    "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None}),
     "JointTask": lambda: (iq.velocity.JointTask, {"velocity": Q, "weight": 1.0, "priority": 0}),
     "TwistTask": lambda: (
         iq.velocity.TwistTask,
