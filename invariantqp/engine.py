@@ -11,16 +11,16 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     damping of one's own, `PaperLambda`, a pitch form made convex, another solver   100 to 10 000
     `point="own"` in a controller                                                   40
     `ToolSpeed(exact=True)`, a QP of CVXPY                                          thousands
-    a slider at zero, joint positions that cannot be true                           15 to 35
+    a slider at zero, joint positions that cannot be true                           10 to 35
     a target more than 0.8 of half a turn away                                      60
-    `follow` with rows, a sighting, a point or a posture of one tick                50 and more
-    acceleration limits that contradict each other, or a joint outside its range    50 and more
+    `follow` with rows, a sighting, a point or a posture of one tick                5 and more
+    acceleration limits that contradict each other, or a joint outside its range    30
     joint positions of a robot that is no `Chain`                                   all of it: 120
-    limits whose decision rounding would make: exact rows that limits leave next    100 to 1500
+    limits whose decision rounding would make: exact rows that limits leave next    150 and more
     to nothing of, a form on a singular arm, numbers beyond 1e70
-    `solve_tasks` but for its QPs, `solve_velocity` with a form, a damping, a       90; 10
+    `solve_tasks` but for its QPs, `solve_velocity` with a form, a damping, a       40 to 90; 10
     joint metric or a tool speed of one's own, but for its tick
-    `dual_projectors`, and a pseudoinverse near a principal pitch                   20
+    `dual_projectors`; a pseudoinverse near a principal pitch                       30; 20
     ==============================================================================  ===============
 
 A folder with the sources hides an installed package from a Python that is started in it. Another build's core is not
