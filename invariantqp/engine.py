@@ -1,7 +1,27 @@
 """Whether this installation has the compiled core and uses it; without it everything works in pure Python.
 
 The core computes ticks of the velocity law faster than Python does. It answers what the Python law would answer, or
-hands the tick back to it. `INVARIANTQP_NATIVE=0` in the environment switches it off.
+hands the tick back to it. `INVARIANTQP_NATIVE=0` in the environment switches it off; `engine="python"` does for one
+loop, one robot or one call.
+
+What stays in Python, and what a tick of a Panda then costs beside a plain one of the core's (`tests/benchmarks`):
+
+    ==============================================================================  ===============
+    more than 16 joints, 32 rows of limits or 8 exact rows                          100 to 400
+    damping of one's own, `PaperLambda`, a pitch form made convex, another solver   100 to 10 000
+    `point="own"` in a controller                                                   40
+    `ToolSpeed(exact=True)`, a QP of CVXPY                                          thousands
+    a slider at zero, joint positions that cannot be true                           10 to 35
+    a target more than 0.8 of half a turn away                                      60
+    `follow` with rows, a sighting, a point or a posture of one tick                5 and more
+    acceleration limits that contradict each other, or a joint outside its range    30
+    joint positions of a robot that is no `Chain`                                   all of it: 120
+    limits whose decision rounding would make: exact rows that limits leave next    150 and more
+    to nothing of, a form on a singular arm, numbers beyond 1e70
+    `solve_tasks` but for its QPs, `solve_velocity` with a form, a damping, a       40 to 90; 10
+    joint metric or a tool speed of one's own, but for its tick
+    `dual_projectors`; a pseudoinverse near a principal pitch                       30; 20
+    ==============================================================================  ===============
 
 A folder with the sources hides an installed package from a Python that is started in it. Another build's core is not
 taken from there, since it need not be of these sources; that there is none is told.

@@ -22,7 +22,7 @@ typedef struct {
     Row J[3];
 } Cone;
 
-/* slow.c: |start + M e| <= limit, and the largest multiplier tried */
+/* quadratic.c: |start + M e| <= limit, and the largest multiplier tried */
 typedef struct {
     double limit, most, start[3];
     Row M[3];

@@ -1,16 +1,318 @@
 /* Twin of velocity/qp.py: a convex quadratic inside limits.
 
        minimise 1/2 |e|^2   over   lower <= A z <= upper,   z = z* + T e
-       on a set of active limits: the shortest e on it (active.c)
-       a speed limit beside them (slow.c): first without it, then with it from the active set found
+       on a set of active limits: the shortest e on it
+       a speed limit beside them: first without it, then with it from the active set found
 
    T is the inverse of a root of the Hessian, so this is the point of a polytope nearest to e = 0. Python asks a solver
    for the active set first, here it begins with none; both then correct it until the shortest e on it is inside the
    other limits, with multipliers of the right sign. The problem is strictly convex, so both find the same. */
 
-#include "qp.h"
+#include "core.h"
 #include <stdlib.h>
 #include <string.h>
+
+/* Centred: lower <= N e <= upper. */
+typedef struct {
+    int n, count;
+    Row N[LIMITS];
+    double lower[LIMITS], upper[LIMITS], length[LIMITS];
+} Room;
+
+/* The e with N_a e = b_a; at[i] is a limit and bound[i] its b, N_a' = Q R by orthonormal rows Q[i], and the shortest and
+   longest part that a limit added to those before it. */
+typedef struct {
+    int k, at[MOST];
+    Row Q[MOST], R[MOST], bound, e;
+    double least, most;
+} Face;
+
+void shortest(const Face *face, int n, const double *b, Row e);
+void multipliers(const Face *face, const Room *room, const Row pull, double *y);
+Outcome face_of(const Room *room, const int *side, Face *face);
+Outcome joined(const Room *room, int i, int side, Face *face);
+int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late);
+Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu);
+Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu);
+
+/* Twin of Cone in velocity/qp/quadratic.py: a speed limit |start + J x| <= limit. */
+
+double tool_speed(const Cone *cone, int n, const Row x)
+{
+    double v[3];
+    for (int i = 0; i < 3; i++)
+        v[i] = cone->start[i] + dot(n, cone->J[i], x);
+    return norm(3, v);
+}
+
+/* The same on z, x = origin + basis z; basis[i] is column i of n. */
+void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result)
+{
+    double most = 0.0, widest = 0.0;
+    result->limit = cone->limit;
+    for (int i = 0; i < 3; i++) {
+        result->start[i] = cone->start[i] + dot(m, cone->J[i], origin);
+        for (int j = 0; j < m; j++)
+            most = fmax(most, fabs(cone->J[i][j]));
+    }
+    for (int l = 0; l < n; l++)
+        for (int j = 0; j < m; j++)
+            widest = fmax(widest, fabs(basis[l][j]));
+    /* Where exact rows fix the point's velocity, J is zero; rounding must not make it look otherwise. */
+    for (int i = 0; i < 3; i++)
+        for (int l = 0; l < n; l++) {
+            double entry = dot(m, cone->J[i], basis[l]);
+            result->J[i][l] = fabs(entry) <= FIXED_TOLERANCE * most * widest ? 0.0 : entry;
+        }
+}
+
+/* Beside the search for nu in Python: a speed limit on a face, |start + M e| <= limit, by its one multiplier.
+
+       minimise 1/2 |e|^2 + 1/2 nu |v|^2,  v = start + M e,  on the face,   nu >= 0 such that |v| = limit
+       U S V' = M on the face:   U'v(nu) = (I + nu S S')^-1 U'v(0),   nu the root of one scalar equation */
+
+static double velocity(const Slow *slow, int n, const Row e, double v[3])
+{
+    for (int i = 0; i < 3; i++)
+        v[i] = slow->start[i] + dot(n, slow->M[i], e);
+    return norm(3, v);
+}
+
+bool slow_enough(const Slow *slow, int n, const Row e, double tolerance)
+{
+    double v[3];
+    return velocity(slow, n, e, v) <= slow->limit * (1.0 + tolerance);
+}
+
+/* nu with sum of squares / (1 + nu gain)^2 = limit^2, or `most` where that is larger. */
+static double multiplier(const double gains[3], const double squares[3], double limit, double most)
+{
+    double nu = 0.0, wanted = limit * limit;
+    for (int step = 0; step < NEWTON_STEPS; step++) {
+        double square = 0.0, slope = 0.0;
+        for (int i = 0; i < 3; i++) {
+            double shrink = 1.0 + nu * gains[i], shrunk = squares[i] / (shrink * shrink);
+            square += shrunk;
+            slope += shrunk * gains[i] / shrink;
+        }
+        if (square <= wanted)
+            break;
+        if (slope <= 0.0)
+            return most;
+        double ahead = square / slope * (sqrt(square) / limit - 1.0); /* Newton on 1 / |v|: it never overshoots */
+        nu += ahead;
+        if (!(nu <= most))
+            return most;
+        if (ahead <= 2.220446049250313e-16 * nu)
+            break;
+    }
+    return nu;
+}
+
+/* The optimum on the face of k orthonormal rows Q whose shortest e is too fast: e, and the gradient e + nu M'v there. */
+Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
+{
+    Row M[3];
+    double v[3], gains[3], squares[3];
+    Spectrum found;
+    if (n < 3)
+        return HAND_BACK;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < n; j++)
+            M[i][j] = slow->M[i][j];
+        along(n, k, Q, M[i]);
+    }
+    velocity(slow, n, e, v);
+    if (spectrum(3, n, (const Row *)M, v, NULL, &found) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < 3; i++) {
+        gains[i] = found.sigma[i] * found.sigma[i];
+        squares[i] = found.wanted[i] * found.wanted[i];
+    }
+    *nu = multiplier(gains, squares, slow->limit, slow->most);
+    for (int i = 0; i < 3; i++) {
+        double step = *nu * found.sigma[i] * found.wanted[i] / (1.0 + *nu * gains[i]);
+        for (int j = 0; j < n; j++)
+            e[j] -= step * found.V[i][j];
+    }
+    velocity(slow, n, e, v);
+    for (int j = 0; j < n; j++) {
+        pull[j] = e[j];
+        for (int i = 0; i < 3; i++)
+            pull[j] += *nu * v[i] * slow->M[i][j];
+    }
+    return DONE;
+}
+
+/* Where Python asks a solver: the shortest e on a set of active limits, N_a e = b_a, and their multipliers.
+
+       e + N_a'y = 0,   y > 0 at an upper limit, y < 0 at a lower one */
+
+/* A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding. */
+static const double WRONG_SIGN = 1e-13;
+
+/* The shortest e with N_a e = b. */
+void shortest(const Face *face, int n, const double *b, Row e)
+{
+    Row w;
+    for (int j = 0; j < n; j++)
+        e[j] = 0.0;
+    for (int i = 0; i < face->k; i++) {
+        w[i] = b[i];
+        for (int l = 0; l < i; l++)
+            w[i] -= face->R[l][i] * w[l];
+        w[i] /= face->R[i][i];
+        for (int j = 0; j < n; j++)
+            e[j] += w[i] * face->Q[i][j];
+    }
+}
+
+/* A row without its parts along k orthonormal ones, which would move an active limit. */
+void along(int n, int k, const Row *Q, Row row)
+{
+    for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of the row */
+        for (int l = 0; l < k; l++) {
+            double share = dot(n, Q[l], row);
+            for (int j = 0; j < n; j++)
+                row[j] -= share * Q[l][j];
+        }
+    for (int j = 0; j < n && k == n; j++)
+        row[j] = 0.0;
+}
+
+/* y with pull + N_a'y = 0 on the active limits, zero for the others. */
+void multipliers(const Face *face, const Room *room, const Row pull, double *y)
+{
+    Row w;
+    for (int i = 0; i < room->count; i++)
+        y[i] = 0.0;
+    for (int i = face->k - 1; i >= 0; i--) {
+        w[i] = -dot(room->n, face->Q[i], pull);
+        for (int l = i + 1; l < face->k; l++)
+            w[i] -= face->R[i][l] * w[l];
+        w[i] /= face->R[i][i];
+        y[face->at[i]] = w[i];
+    }
+}
+
+/* Add a limit to a face, e excepted; HAND_BACK where it depends on those before it. */
+static Outcome appended(const Room *room, int i, int side, Face *face)
+{
+    int n = room->n, k = face->k;
+    if (k == n)
+        return HAND_BACK;
+    double *q = face->Q[k];
+    for (int j = 0; j < n; j++)
+        q[j] = room->N[i][j];
+    for (int l = 0; l < k; l++)
+        face->R[l][k] = 0.0;
+    for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of N */
+        for (int l = 0; l < k; l++) {
+            double share = dot(n, face->Q[l], q);
+            face->R[l][k] += share;
+            for (int j = 0; j < n; j++)
+                q[j] -= share * face->Q[l][j];
+        }
+    double length = face->R[k][k] = norm(n, q);
+    face->least = fmin(face->least, length);
+    face->most = fmax(face->most, length);
+    if (!(face->least > DEPENDENT * face->most))
+        return HAND_BACK;
+    for (int j = 0; j < n; j++)
+        q[j] /= length;
+    face->bound[k] = side > 0 ? room->upper[i] : room->lower[i];
+    face->at[k] = i;
+    face->k++;
+    return DONE;
+}
+
+/* The face of all active limits; HAND_BACK where they depend on each other. */
+Outcome face_of(const Room *room, const int *side, Face *face)
+{
+    face->k = 0;
+    face->least = INFINITY;
+    face->most = 0.0;
+    for (int i = 0; i < room->count; i++)
+        if (side[i] != 0 && appended(room, i, side[i], face) == HAND_BACK)
+            return HAND_BACK;
+    shortest(face, room->n, face->bound, face->e);
+    return DONE;
+}
+
+/* The face with one more limit active. */
+Outcome joined(const Room *room, int i, int side, Face *face)
+{
+    if (appended(room, i, side, face) == HAND_BACK)
+        return HAND_BACK;
+    shortest(face, room->n, face->bound, face->e);
+    return DONE;
+}
+
+/* The limit whose multiplier has the wrong sign by most; -1 for none. Late in a search the first one is taken (Bland's
+   rule), so that no active set repeats. */
+int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late)
+{
+    int found = -1;
+    double most = 0.0, size = WRONG_SIGN * norm(room->n, pull);
+    for (int k = 0; k < face->k; k++) {
+        int i = face->at[k];
+        double wrong = -side[i] * y[i];
+        if (wrong * room->length[i] > size && (found < 0 || (late ? i < found : wrong > most))) {
+            most = wrong;
+            found = i;
+        }
+    }
+    return found;
+}
+
+/* Where Python asks a solver: the shortest e inside limits, from one that is inside. */
+
+/* Every step stays inside, and shortens e or changes the set of active limits; face->e is the answer. */
+Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu)
+{
+    int n = room->n;
+    Row pull;
+    for (int i = 0; i < room->count; i++)
+        side[i] = 0;
+    for (int count = 0; count < STEPS * room->count; count++) {
+        if (face_of(room, side, face) == HAND_BACK)
+            return HAND_BACK;
+        if (on_face(slow, n, face, pull, nu) == HAND_BACK)
+            return HAND_BACK;
+        Row step;
+        for (int j = 0; j < n; j++)
+            step[j] = face->e[j] - e[j];
+        along(n, face->k, (const Row *)face->Q, step); /* the rest is rounding, and would meet rows that depend on these */
+        double first = 1.0, length = norm(n, step);
+        int meets = 0;
+        for (int i = 0; i < room->count; i++) {
+            double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);
+            if (side[i] != 0 || fabs(change) <= PARALLEL * room->length[i] * length)
+                continue;
+            double share = ((change > 0.0 ? room->upper[i] : room->lower[i]) - value) / change;
+            if (share < first) {
+                first = share;
+                meets = change > 0.0 ? i + 1 : -i - 1;
+            }
+        }
+        if (meets != 0) {
+            for (int j = 0; j < n; j++)
+                e[j] += fmax(0.0, first) * step[j];
+            side[abs(meets) - 1] = meets > 0 ? 1 : -1;
+            continue;
+        }
+        multipliers(face, room, pull, y);
+        int wrong = weakest(room, face, pull, side, y, count > 2 * room->count);
+        if (wrong < 0)
+            return slow == NULL || slow_enough(slow, n, face->e, FEASIBLE) ? DONE : HAND_BACK;
+        for (int j = 0; j < n; j++)
+            e[j] = face->e[j];
+        side[wrong] = 0;
+    }
+    return HAND_BACK;
+}
+
+/* The optimum, from a guess at the active set. */
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3

@@ -32,6 +32,8 @@ COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink")
 # A tick along a path beside an ordinary tick, of the same engine in the same states.
 ALONG = ((OURS, "compiled, ordinary"), (PYTHON, "Python, ordinary"))
 COUPLED = iq.limits.LimitRows(np.eye(7)[:1] + np.eye(7)[1:2], [-0.02], [0.02])
+MANY = iq.limits.LimitRows(np.random.default_rng(0).normal(size=(32, 7)), -np.ones(32), np.ones(32))
+CONTRARY = iq.limits.LimitRows(np.eye(7)[:2], [3.0, -9.0], [9.0, 9.0])
 POINT, AXIS = iq.control.ExactPoint(), iq.control.ExactAxis([0.0, 0.0, 1.0])
 ROUNDS = 40
 POSES = 50
@@ -194,6 +196,40 @@ def rows_a_second(width):
     return rates
 
 
+def single_calls():
+    """One call of the library beside numpy's, DAQP's or Pink's for the same arrays, as (ours, theirs) contenders."""
+    robot, rng = iq.load_robot("panda"), np.random.default_rng(0)
+    states = rng.uniform(robot.position_lower, robot.position_upper, (POSES, 7))
+    problems = [(robot.jacobian(q), 0.1 * rng.normal(size=6)) for q in states]
+    width, sense, none = np.full(7, 0.05), np.zeros(7, dtype=np.int32), np.zeros((0, 7))
+    bounds, damping = iq.Bounds(-width, width), 1e-6 * np.eye(7)
+    yield (
+        "solve_velocity, numpy's lstsq",
+        (iq.solve_velocity, lambda J, s: np.linalg.lstsq(J, s, rcond=None)),
+        problems,
+    )
+    bounded = partial(iq.solve_velocity, bounds=bounds)
+    yield (
+        "solve_velocity with bounds, DAQP",
+        (bounded, lambda J, s: daqp.solve(J.T @ J + damping, -J.T @ s, none, width, -width, sense)),
+        problems,
+    )
+    for m in (5, 7):
+        few = [(J[:, :m],) for J, _ in problems]
+        yield f"pseudoinverse of {m} twists, numpy's pinv", (lambda J: iq.pseudoinverse(J, 0.3), np.linalg.pinv), few
+    try:
+        import pink
+
+        from invariantqp.pink import InvariantFrameTask
+    except ImportError:
+        return
+    configuration = pink.Configuration(robot.model, robot.model.createData(), states[0])
+    tasks = InvariantFrameTask(robot.tool, 1.0, 1.0), pink.FrameTask(robot.tool, 1.0, 1.0)
+    for task in tasks:
+        task.set_target(pin.SE3(robot.pose(states[1])))
+    yield "objective in Pink, Pink's own", [task.compute_qp_objective for task in tasks], [(configuration,)] * POSES
+
+
 def main():
     if not iq.native:
         raise SystemExit("this installation has no compiled core")
@@ -216,6 +252,20 @@ def main():
         ),
         ("Panda, a coupling of joints met", "compare/panda_limits", lambda s: s.method == "qp", {"rows": COUPLED}),
         ("Panda, exact point and axis", "compare/panda_limits", lambda s: not s.active, {"exact": [POINT, AXIS]}),
+        (
+            "Panda, the coupling by a function",
+            "compare/panda_limits",
+            lambda s: s.method == "qp",
+            {"rows": lambda _: COUPLED},
+        ),
+        ("Panda, 32 rows of limits", "compare/panda_limits", lambda _: True, {"rows": MANY}),
+        (
+            "Panda, rows against joint limits",
+            "compare/panda_limits",
+            lambda s: s.status == "degraded",
+            {"rows": CONTRARY},
+        ),
+        ("Panda, an exact point told twice", "compare/panda_limits", lambda _: True, {"exact": [POINT, POINT]}),
     )
     for title, name, wanted, options in cases:
         task = iq.load_task(name)
@@ -234,6 +284,12 @@ def main():
         alone = partial(solve_pose, robot.by_engine("python"), exact)
         took = times({OURS: partial(solve_pose, robot, exact), PYTHON: alone}, targets)
         line(f"{name}, a pose{', exact position' if exact else ''}", took)
+    print("\n| call | ours | theirs |\n|---|---|---|")
+    for title, (ours, theirs), arguments in single_calls():
+        took = times({"ours": ours, "theirs": theirs}, arguments)
+        print(
+            f"| {title} | {cell(took['ours'], took['theirs'])} | {cell(took['theirs'], took['theirs'])} |", flush=True
+        )
     for name, width in (("free", 10.0), ("tight box", 0.05)):
         both, one, python = rows_a_second(width)
         print(f"\nbatch of {ROWS} Panda rows, {name}: {both:,.0f} rows/s compiled, {one:,.0f} on one core, ", end="")

@@ -39,13 +39,13 @@ def test_a_step_under_acceleration_limits_does_not_overshoot(dt, limit, way):
     assert left.min() > -1e-3
     assert abs(left[-1]) < 1e-3
     statuses = [s.status for s in solutions]
-    while_it_speeds_up = statuses.index("ok")
-    assert set(statuses[while_it_speeds_up:]) == {"ok"}
-    assert while_it_speeds_up * dt < 0.25  # until then the tool turns a little, too
-    for s in solutions[:while_it_speeds_up]:
-        assert s.status == "limited"
-        assert s.active
-        assert re.search(r"limits allow 0\.\d+ of the approach's speed", s.reason)
+    assert set(statuses) == {"ok", "limited"}  # limits bend the way: the tool turns a little, and back
+    assert statuses.index("ok") * dt < 0.25
+    assert set(statuses[len(statuses) // 2 :]) == {"ok"}
+    assert all(s.status == "ok" or s.active for s in solutions)
+    for s in solutions[: statuses.index("ok")]:
+        assert re.search(r"limits allow 0\.\d+ of the approach's speed|of the twist is missed", s.reason)
+
 
 
 def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
