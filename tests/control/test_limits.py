@@ -30,7 +30,7 @@ class Cable(Limit):
         self.fastest = fastest
 
     def for_loop(self, loop):
-        self.loop = loop
+        self.loop, self.asked = loop, getattr(self, "asked", 0) + 1
         return self
 
     def rows(self, q, velocity):
@@ -427,6 +427,7 @@ def test_a_loop_with_every_kind_of_limit_travels(robot, goal, travel):
 def test_copies_share_what_limits_look_at(robot, goal):
     cable = Cable()
     loop = copy.copy(iq.Controller(robot, dt=DT, limits=[cable]))
+    assert cable.asked == 2  # a copy is a loop of its own
     cable.fastest = 0.005
     x = loop.step(PANDA, goal).velocity
     assert np.abs((np.eye(7)[4:6] + 1.0) @ x).max() == pytest.approx(0.005)
