@@ -116,8 +116,8 @@ class Controller:
             tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
                 limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
-            limits: more limits, in a list: LimitRows or functions as in `rows`, a ToolSpeed in place of `tool_speed`,
-                limits and barriers made for Pink from `robot.model`, anything with
+            limits: more limits, in a list: LimitRows or functions as in `rows`, a ToolSpeed in place of `tool_speed`, a
+                Clearance that keeps links from each other and from obstacles, limits and barriers made for Pink from `robot.model`, anything with
                 `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
                 they contradict these. Reasons number their rows after `rows`, in their order. Pink cannot pickle its.
             far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
@@ -165,6 +165,7 @@ class Controller:
         self._limits = loop_limits(
             robot,
             self.dt,
+            self.delay,
             acceleration_limit,
             position_margin,
             tool_speed,

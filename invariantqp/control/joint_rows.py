@@ -2,6 +2,7 @@
 
     lower <= C x <= upper                      rows of the user's, fixed or a function of q
     G x <= h / dt, rows of unit length         what a Pink limit or barrier returns, G dq <= h
+    rows of a Clearance                        at a rate that depends on the loop
 
 Where a limit gives NaN or allows no velocity, it cannot be kept: the tick is then held, with the reason.
 """
@@ -18,10 +19,12 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.limits.rows import LimitRows
+from invariantqp.velocity.solution import VelocitySolution
 
 Rows = LimitRows | Callable[[Array], LimitRows | None]
 LIMITS = (
-    "LimitRows, a function of q that returns them, ToolSpeed, or a limit made for Pink: compute_qp_inequalities(...)"
+    "LimitRows, a function of q that returns them, ToolSpeed, Clearance, or a limit made for Pink: "
+    "compute_qp_inequalities(...)"
 )
 
 
@@ -47,7 +50,33 @@ class TickRows(NamedTuple):
     trouble: str = ""
 
 
-def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[Rows | PinkLimit], dt: float) -> JointRows | None:
+class LoopRows(Protocol):
+    """Rows that depend on the loop they are in: a `Clearance`."""
+
+    def in_loop(self, dt: float, delay: float, acceleration_limit: Array | None, speed: Array) -> Any:
+        """What `rows` takes of a loop with ticks of dt [s], a delay [s], accelerations (m,) or None, speeds (m,)."""
+        ...
+
+    def rows(self, q: Array, rate: Any) -> LimitRows | None:
+        """The rows at joint positions q (m,)."""
+        ...
+
+    def told(self, solution: VelocitySolution) -> VelocitySolution:
+        """The solution of the tick whose rows were asked last, its reason with what of them holds it."""
+        ...
+
+
+class Loop(NamedTuple):
+    """What of a loop its rows may depend on."""
+
+    dt: float  # [s]
+    delay: float  # [s]
+    acceleration_limit: Array | None  # (m,)
+
+
+def joint_rows(
+    robot: Robot, rows: Rows | None, limits: Sequence[Rows | PinkLimit | LoopRows], loop: Loop
+) -> JointRows | None:
     """The row limits of a loop, None where it has none; checked as far as it can be now.
 
     Raises:
@@ -59,22 +88,28 @@ def joint_rows(robot: Robot, rows: Rows | None, limits: Sequence[Rows | PinkLimi
     given = [("limits", limit) for limit in limits]
     if rows is not None:
         given.insert(0, ("rows", rows))
-    return JointRows(robot, tuple(given), dt) if given else None
+    return JointRows(robot, tuple(given), loop) if given else None
 
 
 class JointRows:
     """All row limits of a loop, in their order."""
 
-    def __init__(self, robot: Robot, given: tuple[tuple[str, Rows | PinkLimit], ...], dt: float) -> None:
+    def __init__(self, robot: Robot, given: tuple[tuple[str, Any], ...], loop: Loop) -> None:
         """As `joint_rows`; each limit with the argument that it was given by."""
         self._robot = robot
         self._m = len(robot.names)
-        self._dt = dt
+        self._loop = loop
+        self._dt = loop.dt
         self._given = given
+        self._rates: dict[int, Any] = {}
         self._configuration: Any = None
-        for argument, limit in given:
+        for i, (argument, limit) in enumerate(given):
             if isinstance(limit, LimitRows):
                 self._require(limit, argument)
+            elif _is_of_loop(limit):
+                if limit.robot.names != robot.names:
+                    raise BadInput(argument, f"{limit!r} of another robot", "one made with this controller's robot")
+                self._rates[i] = limit.in_loop(*loop, robot.velocity_limit)
             elif not _is_pinks(limit) and not callable(limit):
                 raise BadInput(argument, excerpt(limit), LIMITS)
         if any(_is_pinks(limit) for _, limit in given):
@@ -87,7 +122,7 @@ class JointRows:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> JointRows:
         """Row limits for another loop, which shares rows and limits but has a configuration of its own."""
-        return JointRows(self._robot, self._given, self._dt)
+        return JointRows(self._robot, self._given, self._loop)
 
     def at(self, q: Array, before: Array) -> TickRows:
         """The rows at joint positions q (m,), `before` (m,) being the velocity now.
@@ -98,7 +133,7 @@ class JointRows:
         try:
             if self._configuration is not None:
                 self._configuration.update(q)
-            parts = [part for given in self._given for part in self._parts(*given, q, before)]
+            parts = [part for i in range(len(self._given)) for part in self._parts(i, q, before)]
         except _Unusable as trouble:
             return TickRows(None, str(trouble))
         return TickRows(_stacked(parts))
@@ -113,16 +148,28 @@ class JointRows:
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
         try:
-            parts = [part for name, limit in self._given if not _is_pinks(limit) for part in self._own(name, limit, q)]
+            parts = [
+                part for i, (_, limit) in enumerate(self._given) if not _is_pinks(limit) for part in self._own(i, q)
+            ]
         except _Unusable:
             return None
         return _stacked(parts)
 
-    def _parts(self, argument: str, limit: Any, q: Array, before: Array) -> Iterator[_Part]:
-        return self._foreign(limit, before) if _is_pinks(limit) else self._own(argument, limit, q)
+    def told(self, solution: VelocitySolution) -> VelocitySolution:
+        """The solution of a tick, its reason with the limit that holds it where a limit has words for that."""
+        for i in self._rates:
+            solution = self._given[i][1].told(solution)
+        return solution
 
-    def _own(self, argument: str, own: Any, q: Array) -> Iterator[_Part]:
-        if not isinstance(own, LimitRows):
+    def _parts(self, i: int, q: Array, before: Array) -> Iterator[_Part]:
+        limit: Any = self._given[i][1]
+        return self._foreign(limit, before) if _is_pinks(limit) else self._own(i, q)
+
+    def _own(self, i: int, q: Array) -> Iterator[_Part]:
+        argument, own = self._given[i]
+        if i in self._rates:
+            own = own.rows(q, self._rates[i])
+        elif not isinstance(own, LimitRows):
             try:
                 own = own(q.copy())
             except BadInput as error:
@@ -163,6 +210,10 @@ class JointRows:
             raise BadInput(argument, type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
         if np.shape(rows.C)[1] != self._m:
             raise BadInput(argument, f"rows on {np.shape(rows.C)[1]} joints", f"rows on {self._m}, one for each joint")
+
+
+def _is_of_loop(limit: object) -> bool:
+    return hasattr(limit, "in_loop")
 
 
 def _is_pinks(limit: object) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.changes import Changes
-from invariantqp.control.joint_rows import LIMITS, JointRows, PinkLimit, Rows, joint_rows
+from invariantqp.control.joint_rows import LIMITS, JointRows, Loop, LoopRows, PinkLimit, Rows, joint_rows
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -23,7 +23,7 @@ from invariantqp.velocity.qp.quadratic import Cone
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 Strained = tuple[tuple[int, str], ...]
-Limit = Rows | ToolSpeed | PinkLimit
+Limit = Rows | ToolSpeed | PinkLimit | LoopRows
 ORIGIN = np.zeros(3)
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
@@ -98,7 +98,9 @@ class LoopLimits(NamedTuple):
     def told(
         self, solution: VelocitySolution, q: ArrayLike, names: tuple[str, ...], strained: Strained = ()
     ) -> VelocitySolution:
-        """The solution, whose reason names joints that are `strained`, or outside their range and held by limits."""
+        """The solution, whose reason names joints that are `strained`, or outside their range, and what holds it."""
+        if self.joint_rows is not None:
+            solution = self.joint_rows.told(solution)
         if strained:
             return with_trouble(solution, _named(strained, names))
         if not solution.active or self.braking is not None:
@@ -110,6 +112,7 @@ class LoopLimits(NamedTuple):
 def loop_limits(
     robot: Robot,
     dt: float,
+    delay: float,
     acceleration_limit: ArrayLike | None,
     position_margin: float,
     tool_speed: ToolSpeed | float | None,
@@ -131,7 +134,8 @@ def loop_limits(
         braking = BrakingBox(box, accelerations(acceleration_limit, len(robot.names)))
     if not isinstance(limits, (list, tuple)):
         raise BadInput("limits", excerpt(limits), f"a list: {LIMITS}")
-    combined = joint_rows(robot, rows, [limit for limit in limits if not isinstance(limit, ToolSpeed)], dt)
+    loop = Loop(dt, delay, None if braking is None else braking.acceleration)
+    combined = joint_rows(robot, rows, [limit for limit in limits if not isinstance(limit, ToolSpeed)], loop)
     speeds: list[ToolSpeed | float] = [limit for limit in limits if isinstance(limit, ToolSpeed)]
     speeds += [] if tool_speed is None else [tool_speed]
     if len(speeds) > 1:
