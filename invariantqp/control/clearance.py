@@ -405,8 +405,10 @@ class Clearance:
         """Why two bodies need not be kept apart, "" where they must be."""
         if a.body == b.body:
             return "no joint moves it" if b.frame is None else "fixed to one another"
-        joint = self.robot.names[max(a.body, b.body) - 1]
-        return f"neighbours at {joint}" if b.frame is not None and abs(a.body - b.body) == 1 else ""
+        floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
+        if b.frame is None or floor or abs(a.body - b.body) > 1:
+            return ""
+        return f"neighbours at {self.robot.names[max(a.body, b.body) - 1]}"
 
     def _without_always_near(
         self, kept: list[tuple[int, int]]

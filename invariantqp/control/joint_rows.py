@@ -116,9 +116,12 @@ class JointRows:
             model: Any = getattr(robot, "model", None)
             if model is None:
                 raise BadInput("limits", "a robot of joint screws", "one of a URDF: Pink's limits read its model")
-            from invariantqp.robots.pink import Configuration  # Pink is loaded when a limit of its kind is
+            from invariantqp.robots.pink import Configuration, SelfCollisionBarrier  # Pink is loaded when asked for
 
-            self._configuration = Configuration(model, model.createData(), np.zeros(model.nq))
+            shapes = None
+            if any(isinstance(limit, SelfCollisionBarrier) for _, limit in given):
+                shapes = _collision_model(robot)
+            self._configuration = Configuration(model, model.createData(), np.zeros(model.nq), collision_model=shapes)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> JointRows:
         """Row limits for another loop, which shares rows and limits but has a configuration of its own."""
@@ -210,6 +213,23 @@ class JointRows:
             raise BadInput(argument, type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
         if np.shape(rows.C)[1] != self._m:
             raise BadInput(argument, f"rows on {np.shape(rows.C)[1]} joints", f"rows on {self._m}, one for each joint")
+
+
+def _collision_model(robot: Any) -> Any:
+    """The shapes of an arm that SelfCollisionBarrier keeps apart; Pink has them beside its model.
+
+    Raises:
+        BadInput: the arm is known without.
+    """
+    from invariantqp.robots.coal import collision_model
+
+    if not any(link.parts for link in getattr(robot, "links", ())):
+        raise BadInput(
+            "limits",
+            "a SelfCollisionBarrier, and a robot known without collision geometry",
+            "a robot of a URDF that has it, or limits.Clearance(robot, bodies={link: [shapes]})",
+        )
+    return collision_model(robot)
 
 
 def _is_of_loop(limit: object) -> bool:

@@ -58,7 +58,8 @@ def bodies_of(robot: Chain) -> Bodies:
 
 def _shapes(link: Link) -> list[Shape]:
     made: list[Shape] = []
-    corners, faces = [], []
+    corners: list[Array] = []
+    faces: list[NDArray[np.intp]] = []
     count = 0
     joined = {"mesh", "cylinder"} | ({"box"} if sum(part.kind != "sphere" for part in link.parts) > 1 else set())
     for part in link.parts:
@@ -99,7 +100,7 @@ def _surface(part: Geometry) -> tuple[Array, NDArray[np.intp]]:
         return _hull(0.5 * np.array(part.size) * np.array(list(product((-1.0, 1.0), repeat=3))))
     if isinstance(part.mesh, np.ndarray):
         return _hull(part.mesh)
-    from invariantqp.robots.meshes import triangles  # coal is loaded where there is a mesh
+    from invariantqp.robots.coal import triangles  # coal is loaded where there is a mesh
 
     corners, faces = triangles(part.mesh)
     return corners * np.array(part.size), faces
