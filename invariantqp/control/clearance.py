@@ -274,8 +274,10 @@ class Clearance:
             found[name] = min(found[name], d)
         return found
 
-    def shapes(self, q: ArrayLike) -> list[tuple[str, Placed]]:
-        """All shapes where they are at joint positions q (m,), with the names of their bodies, to draw them.
+    def shapes(self, q: ArrayLike) -> list[tuple[str, int | None, Placed]]:
+        """All shapes where they are at joint positions q (m,), to draw them.
+
+        Each with the name of its body and how many joints move it, None for an obstacle.
 
         Raises:
             BadInput: NaN or a wrong length.
@@ -283,7 +285,8 @@ class Clearance:
         positions = arrays.vector(q, len(self.robot.names), "q")
         self._refresh(0.0)
         placed = _placed(self._numbers, self.robot.motions(positions))
-        return [(part.name, at) for part, at in zip(self._parts, placed, strict=True)]
+        moved = [None if part.frame is None else part.body for part in self._parts]
+        return [(part.name, body, at) for part, body, at in zip(self._parts, moved, placed, strict=True)]
 
     def told(self, solution: VelocitySolution) -> VelocitySolution:
         """The solution of a tick whose rows were asked last, its reason with the pair that holds it, if one does."""
