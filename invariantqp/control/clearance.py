@@ -260,6 +260,24 @@ class Clearance:
         """
         return self._nearest(self._distances(q))
 
+    def blocked(self, q: ArrayLike) -> str:
+        """Which bodies are nearer than the distance at joint positions q (m,), "" where none are.
+
+        Obstacles that move do not count: they may be gone by then.
+
+        Raises:
+            BadInput: NaN or a wrong length.
+        """
+        found = self._distances(q)
+        moved = [part.frame is None and (part.share < 1.0 or bool(part.shape.twist.any())) for part in self._parts]
+        still = [not (moved[i] or moved[j]) for i, j in self._of_pair]
+        near = self._nearest(np.where(still, found, inf))
+        return f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm" if self._is_inside(near) else ""
+
+    def _is_inside(self, near: Near) -> bool:
+        """Whether two bodies are nearer than the distance, but for rounding."""
+        return near.distance < self.distance - ACTIVE_TOLERANCE * max(self.distance, 1.0)
+
     def distances(self, q: ArrayLike) -> dict[tuple[str, str], float]:
         """The distance of each pair of bodies at joint positions q (m,) [length]; negative inside.
 
@@ -295,8 +313,7 @@ class Clearance:
         C, lower, of_pair, distances = self._last
         x = solution.velocity
         words = []
-        inside = self.nearest.distance < self.distance - ACTIVE_TOLERANCE * max(self.distance, 1.0)
-        if inside:
+        if self._is_inside(self.nearest):
             words.append(f"nearer than {1e3 * self.distance:.1f} mm: {self.nearest}")
         if len(lower):
             margin = ACTIVE_TOLERANCE * np.maximum(SLOWEST, np.abs(C).dot(np.abs(x)))

@@ -119,6 +119,13 @@ class JointPath:
             else:
                 self.blocked = self._cause(knot.q)
             return
+        too_near = self._too_near(knot.q) if self._stops else ""
+        if too_near:
+            if h > SHORTEST * self._scale:
+                self._step = 0.5 * h
+            else:
+                self.blocked = too_near
+            return
         if len(self.knots) == MOST_KNOTS:
             self.blocked = "the joints would have to turn too often"
             return
@@ -144,6 +151,11 @@ class JointPath:
         while len(knots) > 1 and knots[-1].at >= end > self.curve.end <= knots[-2].at and knots[-2].off <= least:
             del knots[-1]
             end, self._returning = knots[-1].at, False
+
+    def _too_near(self, q: Array) -> str:
+        """Which bodies are nearer at q than a clearance keeps, "" where none are."""
+        rows = self.controller.joint_rows
+        return "" if rows is None else rows.blocked(q)
 
     def _cause(self, q: Array) -> str:
         """Why the path is blocked where the arm came no closer than q."""

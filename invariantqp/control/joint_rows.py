@@ -66,6 +66,11 @@ class LoopRows(Protocol):
         ...
 
 
+    def blocked(self, q: Array) -> str:
+        """Why an arm cannot come to rest at joint positions q (m,), "" where it can."""
+        ...
+
+
 class Loop(NamedTuple):
     """What of a loop its rows may depend on."""
 
@@ -163,6 +168,10 @@ class JointRows:
         for i in self._rates:
             solution = self._given[i][1].told(solution)
         return solution
+
+    def blocked(self, q: Array) -> str:
+        """Why an arm cannot come to rest at joint positions q (m,), by the limits that have words for that."""
+        return next((why for i in self._rates if (why := self._given[i][1].blocked(q))), "")
 
     def _parts(self, i: int, q: Array, before: Array) -> Iterator[_Part]:
         limit: Any = self._given[i][1]
