@@ -10,8 +10,8 @@ approach to d_min is exponential at the rate alpha, the largest at which
     min a_i / v_i           joints can brake: (1 - alpha dt) times the last velocity keeps rows and accelerations
 
 A row that no velocity inside the limits can reach is left out, so there is no distance of influence; of the others the
-16 most urgent are kept. Inside d_min the nearest place of a pair asks for a way out, slowly, and the others for no
-deeper. Rows give way where they contradict joint limits, never the other way round.
+16 most urgent are kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest one, slowly. Rows give way
+where they contradict joint limits, never the other way round.
 
 What it does not do: find a way around. An arm that is led straight into an obstacle stops before it.
 """
@@ -31,7 +31,7 @@ from invariantqp.engine import core
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Place, Placed, places
+from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
@@ -48,8 +48,12 @@ EQUAL = 1e-9
 UNMOVED = 1e-12
 # A tick covers this share of the room that is left.
 SHARE_OF_ROOM = 0.1
-# Inside the distance, joints move apart at this share of their velocity limits: out within a second, no kick.
-ESCAPE = 0.08
+# Of the accelerations, rows take this share to brake by; the rest is for how their directions turn as the arm moves.
+BRAKING = 0.7
+# Inside the distance, bodies are led apart at this share of the joints' velocity limits, and no joint is faster than the
+# other: an arm that begins inside comes out in about a second, without a kick. The second holds from a depth on of so
+# much of the distance; less is what curvature takes of it in a tick.
+ESCAPE, CALM, DEEP = 0.06, 0.09, 0.05
 # Joints without a velocity limit count as this fast where pairs are ranked and led apart [rad/s, length/s].
 USUAL_SPEED = 1.0
 # Whether a pair is always near is looked at in so many states, at most; one that is not shown to be always near is kept.
@@ -82,7 +86,7 @@ class Dropped(NamedTuple):
 class Rate(NamedTuple):
     """What decides how fast bodies may come nearer."""
 
-    alpha: float  # [1/s]
+    settings: Array  # d_min [length], alpha [1/s], the share of the speeds at which bodies move apart
     delay: float  # of the robot [s]
 
 
@@ -93,7 +97,7 @@ class _Part(NamedTuple):
     shape: Shape
     body: int  # moved by the first so many joints
     frame: Array | None  # (4, 4) of its link at q = 0; None for an obstacle, which is where it was moved to
-    share: float  # of the room that this arm may take
+    owner: int = 0  # the arm that it is a link of, where that is another one
 
 
 class OtherArm:
@@ -207,9 +211,22 @@ class Clearance:
         self._seen: list[Array] = [part.shape.pose for part in self._parts]
         self._of_pair, self.dropped = self._chosen(pairs, exclude)
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
+        self._of_arms = [
+            (
+                arm,
+                [
+                    k
+                    for k, (i, j) in enumerate(self._of_pair)
+                    if id(arm) in (self._parts[i].owner, self._parts[j].owner)
+                ],
+            )
+            for arm in self.obstacles
+            if isinstance(arm, OtherArm)
+        ]
         names = {(self._parts[i].name, self._parts[j].name): None for i, j in self._of_pair}
         self.pairs: tuple[tuple[str, str], ...] = tuple(names)
         self.nearest = Near("", "", inf)
+        self._still = self._at_rate(0.0, 0.0)  # all distances, and no rows that matter
         self._last: tuple[Array, Array, Array, Array] | None = None
 
     def __repr__(self) -> str:
@@ -223,7 +240,7 @@ class Clearance:
         """
         if self._rate is None:
             raise BadInput("rate", "None", "a rate in 1/s, or a controller that has this clearance in limits=[...]")
-        return self.rows(q, Rate(self._rate, 0.0))
+        return self.rows(q, self._at_rate(self._rate, 0.0))
 
     def in_loop(self, dt: float, delay: float, acceleration_limit: Array | None, speed: Array) -> Rate:
         """The rate for a loop with ticks of dt [s], a delay [s], accelerations (m,) or None, and speeds (m,).
@@ -242,15 +259,26 @@ class Clearance:
                     "a velocity limit of each such joint, for how far away it must begin to brake",
                     "Give it with robot.with_limits(velocity_limit=[...]).",
                 )
-            alpha = min([alpha, *(acceleration_limit[limited] / speed[limited]).tolist()])
-        return Rate(alpha if self._rate is None else min(alpha, self._rate), delay)
+            alpha = min([alpha, *(BRAKING * acceleration_limit[limited] / speed[limited]).tolist()])
+        return self._at_rate(alpha if self._rate is None else min(alpha, self._rate), delay)
 
     def rows(self, q: Array, rate: Rate) -> LimitRows | None:
         """The rows at joint positions q (m,), None where nothing is near enough to matter."""
         C, lower, of_pair, distances = found = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate)
         self._last = found
         self.nearest = self._nearest(distances)
-        return LimitRows(C, lower, np.full(len(lower), inf)) if len(lower) else None
+        upper = np.full(len(lower), inf)
+        if self._is_inside(self.nearest) and not self._twists.any():
+            speed = self._calm()
+            limited = np.isfinite(speed)
+            C = np.vstack((C, np.eye(len(speed))[limited]))
+            lower, upper = np.append(lower, -speed[limited]), np.append(upper, speed[limited])
+        return LimitRows.trusted(C, lower, upper) if len(lower) else None
+
+    def _calm(self) -> Array:
+        """(m,) how fast joints may be, the nearest bodies being nearer than the distance."""
+        depth = (self.distance - self.nearest.distance) / (DEEP * self.distance) if self.distance > 0.0 else 1.0
+        return np.asarray(max(CALM, 1.0 - depth) * self.robot.velocity_limit)
 
     def at(self, q: ArrayLike) -> Near:
         """The least distance at joint positions q (m,).
@@ -269,10 +297,14 @@ class Clearance:
             BadInput: NaN or a wrong length.
         """
         found = self._distances(q)
-        moved = [part.frame is None and (part.share < 1.0 or bool(part.shape.twist.any())) for part in self._parts]
+        moved = [part.frame is None and (part.owner != 0 or bool(part.shape.twist.any())) for part in self._parts]
         still = [not (moved[i] or moved[j]) for i, j in self._of_pair]
         near = self._nearest(np.where(still, found, inf))
-        return f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm" if self._is_inside(near) else ""
+        return (
+            f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
+            if self._is_inside(near)
+            else ""
+        )
 
     def _is_inside(self, near: Near) -> bool:
         """Whether two bodies are nearer than the distance, but for rounding."""
@@ -324,6 +356,9 @@ class Clearance:
                 words.append(f"held by clearance: {Near(self._parts[one].name, self._parts[other].name, distances[i])}")
         return solution._replace(reason="; ".join(filter(None, (*words, solution.reason)))) if words else solution
 
+    def _at_rate(self, alpha: float, delay: float) -> Rate:
+        return Rate(np.array((self.distance, alpha, ESCAPE)), delay)
+
     def _nearest(self, distances: Array) -> Near:
         if not len(distances):
             return Near("", "", inf)
@@ -332,7 +367,7 @@ class Clearance:
         return Near(self._parts[one].name, self._parts[other].name, float(distances[i]))
 
     def _distances(self, q: ArrayLike) -> Array:
-        return self._asked(arrays.vector(q, len(self.robot.names), "q"), Rate(1.0, 0.0))[3]
+        return self._asked(arrays.vector(q, len(self.robot.names), "q"), self._still)[3]
 
     def _asked(self, q: Array, rate: Rate) -> tuple[Array, Array, Array, Array]:
         """Rows, their lower limits, the pair of each, and the distance of each pair."""
@@ -344,7 +379,7 @@ class Clearance:
             self._twists,
             self._pairs,
             self.robot.velocity_limit,
-            np.array((self.distance, rate.alpha, ESCAPE)),
+            rate.settings,
         )
         found: tuple[Array, Array, Array, Array] | None
         found = None if core is None else core.clearance(*given)
@@ -361,25 +396,20 @@ class Clearance:
             place = pose.dot(shape.place)
             self._numbers[i, 6:15], self._numbers[i, 15:] = place[:3, :3].ravel(), place[:3, 3]
             self._twists[i] = shape.twist
-        shares = {i: part.share for i, part in enumerate(self._parts)}
-        for arm in self.obstacles:
-            if isinstance(arm, OtherArm):
-                known = 1.0 if arm.knows_velocity else HALF
-                shares.update({i: known for i, part in enumerate(self._parts) if part.name.startswith(f"{arm.name}/")})
-        if any(share != 1.0 for share in shares.values()):
-            self._pairs[:, 2] = [min(shares[i], shares[j]) for i, j in self._of_pair]
+        for arm, pairs in self._of_arms:
+            self._pairs[pairs, 2] = 1.0 if arm.knows_velocity else HALF
 
     def _listed(self) -> list[_Part]:
         """All shapes, each with what moves it."""
         parts = []
         for link, shapes in self.bodies.items():
             body, frame = frame_of(self.robot, link)
-            parts += [_Part(link, shape, body, frame, 1.0) for shape in shapes]
+            parts += [_Part(link, shape, body, frame) for shape in shapes]
         names: list[str] = list(self.bodies)
         for obstacle in self.obstacles:
             if isinstance(obstacle, OtherArm):
                 for shapes in obstacle.parts.values():
-                    parts += [_Part(shape.name, shape, 0, None, HALF) for shape in shapes]
+                    parts += [_Part(shape.name, shape, 0, None, id(obstacle)) for shape in shapes]
                 continue
             if not isinstance(obstacle, Shape):
                 raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace or OtherArm")
@@ -389,7 +419,7 @@ class Clearance:
                     n for i in range(len(names) + 1) if (n := name if i == 0 else f"{name} {i + 1}") not in names
                 )
             names.append(name)
-            parts.append(_Part(name, obstacle, 0, None, 1.0))
+            parts.append(_Part(name, obstacle, 0, None))
         return parts
 
     def _chosen(
@@ -533,7 +563,8 @@ def rows_of(
         settings: distance, alpha, and the share of the speeds at which bodies move apart.
 
     Returns:
-        (r, m) C, (r,) lower limits, (r,) the pair of each row, (k,) distances of the pairs.
+        (r, m) C, (r,) lower limits, (r,) the pair of each row, (k,) distances of the pairs. The core leaves those
+        infinite that are neither the least nor near enough for a row, unless alpha is 0.
     """
     wanted, alpha, escape = settings.tolist()
     J = robot.jacobian(q)
@@ -545,7 +576,7 @@ def rows_of(
         one, other = int(i), int(j)
         first, last = int(shapes[one, 0]), int(shapes[other, 0])
         between = slice(min(first, last), max(first, last))
-        nearest = True
+        first: Place | None = None
         for place in places(placed[one], placed[other]):
             w = np.concatenate((se3.cross(place.point, place.normal), place.normal))
             C = np.zeros(len(q))
@@ -555,17 +586,18 @@ def rows_of(
             if not weighed > 0.0:
                 continue
             room = place.distance - wanted
+            first = place if first is None else first
             distances[k] = min(distances[k], place.distance)
             drift = float(w.dot(twists[other] - twists[one]))
             if room >= 0.0:
                 wish = -alpha * share * room
             else:
-                wish = min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max())) if nearest else 0.0
-            nearest = False
+                apart = min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
+                wish = max(0.0, float(place.normal.dot(first.normal))) * apart
             lower = wish - drift
             moved = C != 0.0
             if lower > -float(np.abs(C[moved]).dot(speed[moved])):
-                _keep(kept, (lower / weighed, lower, k, C))
+                _keep(kept, (lower / weighed - (place is not first), lower, k, C))
     C = np.array([row[3] for row in kept]).reshape(-1, len(q))
     return C, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances
 

@@ -65,7 +65,6 @@ class LoopRows(Protocol):
         """The solution of the tick whose rows were asked last, its reason with what of them holds it."""
         ...
 
-
     def blocked(self, q: Array) -> str:
         """Why an arm cannot come to rest at joint positions q (m,), "" where it can."""
         ...

@@ -417,7 +417,7 @@ typedef struct {
     double C[KEPT_ROWS][MOST], lower[KEPT_ROWS], urgency[KEPT_ROWS];
 } Rows;
 
-/* Keep a row among the most urgent; of equal ones the one that asks for more. */
+/* Keep a row among the most urgent, each pair's nearest before all others; of equal ones the one that asks for more. */
 static void keep(Rows *rows, int m, const double *C, double lower, double urgency, int pair)
 {
     int at = rows->count, last = 0;
@@ -447,8 +447,44 @@ static void keep(Rows *rows, int m, const double *C, double lower, double urgenc
     rows->pair[at] = pair;
 }
 
+static bool is_still(const double twist[6])
+{
+    double size = 0.0;
+    for (int i = 0; i < 6; i++)
+        size += fabs(twist[i]);
+    return size == 0.0;
+}
+
+/* Distances of two shapes are at least this: those of balls about them. */
+static double at_least(const Shape *a, const Shape *b)
+{
+    const Shape *plane = b->kind == FREE_SIDE ? b : a->kind == FREE_SIDE ? a : NULL, *other = plane == a ? b : a;
+    double w[3], normal[3];
+    for (int i = 0; i < 3; i++)
+        w[i] = other->p[i] - (plane != NULL ? plane->p[i] : b->p[i]);
+    if (plane == NULL)
+        return norm(3, w) - norm(3, a->half) - a->radius - norm(3, b->half) - b->radius;
+    column(plane, 2, 1.0, normal);
+    return dot(3, normal, w) - norm(3, other->half) - other->radius;
+}
+
+/* How fast joints `from` to `to` can move any point of the outermost of two shapes, at most. */
+static double swept(int from, int to, const Shape *outer, const Row J[6], const Row speeds)
+{
+    double most = 0.0, ball = norm(3, outer->half) + outer->radius;
+    for (int j = from; j < to; j++) {
+        double omega[3] = {J[0][j], J[1][j], J[2][j]}, v[3];
+        cross(omega, outer->p, v);
+        for (int i = 0; i < 3; i++)
+            v[i] += J[3 + i][j];
+        most += speeds[j] * (norm(3, v) + norm(3, omega) * ball);
+    }
+    return most;
+}
+
 /* clearance(screws, q, shapes, twists, pairs, speeds, (distance, rate, escape)): rows C, their lower limits, the pair of
-   each, and the distance of every pair. None where it has no such problem. */
+   each, and the distance of every pair; of those that are neither nearest nor near, infinite, unless the rate is 0. None
+   where it has no such problem. */
 PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -501,14 +537,23 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
     if (distances == NULL)
         return NULL;
     double *least = PyArray_DATA((PyArrayObject *)distances), wanted = settings[0], rate = settings[1], escape = settings[2];
+    double smallest = INFINITY;
     for (npy_intp i = 0; i < k; i++) {
         int one = (int)pairs[3 * i], other = (int)pairs[3 * i + 1];
         const Shape *a = &shapes[one], *b = &shapes[other];
-        places(a, b, &found);
         least[i] = INFINITY;
         bool nearest = true;
+        double out[3];
         int from = a->body < b->body ? a->body : b->body, to = a->body < b->body ? b->body : a->body;
         double sign = a->body < b->body ? 1.0 : -1.0;
+        /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
+        const Shape *outer = a->body < b->body ? b : a;
+        double far = at_least(a, b);
+        if (rate > 0.0 && far > smallest && outer->kind != FREE_SIDE && is_still(twists + 6 * one) &&
+            is_still(twists + 6 * other) &&
+            rate * pairs[3 * i + 2] * (far - wanted) > swept(from, to, outer, (const Row *)J, speeds))
+            continue;
+        places(a, b, &found);
         for (int f = 0; f < found.count; f++) {
             const Near *near = &found.at[f];
             double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, room = near->d - wanted;
@@ -531,15 +576,19 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
             if (!(weighed > 0.0))
                 continue;
             least[i] = fmin(least[i], near->d);
+            smallest = fmin(smallest, near->d);
+            double later = nearest ? 0.0 : 1.0;
+            if (nearest)
+                memcpy(out, near->n, sizeof out);
+            nearest = false;
             double drift = dot(6, w, twists + 6 * other) - dot(6, w, twists + 6 * one), speed;
             if (room >= 0.0)
                 speed = -rate * pairs[3 * i + 2] * room;
             else
-                speed = nearest ? fmin(-rate * room, escape * square / largest) : 0.0;
-            nearest = false;
+                speed = fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, escape * square / largest);
             double lower = speed - drift;
             if (lower > -reach)
-                keep(&rows, (int)m, C, lower, lower / weighed, (int)i);
+                keep(&rows, (int)m, C, lower, lower / weighed - later, (int)i);
         }
     }
     double of_pair[KEPT_ROWS];

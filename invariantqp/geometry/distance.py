@@ -100,7 +100,7 @@ def _segments(a: Placed, b: Placed) -> list[Place]:
     meeting = meeting / size if crossing else _some_across(u if uu > vv else v)
     found = []
     D = uu * vv - uv * uv
-    if D > PARALLEL * uu * vv:
+    if PARALLEL * uu * vv < D:
         t = (uv * vw - vv * uw) / D
         r = (uv * t + vw) / vv
         if 0.0 <= t <= 1.0 and 0.0 <= r <= 1.0:

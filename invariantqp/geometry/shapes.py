@@ -88,6 +88,8 @@ class Shape:
         return self.name or {"HalfSpace": "half-space"}.get(type(self).__name__, type(self).__name__.lower())
 
     def __repr__(self) -> str:
+        if "core" not in vars(self):  # refused while it was made
+            return f"<{type(self).__name__}>"
         size = "" if self.core is Core.HALF_SPACE else f", {2.0 * (self.half + self.radius)} in size"
         return f"<{self.called} at {np.round(self.pose.dot(self.place)[:3, 3], 4)}{size}>"
 
@@ -126,7 +128,8 @@ class Capsule(Shape):
             BadInput: NaN, a negative radius.
         """
         one, other = arrays.vector(a, 3, "a"), arrays.vector(b, 3, "b")
-        half = 0.5 * se3.norm(other - one)
+        with np.errstate(over="ignore"):
+            half = 0.5 * se3.norm(other - one)
         if not isfinite(half):
             raise BadInput("b", excerpt(other.tolist()), "an end that is a finite length from a")
         middle = one + 0.5 * (other - one)

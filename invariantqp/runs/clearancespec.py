@@ -20,7 +20,13 @@ if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance, OtherArm
 
 # What each kind of obstacle must have besides its place.
-NEEDS = {"sphere": ("radius",), "capsule": ("radius", "to"), "box": ("size",), "half-space": (), "arm": ("source", "start")}
+NEEDS = {
+    "sphere": ("radius",),
+    "capsule": ("radius", "to"),
+    "box": ("size",),
+    "half-space": (),
+    "arm": ("source", "start"),
+}
 
 
 class BodySpec(Section):
@@ -42,7 +48,9 @@ class ObstacleSpec(Section):
         description="its middle, one end of a capsule's axis, a point of a half-space's plane, the base of an arm [m]",
         examples=[[0.5, 0.0, 0.4]],
     )
-    turn: Vector3 = Field((0.0, 0.0, 0.0), description="axis times angle of a box or an arm [rad]", examples=[[0, 0, 1.57]])
+    turn: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="axis times angle of a box or an arm [rad]", examples=[[0, 0, 1.57]]
+    )
     size: tuple[NotNegative, NotNegative, NotNegative] | None = Field(
         None, description="whole edges of a box [m]", examples=[[0.4, 0.6, 0.02]]
     )
@@ -87,7 +95,9 @@ class ClearanceSpec(Section):
 class Around:
     """What is around an arm in a run, and the clearance from it."""
 
-    def __init__(self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], beside: Callable[[str], Any]) -> None:
+    def __init__(
+        self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], beside: Callable[[str], Any]
+    ) -> None:
         """Around a robot, by a task's tables; `beside` looks a robot's source up.
 
         Raises:
@@ -128,7 +138,7 @@ class Around:
 def _arm(spec: ObstacleSpec, beside: Callable[[str], Any], make: Callable[..., OtherArm]) -> OtherArm:
     place = se3.transform(se3.rotation(np.array(spec.turn)), spec.at)
     robot = load_robot(beside(str(spec.source)), base=place)
-    assert isinstance(robot, Chain)  # noqa: S101 (what load_robot makes of a name or a file)
+    assert isinstance(robot, Chain)
     return make(robot, name=spec.name or "other")
 
 

@@ -130,7 +130,9 @@ class Trace:
         if accept.clearance_mm is not None and self.clearance is not None:
             least = 1e3 * float(self.clearance.distance.min())
             if not least >= accept.clearance_mm:
-                missed.append(f"least distance {self.clearance.describe()}, at least {accept.clearance_mm:g} mm accepted")
+                missed.append(
+                    f"least distance {self.clearance.describe()}, at least {accept.clearance_mm:g} mm accepted"
+                )
         unfinished = self.along is not None and self.along.status != "done"
         return [*missed, "the path was not finished"] if unfinished else missed
 

@@ -116,7 +116,7 @@ class Film:
 
 def _seen(solid: Solid) -> Array:
     """(n, 3) corners of an obstacle at the beginning, in the middle and at the end of a film."""
-    assert solid.poses is not None  # noqa: S101 (of obstacles alone)
+    assert solid.poses is not None
     corners, some = solid.faces.reshape(-1, 3), solid.poses[[0, len(solid.poses) // 2, -1]]
     return np.vstack([corners.dot(T[:3, :3].T) + T[:3, 3] for T in some])
 

@@ -16,15 +16,10 @@ from time import perf_counter_ns
 from typing import NamedTuple
 
 import coal
-import mink
-import mujoco
 import numpy as np
-import pink
 import pinocchio as pin
-from pink.barriers import SelfCollisionBarrier
 
 import invariantqp as iq
-from invariantqp.control.clearance import frame_of
 from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm
 

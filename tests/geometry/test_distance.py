@@ -7,7 +7,7 @@ import pytest
 
 from invariantqp.control.clearance import rows_of
 from invariantqp.engine import core
-from invariantqp.geometry.distance import Placed, distance, places
+from invariantqp.geometry.distance import Placed, distance
 from invariantqp.geometry.se3 import transform
 from invariantqp.geometry.shapes import Box, Capsule, Core, HalfSpace, Shape, Sphere
 from invariantqp.robots.chain import Chain
