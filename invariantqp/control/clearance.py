@@ -7,11 +7,12 @@ approach to d_min is exponential at the rate alpha, the largest at which
 
     0.1 / dt                a tick covers a tenth of the room
     1 / (e (D + dt/2))      what is decided on positions D seconds old does not overshoot
-    min a_i / v_i           joints can brake: (1 - alpha dt) times the last velocity keeps rows and accelerations
+    0.7 min a_i / v_i       joints can brake: (1 - alpha dt) times the last velocity keeps both, as far as
+                            the rows do not turn with the arm
 
 A row that no velocity inside the limits can reach is left out, so there is no distance of influence; of the others the
-16 most urgent are kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest one, slowly. Rows give way
-where they contradict joint limits, never the other way round.
+16 most urgent are kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way
+out of the nearest one, slowly. Rows give way where they contradict joint limits, never the other way round.
 
 What it does not do: find a way around. An arm that is led straight into an obstacle stops before it.
 """
@@ -31,7 +32,7 @@ from invariantqp.engine import core
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Placed, places
+from invariantqp.geometry.distance import Place, Placed, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
@@ -50,13 +51,13 @@ UNMOVED = 1e-12
 SHARE_OF_ROOM = 0.1
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn as the arm moves.
 BRAKING = 0.7
-# Inside the distance, bodies are led apart at this share of the joints' velocity limits, and no joint is faster than the
-# other: an arm that begins inside comes out in about a second, without a kick. The second holds from a depth on of so
-# much of the distance; less is what curvature takes of it in a tick.
+# Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
+# than the second: an arm that begins inside comes out in about a second, without a kick. That holds from a depth on of
+# the third, of the distance; less is what curvature takes of it in a tick.
 ESCAPE, CALM, DEEP = 0.06, 0.09, 0.05
 # Joints without a velocity limit count as this fast where pairs are ranked and led apart [rad/s, length/s].
 USUAL_SPEED = 1.0
-# Whether a pair is always near is looked at in so many states, at most; one that is not shown to be always near is kept.
+# Whether a pair is always near is looked at in so many states, at most; one that is not shown to be is kept.
 STATES = 400
 # Two arms that do not know each other's velocity may each take half of the room between them.
 HALF = 0.5
@@ -187,8 +188,8 @@ class Clearance:
             obstacles: shapes in the base frame, moved by `shape.move(pose, twist)`; OtherArm for another arm.
             distance: what is kept [length].
             pairs: names of two bodies each that are kept apart; None is all that can touch.
-            exclude: pairs that may touch, such as ("panda_hand", "table") where the hand works on the table, or the path
-                of an SRDF that lists them. What the robot's own SRDF or MJCF excludes is excluded too.
+            exclude: pairs that may touch, such as ("panda_hand", "table") where the hand works on it, or the path of an
+                SRDF that lists them. What the robot's own SRDF or MJCF excludes is excluded too.
             rate: alpha [1/s]; None is the largest that the controller's tick, delay and accelerations allow.
 
         Raises:
@@ -264,8 +265,8 @@ class Clearance:
 
     def rows(self, q: Array, rate: Rate) -> LimitRows | None:
         """The rows at joint positions q (m,), None where nothing is near enough to matter."""
-        C, lower, of_pair, distances = found = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate)
-        self._last = found
+        self._last = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate)
+        C, lower, _, distances = self._last
         self.nearest = self._nearest(distances)
         upper = np.full(len(lower), inf)
         if self._is_inside(self.nearest) and not self._twists.any():
@@ -539,7 +540,7 @@ def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
     for link in robot.links:
         if link.name == name:
             return link.body, link.frame
-    if name == robot.tool or name == "tool":
+    if name in (robot.tool, "tool"):
         return len(robot.names), np.asarray(robot.home)
     if name in robot.names:
         return robot.names.index(name) + 1, np.eye(4)
@@ -574,13 +575,13 @@ def rows_of(
     distances = np.full(len(pairs), inf)
     for k, (i, j, share) in enumerate(pairs.tolist()):
         one, other = int(i), int(j)
-        first, last = int(shapes[one, 0]), int(shapes[other, 0])
-        between = slice(min(first, last), max(first, last))
+        bodies = int(shapes[one, 0]), int(shapes[other, 0])
+        between = slice(min(bodies), max(bodies))
         first: Place | None = None
         for place in places(placed[one], placed[other]):
             w = np.concatenate((se3.cross(place.point, place.normal), place.normal))
             C = np.zeros(len(q))
-            C[between] = _product(w, J[:, between]) * (1.0 if first < last else -1.0)
+            C[between] = _product(w, J[:, between]) * (1.0 if bodies[0] < bodies[1] else -1.0)
             scaled = np.abs(C) * usual
             weighed = float(scaled.sum())
             if not weighed > 0.0:
@@ -598,8 +599,8 @@ def rows_of(
             moved = C != 0.0
             if lower > -float(np.abs(C[moved]).dot(speed[moved])):
                 _keep(kept, (lower / weighed - (place is not first), lower, k, C))
-    C = np.array([row[3] for row in kept]).reshape(-1, len(q))
-    return C, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances
+    C_kept = np.array([row[3] for row in kept]).reshape(-1, len(q))
+    return C_kept, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances
 
 
 def _product(w: Array, J: Array) -> Array:
@@ -671,7 +672,7 @@ def _bodies(robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None) -> dict[
     for link, shapes in bodies.items():
         if not isinstance(link, str):
             raise BadInput("bodies", excerpt(link), f"{expected}, links by name")
-        given = [shapes] if isinstance(shapes, Shape) else list(arrays.listed(shapes, "bodies", expected))
+        given: list[Shape] = [shapes] if isinstance(shapes, Shape) else list(arrays.listed(shapes, "bodies", expected))
         wrong = next((shape for shape in given if not isinstance(shape, Shape)), None)
         if wrong is not None:
             raise BadInput("bodies", f"{excerpt(wrong)} of {link!r}", "shapes: Sphere, Capsule, Box, HalfSpace")

@@ -106,10 +106,8 @@ def _segments(a: Placed, b: Placed) -> list[Place]:
         if 0.0 <= t <= 1.0 and 0.0 <= r <= 1.0:
             t = min(max((uv * r - uw) / uu, 0.0), 1.0)
             found.append(_between(p + t * u, s + r * v, meeting))
-    for end in (p, p + u) if uu > 0.0 else (p,):
-        found.append(_between(end, _foot(end, s, v), meeting))
-    for end in (s, s + v) if vv > 0.0 else (s,):
-        found.append(_between(_foot(end, p, u), end, meeting))
+    found += [_between(end, _foot(end, s, v), meeting) for end in ((p, p + u) if uu > 0.0 else (p,))]
+    found += [_between(_foot(end, p, u), end, meeting) for end in ((s, s + v) if vv > 0.0 else (s,))]
     return found
 
 
@@ -121,7 +119,7 @@ def _some_across(u: Array) -> Array:
 
 
 def _nearest_to_box(p: Array, u: Array, h: Array) -> float:
-    """t in [0, 1] for which p + t u is nearest to the box |y| <= h: where a monotone, piecewise linear slope is zero."""
+    """t in [0, 1] for which p + t u is nearest to the box |y| <= h: where a monotone slope is zero."""
     moving = u != 0.0
     turns = np.concatenate([(side * h[moving] - p[moving]) / u[moving] for side in (-1.0, 1.0)])
     ts = np.sort(np.concatenate(((0.0, 1.0), turns[(turns > 0.0) & (turns < 1.0)])))

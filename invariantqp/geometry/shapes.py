@@ -1,10 +1,10 @@
 """Shapes that must not touch: what an arm's links and the things around it are taken to be.
 
-Each is a core with a round of constant thickness about it: the core of a sphere is a point, that of a capsule a segment,
-that of a box the box itself. A half-space is all that lies behind a plane.
+Each is a core with a round of constant thickness about it: the core of a sphere is a point, that of a capsule a
+segment, that of a box the box itself. A half-space is all that lies behind a plane.
 
-A shape is given in some frame: that of the link it belongs to or, as an obstacle, the base frame. An obstacle that moves
-is told where that frame has gone.
+A shape is given in some frame: that of the link it belongs to or, as an obstacle, the base frame. An obstacle that
+moves is told where that frame has gone.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ class Shape:
         """Say where an obstacle is from now on, between ticks.
 
         Args:
-            pose: (4, 4) in the base frame, of the frame in which its centre, ends, pose or point were given; of a Box at
-                the identity that is the box's own pose.
+            pose: (4, 4) in the base frame, of the frame in which its centre, ends, pose or point were given; of a Box
+                at the identity that is the box's own pose.
             twist: (6,) of that frame, (omega; v) in the base frame [rad/s; length/s]; None is at rest. An arm makes way
                 for what comes at it only if it is told so.
 

@@ -1,8 +1,8 @@
 """The shapes of an arm's links, from the collision geometry of its description: what must not touch anything.
 
 Balls and a link's only box stay as they are. A cylinder becomes a capsule, a link's meshes one or more, several boxes
-too: they contain all that they stand for, so that what keeps clear of the capsules keeps clear of the link. They are larger than the link; two capsules
-are taken where they are so much smaller than one together.
+too: they contain all that they stand for, so that what keeps clear of the capsules keeps clear of the link. They are
+larger than the link; two capsules are taken where they are so much smaller than one together.
 """
 
 from __future__ import annotations

@@ -161,8 +161,8 @@ class Chain(Value):
         lower = self.position_lower if position_lower is None else position_lower
         upper = self.position_upper if position_upper is None else position_upper
         speed = self.velocity_limit if velocity_limit is None else velocity_limit
-        named = {"tool": self.tool, "places": self.places, "links": self.links}
-        return Chain(self.screws, self.home, self.names, lower, upper, speed, **named)
+        limits = (lower, upper, speed, self.tool)
+        return Chain(self.screws, self.home, self.names, *limits, places=self.places, links=self.links)
 
     def with_links(self, links: tuple[Link, ...]) -> Chain:
         """The same chain made of other links."""

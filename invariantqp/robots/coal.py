@@ -1,4 +1,4 @@
-"""coal, which comes with the extra `pin`: meshes of collision geometry, and an arm's shapes as Pink's barriers take them.
+"""coal, which comes with the extra `pin`: meshes of collision geometry, and an arm's shapes for Pink's barriers.
 
 This is the only file that imports it.
 """
