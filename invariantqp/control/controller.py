@@ -118,8 +118,9 @@ class Controller:
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
             limits: more limits, in a list: LimitRows or functions as in `rows`, a ToolSpeed in place of `tool_speed`, a
                 Clearance that keeps links from each other and from obstacles, limits and barriers made for Pink from
-                `robot.model`, anything with `compute_qp_inequalities(configuration, dt)`. They add to the robot's own limits and give way where
-                they contradict these. Reasons number their rows after `rows`, in their order. Pink cannot pickle its.
+                `robot.model`, anything with `compute_qp_inequalities(configuration, dt)`. They add to the robot's own
+                limits and give way where they contradict these. Reasons number their rows after `rows`, in their
+                order, and name a Clearance's bodies. Pink cannot pickle its.
             far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
                 its position range, as one in degrees is; "return" moves back from there too.
 
