@@ -67,6 +67,9 @@ PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t
 PyObject *tell_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
+/* clearance.c */
+PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
 /* sight.c */
 PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
