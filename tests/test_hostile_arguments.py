@@ -37,7 +37,7 @@ INNER = {
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
     "Controller.posture_pull Controller.told Controller.wrong "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box ToolSpeed.cone "
-    "ExactPoint.rows "
+    "ExactPoint.rows BoxQP.of "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
 # An argument that messages call by another name: the one that a controller's user knows.

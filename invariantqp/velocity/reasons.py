@@ -159,7 +159,11 @@ def worst_first(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
 
 
 def named(joints: Sequence[int], rows: Sequence[str] = ()) -> str:
-    """Limits in words: "joints 0, 2 and the cable"; of many rows, the first few and how many more."""
+    """Limits in words: "joints 0, 2 and the cable"; of many rows, the first few and how many more.
+
+    Rows of one name are one limit.
+    """
+    rows = list(dict.fromkeys(rows))
     words = [f"joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))}"] if joints else []
     shown = list(rows[:MOST_NAMED])
     numbers = [name.removeprefix("row ") for name in shown if name.startswith("row ")]

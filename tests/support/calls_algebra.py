@@ -166,7 +166,7 @@ ALGEBRA = {
     "Box": lambda: (iq.limits.Box, {"pose": T, "size": [0.1, 0.2, 0.3], "name": ""}),
     "HalfSpace": lambda: (iq.limits.HalfSpace, {"point": POINT, "normal": AXIS, "name": ""}),
     "Sphere.move": lambda: (iq.limits.Sphere(POINT, 0.1).move, {"pose": T, "twist": None}),
-    "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None, "exact": False}),
+    "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None}),
     "JointTask": lambda: (iq.velocity.JointTask, {"velocity": Q, "weight": 1.0, "priority": 0}),
     "TwistTask": lambda: (
         iq.velocity.TwistTask,

@@ -120,6 +120,7 @@ def test_a_crowd_of_rows_is_counted():
     assert reasons.named((3,), rows) == (
         "joint 3 and hand and post 0 and hand and post 1 and hand and post 2 and 14 more"
     )
+    assert reasons.named((), ["hand and post", "hand and post", "row 2"]) == "hand and post and row 2"
     crowd = Reason(Code.ROWS_CONTRADICT, rows=tuple(rows), numbers=tuple(range(17, 0, -1)))
     assert str(crowd).endswith(
         "exceeded at hand and post 0 by 17, hand and post 1 by 16, hand and post 2 by 15, 14 more"
