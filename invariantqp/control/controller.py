@@ -379,9 +379,15 @@ class Controller:
     def _at_rest(
         self, q: Array, sighting: Sighting | None, velocity: ArrayLike | None, at: Array | None = None
     ) -> Observed:
-        memory = self.memory
+        """The tick of an arm whose target is where its tool is now; `sighting` and `at` are as in `follow`."""
+        memory, robot = self.memory, self.robot
         there = q + self.dt * memory.in_flight
-        return at_rest(self.robot, self.measure, q, there, sighting, memory.now(velocity), at)
+        if sighting is None:
+            sighting = robot.sight(there, robot.target(robot.pose(there)))
+        elif not isinstance(sighting, Sighting):
+            raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
+        root = self.measure.root_for(sighting.J, sighting.pose, at)
+        return Observed(q, there, sighting, sighting.pose, root, memory.now(velocity))
 
     def told(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
         """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
@@ -499,24 +505,3 @@ def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Ar
             "posture", f"{posture}", f"({m},) joint positions, True or False", "How strong it is, is posture_gain."
         )
     return arrays.vector(posture, m, "posture"), np.full(m, strength)
-
-
-def at_rest(
-    robot: Robot,
-    measure: ToolMeasure,
-    positions: Array,
-    there: Array,
-    sighting: Sighting | None,
-    before: Array,
-    at: Array | None = None,
-) -> Observed:
-    """The tick of an arm whose target is where its tool is now; `sighting` and `at` are as in `Controller.follow`.
-
-    Raises:
-        BadInput: `sighting` is something else.
-    """
-    if sighting is None:
-        sighting = robot.sight(there, robot.target(robot.pose(there)))
-    elif not isinstance(sighting, Sighting):
-        raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
-    return Observed(positions, there, sighting, sighting.pose, measure.root_for(sighting.J, sighting.pose, at), before)

@@ -84,7 +84,7 @@ static Status status(const Solution *solution)
 /* Reasons as velocity/reasons.py reads them, one after another: a code, how many joints, rows and numbers, and these. */
 typedef struct {
     int last, count;
-    double at[256];
+    double at[512];
 } Reasons;
 enum { JOINT = 1, LIMIT, NUMBER };
 

@@ -130,7 +130,7 @@ double posture_share(const Demand *demand, const Row x)
 static void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks)
 {
     int m = demand->m, k = demand->limits;
-    double pulls[MOST];
+    double pulls[LIMITS];
     for (int j = 0; j < m; j++)
         ranks[j] = holds[j];
     for (int i = 0; i < k; i++)

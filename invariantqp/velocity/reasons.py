@@ -226,7 +226,7 @@ def parts(why: Why) -> tuple[Reason | str | Written, ...]:
 class Explained:
     """Base of a named tuple with a field `reasons`, which are read when they are asked for.
 
-    Equal, printed and pickled as what they say, whatever they are made from.
+    Equal and printed as what they say, whatever they are made from.
     """
 
     __slots__ = ()
@@ -263,9 +263,6 @@ class Explained:
         names = type(self)._fields  # type: ignore[attr-defined]
         shown = (f"{name}={value!r}" for name, value in zip(names, self._plain(), strict=True))
         return f"{type(self).__name__}({', '.join(shown)})"
-
-    def __getnewargs__(self) -> tuple[Any, ...]:
-        return self._plain()
 
     def _items(self) -> tuple[Any, ...]:
         return tuple(self)  # type: ignore[arg-type]

@@ -30,7 +30,7 @@ class Cable(Limit):
         self.fastest = fastest
 
     def for_loop(self, loop):
-        self.loop = loop
+        self.loop, self.asked = loop, getattr(self, "asked", 0) + 1
         return self
 
     def rows(self, q, velocity):
@@ -255,6 +255,32 @@ def test_a_function_that_returns_something_else_is_named(robot):
         loop.step(PANDA, robot.pose(PANDA))
 
 
+@pytest.mark.parametrize(
+    ("limits", "names"),
+    [
+        ([FixedCable()], {"the cable", "its other end"}),
+        ([Cable()], {"the cable row 0", "the cable row 1"}),
+        ([LimitRows(ROWS.C, ROWS.lower, ROWS.upper, "the rail"), MORE], {"the rail", "row 1"}),
+        ([together], {"together row 0", "together row 1"}),
+        ([lambda _: MORE], {"row 0"}),
+        ([ROWS, ToolSpeed(0.02)], {"row 0", "the tool's speed"}),
+    ],
+)
+def test_reasons_call_rows_by_the_names_that_their_limits_give(robot, limits, names):
+    solution = answer(robot, limits=limits)
+    at = solution.reasons[-1]
+    assert at.code is iq.velocity.Code.AT_LIMITS
+    assert set(at.rows) <= names
+    assert at.rows
+    assert str(at).startswith("at the limits of ")
+    assert all(name.removeprefix("row ") in solution.reason for name in at.rows)
+    contradiction = LimitRows(np.vstack((np.eye(7)[:1],) * 2), [9.0, 99.0], [np.inf] * 2, ["a little", "a lot"])
+    worst = answer(robot, limits=[*limits, contradiction]).reasons[0]
+    assert worst.code is iq.velocity.Code.ROWS_CONTRADICT
+    assert worst.rows[:2] == ("a lot", "a little")
+    assert worst.joints == (0,)
+
+
 # Limits that change while the loop runs.
 
 
@@ -403,6 +429,7 @@ def test_a_loop_with_every_kind_of_limit_travels(robot, goal, travel):
 def test_copies_share_what_limits_look_at(robot, goal):
     cable = Cable()
     loop = copy.copy(iq.Controller(robot, dt=DT, limits=[cable]))
+    assert cable.asked == 2  # a copy is a loop of its own
     cable.fastest = 0.005
     x = loop.step(PANDA, goal).velocity
     assert np.abs((np.eye(7)[4:6] + 1.0) @ x).max() == pytest.approx(0.005)
