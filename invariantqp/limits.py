@@ -1,13 +1,19 @@
-"""What no velocity may leave: joint limits, rows of your own, the tool's speed, limits made for Pink."""
+"""What no velocity may leave: joint limits, rows of your own, the tool's speed, clearance, limits made for Pink."""
 
 from invariantqp.lazy import lazily
 
 with lazily(__name__):
+    from invariantqp.control.clearance import Clearance as Clearance
+    from invariantqp.control.clearance import OtherArm as OtherArm
     from invariantqp.control.limits import AccelerationLimit as AccelerationLimit
     from invariantqp.control.limits import JointLimits as JointLimits
     from invariantqp.control.limits import Limit as Limit
     from invariantqp.control.limits import Loop as Loop
     from invariantqp.control.limits import PinkLimit as PinkLimit
+    from invariantqp.geometry.shapes import Box as Box
+    from invariantqp.geometry.shapes import Capsule as Capsule
+    from invariantqp.geometry.shapes import HalfSpace as HalfSpace
+    from invariantqp.geometry.shapes import Sphere as Sphere
     from invariantqp.velocity.limits import Bounds as Bounds
     from invariantqp.velocity.limits import LimitRows as LimitRows
     from invariantqp.velocity.limits import ToolSpeed as ToolSpeed

@@ -152,7 +152,8 @@ class Controller:
                 limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
             limits: all limits beside the robot's own, in a list: JointLimits, AccelerationLimit, LimitRows or functions
-                as in `rows`, a ToolSpeed, a `Limit` of your own, and limits and barriers made for Pink from
+                as in `rows`, a ToolSpeed, a Clearance that keeps links from each other
+                and from obstacles, a `Limit` of your own, and limits and barriers made for Pink from
                 `robot.model`, anything with `compute_qp_inequalities(configuration, dt)`. The four arguments above are
                 short for some of them. Joint limits never give way; the others do where they contradict these. Reasons
                 call rows by their names, those without one by their place in the list. Pink cannot pickle its.

@@ -113,11 +113,11 @@ class JointPath:
         expected = (last.slope - before.slope) * (h / (last.at - before.at))
         at = last.at + h if h < left else end
         knot = self._finder.knot(self.curve, at, last.q + h * (last.slope + 0.5 * expected), last, self._step)
-        if knot.off > self._reachable and self._stops:
+        if self._stops and (why := self._obstacle(knot)):
             if h > SHORTEST * self._scale:
                 self._step = 0.5 * h
             else:
-                self.blocked = self._cause(knot.q)
+                self.blocked = why
             return
         if len(self.knots) == MOST_KNOTS:
             self.blocked = "the joints would have to turn too often"
@@ -144,6 +144,13 @@ class JointPath:
         while len(knots) > 1 and knots[-1].at >= end > self.curve.end <= knots[-2].at and knots[-2].off <= least:
             del knots[-1]
             end, self._returning = knots[-1].at, False
+
+    def _obstacle(self, knot: Knot) -> str:
+        """Why the path ends before a knot, "" where it goes on: the arm does not get there, or bodies are too near."""
+        if knot.off > self._reachable:
+            return self._cause(knot.q)
+        rows = self.controller.joint_rows
+        return "" if rows is None else rows.blocked(knot.q)
 
     def _cause(self, q: Array) -> str:
         """Why the path is blocked where the arm came no closer than q."""

@@ -33,8 +33,8 @@ ORIGIN = np.zeros(3)
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
 LIMITS = (
-    "LimitRows, a function of q that returns them, JointLimits, AccelerationLimit, ToolSpeed, a Limit of your own, or "
-    "a limit made for Pink: compute_qp_inequalities(...)"
+    "LimitRows, a function of q that returns them, JointLimits, AccelerationLimit, ToolSpeed, Clearance, a Limit of "
+    "your own, or a limit made for Pink: compute_qp_inequalities(...)"
 )
 
 
@@ -283,10 +283,12 @@ class PinkLimit(Limit):
         model: Any = getattr(loop.robot, "model", None)
         if model is None:
             raise BadInput("limits", "a robot of joint screws", "one of a URDF: Pink's limits read its model")
-        from invariantqp.robots.pink import Configuration  # Pink is loaded when a limit of its kind is
+        from invariantqp.robots.pink import Configuration, SelfCollisionBarrier  # Pink is loaded when it is asked for
 
-        q = middle(loop.robot)
-        collisions = {} if self.collision_model is None else {"collision_model": self.collision_model}
+        q, shapes = middle(loop.robot), self.collision_model
+        if shapes is None and isinstance(self.limit, SelfCollisionBarrier):
+            shapes = _shapes_of(loop.robot)
+        collisions = {} if shapes is None else {"collision_model": shapes}
         limit = _InPink(self.name, self.limit, Configuration(model, model.createData(), q, **collisions), loop.dt)
         try:
             limit.rows(q, np.zeros(len(q)))
@@ -295,7 +297,10 @@ class PinkLimit(Limit):
         except Exception as error:  # whatever a class of another library raises
             if isinstance(error, BadInput) and error.argument == "limits":
                 raise
-            remedy = "One that reads collisions is given them by iq.limits.PinkLimit(limit, collision_model=...)."
+            remedy = (
+                "One that reads collisions is given them by iq.limits.PinkLimit(limit, collision_model=...); "
+                "iq.limits.Clearance(robot, bodies={link: [shapes]}) needs no model."
+            )
             raise BadInput(
                 "limits",
                 f"{self.name}, which fails on this arm: {type(error).__name__}: {error}",
@@ -303,6 +308,15 @@ class PinkLimit(Limit):
                 remedy if self.collision_model is None else "",
             ) from error
         return limit
+
+
+def _shapes_of(robot: Robot) -> Any:
+    """The shapes of an arm's links that SelfCollisionBarrier keeps apart, None for an arm that is known without."""
+    if not any(link.parts for link in getattr(robot, "links", ())):
+        return None
+    from invariantqp.robots.coal import collision_model
+
+    return collision_model(robot)  # type: ignore[arg-type]
 
 
 class _InPink(Limit):

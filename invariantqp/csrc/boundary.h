@@ -68,6 +68,8 @@ PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t co
 
 /* pseudoinverse.c */
 PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+/* clearance.c */
+PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* sight.c */
 PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

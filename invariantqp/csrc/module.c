@@ -165,6 +165,7 @@ static PyMethodDef methods[] = {
     CALLED("tell_as", tell_as, "Make every answer along a path a PathSolution, this type, its status a member of this enum."),
     CALLED("drive", path_drive,
            "A tick along a path: a PathSolution, and whether Python has words to add; None where Python has to drive."),
+    CALLED("clearance", clearance, "Rows that keep distances of shapes, and the distances."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
     CALLED_BY_NAME("cost", cost, "H and c of a frame task, or None where Python has to find them."),

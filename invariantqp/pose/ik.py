@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from math import sqrt
+from math import inf, sqrt
 from time import perf_counter
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from attrs import frozen
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.analysis.survey import spread
 from invariantqp.control.demands import Exact, demands_of
-from invariantqp.errors import written
+from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, own
@@ -30,6 +30,9 @@ from invariantqp.pose.error import PoseError, pose_error
 from invariantqp.pose.newton import Try, descend
 from invariantqp.robots.kinematics import Robot, require_robot
 from invariantqp.velocity.forms import Form
+
+if TYPE_CHECKING:
+    from invariantqp.control.clearance import Clearance
 
 # Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and the tool
 # frame does not decide which step is the last.
@@ -89,9 +92,13 @@ class PoseSearch:
         time_limit: float = 0.05,
         restarts: int = RESTARTS,
         seed: int = 0,
+        clearance: Clearance | None = None,
     ) -> None:
         """As `solve_pose`."""
         self._robot = require_robot(robot)
+        if clearance is not None and not hasattr(clearance, "blocked"):
+            raise BadInput("clearance", excerpt(clearance), "a limits.Clearance of this robot, or None")
+        self._clearance = clearance
         self._arm = pose_arm(robot)
         self._space = self._arm.space
         self._form = form
@@ -120,13 +127,16 @@ class PoseSearch:
             steps += finished[0].steps
             if finished[0].unmet <= self._tolerance and finished[0].at_rest:
                 return self._answer(error, finished[0], start, steps, 1, late=False)
-        for state in self._starts() if not tried[0].met else ():
-            if tried[-1].met or perf_counter() > deadline:
+        for state in self._starts() if not self._is_good(tried[0]) else ():
+            if self._is_good(tried[-1]) or perf_counter() > deadline:
                 break
             tried.append(descend(error, space, state, goal, deadline))
             steps += tried[-1].steps
         best, late = tried[-1], perf_counter() > deadline
-        if not best.met:
+        met = [one for one in tried if one.met]
+        if not self._is_good(best) and met and self._clearance is not None:  # only nearer to something than is kept
+            best = max(met, key=self._room)
+        elif not best.met:
             nearest = sorted(tried, key=self._rank)[:CLOSEST]
             if q0 is not None and not finished:
                 # From a start that was asked for, the closest pose is the one downhill from there.
@@ -138,6 +148,17 @@ class PoseSearch:
             least = min(map(self._rank, finished))
             best = next(one for one in finished if self._rank(one) <= (least[0], ALIKE * least[1]))
         return self._answer(error, best, start, steps, len(tried), late=late)
+
+    def _is_good(self, one: Try) -> bool:
+        """Whether a try ended on the target, where nothing is too near."""
+        return one.met and not self._blocked(one.q)
+
+    def _blocked(self, q: Array) -> str:
+        return "" if self._clearance is None else self._clearance.blocked(q)
+
+    def _room(self, one: Try) -> float:
+        """The least distance of bodies where a try ended."""
+        return inf if self._clearance is None else self._clearance.at(one.q).distance
 
     def _ended(self, error: PoseError, q: Array, goal: float, last: float) -> Try:
         """The last digits from q (m,); with exact demands several times: a penalty from far away is in their way."""
@@ -176,9 +197,12 @@ class PoseSearch:
             reason = f"time over: {found}{among}"
         else:
             reason = f"out of reach: {found}{among}"
+        blocked = self._blocked(q)
+        if blocked:
+            reason = "; ".join(filter(None, (f"{blocked}{'' if reason else among}", reason)))
         return PoseSolution(
             q=q,
-            success=not reason or kept,
+            success=(not reason or kept) and not blocked,
             position_error=position,
             orientation_error=orientation,
             error=sqrt(2.0 * best.f),
@@ -206,6 +230,7 @@ def solve_pose(
     time_limit: float = 0.05,
     restarts: int = RESTARTS,
     seed: int = 0,
+    clearance: Clearance | None = None,
 ) -> PoseSolution:
     """Joint positions that put the tool at a pose, inside the joint limits.
 
@@ -231,6 +256,8 @@ def solve_pose(
         time_limit: [s]; inf is none.
         restarts: tries after the first, at most; 0 is Newton from q0 alone.
         seed: where the sequence of starts begins.
+        clearance: a `limits.Clearance` of this robot: a pose at which it is not kept is no success, and other postures
+            are tried. None is no clearance.
 
     Returns:
         PoseSolution: q is inside the limits in any case; `reason` says what is missing.
@@ -240,6 +267,13 @@ def solve_pose(
             on joint velocities.
     """
     search = PoseSearch(
-        robot, form=form, exact=exact, tolerance=tolerance, time_limit=time_limit, restarts=restarts, seed=seed
+        robot,
+        form=form,
+        exact=exact,
+        tolerance=tolerance,
+        time_limit=time_limit,
+        restarts=restarts,
+        seed=seed,
+        clearance=clearance,
     )
     return search.solve(target, q0)

@@ -3,6 +3,7 @@
 from invariantqp.lazy import lazily
 
 with lazily(__name__):
+    from invariantqp.robots.bodies import bodies_of as bodies_of
     from invariantqp.robots.chain import Chain as Chain
     from invariantqp.robots.compose import mobile_base as mobile_base
     from invariantqp.robots.compose import rail as rail

@@ -23,6 +23,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import axis
 from invariantqp.robots.kinematics import Sighting, joint_limits
+from invariantqp.robots.links import Link
 
 # How far Pinocchio's joint twists and tool pose may be from those of the screws, relative to the largest entry.
 SAME = 1e-13
@@ -42,6 +43,7 @@ class Chain(Value):
         tool: name of the tool frame.
         places: (m, 3) a point of each joint's axis at q = 0, to draw the arm by.
         engine: what computes its kinematics: "compiled", the compiled core where there is one, or "python".
+        links: the links that its description tells of, with their frames and collision geometry; of screws alone none.
     """
 
     screws: Array = field(converter=own)
@@ -53,6 +55,7 @@ class Chain(Value):
     tool: str = field(default="tool", repr=False)
     places: Array = field(converter=own, repr=False, eq=False, kw_only=True)
     engine: Engine = field(default="compiled", repr=False, eq=False, kw_only=True)
+    links: tuple[Link, ...] = field(default=(), repr=False, eq=False, kw_only=True)
 
     def __init__(
         self,
@@ -64,6 +67,7 @@ class Chain(Value):
         velocity_limit: ArrayLike = inf,
         tool: str = "tool",
         places: ArrayLike | None = None,
+        links: tuple[Link, ...] = (),
     ) -> None:
         """A chain from its screws.
 
@@ -76,6 +80,7 @@ class Chain(Value):
             velocity_limit: likewise [rad/s, length/s], positive, inf where there is none.
             tool: what the tool frame is called.
             places: (m, 3) where to draw the joints at q = 0; by default the points of their axes that make links short.
+            links: what it is made of, as readers of descriptions tell.
 
         Raises:
             BadInput: NaN, shapes, a zero screw, lower limits above upper ones, names that are not all different.
@@ -92,7 +97,7 @@ class Chain(Value):
         where = _places(twists, pose) if places is None else arrays.matrix(places, (m, 3), "places")
         if not isinstance(tool, str):
             raise BadInput("tool", excerpt(tool), "the name of the tool frame")
-        self.__attrs_init__(twists, pose, called, *limits, tool, places=where)
+        self.__attrs_init__(twists, pose, called, *limits, tool, places=where, links=links)
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
@@ -104,7 +109,7 @@ class Chain(Value):
 
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) a point of each joint's axis, to draw the arm by."""
-        before = self._motions(arrays.vector(q, len(self.names), "q"))[:-1]
+        before = self.motions(arrays.vector(q, len(self.names), "q"))[:-1]
         return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in zip(before, self.places, strict=True)])
 
     def target(self, pose: ArrayLike) -> Target:
@@ -136,7 +141,8 @@ class Chain(Value):
         """The same chain with its tool frame moved by a (4, 4) offset in the old tool frame."""
         home = self.home.dot(arrays.pose(offset, "offset"))
         limits = (self.position_lower, self.position_upper, self.velocity_limit)
-        moved = Chain(self.screws, home, self.names, *limits, tool=f"{self.tool}+offset", places=self.places)
+        tool = f"{self.tool}+offset"
+        moved = Chain(self.screws, home, self.names, *limits, tool=tool, places=self.places, links=self.links)
         return moved.by_engine(self.engine)
 
     def with_limits(
@@ -158,9 +164,15 @@ class Chain(Value):
         lower = self.position_lower if position_lower is None else position_lower
         upper = self.position_upper if position_upper is None else position_upper
         speed = self.velocity_limit if velocity_limit is None else velocity_limit
-        limits = lower, upper, speed
-        limited = Chain(self.screws, self.home, self.names, *limits, tool=self.tool, places=self.places)
+        limits = (lower, upper, speed, self.tool)
+        limited = Chain(self.screws, self.home, self.names, *limits, places=self.places, links=self.links)
         return limited.by_engine(self.engine)
+
+    def with_links(self, links: tuple[Link, ...]) -> Chain:
+        """The same chain made of other links."""
+        limits = (self.position_lower, self.position_upper, self.velocity_limit, self.tool)
+        made = Chain(self.screws, self.home, self.names, *limits, places=self.places, links=links)
+        return made.by_engine(self.engine)
 
     def by_engine(self, engine: Engine) -> Chain:
         """The same chain, its kinematics, and what is made from it, by another engine.
@@ -174,8 +186,8 @@ class Chain(Value):
         by = arrays.choice(engine, "engine", ENGINES)
         if by == self.engine:
             return self
-        limits = self.position_lower, self.position_upper, self.velocity_limit
-        other = Chain(self.screws, self.home, self.names, *limits, tool=self.tool, places=self.places)
+        limits = (self.position_lower, self.position_upper, self.velocity_limit, self.tool)
+        other = Chain(self.screws, self.home, self.names, *limits, places=self.places, links=self.links)
         object.__setattr__(other, "engine", by)
         return other
 
@@ -215,8 +227,10 @@ class Chain(Value):
         S = np.array([_matrix(s) for s in (self.screws / rates).T])
         return rates, np.stack((S, S @ S, S @ S @ S), axis=1).reshape(-1, 3, 16)
 
-    def _motions(self, q: Array) -> list[Array]:
-        """The m + 1 poses exp(q_1 S_1) ... exp(q_i S_i), i = 0 ... m.
+    def motions(self, q: Array) -> list[Array]:
+        """The m + 1 motions (4, 4) of the base and of what each joint moves, from where they are at q = 0.
+
+        exp(q_1 S_1) ... exp(q_i S_i), i = 0 ... m, for a checked q (m,).
 
         exp(tS) = 1 + tS + (1 - cos t) S^2 + (t - sin t) S^3 for a hinge or screw of rate 1, and 1 + tS for a slide.
         """
@@ -241,7 +255,7 @@ class Chain(Value):
 
     def _kinematics(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""
-        motions = self._motions(q)
+        motions = self.motions(q)
         before = np.array(motions[:-1])
         R, p = before[:, :3, :3], before[:, :3, 3].T
         turned = np.matmul(R, self.screws.T.reshape(-1, 2, 3).transpose(0, 2, 1))

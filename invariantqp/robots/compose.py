@@ -21,6 +21,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain
+from invariantqp.robots.links import Link, renamed
 
 AXES = np.eye(3)
 # What a chain has of each joint besides its screw and name.
@@ -117,7 +118,9 @@ def relative(arm: Chain, other: Chain) -> Chain:
         names.append(name)
     turned = _carried(other, back)
     kept = {name: getattr(turned, name)[::-1] for name in OF_JOINTS}
-    reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept)
+    n = len(names)
+    links = tuple(link._replace(body=n - link.body) for link in renamed(turned.links, arm.links, "other/"))
+    reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept, links=links)
     return _chain([reverse, _carried(arm, back)], back.dot(arm.home), arm.tool)
 
 
@@ -132,7 +135,8 @@ def _carried(arm: Chain, place: Array) -> Chain:
     screws = se3.adjoint(place, check=False).dot(arm.screws)
     places = arm.places.dot(place[:3, :3].T) + place[:3, 3]
     limits = (arm.position_lower, arm.position_upper, arm.velocity_limit)
-    return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, places=places)
+    links = tuple(link.carried(place) for link in arm.links)
+    return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, places=places, links=links)
 
 
 def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
@@ -142,7 +146,12 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
     if twice is not None:
         raise BadInput("base", f"a joint {twice!r} that the arm has too", "joints with names of their own")
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in OF_JOINTS}
-    return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, **joined)
+    links: tuple[Link, ...] = ()
+    first = 0
+    for part in parts:
+        links += tuple(link._replace(body=link.body + first) for link in renamed(part.links, links, "arm/"))
+        first += len(part.names)
+    return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, links=links, **joined)
 
 
 def _require_chain(argument: str, value: object) -> None:

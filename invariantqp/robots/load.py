@@ -19,8 +19,9 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.published import PUBLISHED, published
+from invariantqp.robots.srdf import disabled, excluding
 from invariantqp.robots.tree import chain_to_link
-from invariantqp.robots.urdf import is_text, joints_of, read_xml
+from invariantqp.robots.urdf import is_text, joints_of, parts_of, read_xml
 
 DATA = "example-robot-data"
 SOURCES = (
@@ -30,28 +31,32 @@ SOURCES = (
 
 
 class Known(NamedTuple):
-    """Where a named robot's URDF is in example-robot-data, its tool frame, and its joints; None is all that move it."""
+    """Where a named robot's URDF is in example-robot-data, its tool frame, its joints, None for all, and its SRDF."""
 
     urdf: str
     tool: str
     joints: tuple[str, ...] | None = None
+    srdf: str = ""
 
 
 IN_DATA = {
-    "panda": Known("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+    "panda": Known("panda_description/urdf/panda.urdf", "panda_hand_tcp", srdf="panda_description/srdf/panda.srdf"),
     "ur3": Known("ur_description/urdf/ur3_robot.urdf", "tool0"),
-    "ur5": Known("ur_description/urdf/ur5_robot.urdf", "tool0"),
+    "ur5": Known("ur_description/urdf/ur5_robot.urdf", "tool0", srdf="ur_description/srdf/ur5.srdf"),
     "ur10": Known("ur_description/urdf/ur10_robot.urdf", "tool0"),
-    "xarm7": Known("xarm_description/urdf/xarm7.urdf", "link_eef"),
+    "xarm7": Known("xarm_description/urdf/xarm7.urdf", "link_eef", srdf="xarm_description/srdf/xarm7.srdf"),
     "so100": Known("so_arm_description/urdf/so100.urdf", "gripper"),
     "so101": Known("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
-    "kinova": Known("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
-    "z1": Known("z1_description/urdf/z1.urdf", "gripperStator"),
+    "kinova": Known(
+        "kinova_description/robots/kinova.urdf", "j2s6s200_end_effector", srdf="kinova_description/srdf/kinova.srdf"
+    ),
+    "z1": Known("z1_description/urdf/z1.urdf", "gripperStator", srdf="z1_description/srdf/z1.srdf"),
     "tiago": Known("tiago_description/robots/tiago.urdf", "arm_tool_link"),
     "talos": Known(
         "talos_data/robots/talos_reduced.urdf",
         "gripper_left_base_link",
         tuple(f"arm_left_{i}_joint" for i in range(1, 8)),
+        "talos_data/srdf/talos.srdf",
     ),
 }
 KNOWN = (*IN_DATA, *PUBLISHED)
@@ -140,7 +145,10 @@ def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] 
     known = IN_DATA.get(str(source))
     if known is not None and tool is None:
         tool, chosen = known.tool, known.joints if chosen is None else chosen
-    return _described(urdf_of(source), tool, chosen)
+    arm = _described(urdf_of(source), tool, chosen)
+    if known is None or not known.srdf:
+        return arm
+    return arm.with_links(excluding(arm.links, disabled(_data_folder() / known.srdf)))
 
 
 def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None) -> Chain:
@@ -150,7 +158,8 @@ def _described(source: Path | str, tool: str | None, joints: Sequence[str] | Non
         from invariantqp.robots.mujoco import load_mujoco, read_mjcf
 
         return load_mujoco(read_mjcf(source), tool, joints)
-    return chain_to_link(joints_of(name, root), name, tool, joints)
+    parts = parts_of(name, root, source.resolve().parent if isinstance(source, Path) else None)
+    return chain_to_link(joints_of(name, root), name, tool, joints, parts)
 
 
 def _library(source: object) -> str | None:

@@ -17,6 +17,7 @@ from invariantqp.extras import optional
 from invariantqp.geometry import se3
 from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain
+from invariantqp.robots.links import Geometry, Link
 from invariantqp.robots.tree import cannot_move, selected
 
 with optional("sim", "mujoco"):
@@ -78,7 +79,50 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         upper,
         tool=tool,
         places=data.xanchor[joints],
+        links=_links(model, data, bodies, paths, joints, paths[body]),
     )
+
+
+def _links(
+    model: Any, data: Any, names: list[str], paths: list[list[int]], joints: list[int], to_tool: list[int]
+) -> tuple[Link, ...]:
+    """All bodies, the arm's joints at zero; those behind joints off the way to the tool are `unknown`."""
+    apart: dict[str, list[tuple[str, str]]] = {}
+    for signature in model.exclude_signature.tolist():
+        one, other = names[signature >> 16], names[signature & 0xFFFF]
+        apart.setdefault(one, []).append((other, "by the MJCF: <exclude>"))
+    made = []
+    for i, name in enumerate(names):
+        body = sum(joint in joints for joint in paths[i])
+        away = [joint for joint in paths[i] if joint not in to_tool]
+        unknown = model.joint(away[0]).name or "a free joint" if away and body < len(joints) else ""
+        frame = se3.transform(data.xmat[i].reshape(3, 3), data.xpos[i])
+        geoms = range(model.body_geomadr[i], model.body_geomadr[i] + model.body_geomnum[i])
+        parts = tuple(_part(model, g) for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g])
+        made.append(Link(name, body, frame, parts, unknown, tuple(apart.get(name, ()))))
+    return tuple(made)
+
+
+def _part(model: Any, geom: int) -> Geometry:
+    """A geom that collides; an ellipsoid is taken as the box about it."""
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    rotation, size = np.empty(9), model.geom_size[geom].tolist()
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+    pose = se3.transform(rotation.reshape(3, 3), model.geom_pos[geom])
+    known = mujoco.mjtGeom
+    if kind == known.mjGEOM_SPHERE:
+        return Geometry("sphere", (size[0],), pose)
+    if kind == known.mjGEOM_PLANE:
+        return Geometry("plane", (), pose)
+    if kind in (known.mjGEOM_CAPSULE, known.mjGEOM_CYLINDER):
+        return Geometry("capsule" if kind == known.mjGEOM_CAPSULE else "cylinder", (size[0], 2.0 * size[1]), pose)
+    if kind in (known.mjGEOM_BOX, known.mjGEOM_ELLIPSOID):
+        return Geometry("box", tuple(2.0 * edge for edge in size), pose)
+    if kind == known.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        return Geometry("mesh", (1.0, 1.0, 1.0), pose, np.array(model.mesh_vert[first : first + count], np.float64))
+    return Geometry("unreadable", (), pose, f"a geom of type {kind.name}; give bodies= for its body")
 
 
 def _joints_to(model: Any, body: int) -> list[int]:

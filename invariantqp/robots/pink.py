@@ -6,6 +6,7 @@ from invariantqp.extras import optional
 
 with optional("pink", "pin-pink"):
     from pink import Configuration
+    from pink.barriers import SelfCollisionBarrier
     from pink.tasks import FrameTask
 
-__all__ = ["Configuration", "FrameTask"]
+__all__ = ["Configuration", "FrameTask", "SelfCollisionBarrier"]

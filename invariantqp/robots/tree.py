@@ -16,13 +16,20 @@ from invariantqp.errors import BadInput, RobotModelError, UnknownName
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
+from invariantqp.robots.links import Geometry, Link
 from invariantqp.robots.urdf import MOVING, TreeJoint
 
 # Why a joint cannot be one of an arm, by its type.
 NOT_SINGLE = "({}) has no single coordinate; only revolute and prismatic joints are modelled"
 
 
-def chain_to_link(joints: Sequence[TreeJoint], name: str, tool: str | None, chosen: Sequence[str] | None) -> Chain:
+def chain_to_link(
+    joints: Sequence[TreeJoint],
+    name: str,
+    tool: str | None,
+    chosen: Sequence[str] | None,
+    parts: dict[str, tuple[Geometry, ...]] | None = None,
+) -> Chain:
     """The arm from the root of a tree of joints to a link, or to the joint that moves it; all else as in `load_robot`.
 
     Raises:
@@ -44,7 +51,8 @@ def chain_to_link(joints: Sequence[TreeJoint], name: str, tool: str | None, chos
     path = paths.get(tool, [])
     can = [joint.name for joint in path if joint.kind != "fixed"]
     moving = selected(name, tool, can, [joint.name for joint in joints], chosen)
-    return _chain(name, path, set(moving), tool)
+    behind = {link: paths.get(link, []) for link in links}
+    return _chain(name, path, set(moving), tool, _links(behind, path, moving, parts or {}))
 
 
 def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
@@ -102,7 +110,7 @@ def _length(path: list[TreeJoint]) -> int:
     return sum(joint.kind in MOVING for joint in path) if able else -1
 
 
-def _chain(name: str, path: list[TreeJoint], moving: set[str], tool: str) -> Chain:
+def _chain(name: str, path: list[TreeJoint], moving: set[str], tool: str, links: tuple[Link, ...]) -> Chain:
     T, screws, places = np.eye(4), [], []
     for joint in path:
         T = T.dot(joint.origin)
@@ -124,7 +132,35 @@ def _chain(name: str, path: list[TreeJoint], moving: set[str], tool: str) -> Cha
         [joint.speed for joint in parts],
         tool=tool,
         places=places,
+        links=links,
     )
+
+
+def _links(
+    paths: dict[str, list[TreeJoint]],
+    to_tool: list[TreeJoint],
+    moving: list[str],
+    parts: dict[str, tuple[Geometry, ...]],
+) -> tuple[Link, ...]:
+    """All links of a tree, the arm's joints at zero.
+
+    Those behind joints off the way to the tool are `unknown`: somebody else moves these. What hangs on the arm's last
+    body, a gripper's fingers, is taken to be where its joints rest.
+    """
+    way = {joint.name for joint in to_tool}
+    made = []
+    for name, path in paths.items():
+        T, body, unknown = np.eye(4), 0, ""
+        for joint in path:
+            T = T.dot(joint.origin)
+            if joint.name in moving:
+                body += 1
+            elif joint.kind != "fixed":
+                T = T.dot(displacement(joint, rest(joint))) if joint.kind in MOVING else T
+                if joint.name not in way and body < len(moving):
+                    unknown = unknown or joint.name
+        made.append(Link(name, body, T, parts.get(name, ()), unknown))
+    return tuple(made)
 
 
 def _require_one_coordinate(name: str, joint: TreeJoint) -> None:

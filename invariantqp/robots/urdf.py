@@ -18,6 +18,7 @@ import numpy as np
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import UNLIMITED
+from invariantqp.robots.links import Geometry
 
 # What may stand before the "<" of a text.
 BLANK = "\ufeff \t\r\n"
@@ -77,6 +78,53 @@ def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
     if twice is not None:
         raise RobotModelError(f"{name}: two joints are called {twice!r}")
     return joints
+
+
+def parts_of(name: str, root: ET.Element, folder: Path | None) -> dict[str, tuple[Geometry, ...]]:
+    """The collision geometry of each link of a URDF's root element; meshes are looked up from a folder.
+
+    What is wrong with one is told when it is asked for: an arm moves without.
+    """
+    found = {}
+    for link in root.findall("link"):
+        where = f"{name}: link {link.get('name')!r}"
+        found[link.get("name", "")] = tuple(_part(where, element, folder) for element in link.findall("collision"))
+    return found
+
+
+def _part(where: str, element: ET.Element, folder: Path | None) -> Geometry:
+    pose = np.eye(4)
+    try:
+        pose[:3, :3] = rotation(_numbers(where, element.find("origin"), "rpy", "0 0 0"))
+        pose[:3, 3] = _numbers(where, element.find("origin"), "xyz", "0 0 0")
+        shape = next(iter(element.find("geometry") or ()), None)
+        kind = "" if shape is None else shape.tag
+        if kind == "box":
+            return Geometry(kind, tuple(_numbers(where, shape, "size", "")), pose)
+        if kind == "sphere":
+            return Geometry(kind, tuple(_numbers(where, shape, "radius", "", 1)), pose)
+        if kind in ("cylinder", "capsule"):
+            size = (_numbers(where, shape, key, "", 1)[0] for key in ("radius", "length"))
+            return Geometry(kind, tuple(size), pose)
+        if kind == "mesh" and shape is not None:
+            scale = _numbers(where, shape, "scale", "1 1 1")
+            return Geometry(kind, tuple(scale), pose, _mesh_file(shape.get("filename", ""), folder))
+    except RobotModelError as error:
+        return Geometry("unreadable", (), pose, str(error))
+    return Geometry(
+        "unreadable", (), pose, f"{where}: <geometry> with {kind!r}; expected a box, sphere, cylinder or mesh"
+    )
+
+
+def _mesh_file(uri: str, folder: Path | None) -> str:
+    """Where the mesh of a URI is: of a package, in the first folder above the description that has it."""
+    path = uri.partition("://")[2] or uri
+    folders = () if folder is None else (folder, *folder.parents)
+    for place in folders:
+        for inside in (path, path.partition("/")[2]):  # the package's folder itself may be called otherwise
+            if inside and (place / inside).is_file():
+                return str(place / inside)
+    return path
 
 
 def rotation(rpy: Sequence[float]) -> Array:

@@ -13,6 +13,7 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.wrench import WrenchSensor
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.clearancespec import Around
 from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.taskfile import LawSpec
 
@@ -37,6 +38,7 @@ class Brief:
     contact_task: HybridTask | None = None  # what to do at a contact; None without one
     sensor: WrenchSensor | None = None  # what is known of the force sensor; None without contact
     operator: OperatorSpec | None = None  # the person who moves the tool too; None without one
+    around: Around | None = None  # what is around the arm, and the clearance from it; None without
     elastic: Array | None = None  # (m,) joint positions at the start of a path that may be late; None keeps its timing
 
     def goals(self) -> list[Goal]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
+from invariantqp.control.limits import AnyLimit as Limit
 from invariantqp.control.measure import tool_metric
 from invariantqp.engine import Engine
 from invariantqp.force.hybrid import HybridController
@@ -19,14 +20,18 @@ from invariantqp.velocity.limits import ToolSpeed
 MakeController = Callable[[Robot, LawSpec], Controls]
 
 
-def our_controller(robot: Robot, law: LawSpec, engine: Engine = "compiled") -> Controller:
-    """The velocity controller that a [law] describes."""
-    return Controller(robot, **law_options(robot, law), engine=engine)
+def our_controller(
+    robot: Robot, law: LawSpec, limits: Sequence[Limit] = (), engine: Engine = "compiled"
+) -> Controller:
+    """The velocity controller that a [law] describes, with more limits."""
+    return Controller(robot, limits=limits, **law_options(robot, law), engine=engine)
 
 
-def our_hybrid(robot: Robot, law: LawSpec, task: HybridTask, sensor: WrenchSensor | None) -> HybridController:
-    """The hybrid controller that a [law] and a contact describe."""
-    return HybridController(robot, task, sensor=sensor, **law_options(robot, law))
+def our_hybrid(
+    robot: Robot, law: LawSpec, task: HybridTask, sensor: WrenchSensor | None, limits: Sequence[Limit] = ()
+) -> HybridController:
+    """The hybrid controller that a [law] and a contact describe, with more limits."""
+    return HybridController(robot, task, sensor=sensor, limits=limits, **law_options(robot, law))
 
 
 def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:

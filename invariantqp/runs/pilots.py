@@ -126,12 +126,13 @@ def pilot_of(brief: Brief, controller: MakeController | None = None) -> Pilot:
         BadInput: a controller for a task in contact, which needs a hybrid one.
     """
     robot, law = brief.robot, brief.law
+    limits = [] if brief.around is None else [brief.around.clearance]
     if brief.contact_task is not None:
         if controller is not None:
             found = "a velocity controller for a task in contact"
             raise BadInput("controller", found, "a task without [contact]", "A contact needs a hybrid controller.")
-        return ContactPilot(our_hybrid(robot, law, brief.contact_task, brief.sensor))
-    loop = (controller or our_controller)(robot, law)
+        return ContactPilot(our_hybrid(robot, law, brief.contact_task, brief.sensor, limits))
+    loop = our_controller(robot, law, limits) if controller is None else controller(robot, law)
     if brief.elastic is not None:
         if not isinstance(loop, Controller):
             expected = "ours, or none"

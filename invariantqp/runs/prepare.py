@@ -68,6 +68,7 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
             contact_task=None if scene is None else scene.task,
             sensor=None if scene is None else scene.sensor,
             operator=task.operator,
+            around=task.around(robot),
             elastic=task.start() if task.path.timing == "elastic" else None,
         ),
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
+from invariantqp.runs.clearancespec import Around
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.log import contact_trace, errors
 from invariantqp.runs.notes import notes
@@ -23,7 +24,7 @@ from invariantqp.runs.pilots import ElasticPilot, Pilot, pilot_of
 from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import Task
-from invariantqp.runs.trace import Trace
+from invariantqp.runs.trace import ClearanceTrace, Trace
 from invariantqp.velocity.solution import VelocitySolution
 
 # An elastic path may take this many times as long as its timing says.
@@ -83,6 +84,8 @@ def _loop(setup: Setup, pilot: Pilot, progress: Progress | None, observer: Obser
     n = len(goals)
     tick_ns, read = [], []
     for k in range(n if setup.brief.elastic is None else LONGEST * n):
+        if setup.brief.around is not None:
+            setup.brief.around.move(k * setup.task.law.dt)
         measured = plant.measure()
         measured = measured._replace(q=measured.q + setup.noise[k % n])
         before = perf_counter_ns()
@@ -133,4 +136,15 @@ def _trace(setup: Setup, pilot: Pilot, record: _Record) -> Trace:
         counted_from=setup.counted_from,
         contact=None if scene is None else contact_trace(scene, contacts, after, record.read, setup.wanted[1:]),
         along=along,
+        clearance=None if setup.brief.around is None else _clearance(setup.brief.around, q, setup.task.law.dt),
     )
+
+
+def _clearance(around: Around, q: Array, dt: float) -> ClearanceTrace:
+    """The least distances in states q (n + 1, m), and of which bodies."""
+    found = []
+    for k, state in enumerate(q):
+        around.move(k * dt)
+        found.append(around.clearance.at(state))
+    pairs = [f"{near.first} and {near.second}" for near in found]
+    return ClearanceTrace(np.array([near.distance for near in found]), pairs, around.clearance.distance)

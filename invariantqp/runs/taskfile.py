@@ -20,6 +20,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
+from invariantqp.runs.clearancespec import Around, ClearanceSpec, ObstacleSpec
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, SensorSpec
 from invariantqp.runs.path import Path
 from invariantqp.runs.physics import Physics
@@ -119,6 +120,9 @@ class Acceptance(Section):
     force_error: Positive | None = Field(
         None, description="rms of the true contact force's error, relative to the wanted force", examples=[0.02]
     )
+    clearance_mm: NotNegative | None = Field(
+        None, description="the least distance of bodies that are kept apart, at least", examples=[19.9]
+    )
     limit_violation: Positive = Field(
         1e-9,
         description="largest [rad, m; rad/s, m/s], of an acceleration limit by the velocity that a tick is beyond it",
@@ -141,6 +145,8 @@ class Task(Section):
     operator: OperatorSpec | None = None
     physics: Physics = Physics()
     accept_mujoco: Acceptance | None = Field(None, description="replaces [accept] in runs with MuJoCo")
+    obstacle: list[ObstacleSpec] = Field([], description="what is around the arm")
+    clearance: ClearanceSpec | None = Field(None, description="how far the arm keeps from that, and from itself")
     encoder_noise: Positive | None = Field(
         None,
         description="standard deviation of the joint positions that are read [rad, m]",
@@ -203,6 +209,21 @@ class Task(Section):
             found = f"$.robot.start: {n} number{'s' if n != 1 else ''} (give {m}: {', '.join(robot.names)})"
             raise TaskFileError(self.name, [found])
         return robot
+
+    def around(self, robot: Robot) -> Around | None:
+        """What is around the arm; None where the task has neither an [[obstacle]] nor a [clearance].
+
+        Raises:
+            BadInput, UnknownName, RobotModelError, MissingExtra: as `limits.Clearance`.
+        """
+        if self.clearance is None and not self.obstacle:
+            return None
+
+        def beside(source: str) -> FilePath | str:
+            file = None if self._folder is None else self._folder / source
+            return file if file is not None and file.is_file() else source
+
+        return Around(robot, self.clearance or ClearanceSpec(), self.obstacle, beside)
 
     def start(self) -> Array:
         """(m,) joint positions at the start."""

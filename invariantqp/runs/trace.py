@@ -15,6 +15,20 @@ from invariantqp.runs.taskfile import Task
 
 
 @dataclass(frozen=True, eq=False)
+class ClearanceTrace:
+    """How near an arm came to itself and to what is around it, in a run of n ticks."""
+
+    distance: Array  # (n + 1,) the least [m], negative inside
+    pairs: list[str]  # (n + 1,) of which bodies
+    kept: float  # what was to be kept [m]
+
+    def describe(self) -> str:
+        """The least of the run."""
+        i = int(self.distance.argmin())
+        return f"{1e3 * self.distance[i]:.2f} mm, {self.pairs[i]}"
+
+
+@dataclass(frozen=True, eq=False)
 class Trace:
     """What happened in a run.
 
@@ -39,6 +53,7 @@ class Trace:
         counted_from: the first tick whose errors count; 0 without contact.
         contact: forces and the curve drawn; None without contact.
         along: progress on an elastic path; None where the path keeps its timing.
+        clearance: the least distances of bodies; None where nothing is kept apart.
     """
 
     task: Task
@@ -61,6 +76,7 @@ class Trace:
     counted_from: int = 0
     contact: ContactTrace | None = None
     along: PathTrace | None = None
+    clearance: ClearanceTrace | None = None
 
     @property
     def outside(self) -> Array:
@@ -111,6 +127,12 @@ class Trace:
             for what, got, limit, unit in asked
             if limit is not None and not got <= limit
         ]
+        if accept.clearance_mm is not None and self.clearance is not None:
+            least = 1e3 * float(self.clearance.distance.min())
+            if not least >= accept.clearance_mm:
+                missed.append(
+                    f"least distance {self.clearance.describe()}, at least {accept.clearance_mm:g} mm accepted"
+                )
         unfinished = self.along is not None and self.along.status != "done"
         return [*missed, "the path was not finished"] if unfinished else missed
 
@@ -157,6 +179,8 @@ class Trace:
             "path_lag": None if self.along is None else float(self.along.lag[-1]),
             "path_speed": None if self.along is None else _spread(self.along.driven),
             "slowed_by": None if self.along is None else self.along.slowed,
+            "least_clearance_mm": None if self.clearance is None else 1e3 * float(self.clearance.distance.min()),
+            "nearest": None if self.clearance is None else self.clearance.describe(),
             "shortfalls": self.shortfalls,
             "warnings": self.warnings,
         }

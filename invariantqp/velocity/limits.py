@@ -322,6 +322,13 @@ class LimitRows(Value):
         made.__attrs_init__(np.empty((0, m)), np.empty(0), np.empty(0))
         return made
 
+    @classmethod
+    def trusted(cls, C: Array, lower: Array, upper: Array, names: Sequence[str] = ()) -> LimitRows:
+        """Rows of float64 arrays that nobody else has and that are known to be right: nothing is checked or copied."""
+        made = cls.__new__(cls)
+        made.__setstate__({"C": C, "lower": lower, "upper": upper, "names": tuple(names)})
+        return made
+
     def called(self, names: Sequence[str]) -> LimitRows:
         """The same rows by other names (k,)."""
         made = object.__new__(LimitRows)

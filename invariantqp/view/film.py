@@ -14,13 +14,14 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.errors import CURVES, SMALLEST, errors_of
-from invariantqp.pictures.palette import GREEN, SCREEN_COLOURS, SKY, VERMILION
+from invariantqp.pictures.palette import BLUE, GREEN, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
-from invariantqp.runs.trace import Trace
+from invariantqp.runs.trace import ClearanceTrace, Trace
 from invariantqp.view.arm import ArmShape, arm_shape, tool_velocity
 from invariantqp.view.look import Look, Part, look_of
+from invariantqp.view.solids import Solid, solids
 from invariantqp.view.surroundings import Surroundings, surroundings
 
 # The most frames of a run; players interpolate. Of the ticks between two frames the worst values are shown.
@@ -68,6 +69,7 @@ class Film:
     surroundings: Surroundings  # what the tool touches
     travel: Array  # (k, 3) velocity of the tool frame's origin [length/s]
     force: Array | None = None  # (k, 3) that the tool exerts [N]; None without contact
+    solids: tuple[Solid, ...] = ()  # bodies and obstacles that are kept apart
 
     @property
     def centre(self) -> Array:
@@ -107,8 +109,16 @@ class Film:
 
     def _box(self) -> tuple[Array, Array]:
         touched, fixed = self.surroundings.faces.reshape(-1, 3), [part.vertices for part in self._fixed]
-        drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched, *fixed))
+        around = [_seen(solid) for solid in self.solids if solid.poses is not None]
+        drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched, *fixed, *around))
         return drawn.min(axis=0), drawn.max(axis=0)
+
+
+def _seen(solid: Solid) -> Array:
+    """(n, 3) corners of an obstacle at the beginning, in the middle and at the end of a film."""
+    assert solid.poses is not None
+    corners, some = solid.faces.reshape(-1, 3), solid.poses[[0, len(solid.poses) // 2, -1]]
+    return np.vstack([corners.dot(T[:3, :3].T) + T[:3, 3] for T in some])
 
 
 def _scale(vectors: Array, least: float) -> tuple[float, float]:
@@ -135,7 +145,12 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
         about=f"{trace.task.about} {went}",
         limit_active=[any(trace.limit_active[a:b]) for a, b in _ticks(ends)],
         status=status,
-        charts=(_error_chart(trace, ends), *_force_charts(trace.contact, ends), *limit_charts(drawn)),
+        charts=(
+            _error_chart(trace, ends),
+            *_clearance_charts(trace.clearance, ends),
+            *_force_charts(trace.contact, ends),
+            *limit_charts(drawn),
+        ),
         travel=np.array([tool_velocity(robot, *state) for state in zip(trace.q[ends], then, strict=True)]),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
@@ -176,7 +191,17 @@ def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Fil
         charts=(),
         surroundings=surroundings(task, robot, wanted[:, :3, 3]),
         travel=np.zeros((len(time), 3)),
+        solids=_solids(task, robot, time, shapes),
     )
+
+
+def _solids(task: Task, robot: Robot, time: Array, shapes: list[ArmShape]) -> tuple[Solid, ...]:
+    """What is kept apart in a task."""
+    around = task.around(robot)
+    if around is None:
+        return ()
+    reach = max(float(np.linalg.norm(shape.points - shape.points[0], axis=1).max()) for shape in shapes)
+    return solids(around, time, len(robot.names), reach)
 
 
 def extremes(values: Array, ends: Array) -> Array:
@@ -198,6 +223,16 @@ def colours(joints: int) -> tuple[str, ...]:
 def _error_chart(trace: Trace, ends: Array) -> CurveChart:
     values = np.maximum(extremes(errors_of(trace), ends), SMALLEST).T
     return CurveChart("tracking error", tuple(CURVES), values, tuple(CURVES.values()), log=True)
+
+
+def _clearance_charts(clearance: ClearanceTrace | None, ends: Array) -> list[CurveChart]:
+    """The least distance of bodies, the least since the frame before, and what was to be kept."""
+    if clearance is None or not np.isfinite(clearance.distance).all():
+        return []
+    least = 1e3 * np.array([clearance.distance[a : b + 1].min() for a, b in _ticks(ends)])
+    kept = 1e3 * clearance.kept
+    span = (min(0.0, float(least.min())), float(np.clip(least.max(), 2.0 * kept, 10.0 * kept)))
+    return [CurveChart("least distance [mm]", ("of bodies",), np.minimum(least, span[1])[None], (BLUE,), (kept,), span)]
 
 
 def _force_charts(contact: ContactTrace | None, ends: Array) -> list[CurveChart]:

@@ -14,11 +14,12 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.palette import BLUE, ORANGE
+from invariantqp.pictures.palette import BLUE, ORANGE, SKY
 from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
 from invariantqp.view.film import FORCE, TRAVEL, CurveChart, Film, colours, film_of
 from invariantqp.view.look import Part
+from invariantqp.view.solids import Solid
 
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # A chart of more curves than this has no key: the colours are those of the joints' bars.
@@ -71,7 +72,7 @@ def _run(film: Film) -> dict[str, Any]:
     return {
         "joints": film.joints,
         "colours": colours(len(film.joints)),
-        "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE, "travel": TRAVEL},
+        "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE, "travel": TRAVEL, "body": SKY},
         "slides": film.slides,
         "centre": film.centre.tolist(),
         "size": film.size,
@@ -83,6 +84,7 @@ def _run(film: Film) -> dict[str, Any]:
         "travel_scale": film.travel_scale,
         "parts": [_part(part) for part in film.look.parts],
         "missing": film.look.missing,
+        "solids": [_solid(solid) for solid in film.solids],
         "charts": [_chart(c) for c in film.charts],
         "arrays": {name: _pack(a) for name, a in named.items()},
     }
@@ -94,6 +96,15 @@ def _chart(chart: CurveChart) -> dict[str, Any]:
 
 def _part(part: Part) -> dict[str, Any]:
     return {**part._asdict(), "vertices": _pack(part.vertices), "faces": _pack(part.faces, "<u2")}
+
+
+def _solid(solid: Solid) -> dict[str, Any]:
+    """An obstacle that does not move has one pose, a body of the arm none."""
+    poses = solid.poses
+    if poses is not None:
+        poses = poses[:1] if (poses == poses[0]).all() else poses
+    packed = None if poses is None else _pack(poses[:, :3].reshape(len(poses), 12))
+    return {"joint": solid.joint, "faces": _pack(solid.faces), "poses": packed}
 
 
 def _pack(a: Array, kind: str = "<f4") -> dict[str, Any]:

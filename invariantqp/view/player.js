@@ -41,13 +41,16 @@ const parts = (painter.hardware ? run.parts : []).map(part => {
 });
 const floor = run.floor - 0.01 * r;
 const corners = triples([...arrays.faces.data]);
+const solids = run.solids.map(({ joint, faces, poses }) => ({
+  joint, faces: triples([...decoded(faces).data]), poses: poses && decoded(poses).data }));
 const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
 const charts = run.charts.map(c => new Chart($("side"), c, time, limited, t => { play(false); seek(t); }));
 const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
-  travel: rgb(run.hues.travel), dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
+  travel: rgb(run.hues.travel), dark: rgb("#4a5764"), touched: rgb("#cdbb9f"), body: rgb(run.hues.body) };
 const keyed = (hue, words) => `<span><i style="color:${run.hues[hue]}"></i>${words}</span> `;
 $("key").innerHTML = keyed("wanted", "path wanted") + keyed("drawn", "path drawn")
   + (arrays.force ? keyed("force", "force of the tool") : "") + keyed("travel", "velocity of the tool")
+  + (solids.length ? keyed("body", "bodies kept apart") : "")
   + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
     : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far");
 if (run.missing) $("key").append(document.createElement("br"), run.missing);
@@ -100,6 +103,15 @@ function draw() {
   for (let k = 0; k < corners.length; k += 4) {
     const [a, b, c, d] = corners.slice(k, k + 4);
     painter.face([a, b, c, d], HUES.touched, unit(cross(add(b, a, -1), add(d, a, -1))), 0.5, 0.06 * r);
+  }
+  for (const { joint, faces, poses } of solids) {  // obstacles, and the arm's bodies seen through
+    const last = poses ? poses.length / 12 - 1 : 0, k = 12 * Math.min(i, last);
+    const T = poses ? Array.from(poses.slice(k, k + 12)) : motions[joint];
+    for (let k = 0; k < faces.length; k += 4) {
+      const [a, b, c, d] = faces.slice(k, k + 4).map(p => act(T, p));
+      const normal = unit(cross(add(c, a, -1), add(d, b, -1)));
+      painter.face([a, b, c, d], poses ? HUES.touched : HUES.body, normal, poses ? 0.5 : 0.16, poses ? 0.02 * r : 0);
+    }
   }
   if (run.axis) {  // a door, from its axis to the tool
     const [a, b] = run.axis, out = add(spot(tool), a, -1), along = unit(add(b, a, -1));

@@ -381,9 +381,11 @@ def test_a_barrier_that_reads_collisions_is_given_them_or_refused_when_the_contr
     from pink.barriers import SelfCollisionBarrier
 
     barrier = SelfCollisionBarrier(1, gain=20.0, d_min=0.02)
+    known = iq.robots.Chain(robot.screws, robot.home, places=robot.places)
     with pytest.raises(iq.BadInput, match="SelfCollisionBarrier, which fails on this arm") as caught:
-        iq.Controller(robot, dt=DT, limits=[barrier])
+        iq.Controller(known, dt=DT, limits=[barrier])
     assert "PinkLimit(limit, collision_model=...)" in str(caught.value)
+    assert iq.Controller(robot, dt=DT, limits=[barrier]).step(PANDA, robot.pose(PANDA)).status != "held"
     start = robot.pose(PANDA)
     at = start[:3, 3] + [0.0, 0.0, -0.2]
     below = iq.transform(translation=[0.0, 0.0, -0.19]) @ start

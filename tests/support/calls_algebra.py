@@ -161,6 +161,11 @@ ALGEBRA = {
         {"position_lower": -1.0, "position_upper": [1.0, 2.0], "velocity_limit": 0.5, "margin": 0.1},
     ),
     "AccelerationLimit": lambda: (iq.limits.AccelerationLimit, {"limit": [1.0, 2.0]}),
+    "Sphere": lambda: (iq.limits.Sphere, {"centre": POINT, "radius": 0.1, "name": ""}),
+    "Capsule": lambda: (iq.limits.Capsule, {"a": POINT, "b": [0.0, 0.0, 1.0], "radius": 0.1, "name": ""}),
+    "Box": lambda: (iq.limits.Box, {"pose": T, "size": [0.1, 0.2, 0.3], "name": ""}),
+    "HalfSpace": lambda: (iq.limits.HalfSpace, {"point": POINT, "normal": AXIS, "name": ""}),
+    "Sphere.move": lambda: (iq.limits.Sphere(POINT, 0.1).move, {"pose": T, "twist": None}),
     "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None}),
     "JointTask": lambda: (iq.velocity.JointTask, {"velocity": Q, "weight": 1.0, "priority": 0}),
     "TwistTask": lambda: (

@@ -65,6 +65,16 @@ def in_contact():
     return iq.force.HybridFollower(hybrid(), [start, iq.transform(translation=[0.01, 0.0, 0.0]) @ start])
 
 
+@cache
+def clearance():
+    return iq.limits.Clearance(ur5(), {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]}, [iq.limits.Sphere([1, 0, 0], 0.1)])
+
+
+@cache
+def other_arm():
+    return iq.limits.OtherArm(ur5(), {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]})
+
+
 def stream():
     return iq.control.StreamedPath(iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0))
 
@@ -99,7 +109,15 @@ def loop_options():
 
 
 def pose_options():
-    return {"form": None, "exact": None, "tolerance": 1e-6, "time_limit": 0.01, "restarts": 0, "seed": 0}
+    return {
+        "form": None,
+        "exact": None,
+        "tolerance": 1e-6,
+        "time_limit": 0.01,
+        "restarts": 0,
+        "seed": 0,
+        "clearance": None,
+    }
 
 
 TILTS = [iq.exp([0.6 * np.cos(k), 0.6 * np.sin(k), 0.0, 0.0, 0.0, 0.0]) for k in range(5)]
@@ -210,6 +228,28 @@ CONTROL = {
     ),
     "StreamedPath.add": lambda: (stream().add, {"pose": T}),
     "StreamedPath.step": lambda: (stream().step, {"q": Q, "velocity": Q, "override": 1.0}),
+    "Clearance": lambda: (
+        iq.limits.Clearance,
+        {
+            "robot": ur5(),
+            "bodies": {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]},
+            "obstacles": [],
+            "distance": 0.02,
+            "pairs": None,
+            "exclude": (),
+            "rate": 10.0,
+        },
+    ),
+    "Clearance.at": lambda: (clearance().at, {"q": Q}),
+    "Clearance.blocked": lambda: (clearance().blocked, {"q": Q}),
+    "Clearance.distances": lambda: (clearance().distances, {"q": Q}),
+    "Clearance.shapes": lambda: (clearance().shapes, {"q": Q}),
+    "OtherArm": lambda: (
+        iq.limits.OtherArm,
+        {"robot": ur5(), "bodies": {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]}, "name": "left"},
+    ),
+    "OtherArm.move": lambda: (other_arm().move, {"q": Q, "velocity": None}),
+    "bodies_of": lambda: (iq.robots.bodies_of, {"robot": ur5()}),
     "PathFollower.prepare": lambda: (follower().prepare, {"q": Q}),
     "PathFollower.step": lambda: (follower().step, {"q": Q, "velocity": Q, "override": 1.0}),
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),

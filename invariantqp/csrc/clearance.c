@@ -1,0 +1,599 @@
+/* Twin of geometry/distance.py and rows_of in control/clearance.py: distances of convex shapes, and the rows that keep them.
+
+       C x >= -alpha (d - d_min) - n'(v_b - v_a),     C = w'J on the joints between two bodies,  w = (p x n; n)
+
+   A pure function of arrays: `rows_of` says what goes in and out. */
+
+#include "boundary.h"
+
+enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = PLACE + 3 }; /* numbers of a shape */
+enum { ROUND, BLOCK, FREE_SIDE };                                                            /* kinds of core */
+/* control/clearance.py: rows at most, how near equal ones are, and what does not move a place. */
+#define KEPT_ROWS 16
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0;
+/* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
+static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
+#define MOST_SHAPES 256
+/* Edge pairs of two boxes, twice, each with its shadow, and all corners. */
+#define MOST_PLACES 96
+
+typedef struct {
+    int body, kind;
+    double radius, half[3], R[3][3], p[3]; /* R: columns are the shape's axes */
+} Shape;
+
+/* A place where two shapes are near: how far, the direction from the first to the second, a point of that line. */
+typedef struct {
+    double d, n[3], x[3];
+} Near;
+
+typedef struct {
+    int count;
+    Near at[MOST_PLACES];
+} Places;
+
+static double clamp(double x, double least, double most) { return x < least ? least : x > most ? most : x; }
+
+static void on_line(const double p[3], double t, const double u[3], double x[3])
+{
+    for (int i = 0; i < 3; i++)
+        x[i] = p[i] + t * u[i];
+}
+
+static void column(const Shape *s, int k, double size, double u[3])
+{
+    for (int i = 0; i < 3; i++)
+        u[i] = size * s->R[i][k];
+}
+
+/* Coordinates in the shape's frame, of a point or of a direction; and back. */
+static void into(const Shape *s, const double x[3], bool point, double y[3])
+{
+    double from[3] = {x[0], x[1], x[2]};
+    for (int i = 0; point && i < 3; i++)
+        from[i] -= s->p[i];
+    for (int k = 0; k < 3; k++)
+        y[k] = s->R[0][k] * from[0] + s->R[1][k] * from[1] + s->R[2][k] * from[2];
+}
+
+static void out_of(const Shape *s, const double y[3], bool point, double x[3])
+{
+    for (int i = 0; i < 3; i++)
+        x[i] = dot(3, s->R[i], y) + (point ? s->p[i] : 0.0);
+}
+
+/* Axis z of a core that has no direction of its own: some unit vector across u. */
+static void some_across(const double u[3], double n[3])
+{
+    int k = 0;
+    for (int i = 1; i < 3; i++)
+        if (fabs(u[i]) < fabs(u[k]))
+            k = i;
+    double e[3] = {k == 0, k == 1, k == 2};
+    cross(u, e, n);
+    double size = norm(3, n);
+    if (!(size > 0.0)) {
+        n[0] = n[1] = 0.0;
+        n[2] = size = 1.0;
+    }
+    for (int i = 0; i < 3; i++)
+        n[i] /= size;
+}
+
+/* A place from a point x of the first core to y of the second, `across` the direction where they meet. */
+static void add(Places *found, const double x[3], const double y[3], const double across[3])
+{
+    if (found->count >= MOST_PLACES)
+        return;
+    Near *near = &found->at[found->count++];
+    for (int i = 0; i < 3; i++)
+        near->n[i] = y[i] - x[i];
+    near->d = norm(3, near->n);
+    for (int i = 0; i < 3; i++) {
+        near->n[i] = near->d > NO_DIRECTION ? near->n[i] / near->d : across[i];
+        near->x[i] = x[i];
+    }
+}
+
+static void add_known(Places *found, double d, const double n[3], double sign, const double x[3])
+{
+    if (found->count >= MOST_PLACES)
+        return;
+    Near *near = &found->at[found->count++];
+    near->d = d;
+    for (int i = 0; i < 3; i++) {
+        near->n[i] = sign * n[i];
+        near->x[i] = x[i];
+    }
+}
+
+static double foot(const double x[3], const double s[3], const double v[3])
+{
+    double w[3] = {x[0] - s[0], x[1] - s[1], x[2] - s[2]}, vv = dot(3, v, v);
+    return vv > 0.0 ? clamp(dot(3, w, v) / vv, 0.0, 1.0) : 0.0;
+}
+
+/* Two capsules' cores: where both are nearest inside, and each end against the other. */
+static void round_round(const Shape *a, const Shape *b, Places *found)
+{
+    double u[3], v[3], p[3], s[3], x[3], y[3], across[3];
+    column(a, 2, 2.0 * a->half[2], u);
+    column(b, 2, 2.0 * b->half[2], v);
+    on_line(a->p, -0.5, u, p);
+    on_line(b->p, -0.5, v, s);
+    double w[3] = {p[0] - s[0], p[1] - s[1], p[2] - s[2]};
+    double uu = dot(3, u, u), uv = dot(3, u, v), vv = dot(3, v, v), uw = dot(3, u, w), vw = dot(3, v, w);
+    double D = uu * vv - uv * uv;
+    cross(u, v, across);
+    double size = norm(3, across);
+    if (size > PARALLEL_LINES * sqrt(uu * vv) && size > 0.0)
+        for (int i = 0; i < 3; i++)
+            across[i] /= size;
+    else
+        some_across(uu > vv ? u : v, across);
+    if (D > PARALLEL_LINES * uu * vv) {
+        double t = (uv * vw - vv * uw) / D, r = (uv * t + vw) / vv;
+        if (t >= 0.0 && t <= 1.0 && r >= 0.0 && r <= 1.0) {
+            t = clamp((uv * r - uw) / uu, 0.0, 1.0);
+            on_line(p, t, u, x);
+            on_line(s, r, v, y);
+            add(found, x, y, across);
+        }
+    }
+    for (int e = 0; e < (uu > 0.0 ? 2 : 1); e++) {
+        on_line(p, e, u, x);
+        on_line(s, foot(x, s, v), v, y);
+        add(found, x, y, across);
+    }
+    for (int e = 0; e < (vv > 0.0 ? 2 : 1); e++) {
+        on_line(s, e, v, y);
+        on_line(p, foot(y, p, u), u, x);
+        add(found, x, y, across);
+    }
+}
+
+/* Parameter of the point of p + t u, t in [0, 1], nearest to the box |y| <= h: where a monotone slope meets zero. */
+static double nearest_to_box(const double p[3], const double u[3], const double h[3])
+{
+    double t[8] = {0.0, 1.0};
+    int n = 2;
+    for (int k = 0; k < 3; k++)
+        for (int side = -1; side <= 1; side += 2) {
+            double at = u[k] != 0.0 ? (side * h[k] - p[k]) / u[k] : 0.0;
+            if (!(at > 0.0 && at < 1.0))
+                continue;
+            int i = n++;
+            for (; i > 0 && t[i - 1] > at; i--)
+                t[i] = t[i - 1];
+            t[i] = at;
+        }
+    double before = 0.0, slope = 0.0;
+    for (int i = 0; i < n; i++) {
+        slope = 0.0;
+        for (int k = 0; k < 3; k++) {
+            double y = p[k] + t[i] * u[k];
+            slope += (y - clamp(y, -h[k], h[k])) * u[k];
+        }
+        if (slope >= 0.0)
+            return i == 0 || slope == 0.0 || !(slope > before) ? t[i]
+                                                               : t[i - 1] - before / (slope - before) * (t[i] - t[i - 1]);
+        before = slope;
+    }
+    return 1.0;
+}
+
+/* The direction in which a segment with middle c and half e leaves the box soonest, in the box's frame: its largest
+   separation among face normals and normals across both. */
+static double way_out(const double c[3], const double e[3], const double h[3], double n[3])
+{
+    double most = -INFINITY;
+    for (int axis = 0; axis < 6; axis++) {
+        double a[3] = {axis == 0, axis == 1, axis == 2};
+        if (axis >= 3) {
+            double unit[3] = {axis == 3, axis == 4, axis == 5};
+            cross(unit, e, a);
+            double size = norm(3, a);
+            if (!(size > NO_DIRECTION * norm(3, e)) || size == 0.0)
+                continue;
+            for (int i = 0; i < 3; i++)
+                a[i] /= size;
+        }
+        double towards = dot(3, a, c), apart = fabs(towards) - fabs(dot(3, a, e));
+        for (int i = 0; i < 3; i++)
+            apart -= fabs(a[i]) * h[i];
+        if (apart > most) {
+            most = apart;
+            for (int i = 0; i < 3; i++)
+                n[i] = towards < 0.0 ? -a[i] : a[i];
+        }
+    }
+    return most;
+}
+
+/* A place of the point y, in the frame of box b, against it; the first core is the point's where `sign` is 1. */
+static void point_box(const Shape *b, const double y[3], double sign, Places *found)
+{
+    double n[3], x[3], z[3], zero[3] = {0.0, 0.0, 0.0}, d = 0.0;
+    for (int k = 0; k < 3; k++) {
+        n[k] = y[k] - clamp(y[k], -b->half[k], b->half[k]);
+        d += n[k] * n[k];
+    }
+    d = sqrt(d);
+    if (d > NO_DIRECTION)
+        for (int k = 0; k < 3; k++)
+            n[k] /= d;
+    else
+        d = way_out(y, zero, b->half, n);
+    out_of(b, n, false, x);
+    out_of(b, y, true, z);
+    add_known(found, d, x, -sign, z);
+}
+
+/* A segment, p + t u in the frame of box b, against it; `ends` too, and where its shadow on the nearest face begins and
+   ends. False where it goes into the box. */
+static bool segment_box(const Shape *b, const double p[3], const double u[3], double sign, bool ends, Places *found)
+{
+    const double *h = b->half;
+    double t = nearest_to_box(p, u, h), y[3], from = 0.0, to = 1.0;
+    on_line(p, t, u, y);
+    int beyond = 0;
+    double d = 0.0;
+    for (int k = 0; k < 3; k++) {
+        double gap = y[k] - clamp(y[k], -h[k], h[k]);
+        d += gap * gap;
+        beyond += gap != 0.0;
+    }
+    if (sqrt(d) <= NO_DIRECTION)
+        return false;
+    point_box(b, y, sign, found);
+    for (int k = 0; k < 3; k++) {
+        if (fabs(y[k]) > h[k] || u[k] == 0.0)
+            continue;
+        double one = (-h[k] - p[k]) / u[k], other = (h[k] - p[k]) / u[k];
+        from = fmax(from, fmin(one, other));
+        to = fmin(to, fmax(one, other));
+    }
+    double places[4] = {from, to, 0.0, 1.0};
+    for (int i = 0; i < 4; i++) {
+        if (places[i] == t || (i < 2 ? (beyond != 1 || !(from < to) || places[i] <= 0.0 || places[i] >= 1.0) : !ends))
+            continue;
+        on_line(p, places[i], u, y);
+        point_box(b, y, sign, found);
+    }
+    return true;
+}
+
+/* The core of a capsule, a, against box b; `sign` is -1 where the capsule is the second of the pair. */
+static void round_box(const Shape *a, const Shape *b, double sign, Places *found)
+{
+    double u[3], v[3], c[3], p[3], n[3], z[3], x[3];
+    column(a, 2, 2.0 * a->half[2], u);
+    into(b, u, false, v);
+    into(b, a->p, true, c);
+    on_line(c, -0.5, v, p);
+    if (a->half[2] == 0.0) {
+        point_box(b, c, sign, found);
+        return;
+    }
+    if (segment_box(b, p, v, sign, true, found))
+        return;
+    double e[3] = {0.5 * v[0], 0.5 * v[1], 0.5 * v[2]}, d = way_out(c, e, b->half, n), lean = dot(3, n, e);
+    on_line(c, lean > NO_DIRECTION * a->half[2] ? -1.0 : lean < -NO_DIRECTION * a->half[2] ? 1.0 : 0.0, e, z);
+    out_of(b, n, false, x);
+    out_of(b, z, true, u);
+    add_known(found, d, x, -sign, u);
+}
+
+static void corner(const double h[3], int i, double c[3])
+{
+    for (int k = 0; k < 3; k++)
+        c[k] = (i >> k & 1) ? h[k] : -h[k];
+}
+
+/* Two boxes: the edges of each against the other, and corners; where they meet, the least way out of 15. */
+static void box_box(const Shape *a, const Shape *b, Places *found)
+{
+    bool apart = true;
+    for (int turn = 0; turn < 2 && apart; turn++) {
+        const Shape *one = turn == 0 ? a : b, *other = turn == 0 ? b : a;
+        double sign = turn == 0 ? 1.0 : -1.0;
+        for (int i = 0; i < 8 && apart; i++) {
+            double c[3], x[3], y[3];
+            corner(one->half, i, c);
+            out_of(one, c, true, x);
+            into(other, x, true, y);
+            point_box(other, y, sign, found);
+            for (int k = 0; k < 3 && apart; k++) {
+                double step[3], u[3];
+                if (i >> k & 1)
+                    continue;
+                column(one, k, 2.0 * one->half[k], step);
+                into(other, step, false, u);
+                apart = segment_box(other, y, u, sign, false, found);
+            }
+        }
+    }
+    if (apart)
+        return;
+    found->count = 0;
+    double most = -INFINITY, best[3] = {0.0, 0.0, 1.0}, x[3], w[3];
+    for (int i = 0; i < 3; i++)
+        w[i] = b->p[i] - a->p[i];
+    for (int axis = 0; axis < 15; axis++) {
+        double n[3], f[3], g[3];
+        if (axis < 6)
+            column(axis < 3 ? a : b, axis % 3, 1.0, n);
+        else {
+            column(a, (axis - 6) / 3, 1.0, f);
+            column(b, (axis - 6) % 3, 1.0, g);
+            cross(f, g, n);
+            double size = norm(3, n);
+            if (!(size > NO_DIRECTION))
+                continue;
+            for (int i = 0; i < 3; i++)
+                n[i] /= size;
+        }
+        double towards = dot(3, n, w), s = fabs(towards);
+        into(a, n, false, f);
+        into(b, n, false, g);
+        for (int k = 0; k < 3; k++)
+            s -= fabs(f[k]) * a->half[k] + fabs(g[k]) * b->half[k];
+        if (s > most) {
+            most = s;
+            for (int i = 0; i < 3; i++)
+                best[i] = towards < 0.0 ? -n[i] : n[i];
+        }
+    }
+    double g[3];
+    into(b, best, false, g);
+    for (int k = 0; k < 3; k++) /* the deepest corner of b; the middle of what is level */
+        g[k] = fabs(g[k]) <= NO_DIRECTION ? 0.0 : g[k] > 0.0 ? -b->half[k] : b->half[k];
+    out_of(b, g, true, x);
+    add_known(found, most, best, 1.0, x);
+}
+
+/* A core a against a half-space b: its corners; `sign` is -1 where the half-space is the first of the pair. */
+static void core_plane(const Shape *a, const Shape *b, double sign, Places *found)
+{
+    double normal[3], c[3], x[3];
+    column(b, 2, 1.0, normal);
+    for (int i = 0; i < 8; i++) {
+        bool twice = false;
+        for (int k = 0; k < 3; k++)
+            twice = twice || (a->half[k] == 0.0 && (i >> k & 1));
+        if (twice)
+            continue;
+        corner(a->half, i, c);
+        out_of(a, c, true, x);
+        double w[3] = {x[0] - b->p[0], x[1] - b->p[1], x[2] - b->p[2]};
+        add_known(found, dot(3, normal, w), normal, -sign, x);
+    }
+}
+
+/* All places of two shapes, by their distance. */
+static void places(const Shape *a, const Shape *b, Places *found)
+{
+    found->count = 0;
+    if (a->kind == FREE_SIDE && b->kind == FREE_SIDE)
+        return;
+    if (b->kind == FREE_SIDE)
+        core_plane(a, b, 1.0, found);
+    else if (a->kind == FREE_SIDE)
+        core_plane(b, a, -1.0, found);
+    else if (a->kind == ROUND && b->kind == ROUND)
+        round_round(a, b, found);
+    else if (a->kind == ROUND)
+        round_box(a, b, 1.0, found);
+    else if (b->kind == ROUND)
+        round_box(b, a, -1.0, found);
+    else
+        box_box(a, b, found);
+    for (int i = 0; i < found->count; i++) {
+        Near near = found->at[i];
+        near.d -= a->radius + b->radius;
+        int at = i;
+        for (; at > 0 && found->at[at - 1].d > near.d; at--)
+            found->at[at] = found->at[at - 1];
+        found->at[at] = near;
+    }
+}
+
+static void shape_from(const double *numbers, const Pose *T, Shape *s)
+{
+    s->body = (int)numbers[BODY];
+    s->kind = (int)numbers[KIND];
+    s->radius = numbers[RADIUS];
+    memcpy(s->half, numbers + HALF, sizeof s->half);
+    const double *R = numbers + TURN;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            s->R[i][j] = T->R[i][0] * R[j] + T->R[i][1] * R[3 + j] + T->R[i][2] * R[6 + j];
+        s->p[i] = dot(3, T->R[i], numbers + PLACE) + T->p[i];
+    }
+}
+
+typedef struct {
+    int count, pair[KEPT_ROWS];
+    double C[KEPT_ROWS][MOST], lower[KEPT_ROWS], urgency[KEPT_ROWS];
+} Rows;
+
+/* Keep a row among the most urgent, each pair's nearest before all others; of equal ones the one that asks for more. */
+static void keep(Rows *rows, int m, const double *C, double lower, double urgency, int pair)
+{
+    int at = rows->count, last = 0;
+    double size = norm(m, C);
+    for (int i = 0; i < rows->count; i++) {
+        double apart = 0.0;
+        for (int k = 0; k < m; k++)
+            apart = fmax(apart, fabs(rows->C[i][k] - C[k]));
+        if (apart <= EQUAL_ROWS * size) {
+            if (rows->lower[i] >= lower)
+                return;
+            at = i;
+            break;
+        }
+        if (rows->urgency[i] < rows->urgency[last])
+            last = i;
+    }
+    if (at == KEPT_ROWS) {
+        if (rows->urgency[last] >= urgency)
+            return;
+        at = last;
+    }
+    rows->count = at == rows->count ? at + 1 : rows->count;
+    memcpy(rows->C[at], C, (size_t)m * sizeof(double));
+    rows->lower[at] = lower;
+    rows->urgency[at] = urgency;
+    rows->pair[at] = pair;
+}
+
+static bool is_still(const double twist[6])
+{
+    double size = 0.0;
+    for (int i = 0; i < 6; i++)
+        size += fabs(twist[i]);
+    return size == 0.0;
+}
+
+/* Distances of two shapes are at least this: those of balls about them. */
+static double at_least(const Shape *a, const Shape *b)
+{
+    const Shape *plane = b->kind == FREE_SIDE ? b : a->kind == FREE_SIDE ? a : NULL, *other = plane == a ? b : a;
+    double w[3], normal[3];
+    for (int i = 0; i < 3; i++)
+        w[i] = other->p[i] - (plane != NULL ? plane->p[i] : b->p[i]);
+    if (plane == NULL)
+        return norm(3, w) - norm(3, a->half) - a->radius - norm(3, b->half) - b->radius;
+    column(plane, 2, 1.0, normal);
+    return dot(3, normal, w) - norm(3, other->half) - other->radius;
+}
+
+/* How fast joints `from` to `to` can move any point of the outermost of two shapes, at most. */
+static double swept(int from, int to, const Shape *outer, const Row J[6], const Row speeds)
+{
+    double most = 0.0, ball = norm(3, outer->half) + outer->radius;
+    for (int j = from; j < to; j++) {
+        double omega[3] = {J[0][j], J[1][j], J[2][j]}, v[3];
+        cross(omega, outer->p, v);
+        for (int i = 0; i < 3; i++)
+            v[i] += J[3 + i][j];
+        most += speeds[j] * (norm(3, v) + norm(3, omega) * ball);
+    }
+    return most;
+}
+
+/* clearance(screws, q, shapes, twists, pairs, speeds, (distance, rate, escape)): rows C, their lower limits, the pair of
+   each, and the distance of every pair; of those that are neither nearest nor near, infinite, unless the rate is 0. None
+   where it has no such problem. */
+PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    static const char *const USE = "clearance(screws, q, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, speeds, "
+                                   "(distance, rate, escape))";
+    if (count != 7)
+        return refused(USE);
+    for (int i = 2; i < 5; i++) {
+        PyArrayObject *array = (PyArrayObject *)arguments[i];
+        if (!PyArray_CheckExact(arguments[i]) || PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISCARRAY_RO(array) ||
+            PyArray_NDIM(array) != 2 || PyArray_DIM(array, 1) != (i == 2 ? OF_SHAPE : i == 3 ? 6 : 3))
+            return refused(USE);
+    }
+    npy_intp m = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
+    npy_intp n = PyArray_DIM((PyArrayObject *)arguments[2], 0), k = PyArray_DIM((PyArrayObject *)arguments[4], 0);
+    Row screws[6], q, speeds, J[6];
+    double settings[3];
+    if (m < 1 || m > MOST || n > MOST_SHAPES || PyArray_DIM((PyArrayObject *)arguments[3], 0) != n ||
+        !matrix(arguments[0], 6, (int)m, MOST, screws[0]) || !vector(arguments[1], (int)m, q) || !all_finite((int)m, q) ||
+        !vector(arguments[5], (int)m, speeds) || !vector(arguments[6], 3, settings))
+        return left_to_python();
+    const double *numbers = PyArray_DATA((PyArrayObject *)arguments[2]), *pairs = PyArray_DATA((PyArrayObject *)arguments[4]);
+    const double *twists = PyArray_DATA((PyArrayObject *)arguments[3]);
+    for (npy_intp i = 0; i < n; i++)
+        if (!within(numbers[i * OF_SHAPE + BODY], 0, (int)m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, FREE_SIDE))
+            return refused(USE);
+    for (npy_intp i = 0; i < k; i++)
+        if (!within(pairs[3 * i], 0, (int)n - 1) || !within(pairs[3 * i + 1], 0, (int)n - 1))
+            return refused(USE);
+    Pose motions[MOST + 1] = {{{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}}}, step;
+    for (int j = 0; j < m; j++) {
+        double w[3] = {screws[0][j], screws[1][j], screws[2][j]}, v[3] = {screws[3][j], screws[4][j], screws[5][j]};
+        double omega[3], moved[3], lever[3];
+        turned(&motions[j], w, omega);
+        turned(&motions[j], v, moved);
+        cross(motions[j].p, omega, lever);
+        for (int i = 0; i < 3; i++) {
+            J[i][j] = omega[i];
+            J[3 + i][j] = moved[i] + lever[i];
+        }
+        exponential(w, v, q[j], &step);
+        product(&motions[j], &step, &motions[j + 1]);
+    }
+    Shape shapes[MOST_SHAPES];
+    for (npy_intp i = 0; i < n; i++)
+        shape_from(numbers + i * OF_SHAPE, &motions[(int)numbers[i * OF_SHAPE + BODY]], &shapes[i]);
+    Rows rows = {.count = 0};
+    Places found;
+    PyObject *distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE);
+    if (distances == NULL)
+        return NULL;
+    double *least = PyArray_DATA((PyArrayObject *)distances), wanted = settings[0], rate = settings[1], escape = settings[2];
+    double smallest = INFINITY;
+    for (npy_intp i = 0; i < k; i++) {
+        int one = (int)pairs[3 * i], other = (int)pairs[3 * i + 1];
+        const Shape *a = &shapes[one], *b = &shapes[other];
+        least[i] = INFINITY;
+        bool nearest = true;
+        double out[3];
+        int from = a->body < b->body ? a->body : b->body, to = a->body < b->body ? b->body : a->body;
+        double sign = a->body < b->body ? 1.0 : -1.0;
+        /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
+        const Shape *outer = a->body < b->body ? b : a;
+        double far = at_least(a, b);
+        if (rate > 0.0 && far > smallest && outer->kind != FREE_SIDE && is_still(twists + 6 * one) &&
+            is_still(twists + 6 * other) &&
+            rate * pairs[3 * i + 2] * (far - wanted) > swept(from, to, outer, (const Row *)J, speeds))
+            continue;
+        places(a, b, &found);
+        for (int f = 0; f < found.count; f++) {
+            const Near *near = &found.at[f];
+            double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, room = near->d - wanted;
+            cross(near->x, near->n, w);
+            memcpy(w + 3, near->n, 3 * sizeof(double));
+            for (int j = from; j < to; j++) {
+                double parts = 0.0;
+                for (int r = 0; r < 6; r++) {
+                    C[j] += sign * w[r] * J[r][j];
+                    parts += fabs(w[r] * J[r][j]);
+                }
+                if (!(fabs(C[j]) > UNMOVED * parts))
+                    C[j] = 0.0;
+                double size = fabs(C[j]), scaled = size * (isfinite(speeds[j]) ? speeds[j] : USUAL_SPEED);
+                reach += size > 0.0 ? size * speeds[j] : 0.0;
+                weighed += scaled;
+                square += scaled * scaled;
+                largest = fmax(largest, scaled);
+            }
+            if (!(weighed > 0.0))
+                continue;
+            least[i] = fmin(least[i], near->d);
+            smallest = fmin(smallest, near->d);
+            double later = nearest ? 0.0 : 1.0;
+            if (nearest)
+                memcpy(out, near->n, sizeof out);
+            nearest = false;
+            double drift = dot(6, w, twists + 6 * other) - dot(6, w, twists + 6 * one), speed;
+            if (room >= 0.0)
+                speed = -rate * pairs[3 * i + 2] * room;
+            else
+                speed = fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, escape * square / largest);
+            double lower = speed - drift;
+            if (lower > -reach)
+                keep(&rows, (int)m, C, lower, lower / weighed - later, (int)i);
+        }
+    }
+    double of_pair[KEPT_ROWS];
+    for (int i = 0; i < rows.count; i++)
+        of_pair[i] = rows.pair[i];
+    return Py_BuildValue("(NNNN)", new_matrix(rows.count, (int)m, MOST, rows.C[0]), new_vector(rows.count, rows.lower),
+                         new_vector(rows.count, of_pair), distances);
+}

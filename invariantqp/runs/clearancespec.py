@@ -1,0 +1,154 @@
+"""The [[obstacle]] and [clearance] tables of a task file: what is around the arm, and how far it keeps from that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, pi, sin
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.load import load_robot
+from invariantqp.runs.section import Direction, NotNegative, Number, Positive, Section, Vector3
+
+if TYPE_CHECKING:
+    from invariantqp.control.clearance import Clearance, OtherArm
+
+# What each kind of obstacle must have besides its place.
+NEEDS = {
+    "sphere": ("radius",),
+    "capsule": ("radius", "to"),
+    "box": ("size",),
+    "half-space": (),
+    "arm": ("source", "start"),
+}
+
+
+class BodySpec(Section):
+    """A capsule of a link, in the link's frame; a ball where `a` is `b`."""
+
+    link: str = Field(min_length=1, description="a link, a joint's name for what it moves, or tool", examples=["tool"])
+    a: Vector3 = Field(description="one end of its axis [m]", examples=[[0.0, 0.0, 0.0]])
+    b: Vector3 = Field(description="the other end [m]", examples=[[0.0, 0.0, 0.1]])
+    radius: Positive = Field(description="[m]", examples=[0.05])
+
+
+class ObstacleSpec(Section):
+    """One [[obstacle]]: a sphere, capsule, box, half-space, or another arm."""
+
+    kind: Literal["sphere", "capsule", "box", "half-space", "arm"] = Field(description="what it is", examples=["box"])
+    name: str = Field("", description="what reasons call it", examples=["shelf"])
+    at: Vector3 = Field(
+        (0.0, 0.0, 0.0),
+        description="its middle, one end of a capsule's axis, a point of a half-space's plane, the base of an arm [m]",
+        examples=[[0.5, 0.0, 0.4]],
+    )
+    turn: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="axis times angle of a box or an arm [rad]", examples=[[0, 0, 1.57]]
+    )
+    size: tuple[NotNegative, NotNegative, NotNegative] | None = Field(
+        None, description="whole edges of a box [m]", examples=[[0.4, 0.6, 0.02]]
+    )
+    radius: NotNegative | None = Field(None, description="of a sphere or a capsule [m]", examples=[0.1])
+    to: Vector3 | None = Field(None, description="the other end of a capsule's axis [m]", examples=[[0.5, 0.3, 0.4]])
+    normal: Direction = Field((0.0, 0.0, 1.0), description="out of a half-space", examples=[[0.0, 0.0, 1.0]])
+    moves: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="how far it goes and comes back, again and again [m]", examples=[[0.0, 0.3, 0.0]]
+    )
+    source: str | None = Field(None, description="an arm's name or URDF", examples=["ur5"])
+    start: list[Number] | None = Field(None, description="an arm's joint positions [rad, m]", examples=[[0.0, -1.2]])
+    end: list[Number] | None = Field(None, description="where its joints go and come back from", examples=[[1.0, -1.2]])
+    period: Positive = Field(4.0, description="of what moves [s]", examples=[4.0])
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> ObstacleSpec:
+        missing = [key for key in NEEDS[self.kind] if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind} needs {' and '.join(missing)}")
+        if self.kind == "arm" and self.end is not None and len(self.end) != len(self.start or ()):
+            raise ValueError("start and end of an arm have as many joints")
+        return self
+
+    def share(self, t: float) -> tuple[float, float]:
+        """How far out it is at t [s], from 0 to 1, and how fast [1/s]."""
+        rate = 2.0 * pi / self.period
+        return 0.5 * (1.0 - cos(rate * t)), 0.5 * rate * sin(rate * t)
+
+
+class ClearanceSpec(Section):
+    """The [clearance] table: arguments of `limits.Clearance`."""
+
+    distance: NotNegative = Field(0.02, description="what is kept [m]", examples=[0.02])
+    exclude: list[tuple[str, str]] = Field([], description="pairs that may touch", examples=[[["tool", "table"]]])
+    body: list[BodySpec] | None = Field(
+        None,
+        description="capsules of the links; left out: fitted to the collision geometry of the robot's description",
+        examples=[[{"link": "tool", "a": [0, 0, 0], "b": [0, 0, 0.1], "radius": 0.05}]],
+    )
+
+
+class Around:
+    """What is around an arm in a run, and the clearance from it."""
+
+    def __init__(
+        self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], beside: Callable[[str], Any]
+    ) -> None:
+        """Around a robot, by a task's tables; `beside` looks a robot's source up.
+
+        Raises:
+            BadInput, UnknownName, RobotModelError, MissingExtra: as `limits.Clearance` and `load_robot`.
+        """
+        from invariantqp.control.clearance import Clearance, OtherArm  # only where a task asks for it
+
+        self._specs = obstacles
+        self.obstacles: list[Shape | OtherArm] = [
+            _arm(spec, beside, OtherArm) if spec.kind == "arm" else _shape(spec) for spec in obstacles
+        ]
+        bodies: dict[str, list[Shape]] | None = None
+        if spec.body is not None:
+            bodies = {}
+            for one in spec.body:
+                bodies.setdefault(one.link, []).append(Capsule(one.a, one.b, one.radius))
+        self.move(0.0)
+        self.clearance: Clearance = Clearance(robot, bodies, self.obstacles, spec.distance, exclude=spec.exclude)
+
+    def move(self, t: float) -> None:
+        """Everything to where it is at t [s]."""
+        for spec, obstacle in zip(self._specs, self.obstacles, strict=True):
+            share, rate = spec.share(t)
+            if not isinstance(obstacle, Shape):
+                start = np.array(spec.start)
+                way = np.zeros(len(start)) if spec.end is None else np.array(spec.end) - start
+                obstacle.move(start + share * way, rate * way)
+            elif any(spec.moves):
+                way = np.array(spec.moves)
+                obstacle.move(se3.transform(translation=share * way), np.concatenate((np.zeros(3), rate * way)))
+
+    @property
+    def moving(self) -> bool:
+        """Whether anything of it moves."""
+        return any(spec.end is not None or any(spec.moves) for spec in self._specs)
+
+
+def _arm(spec: ObstacleSpec, beside: Callable[[str], Any], make: Callable[..., OtherArm]) -> OtherArm:
+    place = se3.transform(se3.rotation(np.array(spec.turn)), spec.at)
+    robot = load_robot(beside(str(spec.source)), base=place)
+    assert isinstance(robot, Chain)
+    return make(robot, name=spec.name or "other")
+
+
+def _shape(spec: ObstacleSpec) -> Shape:
+    at: Array = np.array(spec.at)
+    if spec.kind == "sphere":
+        return Sphere(at, spec.radius or 0.0, name=spec.name)
+    if spec.kind == "capsule":
+        return Capsule(at, spec.to or spec.at, spec.radius or 0.0, name=spec.name)
+    if spec.kind == "box":
+        place = se3.transform(se3.rotation(np.array(spec.turn)), at)
+        return Box(place, spec.size or (0.0, 0.0, 0.0), name=spec.name)
+    return HalfSpace(at, spec.normal, name=spec.name)

@@ -1,0 +1,430 @@
+"""Clearance in long runs: targets that jump, distances seen by coal, Pink and mink told the same.
+
+    PYTHONPATH=tests python tests/benchmarks/clearance.py run panda --ticks 100000 [--dt 0.001] [--delay 0.02] [--acceleration 10]
+    PYTHONPATH=tests python tests/benchmarks/clearance.py peers          ours, Pink and mink: runs, starts inside, faces
+    PYTHONPATH=tests python tests/benchmarks/clearance.py reach ur5      around a box: how many arrive
+    PYTHONPATH=tests python tests/benchmarks/clearance.py time           a tick with and without, and of the rows alone
+
+Scenes: "panda" over a table, "ur5" beside a box, "two" UR5s, of which one sweeps, "so101" over a desk. Every figure of a
+distance is coal's, of the same shapes in a Pinocchio model; none is the library's own.
+"""
+
+from __future__ import annotations
+
+import argparse
+from time import perf_counter_ns
+from typing import NamedTuple
+
+import coal
+import mink
+import mujoco
+import numpy as np
+import pink
+import pinocchio as pin
+from pink.barriers import SelfCollisionBarrier
+
+import invariantqp as iq
+from invariantqp.geometry.shapes import Core
+from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm
+
+HOLD = 0.4  # how long a target stays [s]
+
+
+class Scene(NamedTuple):
+    robot: iq.robots.Chain
+    bodies: dict
+    obstacles: list
+    start: np.ndarray
+    exclude: list = []  # noqa: RUF012
+    distance: float = 0.02
+
+    def clearance(self, **more):
+        return Clearance(self.robot, self.bodies, self.obstacles, self.distance, exclude=self.exclude, **more)
+
+
+def panda():
+    robot = iq.load_robot("panda")
+    c = Capsule
+    bodies = {  # about what Franka's own collision model has
+        "panda_link1": [c([0, 0, -0.333], [0, 0, -0.05], 0.08)],
+        "panda_link2": [c([0, 0, -0.06], [0, 0, 0.06], 0.06)],
+        "panda_link3": [c([0, 0, -0.22], [0, 0, -0.07], 0.06)],
+        "panda_link4": [c([0, 0, -0.06], [0, 0, 0.06], 0.06)],
+        "panda_link5": [c([0, 0, -0.31], [0, 0, -0.21], 0.06), c([0, 0.08, -0.19], [0, 0.08, -0.06], 0.025)],
+        "panda_link6": [c([0, 0, -0.08], [0, 0, 0.01], 0.05)],
+        "panda_link7": [c([0, 0, -0.06], [0, 0, 0.08], 0.04)],
+        "panda_hand": [c([0, -0.06, 0.03], [0, 0.06, 0.03], 0.04), c([0, -0.04, 0.085], [0, 0.04, 0.085], 0.025)],
+    }
+    return Scene(robot, bodies, [HalfSpace([0, 0, 0], [0, 0, 1], name="table")], np.array([0, -0.4, 0, -2.2, 0, 1.8, 0.8]),
+                 [("panda_link1", "table"), ("panda_link5", "panda_link7")])  # fmt: skip
+
+
+def ur5():
+    robot = iq.load_robot("ur5")
+    box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
+    return Scene(robot, iq.robots.bodies_of(robot), [box], np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]))
+
+
+def two():
+    arm = iq.load_robot("ur5")
+    other = iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0.0, 0.0]))
+    return Scene(arm, iq.robots.bodies_of(arm), [OtherArm(other, iq.robots.bodies_of(other))],
+                 np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]))  # fmt: skip
+
+
+def so101():
+    robot = iq.load_robot("so101")
+    return Scene(robot, iq.robots.bodies_of(robot), [HalfSpace([0, 0, -0.03], [0, 0, 1], name="desk")],
+                 np.array([0.0, -0.5, 0.0, 0.4, 0.0]), [("base_link", "desk"), ("shoulder_link", "desk"), ("upper_arm_link", "base_link"),
+                  ("lower_arm_link", "shoulder_link")], distance=0.01)  # fmt: skip
+
+
+SCENES = {"panda": panda, "ur5": ur5, "two": two, "so101": so101}
+
+
+def model_of(scene, clearance):
+    """The same pairs in a Pinocchio model, for coal."""
+    model = scene.robot.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, np.zeros(model.nq))
+    geometry = pin.GeometryModel()
+    made = {}
+    for k, part in enumerate(clearance._parts):
+        body = part.body
+        T = (part.shape.pose if part.frame is None else part.frame) @ part.shape.place
+        if part.shape.core is Core.SEGMENT:
+            shape = coal.Capsule(part.shape.radius, 2.0 * float(part.shape.half[2]))
+        elif part.shape.core is Core.BOX:
+            shape = coal.Box(*(2.0 * part.shape.half))
+        else:  # Pinocchio's pairs of coal take a half-space; MuJoCo has planes
+            shape = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+        at = data.oMi[body].inverse() * pin.SE3(T[:3, :3], T[:3, 3])
+        made[k] = geometry.addGeometryObject(pin.GeometryObject(f"{part.name} {k}", body, at, shape))
+    for i, j in clearance._of_pair:
+        geometry.addCollisionPair(pin.CollisionPair(made[i], made[j]))
+    return model, geometry
+
+
+class Judge:
+    """The least distance in a state, by coal."""
+
+    def __init__(self, scene, clearance):
+        self.clearance = clearance
+        self.model, self.geometry = model_of(scene, clearance)
+        self.data, self.seen = self.model.createData(), pin.GeometryData(self.geometry)
+        self.moving = [k for k, part in enumerate(clearance._parts) if part.frame is None]
+        self.skipped = [k for k, d in enumerate(clearance._distances(scene.start)) if not np.isfinite(d)]
+        for k in self.skipped:
+            self.seen.deactivateCollisionPair(k)
+        self.used = [k for k in range(len(self.geometry.collisionPairs)) if k not in self.skipped]
+
+    def __call__(self, q):
+        for k in self.moving:
+            T = self.clearance._parts[k].shape.pose @ self.clearance._parts[k].shape.place
+            self.geometry.geometryObjects[k].placement = pin.SE3(T[:3, :3], T[:3, 3])
+        pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.seen, q)
+        pin.computeDistances(self.geometry, self.seen)
+        return min(self.seen.distanceResults[k].min_distance for k in self.used)
+
+
+def targets(robot, rng):
+    low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
+    while True:
+        yield robot.pose(rng.uniform(low, high))
+
+
+def sweep(other, t, dt):
+    """Where the second of two arms is at t [s], and how fast."""
+    centre, wide = np.array([0.0, -1.2, 1.4, -1.7, -1.57, 0.0]), np.array([1.2, 0.3, 0.4, 0.3, 0.2, 0.0])
+    rate = np.array([0.9, 1.3, 1.1, 0.7, 1.9, 1.0])
+    other.move(centre + wide * np.sin(rate * t), wide * rate * np.cos(rate * t))
+
+
+def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
+    scene = SCENES[name]()
+    clearance = scene.clearance()
+    judge, robot = Judge(scene, clearance), scene.robot
+    rng = np.random.default_rng(seed)
+    wanted = targets(robot, rng)
+    loop = iq.Controller(robot, dt=dt, delay=delay, acceleration_limit=acceleration,
+                         limits=[clearance] if clear else [])  # fmt: skip
+    q, d, x_before = scene.start.copy(), [], np.zeros(len(scene.start))
+    queue = [np.zeros(len(q))] * round(delay / dt)
+    statuses, reasons, times, change, outside = {}, {}, [], [], 0.0
+    for i in range(ticks):
+        if i % round(HOLD / dt) == 0:
+            target = robot.target(next(wanted))
+        if name == "two":
+            sweep(scene.obstacles[0], i * dt, dt)
+        begun = perf_counter_ns()
+        solution = loop.step(q, target)
+        times.append(perf_counter_ns() - begun)
+        x = solution.velocity
+        statuses[str(solution.status)] = statuses.get(str(solution.status), 0) + 1
+        if solution.status == "degraded":
+            reasons[solution.reason[:100]] = reasons.get(solution.reason[:100], 0) + 1
+        queue.append(x)
+        q = q + dt * queue.pop(0)
+        if name == "two":
+            sweep(scene.obstacles[0], (i + 1) * dt, dt)
+        outside = max(outside, float((robot.position_lower - q).max()), float((q - robot.position_upper).max()))
+        d.append(judge(q))
+        change.append(float(np.abs(x - x_before).max()))
+        x_before = x
+    d, micro = np.array(d), np.array(times) * 1e-3
+    print(f"{name}: {len(clearance.pairs)} pairs of bodies, {ticks} ticks of {dt * 1e3:g} ms, delay {delay * 1e3:g} ms, "
+          f"acceleration {acceleration}; least distance {d.min() * 1e3:.3f} of {scene.distance * 1e3:g} mm, "
+          f"inside 0: {int((d < 0).sum())} ticks, below by over 1 um: {np.mean(d < scene.distance - 1e-6) * 100:.2f} %; "
+          f"start {d[0] * 1e3:.1f} mm; "
+          f"change of velocity p50 {np.median(change):.4f} p99 {np.percentile(change, 99):.3f}; tick p50 "
+          f"{np.median(micro):.0f} p99.9 {np.percentile(micro, 99.9):.0f} us; outside limits {max(outside, 0.0):.1e}; {statuses}")  # fmt: skip
+    for reason, count in sorted(reasons.items(), key=lambda item: -item[1])[:4]:
+        print(f"    {count} x {reason}")
+
+
+class Peer:
+    """Pink or mink with the same shapes, pairs, limits, gain and posture as our loop."""
+
+    def __init__(self, kind, scene, clearance, dt, q, gain):
+        self.kind, self.dt, robot = kind, dt, scene.robot
+        middle = 0.5 * (np.maximum(robot.position_lower, -np.pi) + np.minimum(robot.position_upper, np.pi))
+        if kind == "Pink":
+            model, geometry = model_of(scene, clearance)
+            self.configuration = pink.Configuration(model, model.createData(), q, collision_model=geometry)
+            self.task = pink.tasks.FrameTask(
+                robot.tool, position_cost=1.0, orientation_cost=1.0, lm_damping=1e-6, gain=0.1
+            )
+            self.posture = pink.tasks.PostureTask(cost=1e-3, gain=0.001)
+            barrier = SelfCollisionBarrier(len(geometry.collisionPairs), gain=gain, safe_displacement_gain=0.0,
+                                           d_min=scene.distance)  # fmt: skip
+            self.more = {"barriers": [barrier]}
+        else:
+            model, groups = mjcf_of(scene, clearance)
+            self.configuration = mink.Configuration(model)
+            self.task = mink.FrameTask(
+                "tool", "site", position_cost=1.0, orientation_cost=1.0, gain=0.1, lm_damping=1e-6
+            )
+            self.posture = mink.PostureTask(model, cost=1e-3, gain=0.001)
+            speeds = {f"j{i + 1}": v for i, v in enumerate(robot.velocity_limit)}
+            self.more = {"limits": [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds),
+                         mink.CollisionAvoidanceLimit(model, groups, gain=gain, collision_detection_distance=0.05,
+                                                      minimum_distance_from_collisions=scene.distance)]}  # fmt: skip
+        self.posture.set_target(middle)
+
+    def __call__(self, q, target):
+        self.configuration.update(q)
+        wanted = pin.SE3(target) if self.kind == "Pink" else mink.SE3.from_matrix(target)
+        self.task.set_target(wanted)
+        library = pink if self.kind == "Pink" else mink
+        try:
+            x = library.solve_ik(self.configuration, [self.task, self.posture], self.dt, solver="daqp",
+                                 safety_break=False, **self.more)  # fmt: skip
+        except Exception:  # whatever a solver raises where limits contradict each other: the arm stops
+            return np.zeros(len(q))
+        return x if np.isfinite(x).all() else np.zeros(len(q))
+
+
+def mjcf_of(scene, clearance):
+    """The same shapes and pairs as a MuJoCo model; bodies are at the base frame at q = 0."""
+    robot, m = scene.robot, len(scene.robot.names)
+
+    def words(numbers):
+        return " ".join(repr(float(x)) for x in numbers)
+
+    def geoms(body):
+        text = ""
+        for k, part in enumerate(clearance._parts):
+            if part.body != body:
+                continue
+            T = (part.shape.pose if part.frame is None else part.frame) @ part.shape.place
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
+            if part.shape.core is Core.HALF_SPACE:
+                kind, size = "plane", (3.0, 3.0, 0.1)
+            elif part.shape.core is Core.BOX:
+                kind, size = "box", part.shape.half
+            else:
+                kind, size = "capsule", (part.shape.radius, max(float(part.shape.half[2]), 1e-6))
+            text += f'<geom name="g{k}" type="{kind}" size="{words(size)}" pos="{words(T[:3, 3])}" quat="{words(quaternion)}" mass="1"/>'
+        return text
+
+    text = '<mujoco><compiler angle="radian" autolimits="true"/><option gravity="0 0 0"/><worldbody>' + geoms(0)
+    for i, (screw, low, high) in enumerate(
+        zip(robot.screws.T, robot.position_lower, robot.position_upper, strict=True)
+    ):
+        place = np.cross(screw[:3], screw[3:])
+        text += (f'<body name="b{i + 1}"><joint name="j{i + 1}" type="hinge" axis="{words(screw[:3])}" pos="{words(place)}" '
+                 f'range="{max(low, -1e3)} {min(high, 1e3)}"/>')  # fmt: skip
+        text += geoms(i + 1) or '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(robot.home[:3, :3]).ravel())
+    text += f'<site name="tool" pos="{words(robot.home[:3, 3])}" quat="{words(quaternion)}"/>' + "</body>" * m
+    model = mujoco.MjModel.from_xml_string(text + "</worldbody></mujoco>")
+    return model, [([f"g{i}"], [f"g{j}"]) for i, j in clearance._of_pair]
+
+
+# Each at the gain of its own examples, and Pink at a stiffer one.
+LAWS = {"ours": None, "mink": ("mink", 0.85), "Pink": ("Pink", 20.0), "Pink, gain 50": ("Pink", 50.0)}
+
+
+def law(name, scene, clearance, dt, q):
+    if LAWS[name] is None:
+        loop = iq.Controller(scene.robot, dt=dt, limits=[clearance])
+        return lambda q, target: loop.step(q, target).velocity
+    kind, gain = LAWS[name]
+    return Peer(kind, scene, clearance, dt, q, gain)
+
+
+def follow(step, q, target, dt, ticks, judge):
+    """Where the arm gets to, and its distances [m] and velocities."""
+    distances, velocities = [judge(q)], []
+    for i in range(ticks):
+        x = step(q, target(i))
+        q = q + dt * x
+        velocities.append(x)
+        distances.append(judge(q))
+    return q, np.array(distances), np.array(velocities)
+
+
+def peers(ticks):
+    """Ours, Pink and mink: targets that jump, hands along a face, starts inside."""
+    for name, dt in (("panda", 0.001), ("ur5", 0.002)):
+        for label in LAWS:
+            scene = SCENES[name]()
+            clearance = scene.clearance()
+            rng, judge = np.random.default_rng(0), Judge(scene, clearance)
+            wanted = targets(scene.robot, rng)
+            poses = [next(wanted) for _ in range(ticks)]
+            step = law(label, scene, clearance, dt, scene.start)
+            _, d, _ = follow(step, scene.start, lambda i, n=round(HOLD / dt), p=poses: p[i // n], dt, ticks, judge)
+            print(f"{name}, targets that jump, {label:14s}: least {d.min() * 1e3:7.2f} mm of 20, inside {np.mean(d < 0) * 100:.1f} %",
+                  flush=True)  # fmt: skip
+    dt, scene = 0.002, panda()
+    box = Box(iq.transform(translation=[0.5, 0.0, 0.1]), [0.3, 0.5, 0.2], name="box")
+    scene = scene._replace(obstacles=[box], exclude=[("panda_link5", "panda_link7")])
+    down = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, 0.3])
+    start = iq.solve_pose(scene.robot, down, q0=[0, -0.1, 0, -2.2, 0, 2.1, 0.785]).q
+
+    def along(i):
+        at = down.copy()
+        at[:3, 3] = 0.5 + 0.08 * np.sin(2 * np.pi * i * dt / 1.5), 0.05 * np.sin(2 * np.pi * i * dt / 1.1), 0.15
+        return at
+
+    for label in LAWS:
+        clearance = scene.clearance()
+        _, d, v = follow(law(label, scene, clearance, dt, start), start, along, dt, 1000, Judge(scene, clearance))
+        change = np.abs(np.diff(v[400:], axis=0)).max(axis=1)
+        print(f"fingers along a face, {label:14s}: change of joint velocity a tick, median {np.median(change):.4f} rad/s, "
+              f"largest {change.max():.3f}; least {d.min() * 1e3:.2f} mm", flush=True)  # fmt: skip
+    scene = ur5()
+    rng, starts, clearance = np.random.default_rng(3), [], scene.clearance()
+    judge = Judge(scene, clearance)
+    while len(starts) < 12:
+        q = rng.uniform(-np.pi, np.pi, 6)
+        if -0.03 < judge(q) < -0.005:
+            starts.append(q)
+    for label in LAWS:
+        out, fastest = 0, 0.0
+        for q in starts:
+            T = scene.robot.pose(q)
+            _, d, v = follow(law(label, scene, clearance, dt, q), q, lambda _, T=T: T, dt, 750, judge)
+            out += d[-1] > 0.0199
+            fastest = max(fastest, float(np.abs(v[d[:-1] < 0.019]).max(initial=0.0)))
+        print(
+            f"begun inside, {label:14s}: {out} of 12 out after 1.5 s, fastest joint while inside {fastest:.2f} rad/s",
+            flush=True,
+        )
+
+
+def reach(name, count):
+    """Goals that an arm reaches only through something without a clearance: how many with one."""
+    dt, scene = 0.005, SCENES[name]()
+    if name == "panda":
+        block = Box(iq.transform(translation=[0.5, 0.0, 0.2]), [0.16, 0.24, 0.4], name="block")
+        scene = scene._replace(obstacles=[*scene.obstacles, block])
+    centre = np.array([0.5 if name == "panda" else 0.45, 0.0])
+    robot, clearance = scene.robot, scene.clearance()
+    judge, rng = Judge(scene, clearance), np.random.default_rng(11)
+    low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
+
+    def free():
+        while True:
+            q = rng.uniform(low, high)
+            T = robot.pose(q)
+            if judge(q) > 0.03 and np.linalg.norm(T[:2, 3] - centre) < 0.45 and T[2, 3] < 0.6:
+                return q
+
+    def go(step, q, T, ticks):
+        least = 9.0
+        for _ in range(ticks):
+            q = q + dt * step(q, T)
+            least = min(least, judge(q))
+            error = iq.log(T @ np.linalg.inv(robot.pose(q)))
+            if np.linalg.norm(robot.pose(q)[:3, 3] - T[:3, 3]) < 0.003 and np.linalg.norm(error[:3]) < 0.017:
+                return True, least
+        return False, least
+
+    tasks = []
+    while len(tasks) < count:
+        a, T = free(), robot.pose(free())
+        loop = iq.Controller(robot, dt=dt)
+        arrived, least = go(lambda q, T, loop=loop: loop.step(q, T).velocity, a, T, 600)
+        if arrived and least < 0.0:
+            tasks.append((a, T))
+    for label in LAWS:
+        found = [go(law(label, scene, clearance, dt, a), a, T, 1200) for a, T in tasks]
+        print(f"{name}, around obstacles, {label:14s}: {sum(f[0] for f in found)} of {count} reached, "
+              f"{sum(f[1] < 0.0 for f in found)} went through something, least {min(f[1] for f in found) * 1e3:.2f} mm", flush=True)  # fmt: skip
+
+
+def time():
+    """The rows alone and a tick, with about 20 pairs near; the same loop without, turn by turn."""
+    scene = panda()
+    block = Box(iq.transform(translation=[0.6, 0.1, 0.25]), [0.2, 0.2, 0.2], name="block")
+    scene = scene._replace(obstacles=[*scene.obstacles, block])
+    clearance, rng = scene.clearance(), np.random.default_rng(0)
+    kept, free = iq.Controller(scene.robot, dt=0.002, limits=[clearance]), iq.Controller(scene.robot, dt=0.002)
+    rate = clearance.in_loop(0.002, 0.0, None, scene.robot.velocity_limit)
+    q, times = scene.start.copy(), {"rows": [], "tick with": [], "tick without": []}
+    wanted = targets(scene.robot, rng)
+    for i in range(4000):
+        if i % 200 == 0:
+            target = scene.robot.target(next(wanted))
+        for name, call in (
+            ("rows", lambda q, _: clearance.rows_at(q, rate)),
+            ("tick without", free.step),
+            ("tick with", kept.step),
+        ):
+            begun = perf_counter_ns()
+            solution = call(q, target)
+            times[name].append(1e-3 * (perf_counter_ns() - begun))
+        q = q + 0.002 * solution.velocity
+    for name, values in times.items():
+        print(
+            f"{name:13s} ({len(clearance.pairs)} pairs of bodies): p50 {np.median(values):.1f}, p99.9 {np.percentile(values, 99.9):.1f} us"
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["run", "peers", "reach", "time"])
+    parser.add_argument("scene", nargs="?", choices=list(SCENES), default="panda")
+    parser.add_argument("--ticks", type=int, default=20_000)
+    parser.add_argument("--dt", type=float, default=0.001)
+    parser.add_argument("--delay", type=float, default=0.0)
+    parser.add_argument("--acceleration", type=float)
+    parser.add_argument("--without", action="store_true")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    if given.what == "run":
+        run(given.scene, given.ticks, given.dt, given.delay, given.acceleration, given.seed, clear=not given.without)
+    elif given.what == "peers":
+        peers(given.ticks)
+    elif given.what == "reach":
+        reach(given.scene, 24)
+    else:
+        time()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,505 @@
+"""What an arm must not touch: kept in loops, by coal's distances; named, listed, led apart; with both engines."""
+
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp import engine
+from invariantqp.control import clearance as module
+from invariantqp.control.clearance import rows_of
+from invariantqp.geometry.shapes import Core
+from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm, Sphere
+
+coal = pytest.importorskip("coal")
+DT = 0.002
+READY = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+TABLE = HalfSpace([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], name="table")
+HAND = {
+    "panda_link5": [Capsule([0, 0, -0.31], [0, 0, -0.21], 0.06)],
+    "panda_hand": [
+        Capsule([0, -0.06, 0.03], [0, 0.06, 0.03], 0.04),
+        Capsule([0, -0.04, 0.085], [0, 0.04, 0.085], 0.025),
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return iq.load_robot("panda")
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return iq.load_robot("ur5")
+
+
+def by_coal(clearance, q):
+    """The least distance of the pairs whose distance some joint changes."""
+    placed = [place for _, _, place in clearance.shapes(q)]
+    made = [(of_coal(p), coal.Transform3s(np.ascontiguousarray(p.pose[:3, :3]), p.pose[:3, 3].copy())) for p in placed]
+    known = clearance._distances(q)
+    return min(
+        coal.distance(*made[i], *made[j], coal.DistanceRequest(), coal.DistanceResult())
+        for (i, j), d in zip(clearance._of_pair, known, strict=True)
+        if np.isfinite(d)
+    )
+
+
+def of_coal(placed):
+    if placed.core is Core.SEGMENT:
+        length = 2.0 * float(placed.half[2])
+        return coal.Capsule(placed.radius, length) if length > 0.0 else coal.Sphere(placed.radius)
+    return coal.Box(*(2.0 * placed.half)) if placed.core is Core.BOX else coal.Halfspace(np.array([0.0, 0, 1]), 0.0)
+
+
+def below(robot, q, depth):
+    target = robot.pose(q)
+    target[2, 3] -= depth
+    return target
+
+
+def run(loop, q, target, ticks, each=None):
+    solutions = []
+    for i in range(ticks):
+        if each is not None:
+            each(i)
+        solutions.append(loop.step(q, target))
+        q = q + loop.dt * solutions[-1].velocity
+    return q, solutions
+
+
+def test_the_hand_stops_above_the_table_and_is_named(panda):
+    limit = Clearance(panda, HAND, [TABLE])
+    loop = iq.Controller(panda, dt=DT, limits=[limit])
+    q, lowest = READY, 9.0
+    target = below(panda, q, 0.8)
+    for _ in range(600):
+        solution = loop.step(q, target)
+        q = q + DT * solution.velocity
+        lowest = min(lowest, by_coal(limit, q))
+    assert 0.0199 < lowest < 0.0201
+    assert solution.status == "limited"
+    assert solution.reason.endswith("at the limits of clearance: panda_hand and table, 20.0 mm")
+    assert limit.nearest[:2] == ("panda_hand", "table")
+    assert str(limit.nearest) == "panda_hand and table, 20.0 mm"
+    assert limit.at(q).distance == pytest.approx(by_coal(limit, q), abs=1e-9)
+    without = iq.Controller(panda, dt=DT)
+    deepest, _ = run(without, READY, target, 600)
+    assert limit.at(deepest).distance < 0.0
+
+
+@pytest.mark.parametrize(("options", "tolerance"), [
+    ({"dt": 0.001}, 1e-4),
+    ({"dt": 0.01}, 5e-4),
+    ({"dt": 0.002, "acceleration_limit": 10.0}, 1e-4),
+    ({"dt": 0.002, "delay": 0.02}, 5e-4),
+])  # fmt: skip
+def test_the_distance_is_kept_while_targets_jump(ur5, options, tolerance):
+    around = [Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box"), TABLE]
+    limit = Clearance(ur5, None, around, exclude=[("upper_arm_link", "table"), ("shoulder_link", "table")])
+    loop = iq.Controller(ur5, limits=[limit], **options)
+    rng = np.random.default_rng(3)
+    q, x = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]), np.zeros(6)
+    late = [np.zeros(6)] * round(loop.delay / loop.dt)
+    assert limit.at(q).distance > 0.02
+    least, statuses = 9.0, set()
+    hold = round(0.4 / loop.dt)
+    for i in range(8 * hold):
+        if i % hold == 0:
+            target = ur5.pose(rng.uniform(-2.0, 2.0, 6))
+        solution = loop.step(q, target)
+        if "acceleration_limit" in options:
+            assert np.abs(solution.velocity - x).max() <= 10.0 * loop.dt + 1e-9
+        x = solution.velocity
+        late.append(x)
+        q = q + loop.dt * late.pop(0)
+        least = min(least, limit.at(q).distance)
+        statuses.add(str(solution.status))
+        if i % 40 == 0:
+            assert limit.at(q).distance == pytest.approx(by_coal(limit, q), abs=2e-6)
+    assert 0.02 - tolerance < least < (0.05 if "acceleration_limit" in options else 0.03)
+    if "acceleration_limit" not in options:  # else rows that turn with the arm may ask for more
+        assert "degraded" not in statuses
+    assert "held" not in statuses
+
+
+def test_a_row_is_how_fast_the_distance_of_coal_falls(panda):
+    limit = Clearance(panda, HAND, [TABLE, Sphere([0.5, 0.3, 0.4], 0.05)])
+    rng = np.random.default_rng(0)
+    checked = 0
+    while checked < 10:
+        q = READY + rng.uniform(-0.5, 0.5, 7)
+        C, lower, of_pair, d = limit._asked(q, limit._at_rate(1.0, 0.0))
+        k = int(np.argmin(d))
+        rows = np.flatnonzero(of_pair == k)
+        if not len(rows) or d[k] < 0.01:
+            continue
+        nearest = rows[lower[rows].argmax()]
+        x, h = rng.normal(size=7), 1e-6
+        slope = (by_coal(limit, q + h * x) - by_coal(limit, q - h * x)) / (2.0 * h)
+        assert C[nearest] @ x == pytest.approx(slope, abs=1e-4)
+        checked += 1
+
+
+@pytest.mark.skipif(engine.core is None, reason="one engine alone")
+def test_the_core_gives_the_rows_of_its_definition(panda):
+    ball = Sphere([0.5, 0.2, 0.5], 0.1, name="ball")
+    ball.move(np.eye(4), [0.1, 0.0, 0.2, 0.3, -0.1, 0.0])
+    turned = iq.exp([0.4, -0.3, 0.8, 0.5, -0.2, 0.3])
+    bodies = {**HAND, "panda_link7": [Box(np.eye(4), [0.1, 0.08, 0.1])], "panda_link4": [Sphere([0, 0, 0], 0.06)]}
+    limit = Clearance(
+        panda, bodies, [TABLE, ball, Box(turned, [0.3, 0.1, 0.2]), Capsule([0.4, 0, 0], [0.4, 0, 0.7], 0.02)]
+    )
+    rng = np.random.default_rng(1)
+    alike = 0
+    for alpha in (0.0, 10.0, 100.0):
+        rate = limit._at_rate(alpha, 0.0)
+        for _ in range(60):
+            q = READY + rng.uniform(-0.6, 0.6, 7)
+            fast = limit._asked(q, rate)
+            plain = rows_of(panda, q, limit._numbers, limit._twists, limit._pairs, panda.velocity_limit, rate.settings)
+            seen = np.isfinite(fast[3])
+            np.testing.assert_allclose(fast[3][seen], plain[3][seen], atol=1e-12)
+            assert fast[3].min() == pytest.approx(plain[3].min(), abs=1e-12)
+            assert len(fast[0]) == len(plain[0])
+            if len(plain[0]) < module.MOST_ROWS:
+                pairs = [np.lexsort((of[1].round(8), of[2])) for of in (fast, plain)]
+                for a, b in zip(fast[:3], plain[:3], strict=True):
+                    np.testing.assert_allclose(a[pairs[0]], b[pairs[1]], atol=1e-9)
+                alike += len(plain[0]) > 0
+    assert alike > 30
+
+
+def test_without_the_core_it_is_the_same(panda):
+    limit = Clearance(panda, HAND, [TABLE])
+    near = READY + np.array([0, 0.75, 0, -0.1, 0, 0.3, 0])
+    assert 0.0 < limit.at(near).distance < 0.2
+    rate = limit._at_rate(10.0, 0.0)
+    compiled = limit.rows_at(near, rate)
+    with patch.object(module, "core", None):
+        plain = limit.rows_at(near, rate)
+    order = [np.argsort(rows.lower) for rows in (compiled, plain)]
+    np.testing.assert_allclose(compiled.C[order[0]], plain.C[order[1]], atol=1e-12)
+
+
+def test_parallel_faces_do_not_make_it_tremble(panda):
+    """A hand's capsule along a face: the joints' changes are those of the loop without a clearance."""
+    box = Box(iq.transform(translation=[0.5, 0.0, 0.1]), [0.3, 0.5, 0.2], name="box")
+    tip = {"panda_hand": [Capsule([0, -0.04, 0.085], [0, 0.04, 0.085], 0.025)]}
+    down = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, 0.30])
+    start = iq.solve_pose(panda, down, q0=[0, -0.1, 0, -2.2, 0, 2.1, 0.785]).q
+    changes = {}
+    for label, obstacles in (("kept", [box]), ("without", [])):
+        loop = iq.Controller(panda, dt=DT, limits=[Clearance(panda, tip, obstacles)])
+        q, rng, velocities = start, np.random.default_rng(0), []
+        for i in range(700):
+            target = down.copy()
+            target[:3, 3] = 0.5 + 0.08 * np.sin(2 * np.pi * i * DT / 1.5), 0.05 * np.sin(2 * np.pi * i * DT / 1.1), 0.15
+            velocities.append(loop.step(q + 1e-5 * rng.normal(size=7), target).velocity)
+            q = q + DT * velocities[-1]
+        changes[label] = np.median(np.abs(np.diff(velocities[300:], axis=0)).max(axis=1))
+    assert changes["kept"] < 1.2 * changes["without"]
+
+
+def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5):
+    limit = Clearance(ur5, None, [Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")])
+    rng, tried = np.random.default_rng(3), 0
+    while tried < 6:
+        q = rng.uniform(-np.pi, np.pi, 6)
+        if not -0.03 < limit.at(q).distance < -0.005:
+            continue
+        tried += 1
+        loop = iq.Controller(ur5, dt=DT, limits=[limit])
+        first = loop.step(q, ur5.pose(q))
+        assert "(nearer than 20.0)" in first.reason
+        target = ur5.pose(q)
+        for _ in range(1500):
+            x = loop.step(q, target).velocity
+            if limit.nearest.distance < 0.019:
+                assert np.abs(x).max() < 0.3
+            q = q + DT * x
+        assert limit.at(q).distance > 0.0199
+
+
+def test_it_makes_way_for_what_comes(panda):
+    ball = Sphere([0.0, 0.0, 0.0], 0.06, name="ball")
+    limit = Clearance(panda, HAND, [ball])
+    tool = panda.pose(READY)[:3, 3]
+    least = {}
+    for told in (True, False):
+        loop = iq.Controller(panda, dt=DT, limits=[limit])
+        q, d = READY, []
+        for i in range(900):
+            way = np.array([0.0, 0.5, 0.0]) - np.array([0.0, 1.0, 0.0]) * min(i * DT, 1.0)
+            speed = np.array([0.0, -1.0, 0.0]) if i * DT < 1.0 else np.zeros(3)
+            ball.move(iq.transform(translation=tool + way), np.concatenate((np.zeros(3), speed)) if told else None)
+            q = q + DT * loop.step(q, panda.pose(READY)).velocity
+            step = DT * speed  # where it is when the arm is there
+            ball.move(iq.transform(translation=tool + way + step), None)
+            d.append(by_coal(limit, q))
+        least[told] = min(d)
+    assert least[True] > 0.0195
+    assert least[False] < least[True] - 0.003
+
+
+def test_pairs_that_are_not_kept_apart_are_listed_with_a_reason(panda, ur5):
+    limit = Clearance(panda, None, [TABLE], exclude=[("panda_hand", "table")])
+    why = {(one, other): reason for one, other, reason in limit.dropped}
+    assert why["panda_link0", "panda_link1"] == "by the SRDF: Adjacent"
+    assert why["panda_link0", "table"] == "no joint moves it"
+    assert why["panda_hand", "table"] == "excluded"
+    assert ("panda_hand", "table") not in limit.pairs
+    assert ("panda_link7", "table") in limit.pairs
+    assert len(limit.pairs) + len(limit.dropped) == 12 * 11 // 2
+    near = {"shoulder_link": [Sphere([0, 0, 0], 0.1)], "forearm_link": [Sphere([0, 0, -0.2], 0.05)],
+            "upper_arm_link": [Sphere([0, 0, 0.1], 0.05)], "base_link": [Sphere([0, 0, 0.05], 0.1)]}  # fmt: skip
+    free = {(one, other): reason for one, other, reason in Clearance(ur5, near).dropped}
+    assert free["shoulder_link", "upper_arm_link"].startswith(("neighbours", "by the SRDF"))
+    chosen = Clearance(panda, HAND, [TABLE], pairs=[("table", "panda_link5")])
+    assert chosen.pairs == (("panda_link5", "table"),)
+
+
+def test_two_links_that_are_always_near_are_dropped_for_a_proof_and_no_others():
+    """Two hinges through one point: a ball on the last link stays within reach of one at the base, or comes off it."""
+    wrist = iq.robots.Chain(
+        np.column_stack([iq.revolute((0, 0, 1)), iq.revolute((0, 1, 0))]), np.eye(4), velocity_limit=1.0
+    )
+    for far, always in ((0.03, True), (0.2, False)):
+        bodies = {"base": [Sphere([0, 0, 0], 0.05)], "joint2": [Sphere([far, 0, 0], 0.01)]}
+        limit = Clearance(wrist, bodies, distance=0.02)
+        assert [d.reason for d in limit.dropped] == (["always nearer than 20.0 mm"] if always else [])
+
+
+def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_is_known(ur5):
+    other = OtherArm(iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0])), name="left")
+    limit = Clearance(ur5, None, [other])
+    q = np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.0])
+    other.move(q)
+    rate = limit._at_rate(0.5, 0.0)
+    lower = {}
+    for known in (False, True):
+        other.move(q, np.zeros(6) if known else None)
+        _, low, of_pair, _ = limit._asked(q, rate)
+        mine = [limit._parts[limit._of_pair[int(k)][1]].name.startswith("left/") for k in of_pair]
+        lower[known] = low[mine].min()
+    assert lower[True] == pytest.approx(2.0 * lower[False])
+    assert any(name.startswith("left/") for pair in limit.pairs for name in pair)
+    twist = np.linspace(0.1, 0.6, 6)
+    other.move(q, twist)
+    shape = other.parts["wrist_3_link"][0]
+    h = 1e-6
+    before, after = (other.robot.motions(q + s * h * twist)[6] for s in (-1, 1))
+    rate_of = (after - before) / (2 * h) @ np.linalg.inv(other.robot.motions(q)[6])
+    np.testing.assert_allclose(shape.twist[3:], rate_of[:3, 3], atol=1e-6)
+
+
+def test_two_arms_in_one_chain_and_an_arm_on_a_rail(ur5):
+    left = iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0]))
+    both = iq.robots.relative(ur5, left)
+    bodies = {"wrist_3_link": [Sphere([0, 0, 0], 0.05)], "other/wrist_3_link": [Sphere([0, 0, 0], 0.05)],
+              "base_link": [Capsule([0, 0, -0.1], [0, 0, 0.1], 0.1)]}  # fmt: skip
+    limit = Clearance(both, bodies)
+    assert ("wrist_3_link", "other/wrist_3_link") in limit.pairs
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        q, p = rng.uniform(-2, 2, 6), rng.uniform(-2, 2, 6)
+        apart = np.linalg.norm(frame(ur5, q) - frame(left, p)) - 0.1
+        found = limit.distances(np.concatenate((p[::-1], q)))["wrist_3_link", "other/wrist_3_link"]
+        assert found == pytest.approx(apart, abs=1e-12)
+    railed = iq.load_robot("ur5", base=iq.robots.rail([0, 1, 0], -1.0, 1.0, 0.5))
+    wall = HalfSpace([0, 0.6, 0], [0, -1, 0], name="wall")
+    kept = Clearance(railed, None, [wall])
+    loop = iq.Controller(railed, dt=DT, limits=[kept])
+    q = np.array([0.0, 0.0, -1.3, 1.9, -2.17, -1.57, 0.0])
+    target = railed.pose(q)
+    target[1, 3] += 0.7
+    after, solutions = run(loop, q, target, 1500)
+    assert kept.at(after).distance == pytest.approx(0.02, abs=1e-4)
+    assert by_coal(kept, after) == pytest.approx(0.02, abs=1e-4)
+    assert "wall" in solutions[-1].reason
+
+
+def frame(robot, q):
+    link = next(link for link in robot.links if link.name == "wrist_3_link")
+    return (robot.motions(q)[link.body] @ link.frame)[:3, 3]
+
+
+def test_neither_base_frame_nor_tool_frame_nor_unit_changes_a_velocity(panda):
+    rng = np.random.default_rng(0)
+    X = iq.exp([0.4, 1.1, -0.3, 0.5, -2.0, 0.7])
+    Y = iq.exp([0.2, -0.4, 0.3, 0.1, 0.2, -0.1])
+    point = np.linalg.inv(Y)[:3, 3]
+    normal = X[:3, 2]
+    moved = iq.robots.stand_on(X, panda)
+    limit = Clearance(panda, HAND, [TABLE])
+    same = Clearance(moved, HAND, [HalfSpace(X[:3, 3], normal, name="table")])
+    other = panda.with_tool(Y)
+    checked = 0
+    while checked < 25:
+        q = READY + rng.uniform(-0.7, 0.7, 7)
+        if not 0.02 < limit.at(q).distance < 0.05:
+            continue
+        checked += 1
+        target = panda.pose(q + 0.3 * rng.normal(size=7))
+        x = iq.Controller(panda, dt=DT, limits=[limit]).step(q, target).velocity
+        seen = iq.Controller(moved, dt=DT, limits=[same]).step(q, X @ target).velocity
+        tool = (
+            iq.Controller(other, dt=DT, limits=[Clearance(other, HAND, [TABLE])], point=point)
+            .step(q, target @ Y)
+            .velocity
+        )
+        np.testing.assert_allclose(seen, x, atol=1e-10 * np.abs(x).max())
+        np.testing.assert_allclose(tool, x, atol=1e-10 * np.abs(x).max())
+
+
+def test_shapes_without_a_size_and_shapes_in_each_other_give_numbers(panda):
+    degenerate = [
+        Box(np.eye(4), [0.0, 0.0, 0.0]),
+        Box(np.eye(4), [0.3, 0.3, 0.0], name="sheet"),
+        Capsule([0.3, 0, 0.3], [0.3, 0, 0.3], 0.0),
+        Sphere([0, 0, 0], 0.0, name="at the hand"),
+        Capsule([0, 0, 0], [0, 0, 0.2], 0.05, name="along"),
+    ]
+    limit = Clearance(panda, HAND, degenerate)
+    rate = limit._at_rate(100.0, 0.0)
+    hand = panda.motions(READY)[7] @ next(link.frame for link in panda.links if link.name == "panda_hand")
+    for place in (
+        hand,
+        hand @ iq.transform(translation=[0, 0, 0.03]),
+        hand @ iq.transform(translation=[0, -0.06, 0.03]),
+    ):
+        for shape in degenerate:
+            shape.move(place)
+        for compiled in (True, False):
+            with patch.object(module, "core", engine.core if compiled else None):
+                rows = limit.rows_at(READY, rate)
+            assert np.isfinite(rows.C).all()
+            assert np.isfinite(rows.lower).all()
+            assert len(rows.lower) <= module.MOST_ROWS + 7  # and how fast joints may be inside
+        solution = iq.Controller(panda, dt=DT, limits=[limit]).step(READY, panda.pose(READY))
+        assert np.isfinite(solution.velocity).all()
+        assert (np.abs(solution.velocity) <= panda.velocity_limit).all()
+
+
+def test_a_target_inside_an_obstacle_and_a_fast_one_leave_joints_inside_their_limits(ur5):
+    ball = Sphere([0, 0, 0], 0.15, name="ball")
+    limit = Clearance(ur5, None, [ball])
+    loop = iq.Controller(ur5, dt=DT, limits=[limit])
+    q = np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.0])
+    inside = ur5.pose(q)
+    for i in range(300):
+        at = inside[:3, 3] + [0.0, 0.6 - 5.0 * i * DT, 0.0]  # 5 m/s, through the arm
+        ball.move(iq.transform(translation=at), [0, 0, 0, 0, -5.0, 0])
+        x = loop.step(q, inside).velocity
+        assert np.isfinite(x).all()
+        assert (np.abs(x) <= ur5.velocity_limit + 1e-12).all()
+        q = q + DT * x
+    assert (q >= ur5.position_lower).all()
+
+
+def test_a_path_into_a_wall_is_blocked_by_name(ur5):
+    q = np.array([-0.6, -1.3, 1.9, -2.17, -1.57, 0.0])
+    start = ur5.pose(q)
+    wall = Box(iq.transform(translation=[start[0, 3], start[1, 3] + 0.3, 0.2]), [0.3, 0.05, 0.6], name="wall")
+    limit = Clearance(ur5, None, [wall])
+    path = [iq.transform(translation=[0, 0.5 * s, 0]) @ start for s in np.linspace(0.0, 1.0, 30)]
+    follower = iq.PathFollower(iq.Controller(ur5, dt=DT, limits=[limit]), path)
+    follower.prepare(q)
+    for _ in range(2000):
+        solution = follower.step(q)
+        q = q + DT * solution.velocity
+        if solution.status == "blocked":
+            break
+    assert solution.status == "blocked"
+    assert "and wall are nearer than 20.0 mm" in solution.reason
+    assert limit.at(q).distance == pytest.approx(0.02, abs=1e-4)
+
+
+def test_a_pose_is_found_where_the_clearance_is_kept_or_is_no_success(ur5):
+    q = np.array([-0.6, -1.3, 1.9, -2.17, -1.57, 0.0])
+    target = ur5.pose(q)
+    block = Box(iq.transform(translation=[0.25, -0.1, 0.45]), [0.1, 0.1, 0.2], name="block")
+    limit = Clearance(ur5, None, [block])
+    assert limit.at(iq.solve_pose(ur5, target, q0=q).q).distance < 0.0
+    found = iq.solve_pose(ur5, target, q0=q, clearance=limit, time_limit=np.inf)
+    assert found.success
+    assert limit.at(found.q).distance >= 0.02
+    inside = Clearance(ur5, None, [Sphere(target[:3, 3], 0.1, name="ball")])
+    none = iq.solve_pose(ur5, target, q0=q, clearance=inside, time_limit=np.inf, restarts=8)
+    assert not none.success
+    assert none.position_error < 1e-6
+    assert "and ball are nearer than 20.0 mm" in none.reason
+    with pytest.raises(iq.BadInput, match="clearance"):
+        iq.solve_pose(ur5, target, clearance=3.0)
+
+
+def test_what_is_pressed_on_is_excluded_by_its_name(panda):
+    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal=[0, 0, 1]), [5.0])
+    limit = Clearance(panda, HAND, [TABLE], exclude=[("panda_hand", "table")])
+    loop = iq.HybridController(panda, task, dt=DT, order="moment first", limits=[limit])
+    solution = loop.step(READY, panda.pose(READY), np.zeros(6))
+    assert np.isfinite(solution.velocity).all()
+    assert limit.nearest.first == "panda_link5"
+
+
+def test_what_decides_the_rate(panda):
+    limit = Clearance(panda, HAND, [TABLE])
+    v = panda.velocity_limit
+    assert limit.in_loop(0.001, 0.0, None, v).settings[1] == pytest.approx(100.0)
+    assert limit.in_loop(0.001, 0.02, None, v).settings[1] == pytest.approx(1.0 / (np.e * 0.0205))
+    slowest = module.BRAKING * 10.0 / v.max()
+    assert limit.in_loop(0.001, 0.0, np.full(7, 10.0), v).settings[1] == pytest.approx(slowest)
+    assert Clearance(panda, HAND, [TABLE], rate=3.0).in_loop(0.001, 0.0, None, v).settings[1] == 3.0
+    unlimited = panda.with_limits(velocity_limit=np.inf)
+    with pytest.raises(iq.BadInput, match="without a speed"):
+        iq.Controller(unlimited, dt=DT, acceleration_limit=5.0, limits=[Clearance(unlimited, HAND, [TABLE])])
+    rows = iq.Controller(unlimited, dt=DT, limits=[Clearance(unlimited, HAND, [TABLE])]).step(
+        READY, below(panda, READY, 0.1)
+    )
+    assert np.isfinite(rows.velocity).all()
+
+
+@pytest.mark.parametrize(("make", "said"), [
+    (lambda r: Clearance("panda"), "robot: found 'panda'"),
+    (lambda r: Clearance(r, HAND, 3), "obstacles: found 3"),
+    (lambda r: Clearance(r, HAND, [np.eye(4)]), "obstacles"),
+    (lambda r: Clearance(r, HAND, distance=-0.1), "distance"),
+    (lambda r: Clearance(r, HAND, distance=np.nan), "distance"),
+    (lambda r: Clearance(r, {"panda_hand": [3]}), "bodies"),
+    (lambda r: Clearance(r, 3), "bodies"),
+    (lambda r: Clearance(r, HAND, exclude=["ab"]), "exclude"),
+    (lambda r: Clearance(iq.load_robot("fr3")), "known without collision geometry"),
+    (lambda r: Sphere([0, 0, np.nan], 0.1), "centre"),
+    (lambda r: Sphere([0, 0, 0], -0.1), "radius"),
+    (lambda r: Capsule([0, 0, 0], [0, np.inf, 0], 0.1), "b"),
+    (lambda r: Capsule([0, 0, -1e308], [0, 0, 1e308], 0.1), "b"),
+    (lambda r: Box(np.eye(4), [0.1, -0.1, 0.1]), "size"),
+    (lambda r: Box(2 * np.eye(4), [0.1, 0.1, 0.1]), "pose"),
+    (lambda r: HalfSpace([0, 0, 0], [0, 0, 0]), "normal"),
+    (lambda r: Sphere([0, 0, 0], 0.1, name=3), "name"),
+    (lambda r: Sphere([0, 0, 0], 0.1).move(np.zeros((4, 4))), "pose"),
+    (lambda r: Sphere([0, 0, 0], 0.1).move(np.eye(4), [np.nan] * 6), "twist"),
+    (lambda r: Clearance(r, HAND, [TABLE])(READY), "rate"),
+    (lambda r: iq.Controller(iq.load_robot("ur5"), dt=DT, limits=[Clearance(r, HAND)]), "of another robot"),
+])  # fmt: skip
+def test_what_is_none_is_refused_by_name(panda, make, said):
+    with pytest.raises(iq.BadInput, match=said):
+        make(panda)
+
+
+def test_bodies_that_are_not_there_are_unknown_names(panda):
+    with pytest.raises(iq.errors.UnknownName, match="elbow"):
+        Clearance(panda, {"elbow": [Sphere([0, 0, 0], 0.1)]})
+    with pytest.raises(iq.errors.UnknownName, match="shelf"):
+        Clearance(panda, HAND, [TABLE], exclude=[("panda_hand", "shelf")])
+
+
+def test_a_shape_stays_what_it_is():
+    ball = Sphere([0.1, 0, 0], 0.1)
+    with pytest.raises(AttributeError, match="move"):
+        ball.radius = 0.2
+    ball.move(iq.transform(translation=[0, 0, 1.0]))
+    np.testing.assert_array_equal((ball.pose @ ball.place)[:3, 3], [0.1, 0, 1.0])
+    assert "sphere" in repr(ball)
