@@ -34,7 +34,8 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
-    "Controller.posture_pull Controller.told Controller.wrong "
+    "Controller.posture_pull Controller.told Controller.wrong Clearance.told Clearance.rows Clearance.in_loop "
+    "Chain.motions Chain.with_links LimitRows.trusted "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }

@@ -229,7 +229,7 @@ def _collision_model(robot: Any) -> Any:
     Raises:
         BadInput: the arm is known without.
     """
-    from invariantqp.robots.coal import collision_model
+    from invariantqp.robots.collision_model import collision_model
 
     if not any(link.parts for link in getattr(robot, "links", ())):
         raise BadInput(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
-from invariantqp.errors import BadInput, RobotModelError
+from invariantqp.errors import BadInput, RobotModelError, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
 from invariantqp.robots.chain import Chain
@@ -47,7 +47,9 @@ def bodies_of(robot: Chain) -> Bodies:
         RobotModelError: geometry that cannot be read.
         MissingExtra: meshes, without coal (extra `pin`).
     """
-    if not isinstance(robot, Chain) or not any(link.parts for link in robot.links):
+    if not isinstance(robot, Chain):
+        raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
+    if not any(link.parts for link in robot.links):
         raise BadInput(
             "bodies",
             "none, and a robot known without collision geometry",

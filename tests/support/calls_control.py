@@ -108,7 +108,15 @@ def loop_options():
 
 
 def pose_options():
-    return {"form": None, "exact": None, "tolerance": 1e-6, "time_limit": 0.01, "restarts": 0, "seed": 0, "clearance": None}
+    return {
+        "form": None,
+        "exact": None,
+        "tolerance": 1e-6,
+        "time_limit": 0.01,
+        "restarts": 0,
+        "seed": 0,
+        "clearance": None,
+    }
 
 
 TILTS = [iq.exp([0.6 * np.cos(k), 0.6 * np.sin(k), 0.0, 0.0, 0.0, 0.0]) for k in range(5)]
@@ -161,6 +169,7 @@ CONTROL = {
             "velocity_limit": 1.0,
             "tool": "tool",
             "places": None,
+            "links": (),
         },
     ),
     **robot_calls("Chain", chain),
