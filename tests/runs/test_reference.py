@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import get_args
 
-from invariantqp.runs.problems import toml
 from invariantqp.runs.clearancespec import BodySpec, ObstacleSpec
+from invariantqp.runs.problems import toml
 from invariantqp.runs.reference import TABLES, default_of, meaning
 from invariantqp.runs.robotspec import Screw
 from invariantqp.runs.taskfile import Task
