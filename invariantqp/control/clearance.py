@@ -53,8 +53,8 @@ SHARE_OF_ROOM = 0.1
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn as the arm moves.
 BRAKING = 0.7
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
-# than the second: an arm that begins inside comes out in a second or three, without a kick. That holds from a depth on of
-# the third, of the distance; less is what curvature takes of it in a tick.
+# than the second: an arm that begins inside comes out in a second or three, without a kick. That holds from a depth on
+# of the third, of the distance; less is what curvature takes of it in a tick.
 ESCAPE, CALM, DEEP = 0.06, 0.09, 0.05
 # Joints without a velocity limit count as this fast where pairs are ranked and led apart [rad/s, length/s].
 USUAL_SPEED = 1.0

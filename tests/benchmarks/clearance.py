@@ -9,6 +9,7 @@ Scenes: "panda" over a table, "ur5" beside a box, "two" UR5s, of which one sweep
 distance is coal's, of the same shapes in a Pinocchio model; none is the library's own.
 """
 
+# ruff: noqa: E501, BLE001, B008, C901 (figures are printed in long lines, each run is a script of its own)
 from __future__ import annotations
 
 import argparse
