@@ -43,7 +43,7 @@ from invariantqp.runs.controllers import law_options
 from invariantqp.runs.plants.ideal import IdealPlant
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import load_task, shipped_tasks, task_from
-from invariantqp.velocity import damping, law, posed, share, stages
+from invariantqp.velocity import damping, exact, law, tick
 
 DT = 0.01
 KINDS = ("free", "singular", "singular, no feedforward", "too fast", "past a limit", "jump", "turn", "stay")
@@ -141,14 +141,14 @@ STUDIES: dict[str, Study] = {
         constants(controller, "SLACK", 1e-3, 3e-3, 1e-2)
     ),
     "POSTURE_PACE: the joint speed at which half of the posture is followed": Study(
-        constants(posed, "POSTURE_PACE", 1e-3, 3e-3, 1e-2, 2e-2), joints=7
+        constants(tick, "POSTURE_PACE", 1e-3, 3e-3, 1e-2, 2e-2), joints=7
     ),
     "posture_gain [1/s]": Study(
         (Choice("1"), *(Choice(f"{g:g}", fixed(posture_gain=g)) for g in (0.0, 0.3, 3.0, 10.0))), joints=7
     ),
-    "CALM: damping that grows with the residual": Study(constants(stages, "CALM", 0.0, 0.25, 0.5, 1.0, 4.0)),
+    "CALM: damping that grows with the residual": Study(constants(tick, "CALM", 0.0, 0.25, 0.5, 1.0, 4.0)),
     "EXACT_CALM: the same of exact rows": Study(
-        constants(share, "EXACT_CALM", 0.15, 0.5, 1.0, 2.0, exact="position"), joints=4
+        constants(exact, "EXACT_CALM", 0.15, 0.5, 1.0, 2.0, exact="position"), joints=4
     ),
     **{f"TRACKING_SHARE: of the error in a tick; {NOISE:g} rad of noise, {n} ticks late": gains(n) for n in LATE},
     "form: what is attempted beyond the joints": Study(

@@ -92,8 +92,8 @@ with lazily(__name__, moved=MOVED):
     from invariantqp.velocity.forms import CarriedMetric as CarriedMetric
     from invariantqp.velocity.forms import Complement as Complement
     from invariantqp.velocity.forms import PitchForm as PitchForm
-    from invariantqp.velocity.guard import Guard as Guard
-    from invariantqp.velocity.limits.box import Bounds as Bounds
-    from invariantqp.velocity.request import solve_velocity as solve_velocity
+    from invariantqp.velocity.law import Guard as Guard
+    from invariantqp.velocity.limits import Bounds as Bounds
+    from invariantqp.velocity.problem import solve_velocity as solve_velocity
     from invariantqp.velocity.solution import Status as Status
     from invariantqp.version import __version__ as __version__

@@ -10,6 +10,6 @@ with lazily(__name__):
     from invariantqp.geometry.shapes import Capsule as Capsule
     from invariantqp.geometry.shapes import HalfSpace as HalfSpace
     from invariantqp.geometry.shapes import Sphere as Sphere
-    from invariantqp.velocity.limits.box import Bounds as Bounds
-    from invariantqp.velocity.limits.rows import LimitRows as LimitRows
-    from invariantqp.velocity.limits.toolspeed import ToolSpeed as ToolSpeed
+    from invariantqp.velocity.limits import Bounds as Bounds
+    from invariantqp.velocity.limits import LimitRows as LimitRows
+    from invariantqp.velocity.limits import ToolSpeed as ToolSpeed

@@ -20,7 +20,7 @@ from invariantqp.geometry import arrays
 from invariantqp.robots.mink import SE3, Configuration, FrameTask, Objective, chain_to
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import CarriedMetric, Form
-from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.law import Guard
 
 __all__ = ["InvariantFrameTask"]
 

@@ -24,7 +24,7 @@ from invariantqp.robots.models import chain_to
 from invariantqp.robots.pinocchio import placement
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import CarriedMetric, Form
-from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.law import Guard
 
 __all__ = ["InvariantFrameTask"]
 

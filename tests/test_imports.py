@@ -142,8 +142,8 @@ def test_errors_have_one_base():
     for name in iq.errors.__all__:
         assert issubclass(getattr(iq.errors, name), iq.InvariantQPError)
     assert issubclass(iq.errors.UnknownName, iq.errors.RobotModelError)
-    error = iq.errors.MissingExtra("cvxpy", "cvxpy")
-    assert str(error) == f"cvxpy is not installed. Run: {error.install}"
+    error = iq.errors.MissingExtra("osqp", "solvers")
+    assert str(error) == f"osqp is not installed. Run: {error.install}"
     assert isinstance(error, ImportError)
 
 
@@ -179,7 +179,6 @@ EXTRAS = {
     "pin": ("iq.load_robot(np.eye(6), np.eye(4)).model", ["pinocchio"]),
     "solvers": ("iq.Controller(iq.load_robot(np.eye(6), np.eye(4)), dt=0.01, backend='osqp')", ["osqp"]),
     "pictures": ("iq.pictures.picture", ["matplotlib"]),
-    "cvxpy": ("iq.limits.ToolSpeed(0.25, exact=True)", ["cvxpy"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "mink": ("from invariantqp.mink import InvariantFrameTask", ["mink"]),
     "peers": ("from invariantqp.compare.registry import controller_named as c; c('Pink')", ["pink"]),

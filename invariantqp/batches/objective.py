@@ -21,8 +21,15 @@ import numpy as np
 from invariantqp.batches.box import Problem, inverse_hessian_times, least_squares_in_box
 from invariantqp.batches.measure import length_of
 from invariantqp.batches.namespace import Namespace, Rows, carries_derivatives, constant, constant_of, precision
-from invariantqp.velocity.calm import CALM, DEVIATION_SHARE, QUIET_SHARE
-from invariantqp.velocity.damping import UNLIMITED_CEILING, UNLIMITED_THRESHOLD, Adaptive, Fixed
+from invariantqp.velocity.damping import (
+    CALM,
+    DEVIATION_SHARE,
+    QUIET_SHARE,
+    UNLIMITED_CEILING,
+    UNLIMITED_THRESHOLD,
+    Adaptive,
+    Fixed,
+)
 from invariantqp.velocity.objective import NULL_RATIO, NULL_WEIGHT
 
 # In single precision, directions that the law damps by less than this share of the largest singular value are damped by
@@ -72,7 +79,7 @@ def damped_least_squares(
         posture: (..., m) x_p.
         damping: the policy; None is the law's default for each row.
         unit: (..., 1) what A and b were divided by, for a fixed lambda.
-        dt: how long the velocity is held, for `velocity.calm`; the answer then has no derivative.
+        dt: how long the velocity is held, for `velocity.damping.calm`; the answer then has no derivative.
     """
     A0, b0, low, high, towards = (constant_of(v) for v in (A, b, lower, upper, posture))
     m = A0.shape[-1]
@@ -121,7 +128,7 @@ def _boxed(
 
 
 def _calm(xp: Namespace, A: Rows, b: Rows, x: Rows, speed: Rows, dt: float) -> Rows:
-    """(...) mu of `velocity.calm`."""
+    """(...) mu of `velocity.damping.calm`."""
     size, left = xp.sqrt(xp.sum(A * A, axis=(-2, -1))), length_of(xp, b - _times(xp, A, x))
     deviation = DEVIATION_SHARE * dt * size * speed * speed - length_of(xp, b)
     error = left + xp.maximum(deviation, xp.zeros_like(deviation))

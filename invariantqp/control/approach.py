@@ -16,7 +16,7 @@ import numpy as np
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.damping import Adaptive, PaperLambda
 from invariantqp.velocity.law import VelocityLaw
-from invariantqp.velocity.limits.braking import BrakingBox
+from invariantqp.velocity.limits import BrakingBox
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
 # Share of the joints' acceleration that is used to brake along the joint distances; the rest is a reserve, since joint

@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.limits.box import JointBox
-from invariantqp.velocity.limits.braking import BrakingBox
-from invariantqp.velocity.qp.quadratic import Cone
+from invariantqp.velocity.limits import BrakingBox, JointBox
+from invariantqp.velocity.qp import Cone
 
 # What stands in the reason of a tick whose slider is at zero.
 STOPPED = "speed is 0"

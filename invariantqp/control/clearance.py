@@ -38,8 +38,8 @@ from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.srdf import Exclusions, excluded
-from invariantqp.velocity.limits.rows import LimitRows
-from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
+from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 from invariantqp.velocity.solution import SLOWEST, Status, VelocitySolution
 
 # Rows of a tick, at most: more than an arm has joints several times over.

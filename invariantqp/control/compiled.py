@@ -62,8 +62,6 @@ def compiled_loop(
     carried = measure.carried
     if core is None or law.compiled is None or (carried is None and measure.point is None):
         return None
-    if speed is not None and speed.exact:
-        return None
     m, planned = len(posture), (law.planned.compiled or law.compiled)[:2]
     if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None

@@ -31,14 +31,13 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
+from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.law import SLACK, Chase, Demand, VelocityLaw
-from invariantqp.velocity.limits.toolspeed import ToolSpeed
+from invariantqp.velocity.law import SLACK, Chase, Demand, Guard, VelocityLaw
+from invariantqp.velocity.limits import ToolSpeed
 from invariantqp.velocity.problem import guard_of, metric_of
-from invariantqp.velocity.qp.backends import Backend, backend_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 

@@ -18,7 +18,7 @@ import numpy as np
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.limits.rows import LimitRows
+from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.solution import VelocitySolution
 
 Rows = LimitRows | Callable[[Array], LimitRows | None]

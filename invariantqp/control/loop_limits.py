@@ -15,11 +15,8 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
-from invariantqp.velocity.limits.box import JointBox, accelerations
-from invariantqp.velocity.limits.braking import BrakingBox
-from invariantqp.velocity.limits.rows import LimitRows
-from invariantqp.velocity.limits.toolspeed import ToolSpeed
-from invariantqp.velocity.qp.quadratic import Cone
+from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
+from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 Strained = tuple[tuple[int, str], ...]

@@ -18,7 +18,7 @@ from invariantqp.control.path_knot import Knot
 from invariantqp.control.path_speed import drivable, smooth_speed, top_speed
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.velocity.limits.braking import braking_speed
+from invariantqp.velocity.limits import braking_speed
 
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
 VELOCITY_SHARE = 0.998

@@ -20,7 +20,7 @@ from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.limits.braking import braking_speed
+from invariantqp.velocity.limits import braking_speed
 from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 
 # The gain towards a pose is at most this share of jerk / acceleration: the tool then comes to rest without overshoot.

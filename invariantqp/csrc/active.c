@@ -1,4 +1,4 @@
-/* Beside velocity/qp/quadratic.py, where a solver does it: the shortest e on a set of active limits, N_a e = b_a, and their multipliers.
+/* Beside velocity/qp.py, where a solver does it: the shortest e on a set of active limits, N_a e = b_a, and their multipliers.
 
        e + N_a'y = 0,   y > 0 at an upper limit, y < 0 at a lower one */
 

@@ -1,4 +1,4 @@
-/* Twin of velocity/limits/braking.py and control/approach.py: a joint is never faster than it can still brake in the room
+/* Twin of velocity/limits.py (BrakingBox) and control/approach.py: a joint is never faster than it can still brake in the room
    it has left, nor the tool faster than its joints can brake before the target.
 
        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room */

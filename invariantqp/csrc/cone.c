@@ -1,4 +1,4 @@
-/* Twin of Cone in velocity/qp/quadratic.py: a speed limit |start + J x| <= limit. */
+/* Twin of Cone in velocity/qp.py: a speed limit |start + J x| <= limit. */
 
 #include "core.h"
 

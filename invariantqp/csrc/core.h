@@ -23,7 +23,7 @@ typedef enum { DONE, HAND_BACK } Outcome;
 /* (rows, MOST) row by row; only the first n columns are used. */
 typedef double Row[MOST];
 
-/* qp/quadratic.py: |start + J x| <= limit; a limit of 0 is none */
+/* velocity/qp.py: |start + J x| <= limit; a limit of 0 is none */
 typedef struct {
     double limit, start[3];
     Row J[3];
@@ -35,7 +35,7 @@ typedef struct {
     Row M[3];
 } Slow;
 
-/* qp/quadratic.py: lower <= A z <= upper, A the identity for a box; joints first, then rows */
+/* velocity/qp.py: lower <= A z <= upper, A the identity for a box; joints first, then rows */
 typedef struct {
     int count;
     bool box;
@@ -106,13 +106,13 @@ typedef struct {
     double U[6][6];
 } Spectrum;
 
-/* qp/quadratic.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e */
+/* velocity/qp.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e */
 typedef struct {
     int n;
     Row K[MOST], T[MOST], centre;
 } Quadratic;
 
-/* qp/quadratic.py: the minimiser and its multipliers, zero where a limit is not active */
+/* velocity/qp.py: the minimiser and its multipliers, zero where a limit is not active */
 typedef struct {
     Row z;
     double multipliers[LIMITS];
@@ -128,7 +128,7 @@ typedef struct {
     double effort, bend;
 } Reduction;
 
-/* share.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it; the weakest
+/* exact.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it; the weakest
    of several is not in `near` */
 typedef struct {
     double value;
@@ -279,6 +279,7 @@ extern const Constant CONSTANTS[];
 #define PRODUCT_ROUNDING 1e-14
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
+#define GROWING 0.01
 #define POSTURE_PACE 0.01
 #define PACE_ROUNDING 1e-14
 #define NO_CHASE 1e-12

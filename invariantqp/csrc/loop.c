@@ -1,4 +1,4 @@
-/* Twin of control/controller.py, measure.py, memory.py, convergence.py and velocity/limits/box.py: one tick of a loop.
+/* Twin of control/controller.py, measure.py, memory.py, convergence.py and velocity/limits.py (JointBox): one tick of a loop.
 
        s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q)) */
 

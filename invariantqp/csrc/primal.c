@@ -1,4 +1,4 @@
-/* Beside velocity/qp/quadratic.py, where a solver does it: the shortest e inside limits, from one that is inside. */
+/* Beside velocity/qp.py, where a solver does it: the shortest e inside limits, from one that is inside. */
 
 #include "qp.h"
 #include <stdlib.h>

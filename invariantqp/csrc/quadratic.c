@@ -1,4 +1,4 @@
-/* Twin of velocity/qp/quadratic.py: a convex quadratic inside limits.
+/* Twin of velocity/qp.py: a convex quadratic inside limits.
 
        minimise 1/2 |e|^2   over   lower <= A z <= upper,   z = z* + T e
        on a set of active limits: the shortest e on it (active.c)
@@ -110,7 +110,7 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
     return DONE;
 }
 
-/* Polytope.on of qp/quadratic.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
+/* Polytope.on of velocity/qp.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result)
 {
     result->count = limits->count;

@@ -36,7 +36,7 @@ bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], R
     if (!(smallest >= share * share * largest))
         return false;
     double pace = demand->has_posture ? 1.0 : 0.0;
-    if (demand->has_posture && demand->paced) { /* posed.py, _pace */
+    if (demand->has_posture && demand->paced) { /* tick.py, _followed */
         double ahead[6];
         for (int i = 0; i < 6; i++)
             ahead[i] = demand->chased ? dot(6, demand->root[i], demand->chase.ahead) : b[i];

@@ -69,7 +69,8 @@ void clipped(const Demand *demand, const Row x, Solution *solution)
         solution->residual[i] = demand->s[i] - dot(demand->m, demand->J[i], solution->velocity);
 }
 
-/* Whether the errors of position and angle each fall at FALLING of the rate asked for; those within slack do. */
+/* Whether the errors of position and angle each fall at FALLING of the rate asked for; those within slack do
+   not grow by more than GROWING of it. */
 static bool falls(const Demand *demand, const Row x)
 {
     double asked[6], done[6], twist[6];
@@ -86,7 +87,8 @@ static bool falls(const Demand *demand, const Row x)
     int size = demand->chase.apart ? 3 : 6;
     for (int i = 0; i < 6; i += size) {
         double rate = norm(size, asked + i);
-        if (!(dot(size, asked + i, done + i) >= rate * (FALLING * rate - demand->chase.slack)))
+        double least = fmax(FALLING * rate - demand->chase.slack, -GROWING * demand->chase.slack);
+        if (!(dot(size, asked + i, done + i) >= rate * least))
             return false;
     }
     return true;
@@ -103,7 +105,7 @@ static double missed_share(int m, const Row A[6], const double wanted[6], const 
     return size > 0.0 ? norm(6, left) / size : INFINITY;
 }
 
-/* posed.py, _pace: how much of a chase counts as motion of the task */
+/* tick.py, _followed: how much of a chase counts as motion of the task */
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6])
 {
     double chase[6], size;
@@ -115,7 +117,7 @@ double steady_share(const Demand *demand, const double wanted[6], const double a
     return size <= demand->chase.slack ? 0.0 : 1.0 - demand->chase.slack * demand->chase.slack / (size * size);
 }
 
-/* posed.py, _pace: by the joint velocity x that the task needs */
+/* tick.py, _followed: by the joint velocity x that the task needs */
 double posture_share(const Demand *demand, const Row x)
 {
     double t = 0.0;

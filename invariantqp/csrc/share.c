@@ -1,4 +1,4 @@
-/* Twin of velocity/share.py: how much of the exact rows' speed the limits allow. y0 and y count from the
+/* Twin of velocity/exact.py, share_of: how much of the exact rows' speed the limits allow. y0 and y count from the
    velocity that moves the rows least, which is standing still where limits allow that.
 
        minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits
@@ -26,7 +26,7 @@ static Outcome best(const Polytope *room, const Cone *slow, const Row first, int
 
 static double within(double share) { return between(share, 0.0, 1.0); }
 
-/* stages.py, slowed_rows: the velocity inside the limits that moves the rows least, from one that is inside; the rows
+/* exact.py, counted_from_least: the velocity inside the limits that moves the rows least, from one that is inside; the rows
    count from its part that they fix. */
 Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside)
 {

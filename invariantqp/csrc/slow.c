@@ -1,4 +1,4 @@
-/* Beside the search for nu in velocity/qp/quadratic.py: a speed limit on a face, |start + M e| <= limit, by its one multiplier.
+/* Beside the search for nu in velocity/qp.py: a speed limit on a face, |start + M e| <= limit, by its one multiplier.
 
        minimise 1/2 |e|^2 + 1/2 nu |v|^2,  v = start + M e,  on the face,   nu >= 0 such that |v| = limit
        U S V' = M on the face:   U'v(nu) = (I + nu S S')^-1 U'v(0),   nu the root of one scalar equation */

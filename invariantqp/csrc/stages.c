@@ -1,4 +1,4 @@
-/* Twin of velocity/stages.py and posed.py: one tick, stage by stage, inside all of its limits.
+/* Twin of velocity/tick.py: one tick, stage by stage, inside all of its limits.
 
        free       the optimum without limits, where that is inside them; otherwise:
        share      exact rows slow down along their direction where limits require it
@@ -33,7 +33,7 @@ typedef struct {
     Row inside;
 } Room;
 
-/* posed.py, limits_of */
+/* tick.py, limits_of */
 static void limits_of(const Demand *demand, const Row lower, const Row upper, Polytope *limits)
 {
     int m = demand->m;
@@ -54,7 +54,7 @@ static void limits_of(const Demand *demand, const Row lower, const Row upper, Po
         product_with(demand->limits, m, limits->A + m, metric->T);
 }
 
-/* posed.py, _pace: the share of the posture that is followed, by the joint speed that the task needs. */
+/* tick.py, _followed: the share of the posture that is followed, by the joint speed that the task needs. */
 static Outcome pace(Posed *problem, double *share)
 {
     const Demand *demand = problem->demand;

@@ -11,7 +11,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
-from invariantqp.velocity.qp.backends import UNBOUNDED
+from invariantqp.velocity.backends import UNBOUNDED
 
 # |omega.v| of a hinge relative to |omega| |v|: below this its pitch is rounding.
 HINGE = 1e-9

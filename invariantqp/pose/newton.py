@@ -27,8 +27,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import Linearization, PoseError
 from invariantqp.pose.joint_space import JointSpace
 from invariantqp.systems.span import rank_of
+from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
 from invariantqp.velocity.exact import ROW_TOLERANCE
-from invariantqp.velocity.qp.backends import BoxQP, Daqp, SolverFailure
 
 # lambda at the start of a try [1 / rad^2], its factors after a step that reduced the error and after one that did not,
 # and its least value.

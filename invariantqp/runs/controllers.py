@@ -15,7 +15,7 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.wrench import WrenchSensor
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.limits.toolspeed import ToolSpeed
+from invariantqp.velocity.limits import ToolSpeed
 
 MakeController = Callable[[Robot, LawSpec], Controls]
 

@@ -3,6 +3,9 @@
 from invariantqp.lazy import lazily
 
 with lazily(__name__):
+    from invariantqp.velocity.backends import Backend as Backend
+    from invariantqp.velocity.backends import BoxQP as BoxQP
+    from invariantqp.velocity.backends import SolverFailure as SolverFailure
     from invariantqp.velocity.batch import VelocitySolutions as VelocitySolutions
     from invariantqp.velocity.batch import solve_velocities as solve_velocities
     from invariantqp.velocity.damping import Adaptive as Adaptive
@@ -11,15 +14,12 @@ with lazily(__name__):
     from invariantqp.velocity.damping import PaperLambda as PaperLambda
     from invariantqp.velocity.damping import Selective as Selective
     from invariantqp.velocity.exact import ExactRows as ExactRows
-    from invariantqp.velocity.guard import Guard as Guard
-    from invariantqp.velocity.qp.backends import Backend as Backend
-    from invariantqp.velocity.qp.backends import BoxQP as BoxQP
-    from invariantqp.velocity.qp.backends import SolverFailure as SolverFailure
-    from invariantqp.velocity.request import MethodChoice as MethodChoice
-    from invariantqp.velocity.request import method_for as method_for
-    from invariantqp.velocity.request import solve_velocity as solve_velocity
-    from invariantqp.velocity.several import JointTask as JointTask
-    from invariantqp.velocity.several import TwistTask as TwistTask
-    from invariantqp.velocity.several import solve_tasks as solve_tasks
+    from invariantqp.velocity.law import Guard as Guard
+    from invariantqp.velocity.problem import MethodChoice as MethodChoice
+    from invariantqp.velocity.problem import method_for as method_for
+    from invariantqp.velocity.problem import solve_velocity as solve_velocity
     from invariantqp.velocity.solution import Status as Status
     from invariantqp.velocity.solution import VelocitySolution as VelocitySolution
+    from invariantqp.velocity.tasks import JointTask as JointTask
+    from invariantqp.velocity.tasks import TwistTask as TwistTask
+    from invariantqp.velocity.tasks import solve_tasks as solve_tasks

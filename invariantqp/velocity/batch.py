@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.backends import backend_of
 from invariantqp.velocity.compiled import LEFT, Rows, Written, compiled_rows
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import Bounds
+from invariantqp.velocity.limits import Bounds
 from invariantqp.velocity.measure import measures
 from invariantqp.velocity.problem import guard_of, measure_of, metric_of, prismatic
-from invariantqp.velocity.qp.backends import backend_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve
 

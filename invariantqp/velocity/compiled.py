@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.backends import Backend, Daqp
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.qp.backends import Backend, Daqp
-from invariantqp.velocity.qp.quadratic import Cone, Optimum, Polytope, Quadratic, minimise
+from invariantqp.velocity.qp import Cone, Optimum, Polytope, Quadratic, minimise
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Rows below which a thread is not worth its start, and those that one takes at a time.
@@ -34,8 +34,6 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     if core is None or policy is None:
         return None
     J, s, root, lower, upper, exact, posture, rows, cone, row_rank, chase, fastest = demand
-    if cone is not None and cone.program is not None:
-        return None
     demands = None if exact is None else (exact.A, exact.b, exact.of_twist, row_rank)
     slow = None if cone is None else (cone.J, cone.limit, cone.start)
     limits = None if rows is None else (rows.C, rows.lower, rows.upper)
@@ -164,7 +162,7 @@ def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType
 def minimised(backend: Backend, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
     """`minimise` by the core where it can, from a z (n,) inside; it raises the same."""
     found = None
-    if core is not None and type(backend) is Daqp and (cone is None or (cone.program is None and cone.J.any())):
+    if core is not None and type(backend) is Daqp and (cone is None or cone.J.any()):
         slow = None if cone is None else (cone.J, cone.limit, cone.start)
         found = core.optimum(*problem, limits.A, limits.lower, limits.upper, slow, inside)
     if found is None:

@@ -1,9 +1,18 @@
-"""Exact demands on the joint velocity, C x = e, eliminated before anything is minimised: x = a x0 + B z.
+"""Exact demands on the joint velocity, C y = e, eliminated before anything is minimised: y = a y0 + B z.
 
-    x0 = M^-1 C'(C M^-1 C')^-1 e,    C B = 0,    B'MB = I,    0 <= a <= 1 the share of the demanded speed
+    y0 = C'(C C')^-1 e,    C B = 0,    B'B = I,    0 <= a <= 1 the share of the demanded speed
 
-What is left is a problem in z alone. The rows hold in it by construction, at the share a of their speed that limits
-allow (`share`). `posed` changes to coordinates in which the joint metric M is the identity.
+What is left is a problem in z alone; y are coordinates in which the joint metric is the identity. The rows hold by
+construction, in their direction, at the share a of their speed that limits allow:
+
+    minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits
+    nu = EXACT_CALM / 2 dt (1 - a_max) |y0| effort
+
+a_max is the largest share, the solution with nu nearly 0. Where it is below one, the problem is solved again with
+nu > 0, which grows with the unmet part of the rows and with the joint motion that the rows need (`Reduction.effort`).
+This damps the loop as `calm` does: joints do not move at full speed for a thousandth of the rows' speed. Where standing
+still is outside the limits, y0 and y count from the velocity that moves the rows least. Both problems are strictly
+convex, so the share is continuous in limits and demand.
 """
 
 from __future__ import annotations
@@ -23,13 +32,24 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import cross, norm
 from invariantqp.systems.span import TINY, rank_of
+from invariantqp.velocity.backends import Backend
 from invariantqp.velocity.measure import root_at
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING, Cone, Optimum, Polytope, Quadratic, minimise
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
 ROW_TOLERANCE = 1e-10
 # Demands are at least this share of the terms that they sum, where contradictions are compared with them: 1e-16 of the
 # terms is rounding, and 1e-9 of a demand a contradiction.
 TERMS = 1e-5
+# Makes the share's problems strictly convex; the share is smaller by this much, relative.
+REGULARISATION = 1e-9
+# Measured with 160 random targets on four arms: none oscillates from 0.5 on, some do at 0.15; at 2 some loops that
+# arrive with 1 no longer do within eight seconds.
+EXACT_CALM = 1.0
+# A share above this counts as 1.
+WHOLE = 1.0 - 1e-8
+# Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior.
+INTERIOR = 1e-6
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -170,15 +190,29 @@ class Reduction(NamedTuple):
     beyond: float  # the part that no velocity of this arm can meet anywhere, relative
     start: Array  # (m,) the velocity at share 0, in the span of the rows; zero is standing still
 
+    @classmethod
+    def without_rows(cls, m: int) -> Reduction:
+        """Every velocity is free."""
+        return cls(np.zeros(m), np.eye(m), 1.0, 1.0, 0.0, 0.0, np.zeros(m))
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the joints cannot keep the direction of the demand."""
+        return self.unmet > ROUNDING
+
     def origin(self, share: float) -> Array:
         """(m,) where z = 0."""
         y: Array = self.start + share * (self.full - self.start)
         return y
 
-    def fixed(self, y: Array) -> Array:
-        """(m,) the shortest velocity with the same C y."""
-        p: Array = y - self.basis.dot(y.dot(self.basis))
-        return p
+
+class Share(NamedTuple):
+    """The part of the exact rows' speed that the limits allow."""
+
+    value: float  # a in [0, 1]
+    velocity: Array  # (m,) a y with that share
+    held_by: list[int]  # limits (indices of the polytope) that keep it from being larger
+    fast: bool = False  # whether a tool speed limit does
 
 
 def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | None = None) -> Reduction:
@@ -246,3 +280,73 @@ def _orthonormal(C: Array, e: Array, D: Array, root: Array, s: Array | None) -> 
 def _share(part: Array, whole: Array) -> float:
     size = norm(whole)
     return norm(part) / size if size > 0.0 else 0.0
+
+
+def counted_from_least(
+    reduction: Reduction, limits: Polytope, cone: Cone | None, inside: Array, backend: Backend
+) -> tuple[Reduction, Array]:
+    """The rows, counted from the velocity (m,) that moves them least inside the limits, and that velocity.
+
+    Args:
+        reduction: what the rows leave.
+        limits: on y.
+        cone: likewise, or None.
+        inside: (m,) a y inside both.
+        backend: the solver asked first.
+    """
+    if not inside.any() or reduction.basis.shape[1] == len(inside):
+        return reduction, inside
+    free = reduction.basis.dot(reduction.basis.T)
+    fixed = np.eye(len(inside)) - free
+    most, least = sqrt(1.0 + REGULARISATION), sqrt(REGULARISATION)
+    still = Quadratic(most * fixed + least * free, fixed / most + free / least, np.zeros(len(inside)))
+    y = minimise(backend, still, limits, cone, inside).z
+    return reduction._replace(start=fixed.dot(y)), y
+
+
+def share_of(
+    reduction: Reduction, limits: Polytope, cone: Cone | None, inside: Array, dt: float, backend: Backend
+) -> Share:
+    """The share of the rows' speed inside the limits on y, calmed for ticks of dt [s].
+
+    Args:
+        reduction: what the rows leave.
+        limits: on y.
+        cone: likewise, or None.
+        inside: (m,) a y inside both that moves the rows by `reduction.start`.
+        dt: tick [s].
+        backend: the solver asked first.
+    """
+    if reduction.contradicts:  # the share tends to zero as the joints lose a direction of the rows
+        return Share(0.0, inside, [])
+    start = reduction.start
+    d = reduction.full - start
+    length = norm(d)
+    if length == 0.0:
+        return Share(1.0, inside, [])
+    basis = np.column_stack((d / length, reduction.basis))
+    n = basis.shape[1]
+    room = limits.on(start, basis)
+    room = Polytope(np.vstack((room.A, np.eye(1, n))), np.append(room.lower, 0.0), np.append(room.upper, length))
+    slow = None if cone is None else cone.on(start, basis)
+    first = (inside - start).dot(basis)
+
+    def best(nu: float) -> Optimum:
+        weights, centre = np.full(n, REGULARISATION + nu), np.zeros(n)
+        weights[0] += 1.0
+        centre[0] = length / weights[0]
+        return minimise(backend, Quadratic.diagonal(np.sqrt(weights), centre), room, slow, first)
+
+    found = best(0.0)
+    possible = min(max(found.z[0] / length, 0.0), 1.0)
+    nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort
+    if nu > REGULARISATION:
+        found = best(nu)
+    value = min(max(found.z[0] / length, 0.0), 1.0)
+    velocity = start + basis.dot(found.z)
+    if value >= WHOLE:
+        return Share(1.0, velocity, [])
+    fast = slow is not None and slow.speed(found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE)
+    given = 1.0 - INTERIOR * (1.0 - value)
+    held_by = found.multipliers[:-1].nonzero()[0].tolist()
+    return Share(value * given, inside + given * (velocity - inside), held_by, fast)

@@ -10,19 +10,51 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from attrs import frozen
 
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value
+from invariantqp.velocity.backends import Backend, Daqp
 from invariantqp.velocity.damping import Adaptive, Damping, Fixed, PaperLambda, Selective
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import Complement, Form, PitchForm
-from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.limits.rows import LimitRows
-from invariantqp.velocity.qp.backends import Backend, Daqp
-from invariantqp.velocity.qp.quadratic import Cone
+from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.qp import Cone
 
 # Threshold, ceiling and fixed lambda of damping, its speed for one direction or 0; pitch, fraction of the guard or -1,
 # and complement Z' of a form, or None.
 Policy: TypeAlias = tuple[float, float, float, float, tuple[float, float, Array] | None]
+
+
+# Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
+DEFAULT_FRACTION = 0.5
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Guard(Value):
+    """The decrease of the error that a form must at least achieve, measured at the point.
+
+    Attributes:
+        fraction: eta in [0, 1], the share of the least-squares decrease that is asked for.
+    """
+
+    fraction: float
+
+    def __init__(self, fraction: float = DEFAULT_FRACTION) -> None:
+        """A guard.
+
+        Args:
+            fraction: eta in [0, 1]; 1 is least squares.
+
+        Raises:
+            BadInput: a fraction out of range.
+        """
+        share = arrays.number(fraction, "fraction")
+        if not 0.0 <= share <= 1.0:
+            raise BadInput("fraction", f"{share:g}", "a number from 0 to 1")
+        self.__attrs_init__(share)
 
 
 class Chase(NamedTuple):

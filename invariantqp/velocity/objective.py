@@ -8,7 +8,17 @@ A damped direction follows the posture z_p in part, and a direction that moves n
 answer where no limit is active; where one is, the answer minimises |K (z - z*)|, so the law is continuous as limits
 become active. Answers are computed from K^-1, whose condition number is the square root of that of the Hessian K'K.
 
-[DS]'s own problem, convexified, is another objective of the same shape (`stationary`).
+[DS]'s own problem made convex is another objective of the same shape, kept to compare with:
+
+    G = J'Q_h J = V diag(mu) V',  g = J'Q_h s,  K = diag(mu^2 + lambda^2)^(1/4) V',  z* = V mu / (mu^2 + lambda^2) V'g
+
+G is indefinite for every arm of rank 4 or more, so it is no Hessian of a QP; K'K is positive definite with about the
+condition of G, and z* is [DS]'s damped formula with Lambda = lambda^2 G^-1, whose gains mu^2 / (mu^2 + lambda^2) lie in
+[0, 1): the map from a twist to the twist it gets is J V f(mu) V'J'Q, f = mu / (mu^2 + lambda^2), and AB and BA share
+their eigenvalues other than zero. K has no physical meaning for joint velocities, so where limits bind or a singularity
+is near, least squares at a point is far more accurate.
+
+Reference: [DS] Sect. 6.2 and 6.3; K'K is the fundamental-symmetry majorant of Krein-space theory.
 """
 
 from __future__ import annotations
@@ -20,13 +30,16 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.forms import pitch_form
 from invariantqp.velocity.damping import Damping
-from invariantqp.velocity.qp.quadratic import Quadratic
+from invariantqp.velocity.qp import Quadratic
 
 # A singular value below this share of the largest is rounding: its direction moves nothing.
 NULL_RATIO = 1e-12
 # Weight of directions that move nothing where the policy damps nothing, relative to the largest squared singular value.
 NULL_WEIGHT = 1e-8
+# |mu| below this share of |J|^2 |Q| is what rounding leaves of zero in J'QJ.
+FORM_ROUNDING = 1e-15
 
 
 class Objective(NamedTuple):
@@ -132,4 +145,42 @@ def least_squares(
         rank=n - int(np.count_nonzero(null)),
         ratio=float(singular[-1]) / largest if singular[-1] > NULL_RATIO * largest else 0.0,
         still=None if unchased is None else (sigma * unchased + squares * towards) / weights,
+    )
+
+
+def convexified(J: Array, s: Array, h: float, posture: Array | None, damping: Damping) -> Objective:
+    """The convex objective whose optimum without limits is the filtered stationary point.
+
+    Args:
+        J: (6, n) twists of the free directions.
+        s: (6,) twist wanted of them.
+        h: pitch.
+        posture: (n,) wanted where the form leaves directions free; None is zero.
+        damping: the policy, given |mu| for singular values.
+    """
+    n = J.shape[1]
+    if n == 0:
+        return Objective(np.empty((0, 0)), np.empty(0), np.empty(0))
+    QJ = pitch_form(h).dot(J)
+    mu, V, info = lapack.dsyev(J.T.dot(QJ))
+    if info != 0:
+        raise np.linalg.LinAlgError(f"dsyev returned {info}")
+    size = np.abs(mu)
+    largest = float(size.max())
+    noise = FORM_ROUNDING * (1.0 + 2.0 * abs(h)) * float(np.vdot(J, J))
+    towards = np.zeros(n) if posture is None else posture.dot(V)
+    if largest <= noise:
+        return Objective(V, np.ones(n), towards, ratio=0.0)
+    pull = s.dot(QJ).dot(V)
+    null = size <= max(NULL_RATIO * largest, noise)
+    squares = damping.squares(size, np.abs(pull), largest)
+    squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
+    total = size * size + squares
+    rank = min(n, 6)
+    return Objective(
+        V=V,
+        weights=np.sqrt(total),
+        optimum=(np.where(null, 0.0, mu * pull) + squares * towards) / total,
+        damping=sqrt(float(np.where(null, 0.0, squares).max())),
+        ratio=float(np.sort(size)[-rank]) / largest,
     )

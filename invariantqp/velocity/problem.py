@@ -1,9 +1,12 @@
-"""A velocity problem in plain arrays: all arguments are checked here, for every function that solves one."""
+"""The velocity law as a function of plain arrays: all arguments are checked here, for every function that solves one.
+
+Reference: [DS] Sect. 6.2.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypedDict
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,20 +14,38 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits.box import Bounds, bounds_of
-from invariantqp.velocity.limits.rows import LimitRows
-from invariantqp.velocity.limits.toolspeed import ToolSpeed
+from invariantqp.velocity.law import Demand, Guard, VelocityLaw
+from invariantqp.velocity.limits import Bounds, LimitRows, ToolSpeed, bounds_of
 from invariantqp.velocity.measure import length_at, own_point, root_at
-from invariantqp.velocity.qp.backends import Backend, backend_of
-from invariantqp.velocity.qp.quadratic import Cone
+from invariantqp.velocity.qp import ROUNDING, Cone
+from invariantqp.velocity.report import damping_reason
+from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.velocity.solve import solve
+from invariantqp.velocity.tick import named, posed
 
-# Where |omega| L of a joint is below this share of its |v|, it is rounding: the joint is prismatic.
-SLIDING = 1e-9
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+class MethodChoice(NamedTuple):
+    """Which method `solve_velocity` would use, and why.
+
+    Attributes:
+        method: "closed-form", "damped" or "qp".
+        reason: in words.
+        damping: lambda that would be used [length; unit of root J].
+        conditioning: smallest singular value of the measured joint twists over the largest, in [0, 1]: how far from a
+            singularity.
+    """
+
+    method: str
+    reason: str
+    damping: float
+    conditioning: float
 
 
 class VelocityOptions(TypedDict, total=False):
@@ -140,6 +161,63 @@ class VelocityProblem:
         return cls(law, Demand(twists, s, measure.root, lower, upper, exact, wanted, rows, cone))
 
 
+def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> VelocitySolution:
+    """Joint velocities for a twist, the same in every frame and unit, inside the bounds.
+
+    Where joints and limits can do the whole twist, they do, in closed form. Otherwise the error is least in the measure
+    |s|^2 = L^2 |omega|^2 + |v at the point|^2, taken at one physical point. A form changes what is attempted of the
+    part that the joints cannot do.
+
+    Args:
+        J: (6, m) joint twists (omega; v) as columns, in any one frame, the joint at the base first.
+        twist: (6,) wanted twist in the same frame [rad/s; length/s].
+        options: form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length,
+            see `VelocityOptions`.
+
+    Returns:
+        VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
+
+    Raises:
+        BadInput: NaN, a twist above 1e12, shapes that do not fit, crossed bounds, a metric that is not positive
+            definite.
+        UnknownName: no such back end.
+
+    Reference: [DS] Sect. 6.2 for forms. A stationary point of an indefinite form is not a minimum, hence the guard.
+    """
+    problem = VelocityProblem.of(J, twist, **options)
+    return solve(problem.law, problem.demand)
+
+
+def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> MethodChoice:
+    """Which method `solve_velocity` would use for the same arguments, and why; no QP is solved.
+
+    Raises:
+        BadInput: as `solve_velocity`.
+        UnknownName: no such back end.
+    """
+    question = VelocityProblem.of(J, twist, **options)
+    law, demand = question.law, question.demand
+    if isinstance(law.damping, PaperLambda):
+        return MethodChoice("damped", "[DS]'s formula as it is printed, clipped to the bounds", 0.0, 1.0)
+    problem = posed(law, demand, law.damping)
+    objective = problem.objective(1.0)
+    x = problem.reduction.full + problem.reduction.basis.dot(objective.centre())
+    x = x if law.to_joint is None else law.to_joint.dot(x)
+    if not demand.allows(x):
+        outside = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
+        m = len(x)
+        if demand.rows is not None:
+            outside += [m + i for i in np.flatnonzero(demand.rows.excess(x)).tolist()]
+        exceeded = [named(outside, m)] if outside else []
+        if demand.cone is not None and not demand.cone.allows(x):
+            exceeded.append("the tool")
+        reason = f"the closed form exceeds the limits of {' and '.join(exceeded)}; solved by {law.backend.name}"
+        return MethodChoice("qp", reason, objective.damping, objective.ratio)
+    if objective.damping > 0.0:
+        return MethodChoice("damped", damping_reason(objective), objective.damping, objective.ratio)
+    return MethodChoice("closed-form", "no limit is active and no singularity is near", 0.0, objective.ratio)
+
+
 class Measure(NamedTuple):
     """How twists are measured: root (6, 6), its point (3,) and length; and the form, unless it is a CarriedMetric."""
 
@@ -188,7 +266,7 @@ def prismatic(J: Array, length: float) -> NDArray[np.bool_]:
     """(..., m) which joints of (..., 6, m) joint twists only slide."""
     w, v = J[..., :3, :], J[..., 3:, :]
     turning, moving = np.sqrt((w * w).sum(axis=-2)), np.sqrt((v * v).sum(axis=-2))
-    return np.asarray((turning * length <= SLIDING * moving) & (moving > 0.0))
+    return np.asarray((turning * length <= ROUNDING * moving) & (moving > 0.0))
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:

@@ -17,65 +17,62 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
+from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.objective import NULL_RATIO, Objective
-from invariantqp.velocity.posed import Posed
-from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE, named
-from invariantqp.velocity.solution import Status, VelocitySolution, clipped
-from invariantqp.velocity.stages import UNMET_TOLERANCE, Answer, unkept
+from invariantqp.velocity.objective import Objective
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING
+from invariantqp.velocity.solution import SLOWEST, Status, VelocitySolution, clipped
+from invariantqp.velocity.tick import Answer, Problem, Room, named
 
-# A twist is met where the residual is less than this share of it ...
-MET_TOLERANCE = 1e-9
-# ... or less than the rounding of J x itself: an arm rests on its target while its null space moves.
+# A twist is met, too, where the residual is the rounding of J x: an arm rests on its target while its null space moves.
 PRODUCT_ROUNDING = 1e-14
 # What "ok" promises.
 MISSED = 0.05
 FALLING = 0.5
+# An error within slack may grow at this share of the slack: less is rounding, or a loop that comes to rest.
+GROWING = 0.01
 # Exact rows at this share of their speed count as not slowed down: regularising the share takes 1e-7 of it.
 WHOLE_SPEED = 1.0 - 1e-6
 STUCK = "no velocity reduces the error: it is the least that these joints and limits allow"
+# A motion of an exact row below this share of the joints' is none: regularising leaves 1e-9 of it.
+BESIDE_TOLERANCE = 1e-6
 # A velocity that achieves less than this share of the twist makes no progress.
 PROGRESS_SHARE = 1e-4
 
 
-def reported(demand: Demand, problem: Posed, answer: Answer) -> VelocitySolution:
-    """The solution for an answer in joint velocities x."""
-    objective, found = answer.objective, answer.found
-    slow = answer.share < WHOLE_SPEED
-    x, active = clipped(demand, _shortened(demand, answer.y))
-    residual = demand.s - demand.J.dot(x)
+def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array | None) -> VelocitySolution:
+    """The solution for an answer y; x = T y, T (m, m) `to_joint` or the identity."""
+    objective, found, share = answer.objective, answer.found, answer.room.share.value
+    slow = share < WHOLE_SPEED
+    y = answer.y if to_joint is None else to_joint.dot(answer.y)
+    x, active = clipped(demand, _shortened(demand, y))
     missed = _missed(demand, problem, x)
-    stuck = _is_stuck(demand, problem.wanted, x, answer.share)
+    stuck = _is_stuck(demand, problem.wanted, x, share)
     limited = stuck or (missed > MISSED and not _falls(demand, x))
-    troubles = [*answer.troubles, *_row_troubles(demand, problem)]
-    words = [*troubles, *([STUCK] if stuck else [])]
-    if slow:
-        by = f" (held by {answer.held_by})" if answer.held_by else ""
-        words.append(f"limits allow {answer.share:.3g} of the exact rows' speed{by}")
-        words.extend(filter(None, [answer.beside]))
-    if answer.pace < WHOLE_SPEED:
-        words.append(f"limits allow {answer.pace:.3g} of the approach's speed")
-    if answer.blended > 0.0:
-        words.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
+    troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
+    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
+    if status is Status.OK:
+        status = Status.GUARDED if answer.blended > 0.0 else Status.LIMITED if limited else Status.OK
+    words = [*troubles, *([STUCK] if stuck else []), *_slowed(demand, answer, to_joint)]
     if objective.damping > 0.0:
         words.append(damping_reason(objective))
-    status = _status(degraded=bool(troubles), slow=slow, guarded=answer.blended > 0.0, limited=limited)
     if status is Status.LIMITED and not stuck and answer.pace >= WHOLE_SPEED:
         words.append(f"{missed:.2g} of the twist is missed")
     if active:
         words.append(f"at the limits of {named(list(active), len(x))}")
-    multipliers, row_multipliers = _multipliers(demand, answer)
+    bound = found is not None and (found.nu > 0.0 or bool(found.multipliers.any()) or answer.pace < 1.0)
+    multipliers, row_multipliers = _multipliers(demand, answer) if bound else (None, None)
     return VelocitySolution(
         velocity=x,
-        method="qp" if slow or found is not None else "damped" if objective.damping > 0.0 else "closed-form",
+        method="qp" if slow or bound else "damped" if objective.damping > 0.0 else "closed-form",
         status=status,
         reason="; ".join(words),
         active=active,
-        residual=residual,
-        scale=answer.share,
+        residual=demand.s - demand.J.dot(x),
+        scale=share,
         damping=objective.damping,
         guard=answer.blended,
-        backend="" if found is None else found.backend,
+        backend=found.backend if found is not None and bound else "",
         multipliers=multipliers,
         row_multipliers=row_multipliers,
     )
@@ -91,18 +88,10 @@ def damping_reason(objective: Objective) -> str:
 def is_met(A: Array, b: Array, x: Array) -> bool:
     """Whether A x = b but for rounding."""
     left = norm(b - A.dot(x))
-    return left <= MET_TOLERANCE * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
+    return left <= ROUNDING * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
 
 
-def _status(*, degraded: bool, slow: bool, guarded: bool, limited: bool) -> Status:
-    if degraded:
-        return Status.DEGRADED
-    if slow:
-        return Status.SCALED
-    return Status.GUARDED if guarded else Status.LIMITED if limited else Status.OK
-
-
-def _missed(demand: Demand, problem: Posed, x: Array) -> float:
+def _missed(demand: Demand, problem: Problem, x: Array) -> float:
     """The share of the measured twist that x misses, 0 where it is met but for rounding.
 
     Of fewer than six joints, and beside exact rows, the share of what is left for them to do.
@@ -110,19 +99,17 @@ def _missed(demand: Demand, problem: Posed, x: Array) -> float:
     wanted, A = problem.wanted, demand.root.dot(demand.J)
     if is_met(A, wanted, x):
         return 0.0
-    if (problem.reduction is not None or A.shape[1] < 6) and problem.spectrum is not None:
-        U, sigma, _, largest = problem.spectrum
-        fixed = np.zeros(6) if problem.reduction is None else problem.A.dot(problem.reduction.full)
-        done = U[:, : len(sigma)][:, sigma > NULL_RATIO * largest]
-        wanted = fixed + done.dot((wanted - fixed).dot(done))
-        if is_met(A, wanted, x):
-            return 0.0
+    wanted = problem.possible()
+    if is_met(A, wanted, x):
+        return 0.0
     size = norm(wanted)
     return norm(wanted - A.dot(x)) / size if size > 0.0 else inf
 
 
 def _falls(demand: Demand, x: Array) -> bool:
-    """Whether the errors of position and angle each fall at `FALLING` of the rate asked for; those within slack do.
+    """Whether the errors of position and angle each fall at `FALLING` of the rate asked for, or are within slack.
+
+    One within slack need not fall so fast, but does not grow by more than `GROWING` of the slack either.
 
     By a carried metric position and angle are not measured apart, and are one error.
     """
@@ -132,18 +119,50 @@ def _falls(demand: Demand, x: Array) -> bool:
     asked = demand.root.dot(demand.s - chase.ahead)
     done = demand.root.dot(demand.J.dot(x) - chase.ahead)
     parts = [slice(0, 3), slice(3, 6)] if chase.apart else [slice(0, 6)]
+    rates = [norm(asked[part]) for part in parts]
     return all(
-        asked[part].dot(done[part]) >= norm(asked[part]) * (FALLING * norm(asked[part]) - chase.slack) for part in parts
+        asked[part].dot(done[part]) >= rate * max(FALLING * rate - chase.slack, -GROWING * chase.slack)
+        for part, rate in zip(parts, rates, strict=True)
     )
 
 
-def _row_troubles(demand: Demand, problem: Posed) -> list[str]:
+def row_troubles(demand: Demand, reduction: Reduction) -> list[str]:
     """What of the exact rows no velocity meets, here or anywhere."""
-    troubles = list(filter(None, [unkept(problem.reduction)]))
-    beyond = 0.0 if problem.reduction is None else problem.reduction.beyond
-    if beyond > UNMET_TOLERANCE:
-        troubles.append(f"this arm can keep {demand.row_rank} of the exact rows: {beyond:.1e} of the demand is unmet")
+    troubles = []
+    if reduction.contradicts:
+        unmet = f"{reduction.unmet:.1e} of the demand is unmet"
+        troubles.append(f"the joints cannot keep the direction of the exact rows: {unmet}")
+    if reduction.beyond > ROUNDING:
+        unmet = f"{reduction.beyond:.1e} of the demand is unmet"
+        troubles.append(f"this arm can keep {demand.row_rank} of the exact rows: {unmet}")
     return troubles
+
+
+def _slowed(demand: Demand, answer: Answer, to_joint: Array | None) -> list[str]:
+    """What limits slow down, and what the guard does about the rest, in words."""
+    words = [] if answer.room.share.value >= WHOLE_SPEED else slowed_rows(demand, answer.room, to_joint)
+    if answer.pace < WHOLE_SPEED:
+        words.append(f"limits allow {answer.pace:.3g} of the approach's speed")
+    if answer.blended > 0.0:
+        words.append(f"descent guard: {answer.blended:.3g} of least squares blended in")
+    return words
+
+
+def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[str]:
+    """The share of the exact rows' speed, what holds it; and how far a motion that limits require moves them."""
+    share, start = room.share, room.reduction.start
+    by = [named(share.held_by, len(start))] if share.held_by else []
+    by += ["the tool's speed"] if share.fast else []
+    held = f" (held by {' and '.join(by)})" if by else ""
+    words = [f"limits allow {share.value:.3g} of the exact rows' speed{held}"]
+    if demand.exact is None or not start.any():
+        return words
+    T = np.eye(len(start)) if to_joint is None else to_joint
+    off = np.abs(demand.exact.A.dot(T.dot((1.0 - share.value) * start)))
+    fast = max(SLOWEST, norm(T.dot(share.velocity)))  # slower is rounding of an arm that stands still
+    least = BESIDE_TOLERANCE * np.linalg.norm(demand.exact.A, axis=1) * fast
+    moved = ", ".join(f"exact row {i} is off by {off[i]:.3g}" for i in np.flatnonzero(off > least))
+    return [*words, f"limits require motion beside it: {moved}"] if moved else words
 
 
 def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import compared
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
 # A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
 # rest is rounding of an arm that stands still.

@@ -1,12 +1,6 @@
-"""One tick of the law: closed form where no limit is met, otherwise the optimum of the same problem inside them.
+"""One tick of the law, by the compiled core or by Python; an answer is always a number, or status "held".
 
-    no limit active    singular values, damped (`objective`)
-    otherwise          QPs, stage by stage (`stages`)
-
-The compiled core, where there is one, is asked first (`compiled`): it computes the same, sooner.
-
-Continuity. Each answer is the optimum of one strictly convex problem whose data are continuous in (J, s, limits). The
-first case computes its optimum without limits, which is the optimum of the second wherever it is inside them.
+The compiled core, where there is one, is asked first (`compiled`): it computes the same as `tick`, sooner.
 """
 
 from __future__ import annotations
@@ -17,16 +11,16 @@ from math import isfinite
 import numpy as np
 
 from invariantqp.engine import core
+from invariantqp.geometry.forms import pitch_form
+from invariantqp.velocity.backends import SolverFailure
 from invariantqp.velocity.compiled import compiled
-from invariantqp.velocity.damping import Damping, PaperLambda
+from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.posed import posed
-from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.qp import ROUNDING
 from invariantqp.velocity.report import reported
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped, held
-from invariantqp.velocity.stages import answered
-from invariantqp.velocity.stationary import printed
+from invariantqp.velocity.tick import answered, posed
 
 NO_NUMBERS = "the numbers are too large or too small to compute with"
 
@@ -56,7 +50,8 @@ def _answer(law: VelocityLaw, demand: Demand) -> VelocitySolution:
     damping = law.damping
     if isinstance(damping, PaperLambda):
         return _as_printed(law, damping, demand)
-    return _general(law, demand, damping)
+    problem = posed(law, demand, damping)
+    return reported(demand, problem, answered(law, problem), law.to_joint)
 
 
 def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
@@ -68,16 +63,11 @@ def standing(law: VelocityLaw, demand: Demand, reason: str) -> VelocitySolution:
     return back._replace(status=Status.HELD, reason=f"{reason}; moving back inside the limits".removeprefix("; "))
 
 
-def _general(law: VelocityLaw, demand: Demand, damping: Damping) -> VelocitySolution:
-    problem = posed(law, demand, damping)
-    answer = answered(law, demand, problem)
-    if law.to_joint is not None:
-        answer = answer._replace(y=law.to_joint.dot(answer.y))
-    return reported(demand, problem, answer)
-
-
 def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> VelocitySolution:
-    """[DS]'s own formula, clipped to the bounds; it supports no other limits and no exact rows."""
+    """[DS]'s own formula x = (G + Lambda)^-1 g, clipped to the bounds; no other limits and no exact rows.
+
+    The closed-loop gains are the eigenvalues of (G + Lambda)^-1 G; those outside [0, 1] are reported.
+    """
     if demand.exact is not None:
         return held(demand, "PaperLambda does not support exact rows; use another damping")
     if demand.rows is not None or demand.cone is not None:
@@ -87,12 +77,23 @@ def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> Veloc
     Lambda = damping.of_size(demand.J.shape[1])
     if law.metric is not None:
         Lambda = law.metric.dot(Lambda)
+    QJ = pitch_form(law.form.h).dot(demand.J)
+    G, g = demand.J.T.dot(QJ), demand.s.dot(QJ)
+    total = G + Lambda
     try:
-        x, trouble = printed(demand.J, demand.s, law.form.h, Lambda, demand.posture)
+        x = np.linalg.solve(total, g if demand.posture is None else g + Lambda.dot(demand.posture))
+        gains = np.linalg.eigvals(np.linalg.solve(total, G)).real
     except np.linalg.LinAlgError:
         return held(demand, "G + Lambda is singular: this is the pole of [DS]'s formula")
+    reasons = []
+    bad = np.sort(gains[(gains < -ROUNDING) | (gains > 1.0 + ROUNDING)])
+    if len(bad):
+        listed = ", ".join(f"{gain:.3g}" for gain in bad)
+        words = "closed-loop gains outside [0, 1]"
+        reasons.append(f"[DS]'s Lambda gives {words}: {listed}; negative ones drive the tool away")
+    if not demand.allows(x):
+        reasons.append("clipped to the bounds")
     bounded, active = clipped(demand, x)
-    reasons = [r for r in (trouble, "" if demand.allows(x) else "clipped to the bounds") if r]
     size = float(np.abs(np.asarray(damping.matrix)).max())
     residual = demand.s - demand.J.dot(bounded)
     status = Status.DEGRADED if reasons else Status.OK

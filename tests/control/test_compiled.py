@@ -263,10 +263,8 @@ def test_not_converging_is_told(panda):
     assert "not converging" in solution.reason
 
 
-# Made when asked for: CVXPY, for the exact tool speed, takes a second to import.
 OTHERS = {
     "exact": lambda: iq.ExactRows(np.tri(9, 7), np.zeros(9)),
-    "tool_speed": lambda: iq.limits.ToolSpeed(0.25, exact=True),
     "rows": lambda: lambda _: iq.limits.LimitRows(np.eye(7)[:1], [-1.0], [1.0]),
     "form": lambda: iq.PitchForm(0.1, convexified=True),
     "point": lambda: "own",

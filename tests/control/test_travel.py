@@ -38,7 +38,6 @@ OPTIONS = {
         "exact": [iq.control.ExactPoint(), iq.control.ExactAxis([0, 0, 1])],
         "tool_speed": 0.2,
     },
-    "cone": lambda _: {"tool_speed": iq.limits.ToolSpeed(0.2, exact=True)},
     "braking": lambda _: {"acceleration_limit": 10.0, "position_margin": 0.01, "posture_gain": 2.0},
     "carried": lambda _: {"form": iq.CarriedMetric(np.ones(6)), "damping": iq.velocity.Selective(2.0)},
     "rows": lambda _: {"rows": partial(wall, joint=3)},

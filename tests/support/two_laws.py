@@ -12,10 +12,10 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.velocity import solve as python
-from invariantqp.velocity.calm import CALM
 from invariantqp.velocity.compiled import compiled
+from invariantqp.velocity.damping import CALM
 from invariantqp.velocity.law import Chase, Demand, VelocityLaw
-from invariantqp.velocity.posed import posed
+from invariantqp.velocity.tick import posed
 
 # The answers agree to this, relative, wherever they are well determined.
 AGREE = 1e-10
@@ -207,9 +207,11 @@ def spreads(law, problem, demand, native, answer):
     sizes = [native.velocity, answer.velocity, np.zeros(1) if demand.posture is None else demand.posture]
     size = max(float(np.abs(x).max()) for x in sizes)
     T = np.eye(len(demand.lower)) if law.to_joint is None else law.to_joint
-    far = np.linalg.norm(answer.velocity - T.dot(problem.left(answer.scale).joint(objective.centre())))
+    reduction = problem.reduction
+    centre = reduction.origin(answer.scale) + reduction.basis.dot(objective.centre())
+    far = np.linalg.norm(answer.velocity - T.dot(centre))
     condition = 1.0 if answer.method == "closed-form" else largest / objective.weights.min(initial=largest)
-    if problem.reduction is not None:
+    if demand.exact is not None:
         size += problem.reduction.bend * float(np.abs(problem.reduction.full).max())
     condition *= np.linalg.cond(T) ** 2
     spread = AGREE * size + ROUNDING * condition * (far + size)
@@ -218,7 +220,7 @@ def spreads(law, problem, demand, native, answer):
         residual = ROUNDING * (
             np.linalg.norm(problem.wanted) + A * np.linalg.norm(problem.objective(answer.scale).centre())
         )
-        bend = 1.0 if problem.reduction is None else problem.reduction.bend
+        bend = problem.reduction.bend
         spread += (
             0.5
             * CALM
@@ -234,7 +236,7 @@ def spreads(law, problem, demand, native, answer):
     gradient = AGREE * largest * far + largest * spread
     if demand.cone is not None and answer.multipliers is not None:  # beside a root that is known to rounding
         gradient += 1e-8 * np.abs(answer.multipliers).max()
-    if problem.reduction is not None and answer.multipliers is not None:  # of rows that may nearly depend on each other
+    if demand.exact is not None and answer.multipliers is not None:  # of rows that may nearly depend on each other
         gradient += 1e-6 * np.abs(answer.multipliers).max()
     return spread, gradient
 

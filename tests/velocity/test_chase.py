@@ -13,7 +13,7 @@ from support.velocity_reference import LIMITED, least_squares_form, regular_prob
 
 from invariantqp.velocity import Adaptive
 from invariantqp.velocity.law import Chase, Demand, VelocityLaw
-from invariantqp.velocity.limits.rows import LimitRows
+from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.solve import solve
 
 # What the other solver is off, relative; ours is the lower of the two.

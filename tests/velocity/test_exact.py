@@ -9,12 +9,11 @@ from support.arms import arm
 from support.velocity_reference import eliminated, quadprog_minimum, regular_problem, root_of, tight_box
 
 import invariantqp as iq
-from invariantqp.velocity import share as share_module
-from invariantqp.velocity.exact import reduce
-from invariantqp.velocity.limits.box import bounds_of
-from invariantqp.velocity.qp.backends import Daqp
-from invariantqp.velocity.qp.quadratic import Polytope
-from invariantqp.velocity.share import share_of
+from invariantqp.velocity import exact as exact_module
+from invariantqp.velocity.backends import Daqp
+from invariantqp.velocity.exact import reduce, share_of
+from invariantqp.velocity.limits import bounds_of
+from invariantqp.velocity.qp import Polytope
 
 # The share is at most this far from the largest, by what regularises it and keeps an inside.
 SHARE_TOLERANCE = 1e-6
@@ -126,7 +125,7 @@ def test_the_share_by_another_solver_from_its_formula(dt):
         A, b = rng.normal(size=(3, m)) * np.array([1.0, 0.3, 0.05])[:, None], rng.normal(size=3)
         reduction = reduce(iq.ExactRows(A, b), np.eye(6))
         reach = rng.uniform(0.1, 1.0, m) * np.abs(reduction.full).max() * rng.uniform(0.1, 1.5)
-        found = share_of(reduction, Polytope(None, -reach, reach), None, np.zeros(m), dt, Daqp())
+        found = share_of(reduction, Polytope(np.eye(m), -reach, reach), None, np.zeros(m), dt, Daqp())
 
         full = np.linalg.pinv(A) @ b
         size = np.linalg.norm(full)
@@ -136,7 +135,7 @@ def test_the_share_by_another_solver_from_its_formula(dt):
         def best(nu, basis=basis, size=size, reach=reach, m=m):
             n = basis.shape[1]
             first = np.eye(n)[0]
-            H = np.outer(first, first) + (share_module.REGULARISATION + nu) * np.eye(n)
+            H = np.outer(first, first) + (exact_module.REGULARISATION + nu) * np.eye(n)
             wide = np.full(n, 1e3 * size)
             return (
                 quadprog_minimum(
@@ -156,8 +155,8 @@ def test_the_share_by_another_solver_from_its_formula(dt):
         singular = np.linalg.svd(A, compute_uv=False)
         y, met = np.linalg.lstsq(A, b, rcond=None)[0], b
         effort = np.linalg.norm(singular) * np.linalg.norm(y) / np.linalg.norm(met)
-        nu = 0.5 * share_module.EXACT_CALM * dt * (1.0 - possible) * size * effort
-        expected = best(nu) if nu > share_module.REGULARISATION else possible
+        nu = 0.5 * exact_module.EXACT_CALM * dt * (1.0 - possible) * size * effort
+        expected = best(nu) if nu > exact_module.REGULARISATION else possible
         calmed += expected < possible - 1e-3
         assert found.value == pytest.approx(expected, rel=1e-5, abs=1e-9)
         np.testing.assert_allclose(A @ found.velocity, found.value * b, atol=1e-8 * np.abs(b).max())
@@ -183,7 +182,7 @@ def test_no_joint_is_spent_at_full_speed_for_a_thousandth_of_line_speed():
         np.vstack((A, np.eye(5, 3))), np.zeros(6), exact=iq.ExactRows(A, b), bounds=(-np.ones(3), np.ones(3))
     )
     assert law.velocity[1] > 0.9  # one question by itself, with no time in it, is answered to the letter
-    limits = Polytope(None, -np.ones(3), np.ones(3))
+    limits = Polytope(np.eye(3), -np.ones(3), np.ones(3))
     calm = share_of(reduce(iq.ExactRows(A, b), np.eye(6)), limits, None, np.zeros(3), 0.01, Daqp())
     assert calm.value == pytest.approx(0.1, rel=1e-2)
     assert abs(calm.velocity[1]) < 0.5

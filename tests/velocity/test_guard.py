@@ -8,7 +8,7 @@ from support.arms import KINDS, arm
 from support.velocity_reference import least_squares_form, quadprog_minimum, root_of, tight_box
 
 import invariantqp as iq
-from invariantqp.velocity.guard import blend
+from invariantqp.velocity.tick import blend
 
 LENGTH = 0.7
 

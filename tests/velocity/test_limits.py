@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import invariantqp as iq
-from invariantqp.velocity.limits.box import JointBox
-from invariantqp.velocity.limits.braking import BrakingBox, braking_speed
+from invariantqp.velocity.limits import BrakingBox, JointBox, braking_speed
 
 INF = np.inf
 EXAMPLES = settings(deadline=None, derandomize=True, max_examples=100)

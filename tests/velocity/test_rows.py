@@ -13,7 +13,7 @@ from support.velocity_reference import (
 )
 
 import invariantqp as iq
-from invariantqp.velocity.qp.quadratic import ACTIVE_TOLERANCE
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
 BAD = {
     "one row": (([1.0, 2.0], [0.0], [1.0]), "C", "shape (2,)"),

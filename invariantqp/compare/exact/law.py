@@ -3,7 +3,7 @@
     minimise |A x - b|^2 + x'L^2 x + mu |x|^2,    A = root J,   b = root s,   L^2 from S = A'A
     L^2 = V diag(c^2 e max(0, 1 - e_i / (t^2 e))^2) V',      e_i the eigenvalues of S, e the largest
 
-mu is from the residual of the answer for mu = 0 (`velocity.calm`).
+mu is from the residual of the answer for mu = 0 (`velocity.damping.calm`).
 
 Reference: `velocity.damping.Adaptive`, `velocity.objective`.
 """
@@ -17,8 +17,7 @@ import mpmath as mp
 from invariantqp.compare.exact.box import active_set
 from invariantqp.compare.exact.linear import Numbers, matrix
 from invariantqp.compare.method import Question, Setting
-from invariantqp.velocity.calm import CALM, DEVIATION_SHARE, QUIET_SHARE
-from invariantqp.velocity.damping import DEFAULT_CEILING, DEFAULT_THRESHOLD
+from invariantqp.velocity.damping import CALM, DEFAULT_CEILING, DEFAULT_THRESHOLD, DEVIATION_SHARE, QUIET_SHARE
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.objective import NULL_RATIO
 

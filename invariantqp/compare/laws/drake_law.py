@@ -13,7 +13,7 @@ import numpy as np
 
 from invariantqp.compare.method import Method, Question, Setting, Solve, Takes
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.qp.backends import SolverFailure
+from invariantqp.velocity.backends import SolverFailure
 
 
 def _drake(setting: Setting) -> Solve:

@@ -24,7 +24,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.limits import JointBox
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solution import VelocitySolution
 

@@ -20,7 +20,7 @@ from invariantqp.compare.names import PINK
 from invariantqp.errors import RobotModelError
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.limits.box import accelerations
+from invariantqp.velocity.limits import accelerations
 from invariantqp.velocity.solution import VelocitySolution
 
 # Pink's lm_damping in its own examples.

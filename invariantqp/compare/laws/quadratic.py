@@ -22,8 +22,8 @@ from daqp import solve as solve_levels
 from invariantqp.compare.method import Method, Question, Setting, Solve, Takes
 from invariantqp.compare.names import TOLD_LEAST_SQUARES
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
 from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.qp.backends import BoxQP, Daqp, SolverFailure
 
 # eps where it is fixed; a usual value in scripts, and the square of Pink's cost of a posture task.
 FIXED_WEIGHT = 1e-6

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.limits.box import JointBox
+from invariantqp.velocity.limits import JointBox
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.limits.box import accelerations
+from invariantqp.velocity.limits import accelerations
 
 
 class RampBounds:

@@ -1,8 +1,7 @@
 """Quadratic programs, solved by kept libraries: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
 
-DAQP by default, any other through qpsolvers, CVXPY where the speed of a point is given to it as the cone it is. The
-problem comes scaled to O(1), because solvers' tolerances are absolute; the answer is checked; a solver's own exception
-never gets out. This is the only file that imports a solver.
+DAQP by default, any other through qpsolvers. The problem comes scaled to O(1), because solvers' tolerances are
+absolute; the answer is checked; a solver's own exception never gets out. This is the only file that imports a solver.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import daqp
 import numpy as np
 
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
-from invariantqp.extras import optional, require
+from invariantqp.extras import require
 from invariantqp.geometry.arrays import Array
 
 # Stand-in for infinity in a scaled problem.
@@ -25,17 +24,17 @@ UNBOUNDED = 1e30
 FEASIBILITY_TOLERANCE = 1e-7
 # Far below that, above what active-set arithmetic on cond(H) = 1e6 can lose.
 DAQP_TOLERANCE = 1e-10
+# Weight of a proximal step of a semidefinite problem, beside 1 of its other directions; and the last step's length.
+PROXIMAL, SETTLED = 1e-4, 1e-12
 # What each solver is asked for: defaults leave errors up to 0.3 on ill-conditioned problems.
 TIGHT: dict[str, dict[str, Any]] = {
-    "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20_000},
+    "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
     "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-10},
     "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
     "highs": {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9},
     "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9},
 }
-# Likewise Clarabel, by CVXPY.
-TIGHT_CONE = {"tol_feas": 1e-11, "tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12}
 
 
 class BoxQP(NamedTuple):
@@ -54,6 +53,11 @@ class BoxQP(NamedTuple):
     lower: Array
     upper: Array
     C: Array | None
+
+    @classmethod
+    def of(cls, H: Array, c: Array, lower: Array, upper: Array, C: Array | None) -> BoxQP:
+        """With limits that may be infinite."""
+        return cls(H, c, np.maximum(lower, -UNBOUNDED), np.minimum(upper, UNBOUNDED), C)
 
 
 class SolverFailure(InvariantQPError):
@@ -89,11 +93,24 @@ class Daqp:
 
     def solve(self, qp: BoxQP) -> Array:
         """The minimiser."""
-        rows = np.empty((0, len(qp.c))) if qp.C is None else qp.C
-        z, _, flag, _ = daqp.solve(qp.H, -qp.c, rows, qp.upper, qp.lower, primal_tol=DAQP_TOLERANCE)
-        if flag <= 0:
-            raise SolverFailure(self.name, f"exit flag {flag}", infeasible=flag == -1)
-        return np.asarray(z)
+        return _daqp(qp)[0]
+
+
+def semidefinite(qp: BoxQP) -> tuple[Array, Array]:
+    """A minimiser (n,) by DAQP, where H may be semidefinite, and its multipliers (k,), zero where no limit is active.
+
+    Raises:
+        SolverFailure: none was found; `.infeasible` where there is none.
+    """
+    return _daqp(qp, eps_prox=PROXIMAL, eta_prox=SETTLED)
+
+
+def _daqp(qp: BoxQP, **settings: float) -> tuple[Array, Array]:
+    rows = np.empty((0, len(qp.c))) if qp.C is None else qp.C
+    z, _, flag, info = daqp.solve(qp.H, -qp.c, rows, qp.upper, qp.lower, primal_tol=DAQP_TOLERANCE, **settings)
+    if flag <= 0:
+        raise SolverFailure("daqp", f"exit flag {flag}", infeasible=flag == -1)
+    return np.asarray(z), np.asarray(info["lam"])
 
 
 @dataclass(frozen=True)
@@ -126,44 +143,6 @@ class QpSolvers:
         if not solution.found or solution.x is None:
             raise SolverFailure(self.name, "no solution found")
         return np.asarray(solution.x)
-
-
-@dataclass(frozen=True)
-class Cvxpy:
-    """CVXPY with Clarabel: the speed of a point as the second-order cone it is.
-
-    Raises:
-        MissingExtra: CVXPY is not installed.
-    """
-
-    name: str = "cvxpy"
-
-    def __post_init__(self) -> None:
-        with optional("cvxpy", "cvxpy"):
-            import cvxpy  # noqa: F401 (is it there?)
-
-    def solve_in_cone(self, qp: BoxQP, J: Array, start: Array) -> Array:
-        """The minimiser with |start + J z| <= 1, J (3, n) and start (3,).
-
-        Raises:
-            SolverFailure: none was found; `.infeasible` where the solver says there is none.
-        """
-        import cvxpy as cp
-
-        z, C = cp.Variable(len(qp.c)), np.eye(len(qp.c)) if qp.C is None else qp.C
-        above, below = qp.upper < UNBOUNDED, qp.lower > -UNBOUNDED
-        limits = [C[above] @ z <= qp.upper[above], C[below] @ z >= qp.lower[below], cp.norm(start + J @ z, 2) <= 1.0]
-        cost = 0.5 * cp.sum_squares(np.linalg.cholesky(qp.H).T @ z) - qp.c @ z
-        problem = cp.Problem(cp.Minimize(cost), limits)
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")  # what it thinks of the problem is in its status
-            try:
-                problem.solve(solver="CLARABEL", **TIGHT_CONE)
-            except Exception as error:  # whatever it throws becomes a status
-                raise SolverFailure(self.name, f"{type(error).__name__}: {error}") from error
-        if z.value is None or not np.isfinite(z.value).all():
-            raise SolverFailure(self.name, str(problem.status), infeasible="infeasible" in str(problem.status))
-        return np.asarray(z.value)
 
 
 def backend_of(backend: Backend | str) -> Backend:

@@ -25,18 +25,18 @@ from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.span import rank_of
-from invariantqp.velocity.attempt import attempted
 from invariantqp.velocity.compiled import minimised
 from invariantqp.velocity.damping import Damping, PaperLambda
-from invariantqp.velocity.exact import ROW_TOLERANCE, reduce
-from invariantqp.velocity.forms import CarriedMetric, Form, form_of
+from invariantqp.velocity.exact import ROW_TOLERANCE, Reduction, reduce
+from invariantqp.velocity.forms import CarriedMetric, Form, attempted, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
-from invariantqp.velocity.qp.quadratic import Quadratic, named, weighted
+from invariantqp.velocity.qp import Quadratic
+from invariantqp.velocity.report import row_troubles, slowed_rows
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.solve import computed
-from invariantqp.velocity.stages import beside, given_way, slowed_rows, unkept
+from invariantqp.velocity.tick import Room, named, room_within
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -186,68 +186,51 @@ def _joints(task: TwistTask | JointTask, i: int) -> int:
 def _solved(
     levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand: Demand, damping: Damping
 ) -> VelocitySolution:
-    m = len(demand.lower)
-    T = np.eye(m) if law.to_joint is None else law.to_joint
-    limits = given_way(law, demand)
-    origin, B, share, inside, moved = np.zeros(m), np.eye(m), 1.0, limits.inside, ""
-    troubles = list(limits.troubles)
+    T = np.eye(len(demand.lower)) if law.to_joint is None else law.to_joint
+    reduction = Reduction.without_rows(len(T))
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(law.to_joint), demand.root)
-        reduction, part = slowed_rows(reduction, limits, 0.0, law.backend)
-        share, inside = part.value, part.velocity
-        moved = beside(demand.exact, reduction, law.to_joint, part)
-        troubles += filter(None, [unkept(reduction)])
-        origin, B = reduction.origin(share), reduction.basis
-    bounded, backend = False, ""
+    room = room_within(law, demand, reduction)
+    troubles = [*room.troubles, *row_troubles(demand, reduction)]
+    slow, bounded, backend = room.share.value < 1.0, False, ""
     for level in levels:
-        if not B.shape[1]:
+        if not room.basis.shape[1]:
             break
-        cone = None if limits.cone is None else limits.cone.on(origin, B)
-        best = _sum(level, origin, B, T, damping, share)
-        known = (inside - origin).dot(B)
-        found = minimised(law.backend, best, limits.polytope.on(origin, B), cone, known)
-        inside = origin = origin + B.dot(found.z)
-        B = B.dot(_left(level, T.dot(B)))
+        found = minimised(law.backend, _sum(level, room, T, damping), room.polytope, room.cone, room.inside)
+        room = room.narrowed(found.z, _left(level, T.dot(room.basis)))
         bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend
         if found.trouble:
             troubles.append(found.trouble)
-    x, active = clipped(demand, T.dot(origin))
-    words = [*troubles]
-    if share < 1.0:
-        words.append(f"limits allow {share:.3g} of the exact rows' speed")
-        words.extend(filter(None, [moved]))
+    x, active = clipped(demand, T.dot(room.origin))
+    words = [*troubles, *(slowed_rows(demand, room, law.to_joint) if slow else [])]
     if active:
-        words.append(f"at the limits of {named(list(active), m)}")
-    status = Status.DEGRADED if troubles else Status.SCALED if share < 1.0 else Status.OK
-    method = "qp" if bounded or share < 1.0 else "closed-form"
-    residual = demand.s - demand.J.dot(x)
+        words.append(f"at the limits of {named(list(active), len(T))}")
+    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
+    method = "qp" if bounded or slow else "closed-form"
+    residual, share = demand.s - demand.J.dot(x), room.share.value
     return VelocitySolution(x, method, status, "; ".join(words), active, residual, share, 0.0, 0.0, backend)
 
 
-def _sum(
-    level: list[TwistTask | JointTask], origin: Array, B: Array, T: Array, damping: Damping, share: float
-) -> Quadratic:
+def _sum(level: list[TwistTask | JointTask], room: Room, T: Array, damping: Damping) -> Quadratic:
     """The weighted sum of a level's objectives over z."""
-    n = B.shape[1]
+    n = room.basis.shape[1]
     roots, wanted = [], []
     for task in level:
         weight = sqrt(task.weight)
         if isinstance(task, TwistTask):
             measure = task.measure
-            A = measure.root.dot(task.J).dot(T)
-            b = measure.root.dot(task.twist)
+            A, b = measure.root.dot(task.J).dot(T), measure.root.dot(task.twist)
             if measure.form is not None:
-                inverse_root = np.asarray(np.linalg.inv(measure.root), np.float64)
-                b = attempted(measure.form, inverse_root, A, b, damping, None)
-            spectrum = spectrum_of(A.dot(B), float(lapack.dgesdd(A, compute_uv=0)[1][0]))
-            objective = least_squares(spectrum, share * b - A.dot(origin), None, damping)
-            K = objective.quadratic().K
-            roots.append(weight * K)
-            wanted.append(weight * np.sqrt(objective.weights) * objective.optimum)
+                b = attempted(measure.form, np.asarray(np.linalg.inv(measure.root)), A, b, damping, None)
+            spectrum = spectrum_of(A.dot(room.basis), float(lapack.dgesdd(A, compute_uv=0)[1][0]))
+            objective = least_squares(spectrum, room.share.value * b - A.dot(room.origin), None, damping)
+            root = np.sqrt(objective.weights)
+            roots.append(weight * root[:, None] * objective.V.T)
+            wanted.append(weight * root * objective.optimum)
         else:
             roots.append(weight * np.eye(n))
-            wanted.append(weight * B.T.dot(np.linalg.solve(T, task.velocity) - origin))
-    return weighted(np.vstack(roots), np.concatenate(wanted))
+            wanted.append(weight * room.coordinates(np.asarray(np.linalg.solve(T, task.velocity), np.float64)))
+    return Quadratic.weighted(np.vstack(roots), np.concatenate(wanted))
 
 
 def _left(level: list[TwistTask | JointTask], B: Array) -> Array:

@@ -1,0 +1,370 @@
+"""Limits on the joint velocity x of a tick: a box for the joints, rows on combinations of them, the speed of a point.
+
+    Bounds       lower <= x <= upper
+    JointBox     from position and velocity limits: lower = clip((q_min - q) / dt, -v_max, v_max), upper likewise
+    BrakingBox   with acceleration limits: a joint is never faster than it can still brake in the room it has left
+    LimitRows    lower <= C x <= upper
+    ToolSpeed    |v + omega x p| <= limit, a second-order cone (250 mm/s beside a person)
+
+Inside the position limits zero is always allowed. Outside, the box is the velocity limit towards the range: it is never
+empty and has no jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.velocity.qp import ROUNDING, Cone, Polytope
+
+# How far outside its position range a joint is reported to be [rad, length]; less is rounding and noise of encoders.
+OUTSIDE = 1e-3
+# Stands in for an infinite acceleration or room where infinity times zero would be NaN.
+BOUNDLESS = 1e30
+
+
+def _limit(value: ArrayLike, argument: str) -> Array:
+    a = arrays.array(value, argument, "a vector of limits, infinite where there is none")
+    if a.ndim != 1 or len(a) == 0:
+        raise BadInput(argument, f"shape {a.shape}", "one limit a joint: shape (m,), m >= 1")
+    if np.isnan(a).any():
+        raise BadInput(argument, f"NaN at index {int(np.isnan(a).argmax())}", "numbers, or +-inf for no limit")
+    return a
+
+
+def accelerations(value: ArrayLike, m: int) -> Array:
+    """(m,) positive acceleration limits, inf where there is none; one number is every joint's."""
+    a = arrays.array(value, "acceleration_limit", "numbers above zero")
+    a = np.full(m, float(a)) if a.ndim == 0 else a.copy()
+    if a.shape != (m,) or not (a > 0.0).all():  # NaN is not above zero either
+        found = f"shape {a.shape}" if a.shape != (m,) else f"{a[~(a > 0.0)][0]:g} at joint {int((~(a > 0.0)).argmax())}"
+        raise BadInput("acceleration_limit", found, f"{m} limits above zero, inf where there is none, or one for all")
+    return a
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Bounds(Value):
+    """Joint velocity limits, lower <= x <= upper.
+
+    Attributes:
+        lower: (m,) [rad/s, length/s], -inf where there is none.
+        upper: (m,) likewise, +inf where there is none.
+    """
+
+    lower: Array = field(converter=own)
+    upper: Array = field(converter=own)
+
+    def __init__(self, lower: ArrayLike, upper: ArrayLike) -> None:
+        """Limits.
+
+        Args:
+            lower: (m,) [rad/s, length/s], -inf where there is none.
+            upper: (m,) likewise, +inf where there is none.
+
+        Raises:
+            BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
+        """
+        low, high = _limit(lower, "lower"), _limit(upper, "upper")
+        if low.shape != high.shape:
+            raise BadInput("upper", f"{len(high)} limits", f"{len(low)}, one for each lower limit")
+        crossed = low > high
+        if crossed.any():
+            i = int(crossed.argmax())
+            found = f"lower {low[i]:g} above upper {high[i]:g} at joint {i}"
+            raise BadInput("lower", found, "lower <= upper for every joint", "No velocity satisfies both.")
+        if (low == np.inf).any() or (high == -np.inf).any():
+            raise BadInput("lower", "a lower limit of +inf or an upper limit of -inf", "a box with points in it")
+        self.__attrs_init__(low, high)
+
+
+def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bounds:
+    """The bounds of m joints for an argument: `Bounds`, (lower, upper), or None for none.
+
+    Raises:
+        BadInput: neither of these, or of another number of joints.
+    """
+    if bounds is None:
+        return Bounds(np.full(m, -np.inf), np.full(m, np.inf))
+    if isinstance(bounds, (tuple, list)) and len(bounds) == 2:
+        try:
+            bounds = Bounds(*bounds)
+        except BadInput as error:
+            raise BadInput(f"bounds[{int(error.argument == 'upper')}]", error.found, error.expected) from error
+    if not isinstance(bounds, Bounds):
+        raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper), (lower, upper), or None")
+    if len(bounds.lower) != m:
+        raise BadInput("bounds", f"{len(bounds.lower)} limits", f"{m}, one for each column of J")
+    return bounds
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class JointBox(Value):
+    """The box that keeps q + x dt inside its limits at |x| <= v_max, or moves it back there.
+
+    Attributes:
+        position_lower: (m,) [rad, length], -inf where there is none.
+        position_upper: (m,).
+        velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
+        dt: [s].
+    """
+
+    position_lower: Array = field(converter=own)
+    position_upper: Array = field(converter=own)
+    velocity_limit: Array = field(converter=own)
+    dt: float
+
+    def __init__(
+        self, position_lower: Array, position_upper: Array, velocity_limit: Array, dt: float, margin: float = 0.0
+    ) -> None:
+        """From limits (m,) that are already checked [rad, length; per s], inf where there is none, for ticks of dt [s].
+
+        `margin` is kept from position limits; a range too short for it shrinks to its middle.
+        """
+        low, high = position_lower, position_upper
+        if margin:
+            kept = np.minimum(margin, 0.5 * (high - low))
+            low = low + kept
+            high = np.maximum(high - kept, low)
+        self.__attrs_init__(low, high, velocity_limit, dt)
+
+    def at(self, q: Array) -> tuple[Array, Array]:
+        """(lower, upper), each (m,), at joint positions q (m,)."""
+        low, high = self._speeds(q)
+        fastest = self.velocity_limit
+        return np.minimum(np.maximum(low, -fastest), fastest), np.maximum(np.minimum(high, fastest), -fastest)
+
+    def placed(self, q: Array) -> tuple[Array, Array]:
+        """(lower, upper), each (m,), by the position limits alone; not above what leads back from outside in time."""
+        low, high = self._speeds(q)
+        return np.minimum(low, self.velocity_limit), np.maximum(high, -self.velocity_limit)
+
+    def _speeds(self, q: Array) -> tuple[Array, Array]:
+        """The velocities (m,) that lead to the position limits in one tick."""
+        place = q * (1.0 / self.dt)
+        return self.position_lower / self.dt - place, self.position_upper / self.dt - place
+
+    def outside(self, q: ArrayLike, joints: Iterable[int]) -> tuple[tuple[int, str], ...]:
+        """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
+        x: Any = q
+        far = ((i, max(x[i] - self.position_upper[i], self.position_lower[i] - x[i])) for i in joints)
+        return tuple((i, f"{distance:.3g} outside its position range") for i, distance in far if distance > OUTSIDE)
+
+    def room(self, q: Array) -> tuple[Array, Array]:
+        """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
+        return self.position_upper - q, q - self.position_lower
+
+
+class BrakingBounds(NamedTuple):
+    """A box that is never empty, and the joints at which the limits contradict each other."""
+
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    strained: tuple[tuple[int, str], ...]  # joint and what gave way there, in words
+    placed_lower: Array  # (m,) by the room to the position limits alone
+    placed_upper: Array  # (m,)
+
+
+@frozen(eq=False, repr=False, slots=False)
+class BrakingBox(Value):
+    """The box of position, velocity and acceleration limits: a joint can always still brake in the room it has left.
+
+        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room
+
+    D is what a joint travels that moves at x for this tick and brakes at a from the next on, tick by tick: with
+    u = x / (a dt) and n = ceil(u) ticks, D = a dt^2 (n u - n (n - 1) / 2). If D(x) fits into the room now, D(x - a dt)
+    fits into what is left after the tick, so a joint that obeys both limits once can obey them for ever.
+
+    Where they contradict each other the box is still not empty, and reports the joint:
+        too fast for the room        the smallest deceleration, kept up, that stops inside; more than a
+        outside a position limit     not further out, and back as fast as acceleration and the opposite limit allow
+        faster than v_max            v_max: velocity never gives way
+    """
+
+    box: JointBox  # position and velocity limits
+    acceleration: Array = field(converter=own)  # (m,) [rad/s^2, length/s^2], positive, inf where there is none
+
+    def at(self, q: Array, before: Array) -> BrakingBounds:
+        """The box at joint positions q (m,), coming from the joint velocity `before` (m,)."""
+        fastest = self.box.velocity_limit
+        ahead, behind = self.box.room(q)
+        # Down is the same problem as up with all signs changed.
+        (least, least_back), (most, most_back) = self._towards(np.array((ahead, behind)), np.array((before, -before)))
+        lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)
+        lower = np.minimum(np.maximum(lower, -fastest), fastest)
+        upper = np.maximum(np.minimum(np.maximum(upper, -fastest), fastest), lower)
+        down, up = (braking_speed(room, self.acceleration, self.box.dt) for room in (behind, ahead))
+        placed = np.minimum(lower, -down), np.maximum(upper, up)
+        return BrakingBounds(lower, upper, self._strained(q, before, lower, upper), *placed)
+
+    def _towards(self, room: Array, before: Array) -> tuple[Array, Array]:
+        """(least, most) velocities (2, m) towards the limits `room` (2, m) away, up and down.
+
+        `least` is what one tick of braking leaves of `before`, or `most` where that is not slow enough.
+        """
+        dt = self.box.dt
+        slowest = before - self.acceleration * dt
+        braking = braking_speed(room, self.acceleration, dt)
+        # Outside: never further out, and back inside as fast as acceleration and the opposite limit allow.
+        back = np.maximum(room / dt, -braking[::-1])
+        inside = room >= 0.0
+        returning = np.minimum(np.maximum(back, slowest), 0.0)
+        most = np.where(inside, braking, returning)
+        late = inside & (most < slowest)
+        if late.any():
+            most = np.where(late, _late_braking(room, before, dt), most)
+        return np.minimum(slowest, most), most
+
+    def _strained(self, q: Array, before: Array, lower: Array, upper: Array) -> tuple[tuple[int, str], ...]:
+        """Joints that cannot have all their limits kept."""
+        step = self.acceleration * self.box.dt
+        jerked = np.maximum(lower - before, before - upper) - step
+        allowance = ROUNDING * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
+        fast = [
+            (i, f"acceleration {(jerked[i] + step[i]) / self.box.dt:.3g}, above its limit {self.acceleration[i]:.3g}")
+            for i in np.flatnonzero(jerked > allowance).tolist()
+        ]
+        return (*self.box.outside(q.tolist(), range(len(q))), *fast)
+
+
+def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:
+    """The largest x >= 0 with D(x) <= room, for each joint; inf where the room is, 0 where there is none."""
+    a = np.minimum(acceleration, BOUNDLESS)
+    # Room in units of what one tick of acceleration makes in one tick; n ticks of braking need n (n + 1) / 2 of it.
+    r = np.minimum(np.maximum(room, 0.0), BOUNDLESS) / (a * dt * dt)
+    n = np.maximum(np.ceil(0.5 * (np.sqrt(8.0 * r + 1.0) - 1.0)), 1.0)
+    return np.where(np.isinf(room), np.inf, a * dt * (r / n + 0.5 * (n - 1.0)))
+
+
+def _late_braking(room: Array, before: Array, dt: float) -> Array:
+    """The next velocity under the smallest constant deceleration that stops within the room, at each joint.
+
+    From w = `before`, ticks at w - b, w - 2b, ... sum to the room for b = 2 w (n - d) / (n (n - 1)), where
+    d = 1 + room / (w dt), n = ceil(2 d - 1) ticks; one tick, b = w, where there is no room.
+    """
+    w = np.where(before > 0.0, before, 1.0)
+    d = 1.0 + np.minimum(np.maximum(room, 0.0), BOUNDLESS) / (w * dt)
+    n = np.maximum(np.ceil(2.0 * d - 1.0), 1.0)
+    share = np.where(n > 1.0, 2.0 * (n - d) / np.maximum(n * (n - 1.0), 1.0), 1.0)
+    return np.where(before > 0.0, w * (1.0 - share), 0.0)
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class LimitRows(Value):
+    """lower <= C x <= upper: a coupling of joints, the distance to an obstacle, one direction of a point's velocity.
+
+    Where box and rows leave no velocity, the rows give way by the least sum of squares, each measured by its length (so
+    its scale does not count); the box never does.
+
+    Attributes:
+        C: (k, m) rows on the joint velocity.
+        lower: (k,), -inf where there is none.
+        upper: (k,), +inf where there is none.
+    """
+
+    C: Array = field(converter=own)
+    lower: Array = field(converter=own)
+    upper: Array = field(converter=own)
+
+    def __init__(self, C: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> None:
+        """Rows.
+
+        Args:
+            C: (k, m) rows on the joint velocity.
+            lower: (k,), -inf where there is none.
+            upper: (k,), +inf where there is none.
+
+        Raises:
+            BadInput: shapes that do not fit, NaN, lower above upper (the row is named).
+        """
+        matrix = arrays.array(C, "C", "a (k, m) matrix")
+        if matrix.ndim != 2 or 0 in matrix.shape:
+            raise BadInput("C", f"shape {matrix.shape}", "(k, m), one row a limit")
+        matrix = arrays.matrix(matrix, (None, matrix.shape[1]), "C")
+        try:
+            sides = Bounds(lower, upper)
+        except BadInput as error:
+            raise BadInput(
+                error.argument, error.found.replace("joint", "row"), "lower <= upper for each row"
+            ) from error
+        if len(sides.lower) != len(matrix):
+            raise BadInput("lower", f"{len(sides.lower)} limits", f"{len(matrix)}, one for each row of C")
+        self.__attrs_init__(matrix, sides.lower, sides.upper)
+
+    @classmethod
+    def none(cls, m: int) -> LimitRows:
+        """No rows, on m joints."""
+        made = cls.__new__(cls)
+        made.__attrs_init__(np.empty((0, m)), np.empty(0), np.empty(0))
+        return made
+
+    @classmethod
+    def trusted(cls, C: Array, lower: Array, upper: Array) -> LimitRows:
+        """Rows of float64 arrays that nobody else has and that are known to be right: nothing is checked or copied."""
+        made = cls.__new__(cls)
+        made.__setstate__({"C": C, "lower": lower, "upper": upper})
+        return made
+
+    def with_box(self, lower: Array, upper: Array) -> Polytope:
+        """The polytope of a box (m,) on the joints and these rows."""
+        A = np.vstack((np.eye(len(lower)), self.C))
+        return Polytope(A, np.concatenate((lower, self.lower)), np.concatenate((upper, self.upper)))
+
+    def allow(self, x: Array) -> bool:
+        """Whether C x is inside."""
+        y = self.C.dot(x)
+        return bool((y >= self.lower).all() and (y <= self.upper).all())
+
+    def excess(self, x: Array) -> Array:
+        """(k,) how far C x is above the upper limit (positive) or below the lower one (negative); 0 inside."""
+        y = self.C.dot(x)
+        over, under = y - self.upper, y - self.lower
+        return np.asarray(np.maximum(over, 0.0) + np.minimum(under, 0.0), dtype=np.float64)
+
+    def share(self, x: Array) -> float:
+        """The largest share of x in [0, 1] that the rows allow; rows that zero violates are ignored."""
+        y, lower, upper = self.C.dot(x), self.lower, self.upper
+        over = np.maximum(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
+        return 1.0 / max(1.0, float(over.max()))
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class ToolSpeed(Value):
+    """The speed limit of a point of the tool.
+
+    It gives way, by the least, where joint limits or rows force the tool to move faster; the status says so.
+
+    Attributes:
+        limit: [length/s].
+        point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
+    """
+
+    limit: float
+    point: Array | None = field(converter=optional(own))
+
+    def __init__(self, limit: float, point: ArrayLike | None = None) -> None:
+        """A speed limit.
+
+        Args:
+            limit: [length/s], positive.
+            point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
+
+        Raises:
+            BadInput: a limit that is not positive, a point that is none.
+        """
+        speed = arrays.number(limit, "limit", "a speed", positive=True)
+        where = None if point is None else arrays.vector(point, 3, "point")
+        self.__attrs_init__(speed, where)
+
+    def cone(self, J: Array, point: Array) -> Cone:
+        """The cone for joint twists J (6, m) and the point (3,) in the frame of J."""
+        return Cone(velocity_at(J, point), self.limit, np.zeros(3))

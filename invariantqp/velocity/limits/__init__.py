@@ -1,1 +1,0 @@
-"""Limits on joint velocities: boxes, rows, braking distances, the tool's speed."""

@@ -1,0 +1,356 @@
+"""A strictly convex quadratic program: a library says which limits are near, least squares on these gives the digits.
+
+    minimise 1/2 |K (z - c)|^2   over   lower <= A z <= upper,   |v_p| <= limit
+
+In e = K (z - c), z = c + T e, this is the point of a convex set nearest to zero. Solvers stop at tolerances of their
+own; so one is asked only which limits are near. Non-negative least squares picks those of them that pull, and e is the
+shortest on these. The answer depends on solver, frame and unit by rounding times the condition of T = K^-1 alone.
+
+    e + N'y = 0,  N = A T:     y > 0 at an upper limit, y < 0 at a lower one; loosening limit i by d gains |y_i| d
+
+The speed limit of a point is kept by its multiplier: 1/2 nu |v_p|^2 is added, nu >= 0 such that the speed is the limit.
+
+Reference: Lawson and Hanson 1974, ch. 23 (least distance by non-negative least squares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from math import sqrt
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, nnls
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
+from invariantqp.systems.span import TINY
+from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, semidefinite, solved
+
+# Smaller than this share of what it is compared with, a difference is rounding.
+ROUNDING = 1e-9
+# A limit this close, relative to its value (or 1), is at it.
+ACTIVE_TOLERANCE = 1e-6
+# A row and a column whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that the
+# law has no jump.
+COSINE_ROUNDING = 1e-13
+# A limit this close to the solver's answer, on the scaled problem, is near.
+CLOSE = 1e-7
+# The multiplier of a speed limit outweighs the rest by this factor at most.
+MOST_SHARE = 1e8
+# What an answer is called that no solver gave.
+OWN = "least distance"
+
+
+class Polytope(NamedTuple):
+    """lower <= A z <= upper."""
+
+    A: Array  # (k, n) the joints first, then rows
+    lower: Array  # (k,), -inf where there is none
+    upper: Array  # (k,), inf where there is none
+    rounding: Array | float = 0.0  # (k,) how far a value may be outside: rounding of what exact rows fix of it
+
+    def margin(self, *velocities: Array) -> Array:
+        """(k,) how far a value may be outside its limit: rounding, where it comes from some z (n,)."""
+        speed = sum(norm(z) for z in velocities)
+        return np.asarray(self.rounding + ROUNDING * np.linalg.norm(self.A, axis=1) * speed)
+
+    def allows(self, z: Array, *terms: Array) -> bool:
+        """Whether z is inside but for rounding, also that of terms (n,) of which z is the sum."""
+        value, margin = self.A.dot(z), self.margin(z, *terms)
+        return bool(((value <= self.upper + margin) & (value >= self.lower - margin)).all())
+
+    def admitting(self, z: Array) -> Polytope:
+        """The same limits, widened so far that z is inside by rounding."""
+        value, margin = self.A.dot(z), self.margin(z)
+        lower, upper = np.minimum(self.lower, value - margin), np.maximum(self.upper, value + margin)
+        return self._replace(lower=lower, upper=upper)
+
+    def on(self, origin: Array, basis: Array) -> Polytope:
+        """The same limits on z, x = origin + basis z."""
+        value = self.A.dot(origin)
+        return Polytope(product(self.A, basis), self.lower - value, self.upper - value, self.margin(origin))
+
+
+class Cone(NamedTuple):
+    """|start + J x| <= limit: the speed of a point."""
+
+    J: Array  # (3, m)
+    limit: float  # [length/s]
+    start: Array  # (3,)
+
+    def velocity(self, x: Array) -> Array:
+        """(3,) of the point [length/s]."""
+        return np.asarray(self.start + self.J.dot(x), dtype=np.float64)
+
+    def speed(self, x: Array) -> float:
+        """|v_p| [length/s]."""
+        v = self.velocity(x)
+        return sqrt(float(v.dot(v)))
+
+    def allows(self, x: Array, tolerance: float = 0.0) -> bool:
+        """Whether the point is slow enough, but for a relative tolerance."""
+        return self.speed(x) <= self.limit * (1.0 + tolerance)
+
+    def on(self, origin: Array, basis: Array) -> Cone:
+        """The same cone on z, x = origin + basis z."""
+        return Cone(product(self.J, basis), self.limit, self.velocity(origin))
+
+
+def product(A: Array, B: Array) -> Array:
+    """(k, n) A B, zero where it is only rounding."""
+    rounding = COSINE_ROUNDING * np.outer(np.linalg.norm(A, axis=1), np.linalg.norm(B, axis=0)) + TINY
+    C: Array = A.dot(B)
+    return np.clip(np.abs(C) / rounding - 1.0, 0.0, 1.0) * C
+
+
+class Quadratic(NamedTuple):
+    """1/2 |K (z - centre)|^2, with T = K^-1."""
+
+    K: Array  # (n, n)
+    T: Array  # (n, n)
+    centre: Array  # (n,)
+
+    @classmethod
+    def diagonal(cls, root: Array, centre: Array) -> Quadratic:
+        """K = diag(root), root (n,)."""
+        return cls(np.diag(root), np.diag(1.0 / root), centre)
+
+    @classmethod
+    def weighted(cls, root: Array, wanted: Array) -> Quadratic:
+        """1/2 |root z - wanted|^2 but for a constant, root (k, n) of full column rank."""
+        U, sizes, Vt = np.linalg.svd(root, full_matrices=False)
+        T = Vt.T / sizes
+        return cls(sizes[:, None] * Vt, T, T.dot(wanted.dot(U)))
+
+    def plus(self, root: Array, wanted: Array) -> Quadratic:
+        """The same with 1/2 |root z - wanted|^2 added; however large root (k, n) is, with the digits of both."""
+        n = len(self.centre)
+        U, sizes, Wt = np.linalg.svd(root.dot(self.T))
+        size, pull = np.zeros(n), np.zeros(n)
+        size[: len(sizes)] = sizes
+        pull[: len(sizes)] = (wanted - root.dot(self.centre)).dot(U[:, : len(sizes)])
+        more = np.sqrt(1.0 + size * size)
+        T = self.T.dot(Wt.T) / more
+        return Quadratic(more[:, None] * Wt.dot(self.K), T, self.centre + T.dot(size * pull / more))
+
+
+class Optimum(NamedTuple):
+    """The minimiser, its multipliers, and how it was found."""
+
+    z: Array  # (n,)
+    multipliers: Array  # (k,) y, zero where the limit is not active
+    backend: str = ""  # the solver; "" where none was needed
+    trouble: str = ""  # what went wrong on the way, "" for nothing
+    nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
+
+
+def minimise(
+    backend: Backend, cost: Quadratic, limits: Polytope, cone: Cone | None = None, inside: Array | None = None
+) -> Optimum:
+    """The optimum inside limits and cone.
+
+    Args:
+        backend: the solver asked first; DAQP stands in for it.
+        cost: what is minimised.
+        limits: on z; infinite where there is none.
+        cone: likewise, or None.
+        inside: (n,) a z inside both, but for rounding, where one is known: the answer where no other is found.
+
+    Raises:
+        SolverFailure: no answer was found, and none is known; `.infeasible` when a solver says that there is none.
+    """
+
+    def at(nu: float) -> Optimum:
+        priced = cost if cone is None or nu == 0.0 else cost.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
+        return _in_polytope(backend, priced, limits, inside)._replace(nu=nu)
+
+    found = at(0.0)
+    if cone is None or cone.allows(found.z, ROUNDING):
+        return found
+    if not cone.J.any():
+        if inside is None:
+            raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
+        return found
+    return at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), at, lambda found: found.z, inside)
+
+
+Found = TypeVar("Found")
+
+
+def at_speed_limit(
+    cone: Cone, weight: float, at: Callable[[float], Found], z: Callable[[Found], Array], inside: Array | None
+) -> Found:
+    """at(nu) for the nu at which the speed of the point, which falls as nu grows, is the limit.
+
+    `weight` is |K|^2 of the cost, and z(at(nu)) the velocity found.
+
+    Raises:
+        SolverFailure: not even the largest nu is enough.
+    """
+    once = cache(at)
+
+    def excess(nu: float) -> float:
+        over = 1.0 - cone.limit / max(cone.speed(z(once(nu))), TINY)  # nearly linear in nu
+        return over if abs(over) > COSINE_ROUNDING else 0.0
+
+    low, high = 0.0, weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
+    most = MOST_SHARE * high
+    while excess(high) > 0.0:
+        low, high = high, 10.0 * high
+        if high > most:
+            if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
+                raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
+            return once(low)
+    return once(low if excess(low) <= 0.0 else brentq(excess, low, high, xtol=TINY, disp=False))
+
+
+def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
+    """The optimum inside the limits; limits that leave hardly more room than rounding are widened by that, once."""
+    try:
+        return _optimum(backend, cost, limits)
+    except SolverFailure as failure:
+        if inside is None:
+            raise
+        trouble = "" if failure.infeasible else str(failure)
+    try:
+        return _optimum(backend, cost, limits.admitting(inside))
+    except SolverFailure:
+        return Optimum(inside, np.zeros(len(limits.lower)), OWN, trouble)
+
+
+def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
+    value, lengths = limits.A.dot(cost.centre), np.linalg.norm(limits.A, axis=1)
+    rounding = COSINE_ROUNDING * lengths * np.linalg.norm(cost.centre)
+    outside = np.maximum(limits.lower - value, value - limits.upper) - rounding
+    if (outside <= 0.0).all():
+        return Optimum(cost.centre, np.zeros(len(value)))
+    N = product(limits.A, cost.T)
+    lengths = np.linalg.norm(N, axis=1)
+    if (outside > limits.rounding)[lengths == 0.0].any():
+        raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
+    if (outside[lengths > 0.0] <= 0.0).all():
+        return Optimum(cost.centre, np.zeros(len(value)))
+    moving = (lengths > 0.0).nonzero()[0]
+    rows, lower, upper = limits.A[moving], limits.lower[moving], limits.upper[moving]
+    N, lengths = N[moving] / lengths[moving, None], lengths[moving]
+    low, high = (lower - value[moving]) / lengths, (upper - value[moving]) / lengths
+    size = float(np.maximum(low, -high).max())  # how far the optimum without limits is outside
+    n, r = len(cost.centre), len(moving)
+    G, b = np.vstack((N, -N)), np.append(high, -low) / size  # G e <= b in units of `size`
+
+    def optimum(e: Array, y: Array, name: str, trouble: str) -> Optimum:
+        multipliers = np.zeros(len(value))
+        multipliers[moving] = size * (y[:r] - y[r:]) / lengths
+        return Optimum(cost.centre + size * cost.T.dot(e), multipliers, name, trouble)
+
+    def on_pulling(near: NDArray[np.bool_], name: str, trouble: str) -> Optimum:
+        """On those of some limits that pull."""
+        at = _pulling(G, b, near)
+        shortest = np.linalg.pinv(G[at])
+        e, y = shortest.dot(b[at]), np.zeros(len(b))
+        y[at] = np.maximum(-e.dot(shortest), 0.0)
+        found = optimum(e, y, name, trouble)
+        # Once more what is missing, measured in z: at its limits to rounding, whatever the condition of T.
+        missing = np.append(upper - rows.dot(found.z), rows.dot(found.z) - lower) / np.tile(lengths, 2)
+        return found._replace(z=found.z + cost.T.dot(shortest.dot(missing[at])))
+
+    try:
+        z, name, trouble = solved(backend, BoxQP.of(np.eye(n), np.zeros(n), low / size, high / size, N))
+    except SolverFailure as failure:  # perhaps of limits that leave no more room than rounding
+        found = on_pulling(np.isfinite(b), OWN, "" if type(backend) is Daqp else str(failure))
+        if not limits.allows(found.z, found.z - cost.centre):
+            raise
+        return found
+    near = G.dot(z) >= b - CLOSE
+    found = on_pulling(near, name, trouble)
+    if limits.allows(found.z, found.z - cost.centre):
+        return found
+    y = np.zeros(len(b))  # opposite limits were near, and cannot both be met
+    y[near] = _non_negative(G[near].T, -z)
+    return optimum(z, y, name, trouble)
+
+
+def _pulling(G: Array, b: Array, near: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Those of some limits that are active at the shortest e inside these; they do not depend on each other."""
+    some = near.nonzero()[0]
+    E = np.vstack((-G[some].T, -b[some]))
+    return np.asarray(some[_non_negative(E, np.eye(len(E))[-1]) > 0.0])
+
+
+def _non_negative(E: Array, f: Array) -> Array:
+    """u >= 0 with the least |E u - f|; zero where SciPy does not find it."""
+    try:
+        return np.asarray(nnls(E, f)[0]) if E.size else np.zeros(E.shape[1])
+    except RuntimeError:
+        return np.zeros(E.shape[1])
+
+
+def largest_pace(
+    cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
+) -> float:
+    """p of: minimise 1/2 |K (z - start - p way)|^2 + delta |K way| (1 - p)  over z inside the limits and 0 <= p <= 1.
+
+    In r = K (z - start - p way), g = p |K way| it is 1/2 |r|^2 - delta g: one QP with the Hessian diag(1, ..., 1, 0).
+    """
+    if norm(cost.K.dot(start + way - inside)) <= delta:  # no more is missed than by the velocity that is known
+        return 1.0
+    length = norm(cost.K.dot(way))
+    u = cost.K.dot(way) / length
+
+    def missed(p: float) -> float:
+        """What limits take away along the chase, less delta: zero where p is the optimum, and it does not fall."""
+        centre = start + p * way
+        z = minimise(Daqp(), cost._replace(centre=centre), limits, cone, inside).z
+        return float(u.dot(cost.K.dot(centre - z))) - delta
+
+    try:  # DAQP finds no answer, or beside a tool speed a wrong one, where limits leave hardly any room
+        pace = _largest_pace(cost, start, way, delta, limits, cone, inside)
+        if cone is None or pace in {0.0, 1.0} or abs(missed(pace)) <= ACTIVE_TOLERANCE * length:
+            return pace
+    except SolverFailure:
+        pass
+    if missed(1.0) <= 0.0:
+        return 1.0
+    return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=COSINE_ROUNDING))
+
+
+def _largest_pace(
+    cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
+) -> float:
+    n, length = len(start), norm(cost.K.dot(way))
+    columns = np.column_stack((cost.T, way / length))  # z = start + columns (r, g)
+    N, value = product(limits.A, columns), limits.A.dot(start)
+    lengths = np.linalg.norm(N, axis=1)
+    moving = (lengths > 0.0).nonzero()[0]
+    N = np.vstack((N[moving] / lengths[moving, None], np.eye(n + 1)[-1]))
+    lower = np.append((limits.lower - value)[moving] / lengths[moving], 0.0)
+    upper = np.append((limits.upper - value)[moving] / lengths[moving], length)
+    size = max(length, float(np.maximum(lower, -upper).max()))  # how far the chase goes, or is outside
+    if cone is not None and cone.J.any():
+        size = max(size, (cone.speed(start + way) - cone.limit) / float(np.linalg.norm(cone.J.dot(cost.T))))
+    slow = None if cone is None else cone.on(start, size * columns)
+    H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
+
+    def at(nu: float) -> tuple[BoxQP, Array, Array]:
+        """The problem with the price nu on the speed; (r, g) in units of `size`, and the multipliers."""
+        qp = BoxQP.of(H, c, lower / size, upper / size, N)
+        if slow is not None and nu > 0.0:
+            qp = qp._replace(H=H + nu * slow.J.T.dot(slow.J), c=c - nu * slow.start.dot(slow.J))
+        return (qp, *semidefinite(qp))
+
+    qp, x, y = at(0.0)
+    if slow is not None and slow.J.any() and not slow.allows(x, ROUNDING):
+        first = np.append(cost.K.dot(inside - start), 0.0) / size
+        qp, x, y = at_speed_limit(slow, float(n), at, lambda found: found[1], first)
+    if y[-1] != 0.0:
+        return float(y[-1] > 0.0)
+    a = y.nonzero()[0]
+    KKT = np.block([[qp.H, N[a].T], [N[a], np.zeros((len(a), len(a)))]])
+    right = np.append(qp.c, np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
+    inverse = np.linalg.pinv(KKT)
+    exact = inverse.dot(right)
+    exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
+    return float(min(max(exact[n] * size / length, 0.0), 1.0))

@@ -1,1 +1,0 @@
-"""Quadratic programs and the solvers they are given to."""

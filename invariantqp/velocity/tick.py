@@ -1,0 +1,434 @@
+"""One tick of the law: convex problems, stage by stage; each stage is a function of what the stage before it returned.
+
+    minimise over z   1/2 |A (origin + B z) - a b|^2 + 1/2 |z - z_p|_Lambda^2     inside the limits,   x = T y,
+                                                                                               y = origin(a) + B z
+
+T makes the joint metric the identity; B and the origin describe the velocities that meet the exact rows at the share a
+of their speed (`exact`): rows, twist and posture slow down together.
+
+    free          the optimum without limits, where that is inside them; otherwise:
+    give way      rows that contradict the box, and a tool speed that contradicts both, are relaxed by the least
+    share         exact rows slow down along their direction where limits require it           2 QPs, with exact rows
+    pace          the chase of a target slows down before limits bend it                       1 QP
+    minimise      the optimum inside the limits                                                1 QP
+    calm          once more, with damping that grows with the residual (`damping.calm`)        1 QP
+    guard         with a form: least squares inside the same limits is blended in where the form does not descend
+
+So a limited tick is three QPs. Two more find what position limits alone leave of the chase where they are active, two
+the share of exact rows; a form's guard does pace, minimise and calm for least squares, too; and a tool speed that is
+active solves each of its QPs about six times, for the multiplier.
+
+Continuity. Each answer is the optimum of a strictly convex problem whose data are continuous in (J, s, limits).
+Contradictions are reported in words (`troubles`). Only `SolverFailure` is raised, where no velocity was found at all.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
+from invariantqp.velocity.backends import Daqp
+from invariantqp.velocity.damping import CALM, Damping, calm
+from invariantqp.velocity.exact import Reduction, Share, counted_from_least, reduce, share_of
+from invariantqp.velocity.forms import PitchForm, attempted
+from invariantqp.velocity.law import Demand, Guard, VelocityLaw
+from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.objective import NULL_RATIO, Objective, Spectrum, convexified, least_squares, spectrum_of
+from invariantqp.velocity.qp import ROUNDING, Cone, Optimum, Polytope, Quadratic, largest_pace, minimise
+
+# The joint speed of a task, as a share of the fastest, at which half of the posture is followed. Measured
+# (`examples/14_defaults.py`): the smaller it is, the more suddenly the posture sets in where a motion begins or ends;
+# the larger, the nearer to their limits joints come where a path goes past one. With positions read to 2e-5 rad an arm
+# that stays moves by less than 0.1 deg in ten seconds.
+POSTURE_PACE = 0.01
+# A missing decrease below this share of |r| max(|r|, |A| |x|), |r| the larger of |b| and |A x|, is rounding of x.
+DECREASE_ROUNDING = 1e-13
+# Weight of |y|^2 beside what gives way, only to make the problem strictly convex. Rows that need a motion v then give
+# way by this share of v more than necessary; the second pass, centred at the first one's velocity, by its square.
+REGULARISATION = 1e-8
+# What gave way is given this share more, so that the next problem has an interior; the tool's least speed likewise.
+WIDENING = 1e-7
+FASTER = 1e-4
+
+
+class Problem(NamedTuple):
+    """The problem of one tick, for any share of the exact rows' speed, in coordinates y."""
+
+    demand: Demand
+    A: Array  # (6, m) measured joint twists on y
+    wanted: Array  # (6,) measured twist
+    attempt: Array  # (6,) measured twist that is attempted, which differs from `wanted` with a form
+    ahead: Array | None  # (6,) likewise without the chase; None where there is none
+    posture: Array | None  # (m,) y wanted where the twist leaves joints free, or None
+    reduction: Reduction  # the velocities that meet the exact rows
+    damping: Damping  # the policy
+    spectrum: Spectrum | None  # of A B; None for [DS]'s problem made convex, with this pitch:
+    pitch: float
+    J: Array  # (6, m) joint twists on y, for that problem
+
+    def objective(self, share: float) -> Objective:
+        """The objective in z at a share of the speed."""
+        origin, basis = self.reduction.origin(share), self.reduction.basis
+        posture = None if self.posture is None else (share * self.posture - origin).dot(basis)
+        if self.spectrum is None:
+            s = share * self.demand.s - self.J.dot(origin)
+            return convexified(self.J.dot(basis), s, self.pitch, posture, self.damping)
+        fixed = self.A.dot(origin)
+        ahead = None if self.ahead is None else share * self.ahead - fixed
+        return least_squares(self.spectrum, share * self.attempt - fixed, posture, self.damping, ahead)
+
+    def possible(self) -> Array:
+        """(6,) the part of the measured twist that the joints can do at all, beside the exact rows."""
+        rows = self.demand.exact is not None
+        if self.spectrum is None or not (rows or self.A.shape[1] < 6):
+            return self.wanted
+        U, sigma, _, largest = self.spectrum
+        fixed = self.A.dot(self.reduction.full)
+        U = U[:, : len(sigma)][:, sigma > NULL_RATIO * largest]
+        possible: Array = fixed + U.dot((self.wanted - fixed).dot(U))
+        return possible
+
+
+class Limits(NamedTuple):
+    """The limits on y, after contradictions gave way (`troubles` says which), and a y (m,) inside them."""
+
+    polytope: Polytope
+    position: Polytope  # without the limits of velocity and acceleration
+    cone: Cone | None
+    troubles: tuple[str, ...]
+    inside: Array
+
+
+class Room(NamedTuple):
+    """What is left to minimise over: the velocities y = origin + basis z at a share of the exact rows' speed."""
+
+    share: Share
+    reduction: Reduction
+    origin: Array  # (m,)
+    basis: Array  # (m, n)
+    polytope: Polytope  # the limits on z
+    position: Polytope  # without the limits of velocity and acceleration
+    cone: Cone | None
+    inside: Array  # (n,) a z inside all
+    troubles: tuple[str, ...]  # contradictions between limits
+
+    def velocity(self, z: Array) -> Array:
+        """(m,) y of z."""
+        y: Array = self.origin + self.basis.dot(z)
+        return y
+
+    def coordinates(self, y: Array) -> Array:
+        """(n,) z of y."""
+        z: Array = (y - self.origin).dot(self.basis)
+        return z
+
+    def narrowed(self, z: Array, basis: Array) -> Room:
+        """The velocities that differ from that of z by basis (n, k) times what is left."""
+        cone = None if self.cone is None else self.cone.on(z, basis)
+        limits = self.polytope.on(z, basis), self.position.on(z, basis)
+        origin, inside = self.velocity(z), np.zeros(basis.shape[1])
+        return self._replace(
+            origin=origin, basis=self.basis.dot(basis), polytope=limits[0], position=limits[1], cone=cone, inside=inside
+        )
+
+
+class Answer(NamedTuple):
+    """A velocity inside the limits, and how it came about."""
+
+    y: Array  # (m,) the velocity, in the joints' own metric
+    room: Room
+    objective: Objective  # what was minimised last
+    found: Optimum | None  # the optimum of the QP; None where no limit is active
+    slowed: Array  # (m,) the part of the chase, as a velocity y, that limits slow down; zero where they do not
+    pace: float  # share of the chase that is left, 1 where limits do not slow it down
+    blended: float  # share of least squares that the guard blended in
+    troubles: tuple[str, ...]  # what is not as demanded, in words
+
+
+def answered(law: VelocityLaw, problem: Problem) -> Answer:
+    """The answer, with or without active limits.
+
+    Raises:
+        SolverFailure: no velocity was found.
+    """
+    demand, reduction = problem.demand, problem.reduction
+    objective = problem.objective(1.0)
+    y = reduction.full + reduction.basis.dot(objective.centre())
+    if not reduction.contradicts and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
+        room = room_of(reduction, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
+        first = Answer(y, room, objective, None, np.zeros(len(y)), 1.0, 0.0, ())
+    else:
+        room = room_within(law, demand, reduction)
+        problem = problem._replace(reduction=room.reduction)
+        first = _chasing(law, problem, room, problem.objective(room.share.value))
+    mu = 0.0
+    if law.dt > 0.0 and problem.spectrum is not None:
+        achieved = problem.A.dot(first.y + first.slowed)
+        speed = first.objective.speed(room.coordinates(first.y))
+        mu = calm(problem.A, problem.wanted, achieved, speed, law.dt, CALM * reduction.bend)
+    answer = _calmed(law, first, mu)
+    if law.guard is None or problem.attempt is problem.wanted:
+        return answer
+    ahead = None if demand.chase is None else demand.root.dot(demand.chase.ahead)
+    plain = problem._replace(attempt=problem.wanted, ahead=ahead)
+    best = _calmed(law, _chasing(law, plain, room, plain.objective(room.share.value)), mu)
+    return _guarded(law.guard, problem, answer, best, mu)
+
+
+def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Problem:
+    """The problem of one tick."""
+    T, m = law.to_joint, demand.J.shape[1]
+    J = demand.J if T is None else demand.J.dot(T)
+    A, wanted = demand.root.dot(J), demand.root.dot(demand.s)
+    posture = demand.posture if law.from_joint is None or demand.posture is None else law.from_joint.dot(demand.posture)
+    ahead = None if demand.chase is None else demand.root.dot(demand.chase.ahead)
+    reduction = Reduction.without_rows(m)
+    if demand.exact is not None:
+        reduction = reduce(demand.exact.on(T), demand.root, demand.row_rank, demand.s)
+    problem = Problem(demand, A, wanted, wanted, ahead, posture, reduction, damping, None, 0.0, J)
+    if isinstance(law.form, PitchForm) and law.form.convexified:
+        return problem._replace(ahead=None, pitch=law.form.h)
+    largest = None if demand.exact is None else float(lapack.dgesdd(A, compute_uv=0)[1][0])
+    problem = problem._replace(spectrum=spectrum_of(A.dot(reduction.basis), largest))
+    if posture is not None and demand.fastest is not None:
+        problem = problem._replace(posture=_followed(law, problem) * posture)
+    if law.form is None:
+        return problem
+    fraction = None if law.guard is None else law.guard.fraction
+    inverse_root = np.asarray(np.linalg.inv(demand.root), np.float64)
+    if ahead is not None:
+        ahead = attempted(law.form, inverse_root, A, ahead, damping, fraction)
+    return problem._replace(attempt=attempted(law.form, inverse_root, A, wanted, damping, fraction), ahead=ahead)
+
+
+def _followed(law: VelocityLaw, problem: Problem) -> float:
+    """The share of the posture that is followed: t^2 / (t^2 + POSTURE_PACE^2), t the joint speed that the task needs.
+
+    t is a share of the joints' fastest. Of a chase d counts (1 - slack^2 / |d|^2) d, and nothing within its slack. So a
+    task at rest leaves the joints at rest, and the noise of measured positions, which the chase follows, does not move
+    them.
+    """
+    demand, reduction = problem.demand, problem.reduction
+    s, chase = demand.s, demand.chase
+    if chase is not None:
+        size = norm(demand.root.dot(s - chase.ahead))
+        share = 0.0 if size <= chase.slack else 1.0 - (chase.slack / size) ** 2
+        s = chase.ahead + share * (s - chase.ahead)
+        if demand.exact is not None and chase.rows_ahead is not None:
+            exact = demand.exact.demanding(chase.rows_ahead + share * (demand.exact.b - chase.rows_ahead))
+            reduction = reduce(exact.on(law.to_joint), demand.root, demand.row_rank, s)
+    b = demand.root.dot(s)
+    needed = problem._replace(attempt=b, ahead=None, posture=None, reduction=reduction).objective(1.0)
+    y = reduction.full + reduction.basis.dot(needed.centre())
+    x = y if law.to_joint is None else law.to_joint.dot(y)
+    t = float((np.abs(x) / np.asarray(demand.fastest)).max())
+    return t * t / (t * t + POSTURE_PACE * POSTURE_PACE)
+
+
+def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Polytope, Cone | None]:
+    """The limits on y: all but the tool's speed; without those of velocity and acceleration; the tool's speed."""
+    boxes = [(demand.lower, demand.upper)]
+    boxes += [boxes[0] if demand.chase is None else (demand.chase.lower, demand.chase.upper)]
+    m = len(demand.lower)
+    rows = LimitRows.none(m) if demand.rows is None else demand.rows
+    limits, position = (rows.with_box(*box) for box in boxes)
+    T, cone = law.to_joint, demand.cone
+    if T is None:
+        return limits, position, cone
+    still = np.zeros(m)
+    return limits.on(still, T), position.on(still, T), None if cone is None else cone.on(still, T)
+
+
+def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
+    """The velocities at the share of the exact rows' speed that the limits allow, after contradictions gave way."""
+    limits = _given_way(law, demand)
+    reduction, inside = counted_from_least(reduction, limits.polytope, limits.cone, limits.inside, law.backend)
+    share = share_of(reduction, limits.polytope, limits.cone, inside, law.dt, law.backend)
+    return room_of(reduction, limits, share)
+
+
+def room_of(reduction: Reduction, limits: Limits, share: Share) -> Room:
+    """The velocities inside the limits at a share of the exact rows' speed."""
+    origin, basis = reduction.origin(share.value), reduction.basis
+    cone = None if limits.cone is None else limits.cone.on(origin, basis)
+    polytope, position = limits.polytope.on(origin, basis), limits.position.on(origin, basis)
+    inside = (share.velocity - origin).dot(basis)
+    return Room(share, reduction, origin, basis, polytope, position, cone, inside, limits.troubles)
+
+
+def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objective) -> Answer:
+    """The velocity inside the limits: position limits bend the chase of a target, all others slow it down first.
+
+        z*(p)     the optimum without limits for the twist whose chase has the pace p in [0, 1]
+        z1, z0    nearest to z*(1) and z*(0) inside the position limits and rows
+        p         of the minimum of 1/2 |K (z - z0 - p (z1 - z0))|^2 + delta |K (z1 - z0)| (1 - p) over z inside all
+                  limits and p, delta = |ahead| + slack
+        z         nearest to z*(p) inside all limits: least squares of that twist
+
+    So limits may take away delta along the chase, as least squares has it; what is more slows the chase down, in all
+    its directions alike. p is part of the minimum of one convex function, so the answer is continuous in all data.
+    """
+    cost, chase = objective.quadratic(), problem.demand.chase
+    if chase is None or objective.still is None:
+        return _nearest(law, room, objective)
+    found = minimise(law.backend, cost, room.position, None, room.inside)
+    if room.polytope.allows(found.z) and (room.cone is None or room.cone.allows(found.z, ROUNDING)):
+        return _answer(room, objective, found)
+    unchased = objective.paced(0.0).quadratic()
+    start = minimise(law.backend, unchased, room.position, None, room.inside).z
+    way = found.z - start
+    if norm(cost.K.dot(way)) <= NULL_RATIO * norm(cost.K.dot(found.z)):
+        return _nearest(law, room, objective)
+    delta = norm(problem.demand.root.dot(chase.ahead)) * room.share.value + chase.slack
+    pace = largest_pace(cost, start, way, delta, room.polytope, room.cone, room.inside)
+    slowed = room.basis.dot((1.0 - pace) * (cost.centre - unchased.centre))
+    return _nearest(law, room, objective.paced(pace))._replace(slowed=slowed, pace=pace)
+
+
+def _nearest(law: VelocityLaw, room: Room, objective: Objective) -> Answer:
+    """The optimum inside all limits."""
+    return _answer(room, objective, minimise(law.backend, objective.quadratic(), room.polytope, room.cone, room.inside))
+
+
+def _answer(room: Room, objective: Objective, found: Optimum) -> Answer:
+    """The answer for an optimum in z."""
+    trouble = (f"{found.trouble}; solved by {found.backend}",) if found.trouble else ()
+    y = room.velocity(found.z)
+    return Answer(y, room, objective, found, np.zeros(len(y)), 1.0, 0.0, (*room.troubles, *trouble))
+
+
+def _calmed(law: VelocityLaw, answer: Answer, mu: float) -> Answer:
+    """The answer once more, at its pace, with 1/2 mu |z|^2 added."""
+    if mu == 0.0:
+        return answer
+    again = _nearest(law, answer.room, answer.objective.calmed(mu))
+    return again._replace(slowed=answer.slowed, pace=answer.pace)
+
+
+def _guarded(guard: Guard, problem: Problem, answer: Answer, best: Answer, mu: float) -> Answer:
+    """The answer of a form, with least squares blended in where limits keep it from reducing the error enough.
+
+        f(y) = 1/2 |b|^2 - 1/2 |b - A y|^2 - 1/2 mu |y|^2
+        keep y_f where f(y_f) >= eta f(y_W);   else y = (1 - t) y_f + t y_W, the smallest t that reaches eta f(y_W)
+
+    y_W, the `best`, is the least-squares velocity inside the same limits. The blend stays inside them (they are
+    convex), is continuous in the data, as independent of the frame as y_f, and y_f wherever that meets the twist.
+
+    Proof of descent, where y_W gains at all: along the segment f is a concave quadratic, f(y_f) < eta f(y_W) <= f(y_W)
+    at its ends, so it takes the value eta f(y_W) at a t in (0, 1]; hence f(y) >= eta f(y_W) > 0 for the velocity
+    returned. Where standing still is allowed f(y_W) >= f(0) = 0: the error never grows to first order.
+    """
+    t = blend(problem.A, answer.room.share.value * problem.wanted, mu, answer.y, best.y, guard.fraction)
+    if t == 0.0:
+        return answer
+    return answer._replace(y=(1.0 - t) * answer.y + t * best.y, blended=t)
+
+
+def blend(A: Array, b: Array, mu: float, y_f: Array, y_W: Array, fraction: float) -> float:
+    """The smallest t in [0, 1] at which (1 - t) y_f + t y_W decreases the error enough; eta is the fraction.
+
+    A (6, m) and b (6,) are the joint twists and the wanted twist in the measure, mu is from `calm`.
+    """
+
+    def decrease(y: Array) -> float:
+        r = b - A.dot(y)
+        return 0.5 * float(b.dot(b) - r.dot(r) - mu * y.dot(y))
+
+    best = decrease(y_W)
+    # With exact rows even y_W may increase the error; it may then be exceeded by (1 - eta) of that increase.
+    missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - decrease(y_f)
+    achieved = A.dot(y_f)
+    size, terms = max(norm(b), norm(achieved)), sqrt(float(np.vdot(A, A))) * norm(y_f)
+    if missing <= DECREASE_ROUNDING * size * max(size, terms):
+        return 0.0
+    d = y_W - y_f
+    step = A.dot(d)
+    slope = float(step.dot(b - achieved) - mu * y_f.dot(d))
+    curvature = float(step.dot(step) + mu * d.dot(d))
+    discriminant = slope * slope - 2.0 * curvature * missing
+    root = slope + sqrt(discriminant) if discriminant > 0.0 else slope
+    return min(2.0 * missing / root if root > 0.0 else inf, 1.0)
+
+
+def _given_way(law: VelocityLaw, demand: Demand) -> Limits:
+    """The limits; those that contradict others are relaxed by the least that is necessary.
+
+    Rows give way to the box, by the least sum of squares, and the tool's speed to both. No velocity limit ever does.
+    """
+    troubles: tuple[str, ...] = ()
+    x = np.minimum(np.maximum(np.zeros(len(demand.lower)), demand.lower), demand.upper)
+    if demand.rows is not None and not demand.rows.allow(x):
+        rows, x, troubles = _rows_given_way(demand.rows, demand.lower, demand.upper, law.to_joint)
+        demand = demand._replace(rows=rows)
+    polytope, position, cone = limits_of(law, demand)
+    y = x if law.from_joint is None else law.from_joint.dot(x)
+    if cone is not None and not cone.allows(y):
+        m = len(x)
+        weight = np.sqrt(REGULARISATION) * (float(np.linalg.norm(cone.J)) or 1.0)
+        slowest = Quadratic.diagonal(np.full(m, weight), np.zeros(m)).plus(cone.J, -cone.start)
+        y = minimise(Daqp(), slowest, polytope, None, y).z
+        least = cone.speed(y)
+        if least > cone.limit:
+            troubles += (f"the tool's speed is {least:.3g}, not {cone.limit:.3g}: other limits require it",)
+            cone = cone._replace(limit=least * (1.0 + FASTER))
+    return Limits(polytope, position, cone, troubles, y)
+
+
+def _rows_given_way(
+    rows: LimitRows, lower: Array, upper: Array, to_joint: Array | None
+) -> tuple[LimitRows, Array, tuple[str, ...]]:
+    """The rows, moved by the least for which the box contains a velocity; the least such velocity (m,); what moved.
+
+        minimise |t|^2   over   lower <= N y - t <= upper,   x = T y in the box;   then |y|^2
+
+    N are the rows on y at length one: neither the scale of a row nor a unit decides which of them gives way. Rows that
+    some velocity in the box satisfies never do.
+
+    Raises:
+        SolverFailure: none was found.
+    """
+    k, m = rows.C.shape
+    T = np.eye(m) if to_joint is None else to_joint
+    N = rows.C.dot(T)
+    lengths = np.linalg.norm(N, axis=1)
+    lengths[lengths == 0.0] = 1.0
+    apart = np.block([[T, np.zeros((m, k))], [N / lengths[:, None], -np.eye(k)]])
+    limits = Polytope(apart, np.append(lower, rows.lower / lengths), np.append(upper, rows.upper / lengths))
+    root, z = np.append(np.full(m, np.sqrt(REGULARISATION)), np.ones(k)), np.zeros(m + k)
+    for _ in range(2):
+        z[m:] = 0.0
+        found = minimise(Daqp(), Quadratic.diagonal(root, z), limits)
+        z = found.z.copy()
+    t, size = z[m:], np.abs(z[m:]).max()
+    moved: NDArray[np.bool_] = np.abs(t) > ROUNDING * np.linalg.norm(z)
+    t = lengths * np.where(moved, t + np.sign(t) * WIDENING * size, 0.0 if moved.any() else t)
+    wider = LimitRows(rows.C, rows.lower + np.minimum(t, 0.0), rows.upper + np.maximum(t, 0.0))
+    least = minimise(
+        Daqp(),
+        Quadratic.diagonal(np.ones(m), np.zeros(m)),
+        wider.with_box(lower, upper).on(np.zeros(m), T),
+        None,
+        z[:m],
+    )
+    x = np.asarray(np.clip(T.dot(least.z), lower, upper))
+    if not moved.any():
+        return wider, x, ()
+    pulls = np.abs(found.multipliers[:m]) * np.linalg.norm(T, axis=1) > ROUNDING * size
+    joints = f"the bounds of {named(np.flatnonzero(pulls).tolist(), m)}" if pulls.any() else "each other"
+    by = ", ".join(f"row {i} by {lengths[i] * abs(z[m + i]):.3g}" for i in np.flatnonzero(moved))
+    return wider, x, (f"rows contradict {joints}: exceeded at {by}",)
+
+
+def named(indices: list[int], m: int) -> str:
+    """Limits of a polytope on m joints in words: joints by number, then rows."""
+    words = []
+    for what, found in (("joint", [i for i in indices if i < m]), ("row", [i - m for i in indices if i >= m])):
+        if found:
+            words.append(f"{what}{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}")
+    return " and ".join(words)
