@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from invariantqp.analysis.inspection import Inspection
     from invariantqp.compare.measure.stability import StabilityOutcome
+    from invariantqp.control.clearance import Clearance
     from invariantqp.runs.pathlog import PathTrace
     from invariantqp.runs.taskfile import Task
     from invariantqp.runs.trace import Trace
@@ -135,6 +136,20 @@ def print_inspection(found: Inspection) -> None:
         for sentence in words:
             paragraph = fill(sentence, width, initial_indent="  ", subsequent_indent="  ")
             console.print(paragraph, markup=False)
+
+
+def print_clearance(kept: Clearance) -> None:
+    """Which links a clearance keeps apart, and which it does not, with the reason."""
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"\n[bold]clearance: {len(kept.pairs)} pairs of links are kept apart[/bold]")
+    for name in dict.fromkeys(first for first, _ in kept.pairs):
+        others = ", ".join(second for first, second in kept.pairs if first == name)
+        console.print(f"  {name} from {others}", markup=False)
+    console.print(f"\n[bold]{len(kept.dropped)} are not[/bold]")
+    reasons = dict.fromkeys(dropped.reason for dropped in kept.dropped)
+    for reason in reasons:
+        pairs = ", ".join(f"{one} and {other}" for one, other, why in kept.dropped if why == reason)
+        console.print(f"  {reason}: {pairs}", markup=False)
 
 
 def print_frame_check(task: Task, seed: int) -> None:

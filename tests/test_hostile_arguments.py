@@ -35,9 +35,10 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
-    "Controller.posture_pull Controller.told Controller.wrong "
+    "Controller.posture_pull Controller.told Controller.wrong Clearance.told Clearance.rows Clearance.for_loop "
+    "Chain.motions Chain.with_links LimitRows.trusted "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box ToolSpeed.cone "
-    "ExactPoint.rows BoxQP.of "
+    "ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
 # An argument that messages call by another name: the one that a controller's user knows.

@@ -4,7 +4,7 @@ import numpy as np
 import pink
 import pinocchio as pin
 import pytest
-from pink.barriers import PositionBarrier
+from pink.barriers import PositionBarrier, SelfCollisionBarrier
 from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit
 
 import invariantqp as iq
@@ -445,6 +445,17 @@ def test_a_barrier_is_kept_by_our_controller(arms):
     assert lowest["kept"] > height - 0.0501
     assert lowest["kept"] < height - 0.049  # it got there
     assert lowest["without"] < height - 0.2
+
+
+def test_a_self_collision_barrier_has_the_shapes_of_the_robots_urdf(arms):
+    robot = arms["panda"]
+    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    barrier = SelfCollisionBarrier(5, gain=20.0, d_min=0.02)
+    solution = iq.Controller(robot, dt=DT, limits=[barrier]).step(q, robot.pose(q))
+    assert np.isfinite(solution.velocity).all()
+    bare = iq.robots.Chain(robot.screws, robot.home, robot.names)
+    with pytest.raises(iq.BadInput, match="without collision geometry"):
+        iq.Controller(bare, dt=DT, limits=[barrier])
 
 
 class Answers:

@@ -12,7 +12,7 @@ from typer.core import TyperCommand
 from invariantqp.cli.places import PICTURES, writable, write, writing
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
-from invariantqp.printing import print_inspection, progress
+from invariantqp.printing import print_clearance, print_inspection, progress
 
 Q_EXPECTED = "numbers, one for each joint, such as 0 0.5 -1"
 
@@ -67,6 +67,9 @@ def inspect(
         int | None, typer.Option(metavar="N", help="How many states of the joint range to look at.", min=1)
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
+    clearance: Annotated[
+        bool, typer.Option("--clearance", help="Also say which links are kept apart, which not, and why.")
+    ] = False,
     plot: Annotated[
         Path | None,
         typer.Option("--plot", metavar="FILE", help="Draw the principal pitches over the range (.png, .svg, .pdf)."),
@@ -87,11 +90,19 @@ def inspect(
     state = None if q is None else numbers("--q", q)
     with progress("inspecting", samples is None) as report:
         found = look(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
+    kept = None
+    if clearance:
+        from invariantqp.control.clearance import Clearance
+
+        kept = Clearance(loaded)
     if json_file is not None:
-        write(json_file, json.dumps(found.as_json(), indent=1) + "\n")
+        more = {} if kept is None else {"clearance": {"pairs": kept.pairs, "dropped": kept.dropped}}
+        write(json_file, json.dumps({**found.as_json(), **more}, indent=1) + "\n")
     if plot is not None:
         from invariantqp.pictures.pitches import pitch_picture
 
         with writing(plot):
             pitch_picture(found, loaded, plot)
     print_inspection(found)
+    if kept is not None:
+        print_clearance(kept)

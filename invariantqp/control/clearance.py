@@ -37,6 +37,7 @@ from invariantqp.geometry.distance import Place, Placed, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.srdf import Exclusions, excluded
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
@@ -52,8 +53,8 @@ SHARE_OF_ROOM = 0.1
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn as the arm moves.
 BRAKING = 0.7
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
-# than the second: an arm that begins inside comes out in about a second, without a kick. That holds from a depth on of
-# the third, of the distance; less is what curvature takes of it in a tick.
+# than the second: an arm that begins inside comes out in a second or three, without a kick. That holds from a depth on
+# of the third, of the distance; less is what curvature takes of it in a tick.
 ESCAPE, CALM, DEEP = 0.06, 0.09, 0.05
 # Joints without a velocity limit count as this fast where pairs are ranked and led apart [rad/s, length/s].
 USUAL_SPEED = 1.0
@@ -111,7 +112,7 @@ class OtherArm:
     """
 
     def __init__(
-        self, robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None = None, *, name: str = "other"
+        self, robot: Robot, bodies: Mapping[str, Sequence[Shape]] | None = None, *, name: str = "other"
     ) -> None:
         """Another arm.
 
@@ -123,10 +124,10 @@ class OtherArm:
         Raises:
             BadInput: as `Clearance`.
         """
-        self.robot = _chain(robot)
-        self.bodies = _bodies(robot, bodies)
+        self.robot: Chain = _chain(robot)
+        self.bodies = _bodies(self.robot, bodies)
         self.name = name if isinstance(name, str) else arrays.strings([name], "name")[0]
-        self._at = {link: frame_of(robot, link) for link in self.bodies}
+        self._at = {link: frame_of(self.robot, link) for link in self.bodies}
         self.parts: dict[str, list[Shape]] = {
             link: [_copied(shape, f"{self.name}/{link}") for shape in shapes] for link, shapes in self.bodies.items()
         }
@@ -169,7 +170,7 @@ class Clearance(Limit):
 
     def __init__(
         self,
-        robot: Chain,
+        robot: Robot,
         bodies: Mapping[str, Sequence[Shape]] | None = None,
         obstacles: Sequence[Shape | OtherArm] = (),
         distance: float = 0.02,
@@ -198,9 +199,9 @@ class Clearance(Limit):
             RobotModelError: geometry or an SRDF that cannot be read.
             MissingExtra: meshes without coal (extra `pin`).
         """
-        self.robot = _chain(robot)
+        self.robot: Chain = _chain(robot)
         self.distance: float = arrays.not_negative(distance, "distance", "a distance in lengths")
-        self.bodies = _bodies(robot, bodies)
+        self.bodies = _bodies(self.robot, bodies)
         if not isinstance(obstacles, (list, tuple)):
             raise BadInput("obstacles", excerpt(obstacles), "a list of shapes and OtherArm")
         self.obstacles: tuple[Shape | OtherArm, ...] = tuple(obstacles)

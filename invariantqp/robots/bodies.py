@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
-from invariantqp.errors import BadInput, RobotModelError
+from invariantqp.errors import BadInput, RobotModelError, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import remembered
+from invariantqp.robots.kinematics import Robot, remembered
 from invariantqp.robots.links import Geometry, Link
 
 # Capsules of a link, at most: each is a pair more with everything around.
@@ -34,7 +34,7 @@ SEARCH = {"maxiter": 300, "fatol": 1e-4, "xatol": 1e-3}
 Bodies = dict[str, list[Shape]]
 
 
-def bodies_of(robot: Chain) -> Bodies:
+def bodies_of(robot: Robot) -> Bodies:
     """The shapes of each link in its frame, in the order of the links; those without geometry are left out.
 
     They are computed once for each arm: capsules for meshes take a tenth of a second a link.
@@ -47,13 +47,16 @@ def bodies_of(robot: Chain) -> Bodies:
         RobotModelError: geometry that cannot be read.
         MissingExtra: meshes, without coal (extra `pin`).
     """
-    if not isinstance(robot, Chain) or not any(link.parts for link in robot.links):
+    if not isinstance(robot, Chain):
+        raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
+    if not any(link.parts for link in robot.links):
         raise BadInput(
             "bodies",
             "none, and a robot known without collision geometry",
             "shapes of its links: bodies={link: [Capsule(a, b, radius), ...]}",
         )
-    return remembered(robot, "bodies", lambda _: {link.name: made for link in robot.links if (made := _shapes(link))})
+    links = robot.links
+    return remembered(robot, "bodies", lambda _: {link.name: made for link in links if (made := _shapes(link))})
 
 
 def _shapes(link: Link) -> list[Shape]:

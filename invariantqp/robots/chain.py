@@ -97,7 +97,10 @@ class Chain(Value):
         where = _places(twists, pose) if places is None else arrays.matrix(places, (m, 3), "places")
         if not isinstance(tool, str):
             raise BadInput("tool", excerpt(tool), "the name of the tool frame")
-        self.__attrs_init__(twists, pose, called, *limits, tool, places=where, links=links)
+        made_of = arrays.listed(links, "links", "the links that a reader of descriptions tells of")
+        if not all(isinstance(link, Link) for link in made_of):
+            raise BadInput("links", excerpt(links), "the links that a reader of descriptions tells of")
+        self.__attrs_init__(twists, pose, called, *limits, tool, places=where, links=made_of)
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""

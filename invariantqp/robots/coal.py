@@ -1,11 +1,10 @@
-"""coal, which comes with the extra `pin`: meshes of collision geometry, and an arm's shapes for Pink's barriers.
+"""coal, which comes with the extra `pin`: meshes of collision geometry, and shapes as it has them.
 
 This is the only file that imports it.
 """
 
 from __future__ import annotations
 
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,6 @@ from invariantqp.errors import RobotModelError
 from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Core, Shape
-from invariantqp.robots.bodies import bodies_of
-from invariantqp.robots.chain import Chain
-from invariantqp.robots.pinocchio import pin
-from invariantqp.robots.srdf import excluded
 
 with optional("pin", "coal"):
     import coal
@@ -41,35 +36,8 @@ def triangles(file: str) -> tuple[Array, NDArray[np.intp]]:
     return corners, faces
 
 
-def collision_model(robot: Chain) -> pin.GeometryModel:
-    """The shapes of an arm's links as a `pinocchio.GeometryModel` beside `robot.model`, for SelfCollisionBarrier.
-
-    Its pairs are those of links that are neither neighbours nor excluded by the robot's description.
-
-    Raises:
-        BadInput: a robot without collision geometry.
-        RobotModelError: geometry that cannot be read.
-    """
-    bodies, known = bodies_of(robot), {link.name: link for link in robot.links}
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, np.zeros(robot.model.nq))
-    made, apart = pin.GeometryModel(), excluded(robot)
-    indices: dict[str, list[int]] = {}
-    for name, shapes in bodies.items():
-        link = known[name]
-        for i, shape in enumerate(shapes if not link.unknown else ()):
-            place = data.oMi[link.body].inverse() * pin.SE3(link.frame.dot(shape.place))
-            one = pin.GeometryObject(f"{name}_{i}", link.body, place, _of_coal(shape))
-            indices.setdefault(name, []).append(made.addGeometryObject(one))
-    for one, other in combinations(indices, 2):
-        if abs(known[one].body - known[other].body) > 1 and frozenset((one, other)) not in apart:
-            for i in indices[one]:
-                for j in indices[other]:
-                    made.addCollisionPair(pin.CollisionPair(i, j))
-    return made
-
-
-def _of_coal(shape: Shape) -> coal.ShapeBase:
+def shape_of(shape: Shape) -> coal.ShapeBase:
+    """A shape as coal has it, about its own frame."""
     if shape.core is Core.SEGMENT:
         return coal.Capsule(shape.radius, 2.0 * float(shape.half[2]))
     return coal.Box(*(2.0 * shape.half)) if shape.core is Core.BOX else coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)

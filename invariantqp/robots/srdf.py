@@ -47,8 +47,8 @@ def disabled(file: Path) -> Exclusions:
     if root.tag != "robot":
         raise RobotModelError(f"{name}: found <{root.tag}>; expected the <robot> of an SRDF")
     return {
-        frozenset(
-            (pair.get("link1", ""), pair.get("link2", ""))
-        ): f"by the SRDF: {pair.get('reason', 'no reason given')}"
+        frozenset((pair.get("link1", ""), pair.get("link2", ""))): ": ".join(
+            filter(None, ("by the SRDF", pair.get("reason")))
+        )
         for pair in root.findall("disable_collisions")
     }

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic.fields import FieldInfo
 
+from invariantqp.runs.clearancespec import BodySpec, ClearanceSpec, ObstacleSpec
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, SensorSpec
 from invariantqp.runs.path import Path
 from invariantqp.runs.physics import Physics
@@ -39,6 +40,9 @@ TABLES = (
     TaskTable("force", "", ForceSpec),
     TaskTable("sensor", "", SensorSpec),
     TaskTable("operator", "", OperatorSpec),
+    TaskTable("obstacle", "", ObstacleSpec),
+    TaskTable("clearance", "", ClearanceSpec),
+    TaskTable("clearance.body", "", BodySpec),
     TaskTable("physics", "", Physics),
 )
 

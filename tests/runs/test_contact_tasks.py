@@ -35,7 +35,7 @@ def judged(trace):
 
 
 def test_the_tasks_that_are_shipped():
-    some = {"pen_on_paper", "wipe_table", "edge_follow", "hinged_door", "so101_pen", "tilted_table"}
+    some = {"pen_on_paper", "wipe_table", "edge_follow", "hinged_door", "so101_pen", "tilted_table", "wipe_under_shelf"}
     assert set(IN_CONTACT) == some
     assert iq.load_task("shared_surface").operator is not None
 

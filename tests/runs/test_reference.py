@@ -4,12 +4,15 @@ import json
 from pathlib import Path
 from typing import get_args
 
+from invariantqp.runs.clearancespec import BodySpec, ObstacleSpec
 from invariantqp.runs.problems import toml
 from invariantqp.runs.reference import TABLES, default_of, meaning
 from invariantqp.runs.robotspec import Screw
 from invariantqp.runs.taskfile import Task
 
 PAGE = Path(__file__).parents[2] / "examples" / "guide" / "task_files.md"
+# Tables of which a file may have several.
+SEVERAL = (Screw, ObstacleSpec, BodySpec)
 BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
 
 
@@ -18,7 +21,7 @@ def reference():
     plain = {name: field for name, field in Task.model_fields.items() if name not in {t.header for t in TABLES}}
     parts = ["### Keys before the first table\n\n" + rows(plain)]
     for header, kind, section in TABLES:
-        heads = f"[[{header}]]" if section is Screw else f"[{header}]"
+        heads = f"[[{header}]]" if section in SEVERAL else f"[{header}]"
         title = f"### {heads}{f', kind = {json.dumps(kind)}' if kind else ''}"
         fields = {name: field for name, field in section.model_fields.items() if not (kind and name == "kind")}
         parts.append(f"{title}\n\n{meaning(section)}\n\n{rows(fields)}")

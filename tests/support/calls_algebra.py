@@ -166,6 +166,9 @@ ALGEBRA = {
     "Box": lambda: (iq.limits.Box, {"pose": T, "size": [0.1, 0.2, 0.3], "name": ""}),
     "HalfSpace": lambda: (iq.limits.HalfSpace, {"point": POINT, "normal": AXIS, "name": ""}),
     "Sphere.move": lambda: (iq.limits.Sphere(POINT, 0.1).move, {"pose": T, "twist": None}),
+    "Capsule.move": lambda: (iq.limits.Capsule(POINT, POINT, 0.1).move, {"pose": T, "twist": None}),
+    "Box.move": lambda: (iq.limits.Box(T, [0.1, 0.1, 0.1]).move, {"pose": T, "twist": None}),
+    "HalfSpace.move": lambda: (iq.limits.HalfSpace(POINT, AXIS).move, {"pose": T, "twist": None}),
     "ToolSpeed": lambda: (iq.limits.ToolSpeed, {"limit": 0.25, "point": None}),
     "JointTask": lambda: (iq.velocity.JointTask, {"velocity": Q, "weight": 1.0, "priority": 0}),
     "TwistTask": lambda: (

@@ -171,6 +171,7 @@ CONTROL = {
             "velocity_limit": 1.0,
             "tool": "tool",
             "places": None,
+            "links": (),
         },
     ),
     **robot_calls("Chain", chain),

@@ -1,0 +1,121 @@
+"""Shapes of links: they contain what they stand for, and descriptions say which may touch."""
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.geometry.shapes import Box, Capsule, HalfSpace
+from invariantqp.robots.bodies import bodies_of, capsule, capsules
+from invariantqp.robots.srdf import disabled
+
+ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
+<body name="a" pos="0 0 .3"><joint name="j1" axis="0 0 1"/><geom type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>
+<body name="b" pos=".3 0 0"><joint name="j2" axis="0 1 0"/>
+<geom type="cylinder" size=".04 .15" pos=".15 0 0" euler="0 1.5708 0"/>
+<body name="c" pos=".3 0 0"><joint name="j3" axis="0 1 0"/><geom type="ellipsoid" size=".04 .15 .05" pos=".15 0 0"/>
+<geom type="box" size=".4 .4 .4" contype="0" conaffinity="0"/></body></body></body></worldbody>
+<contact><exclude body1="a" body2="c"/></contact></mujoco>"""
+
+
+def off(shape, points):
+    """How far points (n, 3) stick out of a capsule."""
+    local = (points - shape.place[:3, 3]) @ shape.place[:3, :3]
+    local[:, 2] -= np.clip(local[:, 2], -shape.half[2], shape.half[2])
+    return np.linalg.norm(local, axis=1) - shape.radius
+
+
+def test_a_capsule_contains_its_points_and_is_not_large():
+    rng = np.random.default_rng(0)
+    for size in (
+        [0.1, 0.1, 0.5],
+        [0.2, 0.2, 0.2],
+        [0.3, 0.05, 0.05],
+        [0.2, 0.2, 0.0],
+        [0.0, 0.0, 0.1],
+        [0.0, 0.0, 0.0],
+    ):
+        points = rng.uniform(-0.5, 0.5, (60, 3)) * size
+        found = capsule(points)
+        assert off(found, points).max() < 1e-12
+        assert found.radius <= 0.51 * np.linalg.norm(size) + 1e-12
+
+
+def test_several_capsules_contain_every_triangle():
+    rng = np.random.default_rng(1)
+    bars = [np.array([[x, y, z] for x in (0, 0.5) for y in (0, 0.05) for z in (0, 0.05)]),
+            np.array([[x, y, z] for x in (0, 0.05) for y in (0, 0.5) for z in (0, 0.05)])]  # fmt: skip
+    from scipy.spatial import ConvexHull
+
+    corners = np.vstack(bars)
+    faces = np.vstack([ConvexHull(bar).simplices + 8 * i for i, bar in enumerate(bars)])
+    made = capsules(corners, faces)
+    assert len(made) > 1
+    weights = rng.dirichlet(np.ones(3), size=(len(faces), 50))
+    points = np.einsum("fkc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
+    assert np.min([off(one, points) for one in made], axis=0).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_what_a_urdf_has_is_inside_its_bodies(name):
+    pytest.importorskip("coal")
+    from invariantqp.robots.coal import triangles
+
+    robot = iq.load_robot(name)
+    bodies = bodies_of(robot)
+    assert bodies_of(robot) is bodies  # computed once
+    checked = 0
+    for link in robot.links:
+        for part in link.parts:
+            if part.kind == "mesh":
+                corners, _ = triangles(part.mesh)
+                points = (corners * part.size) @ part.pose[:3, :3].T + part.pose[:3, 3]
+                assert np.min([off(one, points) for one in bodies[link.name]], axis=0).max() < 1e-9
+                checked += 1
+    assert checked >= 7
+
+
+def test_an_mjcf_gives_bodies_and_excludes():
+    pytest.importorskip("mujoco")
+    with pytest.warns(UserWarning, match="no velocity limit"):
+        robot = iq.load_robot(ARM)
+    bodies = bodies_of(robot)
+    kinds = {name: type(shapes[0]) for name, shapes in bodies.items()}
+    assert kinds == {"world": HalfSpace, "a": Capsule, "b": Capsule, "c": Box}
+    np.testing.assert_allclose(bodies["c"][0].half, [0.04, 0.15, 0.05])
+    limit = iq.limits.Clearance(robot)
+    why = {(one, other): reason for one, other, reason in limit.dropped}
+    assert why["a", "c"] == "by the MJCF: <exclude>"
+    assert ("world", "a") in limit.pairs  # a floor is nobody's neighbour
+
+
+def test_links_go_where_the_arm_goes_and_those_of_other_arms_are_not_known():
+    arm = iq.load_robot("ur5")
+    q = np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.4])
+    link = next(link for link in arm.links if link.name == "tool0")
+    np.testing.assert_allclose(arm.motions(q)[link.body] @ link.frame, arm.pose(q), atol=1e-12)
+    X = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    moved = iq.robots.stand_on(X, arm)
+    np.testing.assert_allclose(next(k for k in moved.links if k.name == "tool0").frame, X @ link.frame, atol=1e-12)
+    talos = iq.load_robot("talos")
+    unknown = {link.name for link in talos.links if link.unknown}
+    assert "arm_right_4_link" in unknown
+    assert "arm_left_4_link" not in unknown
+    assert "gripper_left_fingertip_1_link" not in unknown
+
+
+def test_geometry_that_cannot_be_read_is_told_when_it_is_asked_for(tmp_path):
+    text = """<robot name="r"><link name="a"/><link name="b"><collision><geometry>{}</geometry></collision></link>
+<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit velocity="1"/>
+</joint></robot>"""
+    for geometry, said in (
+        ("<cone/>", "expected a box"),
+        ('<sphere radius="big"/>', "radius='big'"),
+        ('<mesh filename="package://nowhere/a.stl"/>', "no mesh at"),
+    ):
+        robot = iq.load_robot(text.format(geometry))
+        with pytest.raises(iq.errors.RobotModelError, match=said):
+            bodies_of(robot)
+    wrong = tmp_path / "a.srdf"
+    wrong.write_text("<mujoco/>")
+    with pytest.raises(iq.errors.RobotModelError, match="<robot> of an SRDF"):
+        disabled(wrong)

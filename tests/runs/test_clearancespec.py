@@ -1,0 +1,93 @@
+"""Obstacles and clearance in task files: shapes as written, moving ones, acceptance, and pages that draw them."""
+
+import json
+
+import numpy as np
+import pytest
+from support.task_files import content
+
+import invariantqp as iq
+from invariantqp.runs.taskfile import task_from
+from invariantqp.view.film import film_of
+from invariantqp.view.page import page
+
+BALL = {
+    "kind": "sphere",
+    "name": "ball",
+    "at": [0.6, 0.5, 0.4],
+    "radius": 0.1,
+    "moves": [0.0, -0.2, 0.0],
+    "period": 2.0,
+}
+SHELF = {"kind": "box", "name": "shelf", "at": [0.5, 0.0, 1.2], "size": [0.4, 0.4, 0.02], "turn": [0.0, 0.0, 0.5]}
+BODY = [{"link": "tool", "a": [0, 0, 0], "b": [0, 0, -0.1], "radius": 0.05}]
+
+
+def task(obstacles, **clearance):
+    return task_from({**content(), "obstacle": obstacles, "clearance": {"body": BODY, **clearance}}, "t.toml")
+
+
+def test_obstacles_are_where_the_file_says_and_go_there_and_back():
+    one = task(
+        [
+            BALL,
+            SHELF,
+            {"kind": "half-space", "at": [0, 0, -0.1]},
+            {"kind": "capsule", "at": [1, 0, 0], "to": [1, 0, 1], "radius": 0.1},
+        ]
+    )
+    around = one.around(one.load_robot())
+    ball, shelf = around.obstacles[:2]
+    around.move(1.0)
+    np.testing.assert_allclose((ball.pose @ ball.place)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
+    np.testing.assert_allclose(ball.twist, 0.0, atol=1e-12)
+    around.move(0.5)
+    np.testing.assert_allclose(ball.twist[3:], [0, -0.1 * np.pi, 0], atol=1e-12)
+    np.testing.assert_allclose(2 * shelf.half, [0.4, 0.4, 0.02])
+    assert {name for pair in around.clearance.pairs for name in pair} == {
+        "tool",
+        "ball",
+        "shelf",
+        "half-space",
+        "capsule",
+    }
+
+
+def test_a_run_tells_the_least_distance_and_is_judged_by_it():
+    trace = iq.run_task(task([BALL]))
+    assert trace.clearance.distance.shape == trace.time.shape
+    assert trace.summary()["nearest"].endswith("tool and ball")
+    judged = task_from(
+        {**content(), "obstacle": [BALL], "clearance": {"body": BODY}, "accept": {"clearance_mm": 9000.0}}, "t.toml"
+    )
+    missed = iq.run_task(judged)
+    assert not missed.passed
+    assert "least distance" in missed.shortfalls[-1]
+    assert iq.run_task(task_from(content(), "t.toml")).summary()["least_clearance_mm"] is None
+
+
+def test_the_page_has_bodies_obstacles_and_the_curve():
+    trace = iq.run_task(task([BALL, SHELF]))
+    film = film_of(trace)
+    assert [solid.joint for solid in film.solids] == [7, 0, 0]
+    assert film.solids[0].poses is None
+    assert any(chart.title == "least distance [mm]" for chart in film.charts)
+    text = page(film)
+    run = json.loads(text.split('id="run">')[1].split("</script>")[0])
+    assert [solid["poses"] is None for solid in run["solids"]] == [True, False, False]
+    assert run["solids"][1]["poses"]["shape"][0] > 1  # it moves
+    assert run["solids"][2]["poses"]["shape"][0] == 1
+
+
+@pytest.mark.parametrize(("obstacle", "said"), [
+    ({"kind": "sphere"}, "a sphere needs radius"),
+    ({"kind": "arm", "start": [0.0]}, "an arm needs source"),
+    ({"kind": "box", "size": [0.1, -0.1, 0.1]}, "greater than or equal to 0"),
+    ({"kind": "cone"}, "kind"),
+    ({"kind": "half-space", "normal": [0.0, 0.0, 0.0]}, "zero vector"),
+    ({"kind": "arm", "source": "ur5", "start": [0.0] * 6, "end": [0.0] * 5}, "as many joints"),
+])  # fmt: skip
+def test_what_is_wrong_with_an_obstacle_is_told_with_its_place(obstacle, said):
+    with pytest.raises(iq.errors.TaskFileError, match=said) as caught:
+        task([obstacle])
+    assert "$.obstacle[0]" in str(caught.value)
