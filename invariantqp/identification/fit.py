@@ -1,0 +1,236 @@
+"""The frames A, B and the curvature or pitch with which a recording fits a kind of contact best.
+
+    minimise  sum |xi_i|^2 in the noise of poses + |omega_i|^2 in the noise of wrenches
+    with      c(A^-1 X_i exp(xi_i) B) = 0  and  the free moments of w_i + omega_i zero
+
+and, of little weight, side forces across the slide of a pressed contact, which friction has none of: they find a normal
+that the motion leaves open. Solved by Gauss-Newton steps with the corrections xi, omega kept (the Gauss-Helmert model, or total least squares): every
+distance is one in a noise tensor, which changes frames as Ad N Ad', so neither frames nor units enter.
+
+Reference: E. M. Mikhail, Observations and Least Squares, 1976; R. Subramani et al., arXiv 2010.15916, fit kinds of
+constraint to poses and wrenches too.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.identification.models import Model
+from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, moved, skew
+
+# Steps until a fit is given up: those that converge take five to fifteen.
+STEPS = 40
+# A step that would lower the sum of squares by less than this changes no parameter by more than a thousandth of its
+# standard deviation.
+CONVERGED = 1e-6
+# Noise of a row relative to what is left of it: beyond this many standard deviations, the model is not near, and to
+# linearise about corrected poses would lead away.
+NEAR = 10.0
+# What Marquardt's damping begins with, relative to the curvature of the sum of squares, and its least.
+DAMPING, LEAST_DAMPING = 1e-3, 1e-9
+# Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion, where it
+# says anything about the normal, decides.
+ACROSS = 0.3
+# Slides slower than so many standard deviations of a place have no direction.
+SLIDING = 10.0
+# A fit that misses by so many times the noise after some steps, and no longer improves, is not that kind.
+HOPELESS, SLOW = 8.0, 0.1
+
+
+class Samples(NamedTuple):
+    """Moments of a recording: poses and wrenches in the tool frame, with their noise."""
+
+    at: Array  # (n,) which samples of the recording they are
+    pose: Array  # (n, 4, 4)
+    wrench: Array  # (n, 6) that the tool exerts, about the tool frame's origin
+    pose_noise: Array  # (n, 6, 6) covariance of the twist by which a pose is off, in the tool frame
+    wrench_noise: Array  # (n, 6, 6)
+
+    def thinned(self, step: int) -> Samples:
+        """Every so many-th."""
+        return Samples(*(part[::step] for part in self))
+
+    @property
+    def reversed(self) -> Samples:
+        """The same with base and tool exchanged: poses X^-1, and the wrench that the base exerts, in the base frame."""
+        A, B = adjoint(self.pose), coadjoint(self.pose)
+        w = -applied(B, self.wrench)
+        noise = carried(A, self.pose_noise)
+        m, f = skew(w[:, :3]), skew(w[:, 3:])
+        by_pose = -np.concatenate((np.concatenate((m, f), -1), np.concatenate((f, np.zeros_like(f)), -1)), -2)
+        return Samples(self.at, inverse(self.pose), w, noise, carried(B, self.wrench_noise) + carried(by_pose, noise))
+
+
+    def slides(self, tip: Array) -> tuple[Array, Array]:
+        """Which samples slide at a (3,) point of the tool, and (k, 3) in which unit directions, base frame."""
+        p = self.pose[:, :3, :3] @ tip + self.pose[:, :3, 3]
+        step = np.diff(self.at)
+        usual = 2.0 * np.median(step)
+        inner = 1 + np.flatnonzero((step[1:] <= usual) & (step[:-1] <= usual))
+        v = p[inner + 1] - p[inner - 1]
+        speed = np.linalg.norm(v, axis=1)
+        turn, length = (np.trace(self.pose_noise[inner, a:b, a:b], axis1=1, axis2=2) / 3.0 for a, b in ((0, 3), (3, 6)))
+        fast = speed > SLIDING * np.sqrt(2.0 * (length + turn * tip.dot(tip)))
+        return inner[fast], v[fast] / speed[fast, None]
+
+
+class Fit(NamedTuple):
+    """A kind of contact where it fits best."""
+
+    model: Model
+    base: Array  # (4, 4) A
+    tool: Array  # (4, 4) B
+    extra: Array  # (e,) curvature or pitch
+    information: Array  # (12 + e, 12 + e) inverse covariance of the twists of A and B in themselves, and of `extra`
+    motion: float  # root mean square of what poses are off, in their noise
+    wrench: float  # likewise of wrenches; 0 where no row says anything
+    off: Array  # (n,) root mean square over the rows of each sample, poses alone
+
+    @property
+    def squares(self) -> float:
+        """The sum of squares of poses, of which a freer kind has less."""
+        return float((self.off**2).sum())
+
+
+class _State(NamedTuple):
+    base: Array
+    tool: Array
+    extra: Array
+    rows: list[tuple[Array, Array, Array, Array]]  # of poses, and of wrenches: misses, by parameters, weights, gains
+
+
+def _squares(e: Array, V: Array) -> Array:
+    return np.asarray((e * applied(V, e)).sum(axis=1))
+
+
+def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps: int = STEPS) -> Fit:
+    """The best fit near a start A, B, extra, after so many steps at most."""
+    xi, omega = np.zeros_like(samples.wrench), np.zeros_like(samples.wrench)
+    friction = _friction(samples, start[1][:3, 3]) if model.pressed else None
+    state = _state(model, samples, friction, *start, xi, omega)
+    damping, count = DAMPING, sum(e.size for e, *_ in state.rows)
+    for step in range(steps):
+        H, g, cost = _normal_equations(state)
+        near = cost < NEAR**2 * count
+        D = np.diag(H) + 1e-12 * np.trace(H)
+        while True:
+            delta = -np.linalg.solve(H + np.diag((damping + LEAST_DAMPING) * D), g)
+            gain = -float(delta.dot(g)) - 0.5 * float(delta.dot(H).dot(delta))
+            base, tool = state.base @ moved(delta[:6]), state.tool @ moved(delta[6:12])
+            if near:
+                corrections = [-applied(K, e) for e, _, _, K in state.rows]
+                xi, omega = corrections[0], corrections[1] if model.free_moments else omega
+            trial = _state(model, samples, friction, base, tool, state.extra + delta[12:], xi, omega)
+            found = sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in zip(trial.rows, state.rows, strict=True))
+            if found <= cost * (1.0 + 1e-9) + CONVERGED or damping > 1e6:
+                break
+            damping = 10.0 * damping + LEAST_DAMPING
+        if damping > 1e6:
+            break
+        state, damping = trial, 0.1 * damping
+        if gain < CONVERGED + 1e-9 * cost:
+            break
+        hopeless = cost > HOPELESS**2 * count
+        if hopeless and step > 2 and gain < SLOW * cost:
+            break
+    return _finished(model, state)
+
+
+def _normal_equations(state: _State) -> tuple[Array, Array, float]:
+    """J'VJ, J'Ve and e'Ve, summed over all rows."""
+    parts = []
+    for e, J, V, _ in state.rows:
+        flat, weighed = J.reshape(-1, J.shape[-1]), (V @ J).reshape(-1, J.shape[-1])
+        parts.append((flat.T @ weighed, weighed.T @ e.ravel(), _squares(e, V).sum()))
+    return tuple(sum(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]
+
+
+def _friction(samples: Samples, tip: Array) -> tuple[Array, Array] | None:
+    """Forces turned across the slide, (k, 3) in the base frame, whose part along the normal is none of friction's."""
+    which, along = samples.slides(tip)
+    if len(which) < 10:
+        return None
+    f = applied(samples.pose[which, :3, :3], samples.wrench[which, 3:])
+    noise = np.trace(samples.wrench_noise[which, 3:, 3:], axis1=1, axis2=2) / 3.0
+    across = np.cross(along, f) / np.sqrt(noise + ACROSS**2 * (f * f).sum(axis=1))[:, None]
+    return which, across
+
+
+def _state(
+    model: Model,
+    samples: Samples,
+    friction: tuple[Array, Array] | None,
+    base: Array,
+    tool: Array,
+    extra: Array,
+    xi: Array,
+    omega: Array,
+) -> _State:
+    """Rows at frames A and B, linearised at corrected poses and wrenches."""
+    X = inverse(base) @ (samples.pose @ moved(xi))
+    C = X @ tool
+    values, L, by_extra = model.rows(C, extra)
+    by_pose = L @ adjoint(X)
+    e = values - applied(by_pose, xi)
+    J = np.concatenate((-L, L @ adjoint(C), by_extra), axis=-1)
+    rows = [_weighed(e, J, by_pose, samples.pose_noise)]
+    if model.free_moments:
+        to_tool = coadjoint(inverse(tool))
+        w = (samples.wrench + omega) @ to_tool.T
+        n, taken = len(w), list(model.free_moments)
+        by_wrench = np.broadcast_to(to_tool[taken], (n, len(taken), 6))
+        e = w[:, taken] - applied(by_wrench, omega)
+        J = np.zeros((n, len(taken), 12 + len(extra)))
+        J[:, :, 6:9], J[:, :, 9:12] = skew(w[:, :3])[:, taken], skew(w[:, 3:])[:, taken]
+        rows.append(_weighed(e, J, by_wrench, samples.wrench_noise))
+    if friction is not None:
+        rows.append(_across(friction, C, base, extra))
+    return _State(base, tool, extra, rows)
+
+
+def _across(friction: tuple[Array, Array], C: Array, base: Array, extra: Array) -> tuple[Array, Array, Array, Array]:
+    """(n.g), n = z + k p the normal in the base frame of the contact, and how it changes with A, B and k."""
+    which, across = friction
+    u, p, R = across @ base[:3, :3], C[which, :3, 3], C[which, :3, :3]
+    k = float(extra[0]) if len(extra) else 0.0
+    n = k * p
+    n[:, 2] += 1.0
+    e = (n * u).sum(axis=1)
+    J = np.zeros((len(e), 1, 12 + len(extra)))
+    J[:, 0, :3], J[:, 0, 3:6] = -k * np.cross(p, u) - np.cross(u, n), -k * u
+    J[:, 0, 9:12] = k * (u[:, None, :] @ R)[:, 0]
+    if len(extra):
+        J[:, 0, 12] = (p * u).sum(axis=1)
+    return e[:, None], J, np.ones((len(e), 1, 1)), np.zeros((len(e), 6, 1))
+
+
+def _weighed(e: Array, J: Array, by_noise: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
+    """Misses, their derivative, weights, and the gain from misses to the least correction."""
+    spread = noise @ np.swapaxes(by_noise, -1, -2)
+    V = np.linalg.inv(by_noise @ spread)
+    return e, J, V, spread @ V
+
+
+def _finished(model: Model, state: _State) -> Fit:
+    e, _, V, _ = state.rows[0]
+    squares = _squares(e, V)
+    H = _normal_equations(state)[0]
+    used = min(int(np.linalg.matrix_rank(H, hermitian=True)), e.size - 1)
+    wrench = 0.0
+    if model.free_moments:
+        e2, _, V2, _ = state.rows[1]
+        wrench = sqrt(float(_squares(e2, V2).sum()) / e2.size)
+    return Fit(
+        model,
+        state.base,
+        state.tool,
+        state.extra,
+        np.asarray(H),
+        sqrt(float(squares.sum()) / (e.size - used)),
+        wrench,
+        np.sqrt(squares / e.shape[1]),
+    )
