@@ -15,15 +15,12 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
-from invariantqp.identification.fit import Fit
-from invariantqp.identification.models import gauge
+from invariantqp.identification.fit import OPEN, Fit, covariance
 from invariantqp.systems.classification import gibson_hunt
 from invariantqp.systems.contact_kinds import BALL, FACE, LINE, PEG, POINT, ContactKind, screw_kind
 from invariantqp.systems.contacts import Contact
 
 _KINDS = {"point": POINT, "sphere": POINT, "line": LINE, "face": FACE, "ball": BALL, "peg": PEG}
-# What the recording leaves open by more than this many of the motion's own sizes (radians, lengths) is not known.
-OPEN = 10.0
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -210,26 +207,12 @@ def candidate(fit: Fit, reversed_: bool, press: float, size: float) -> Candidate
     surface, tip, extra = fit.base, fit.tool, fit.extra.copy()
     # Of inverse poses the wrench was the base's: the tool presses the other way.
     flip = press * (-1.0 if reversed_ else 1.0) < 0.0
-    covariance = _covariance(fit, size)
+    spread = covariance(fit, size)
     if flip:
         over = np.diag([1.0, -1.0, -1.0, 1.0])
         surface, tip = surface @ over, tip @ over
         turn = np.diag([1.0, -1.0, -1.0] * 4 + [-1.0] * len(extra))
-        covariance = turn @ covariance @ turn
+        spread = turn @ spread @ turn
         extra = -extra if fit.model.kind == "sphere" else extra
     side = ("tool" if reversed_ else "base") if fit.model.reversible else "both"
-    return Candidate(fit.model.kind, side, fit.motion, fit.wrench, surface, tip, extra, covariance, size)
-
-
-def _covariance(fit: Fit, size: float) -> Array:
-    """The inverse of the information on what can be told, and a large variance, in the motion's sizes, of the rest."""
-    scale = np.array(([1.0] * 3 + [size] * 3) * 2 + [1.0 / size if fit.model.kind == "sphere" else size] * len(fit.extra))
-    H = fit.information * np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(H)
-    free = np.linalg.qr(gauge(fit.model.kind, fit.extra) / scale[:, None])[0]
-    known = np.eye(len(H)) - free @ free.T  # a change that changes nothing about the contact has no variance
-    least = (1e-2 / OPEN) ** 2
-    covariance = (vectors / np.maximum(values, least)) @ vectors.T
-    covariance = known @ covariance @ known
-    return np.asarray(covariance * np.outer(scale, scale))
-
+    return Candidate(fit.model.kind, side, fit.motion, fit.wrench, surface, tip, extra, spread, size)

@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.identification.models import Model
-from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, moved, skew
+from invariantqp.identification.models import Model, gauge
+from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, cross, inverse, moved, skew
 
 # Steps until a fit is given up: those that converge take five to fifteen.
 STEPS = 40
@@ -37,6 +38,8 @@ DAMPING, LEAST_DAMPING = 1e-3, 1e-9
 ACROSS = 0.3
 # Slides slower than so many standard deviations of a place have no direction.
 SLIDING = 10.0
+# What is known no better than this many of the motion's own sizes, radians or lengths, is not known.
+OPEN = 10.0
 # A fit that misses by so many times the noise after some steps, and no longer improves, is not that kind.
 HOPELESS, SLOW = 8.0, 0.1
 
@@ -88,12 +91,13 @@ class Fit(NamedTuple):
     information: Array  # (12 + e, 12 + e) inverse covariance of the twists of A and B in themselves, and of `extra`
     motion: float  # root mean square of what poses are off, in their noise
     wrench: float  # likewise of wrenches; 0 where no row says anything
+    friction: float  # likewise of side forces across the slide, in ACROSS of the force; 0 where nothing slides
     off: Array  # (n,) root mean square over the rows of each sample, poses alone
 
     @property
-    def squares(self) -> float:
-        """The sum of squares of poses, of which a freer kind has less."""
-        return float((self.off**2).sum())
+    def worst(self) -> float:
+        """The largest of the misses."""
+        return max(self.motion, self.wrench, self.friction)
 
 
 class _State(NamedTuple):
@@ -110,7 +114,7 @@ def _squares(e: Array, V: Array) -> Array:
 def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps: int = STEPS) -> Fit:
     """The best fit near a start A, B, extra, after so many steps at most."""
     xi, omega = np.zeros_like(samples.wrench), np.zeros_like(samples.wrench)
-    friction = _friction(samples, start[1][:3, 3]) if model.pressed else None
+    friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
     state = _state(model, samples, friction, *start, xi, omega)
     damping, count = DAMPING, sum(e.size for e, *_ in state.rows)
     for step in range(steps):
@@ -118,9 +122,9 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
         near = cost < NEAR**2 * count
         D = np.diag(H) + 1e-12 * np.trace(H)
         while True:
-            delta = -np.linalg.solve(H + np.diag((damping + LEAST_DAMPING) * D), g)
+            delta = np.clip(-np.linalg.solve(H + np.diag((damping + LEAST_DAMPING) * D), g), -1e6, 1e6)
             gain = -float(delta.dot(g)) - 0.5 * float(delta.dot(H).dot(delta))
-            base, tool = state.base @ moved(delta[:6]), state.tool @ moved(delta[6:12])
+            base, tool = (T @ se3.exp(d, check=False) for T, d in ((state.base, delta[:6]), (state.tool, delta[6:12])))
             if near:
                 corrections = [-applied(K, e) for e, _, _, K in state.rows]
                 xi, omega = corrections[0], corrections[1] if model.free_moments else omega
@@ -149,14 +153,14 @@ def _normal_equations(state: _State) -> tuple[Array, Array, float]:
     return tuple(sum(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]
 
 
-def _friction(samples: Samples, tip: Array) -> tuple[Array, Array] | None:
+def across_the_slide(samples: Samples, tip: Array) -> tuple[Array, Array] | None:
     """Forces turned across the slide, (k, 3) in the base frame, whose part along the normal is none of friction's."""
     which, along = samples.slides(tip)
     if len(which) < 10:
         return None
     f = applied(samples.pose[which, :3, :3], samples.wrench[which, 3:])
     noise = np.trace(samples.wrench_noise[which, 3:, 3:], axis1=1, axis2=2) / 3.0
-    across = np.cross(along, f) / np.sqrt(noise + ACROSS**2 * (f * f).sum(axis=1))[:, None]
+    across = cross(along, f) / np.sqrt(noise + ACROSS**2 * (f * f).sum(axis=1))[:, None]
     return which, across
 
 
@@ -201,7 +205,7 @@ def _across(friction: tuple[Array, Array], C: Array, base: Array, extra: Array) 
     n[:, 2] += 1.0
     e = (n * u).sum(axis=1)
     J = np.zeros((len(e), 1, 12 + len(extra)))
-    J[:, 0, :3], J[:, 0, 3:6] = -k * np.cross(p, u) - np.cross(u, n), -k * u
+    J[:, 0, :3], J[:, 0, 3:6] = -k * cross(p, u) - cross(u, n), -k * u
     J[:, 0, 9:12] = k * (u[:, None, :] @ R)[:, 0]
     if len(extra):
         J[:, 0, 12] = (p * u).sum(axis=1)
@@ -224,6 +228,9 @@ def _finished(model: Model, state: _State) -> Fit:
     if model.free_moments:
         e2, _, V2, _ = state.rows[1]
         wrench = sqrt(float(_squares(e2, V2).sum()) / e2.size)
+    friction = 0.0
+    if len(state.rows) > 1 + bool(model.free_moments):
+        friction = sqrt(float(np.mean(state.rows[-1][0] ** 2)))
     return Fit(
         model,
         state.base,
@@ -232,5 +239,20 @@ def _finished(model: Model, state: _State) -> Fit:
         np.asarray(H),
         sqrt(float(squares.sum()) / (e.size - used)),
         wrench,
+        friction,
         np.sqrt(squares / e.shape[1]),
     )
+
+
+def covariance(fit: Fit, size: float) -> Array:
+    """The inverse of the information on what can be told, and a large variance, in the motion's sizes, of the rest."""
+    scale = np.array(([1.0] * 3 + [size] * 3) * 2 + [1.0 / size if fit.model.kind == "sphere" else size] * len(fit.extra))
+    H = fit.information * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(H)
+    free = np.linalg.qr(gauge(fit.model.kind, fit.extra) / scale[:, None])[0]
+    known = np.eye(len(H)) - free @ free.T  # a change that changes nothing about the contact has no variance
+    least = (1e-2 / OPEN) ** 2
+    covariance = (vectors / np.maximum(values, least)) @ vectors.T
+    covariance = known @ covariance @ known
+    return np.asarray(covariance * np.outer(scale, scale))
+

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.identification.fit import Fit, Samples, fit
+from invariantqp.identification.fit import Fit, Samples, covariance, fit
 from invariantqp.identification.models import MODELS, Model, angles
-from invariantqp.identification.motions import applied, coadjoint, inverse, skew
+from invariantqp.identification.motions import applied, coadjoint, cross, inverse, skew
 from invariantqp.identification.starts import starts
 
 # A kind is refuted where poses or wrenches leave it by so many times their noise, root mean square: noise told or
@@ -67,7 +67,7 @@ def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
         for side in sides[: 1 + model.reversible]:
             best = _best(model, side)
             found.append(_verdict(model, side is not samples, best, side))
-    return _told_apart(found)
+    return _told_apart(found, samples)
 
 
 def _best(model: Model, samples: Samples) -> Fit:
@@ -76,11 +76,11 @@ def _best(model: Model, samples: Samples) -> Fit:
     best: Fit | None = None
     for start in starts(model, samples):
         found = fit(model, few, start, COARSE_STEPS)
-        if best is None or _worse(best) > _worse(found):
+        if best is None or best.worst > found.worst:
             best = found
-        if _worse(best) < 0.75 * MISFIT:
+        if best.worst < 0.75 * MISFIT:
             break
-    if best is None or _worse(best) > FAR * MISFIT:
+    if best is None or best.worst > FAR * MISFIT:
         return best or fit(model, samples, (np.eye(4), np.eye(4), np.zeros(model.extra)), 1)
     return _seated(fit(model, samples, (best.base, best.tool, best.extra)), samples)
 
@@ -98,10 +98,6 @@ def _seated(found: Fit, samples: Samples) -> Fit:
     tool[:3, 3] += tool[:3, :3] @ p
     base[:3, 3] += base[:3, 2] * p[2]  # a face keeps its distance
     return found._replace(base=base, tool=tool)
-
-
-def _worse(found: Fit) -> float:
-    return max(found.motion, found.wrench)
 
 
 def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Verdict:
@@ -161,24 +157,24 @@ def _of_slide(samples: Samples, found: Fit, n: Array, side: Array) -> tuple[Arra
     which, along = samples.slides(found.tool[:3, 3])
     u = along @ found.base[:3, :3]
     f, normal = side[which], n[which]
-    return (f * u).sum(axis=1), (f * np.cross(normal, u)).sum(axis=1)
+    return (f * u).sum(axis=1), (f * cross(normal, u)).sum(axis=1)
 
 
-def _told_apart(verdicts: list[Verdict]) -> list[Verdict]:
+def _told_apart(verdicts: list[Verdict], samples: Samples) -> list[Verdict]:
     """A screw without pitch is a hinge, a sphere without curvature a plane: where the simpler kind is left."""
     left = {(v.model.kind, v.reversed) for v in verdicts if not v.why}
     found = []
     for v in verdicts:
         simpler, name = {"screw": ("hinge", "pitch"), "sphere": ("point", "curvature")}.get(v.model.kind, ("", ""))
-        if not v.why and (simpler, v.reversed) in left and not _sure(v):
-            v = v._replace(why=f"its {name} is zero, as far as noise lets it be told: a {simpler}")
+        if not v.why and (simpler, v.reversed) in left and _none(v, samples):
+            v = v._replace(why=f"its {name} is zero, as far as noise lets it be told: a {simpler}")  # noqa: PLW2901
         found.append(v)
     return found
 
 
-def _sure(v: Verdict) -> bool:
-    """Whether the pitch or the curvature is not zero."""
-    from invariantqp.identification.candidate import candidate
-
-    deviation = sqrt(candidate(v.fit, v.reversed, 0.0, 1.0).covariance[12, 12])
-    return bool(abs(v.fit.extra[0]) > SURE * deviation)
+def _none(v: Verdict, samples: Samples) -> bool:
+    """Whether a pitch or a curvature is zero within what is known of it, and that is something."""
+    size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
+    value, deviation = float(v.fit.extra[0]), sqrt(covariance(v.fit, size)[-1, -1])
+    usual = size if v.model.kind == "screw" else 1.0 / size
+    return abs(value) < SURE * deviation < usual

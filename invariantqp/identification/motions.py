@@ -13,9 +13,18 @@ SMALL = 1e-4
 def skew(a: Array) -> Array:
     """(..., 3, 3) matrices of b -> a x b."""
     K = np.zeros((*a.shape, 3))
-    K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = np.moveaxis(a, -1, 0)
-    K[..., 1, 2], K[..., 2, 0], K[..., 0, 1] = np.moveaxis(-a, -1, 0)
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = x, y, z
+    K[..., 1, 2], K[..., 2, 0], K[..., 0, 1] = -x, -y, -z
     return K
+
+
+def cross(a: Array, b: Array) -> Array:
+    """(n, 3) vector products of rows, sooner than NumPy's."""
+    c = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        c[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return c
 
 
 def poses(R: Array, p: Array) -> Array:
@@ -31,15 +40,6 @@ def inverse(T: Array) -> Array:
     return poses(Rt, -(Rt @ T[..., :3, 3:])[..., 0])
 
 
-def rotations(vectors: Array) -> Array:
-    """(..., 3, 3) rotations by vectors (..., 3), axis times angle."""
-    K, x = skew(vectors), np.linalg.norm(vectors, axis=-1)[..., None, None]
-    safe = np.where(x < SMALL, 1.0, x)
-    a = np.where(x < SMALL, 1.0 - x * x / 6.0, np.sin(safe) / safe)
-    b = np.where(x < SMALL, 0.5 - x * x / 24.0, 2.0 * (np.sin(0.5 * safe) / safe) ** 2)
-    return np.asarray(np.eye(3) + a * K + b * (K @ K))
-
-
 def rotation_vectors(R: Array) -> Array:
     """(..., 3) axis times angle, below pi, of rotations."""
     half = np.stack(
@@ -52,15 +52,16 @@ def rotation_vectors(R: Array) -> Array:
 
 
 def moved(twists: Array) -> Array:
-    """(..., 4, 4) the motions by small twists: to second order in the turn."""
-    w, v = twists[..., :3], twists[..., 3:]
-    return poses(rotations(w), v + 0.5 * np.cross(w, v))
+    """(n, 4, 4) the motions by twists as small as noise: to second order."""
+    w, v = twists[:, :3], twists[:, 3:]
+    K = skew(w)
+    return poses(np.eye(3) + K + 0.5 * (K @ K), v + 0.5 * cross(w, v))
 
 
 def twists(T: Array) -> Array:
-    """(..., 6) the inverse of `moved`."""
+    """(n, 6) of motions: turns, and travel to second order in them."""
     w, p = rotation_vectors(T[..., :3, :3]), T[..., :3, 3]
-    return np.concatenate((w, p - 0.5 * np.cross(w, p)), axis=-1)
+    return np.concatenate((w, p - 0.5 * cross(w, p)), axis=-1)
 
 
 def adjoint(T: Array) -> Array:

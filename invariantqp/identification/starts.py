@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.identification.fit import Samples
+from invariantqp.identification.fit import Samples, across_the_slide
 from invariantqp.identification.models import Model, angles
 from invariantqp.identification.motions import applied, framed, inverse, nearest_rotation, poses, skew, unit
 
@@ -20,6 +20,8 @@ NORMALS = 80
 # A tool that turns by less than this [rad] has no axis of its own: the axis is taken along its slide.
 STRAIGHT = 1e-2
 NONE = np.zeros(0)
+# Directions of an edge in its plane, where the tool never tilts: 30 degrees apart.
+_DIRECTIONS = [(np.cos(t), np.sin(t)) for t in np.arange(6) * np.pi / 6.0]
 
 
 def starts(model: Model, samples: Samples) -> list[Start]:
@@ -88,7 +90,8 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
     g_w = -weight_f * np.einsum("nij,ni->j", F, m)
     if model.kind == "line":
         H_w, g_w = 1e-3 * H_w, 1e-3 * g_w  # an edge's moments are not all zero; they only place it where nothing else does
-    normals = np.concatenate((pushed[None], _half_sphere()))
+    travel = np.linalg.svd(t - t.mean(axis=0), full_matrices=False)[2][0]
+    normals = np.stack((pushed, unit(pushed - travel * travel.dot(pushed) + 1e-12), *_half_sphere()))
     G = np.einsum("nji,kj->kni", R, normals)  # R' n
     G = np.concatenate((G, np.full((*G.shape[:2], 1), -1.0)), axis=-1)
     y = -np.einsum("ni,ki->kn", t, normals)
@@ -108,7 +111,10 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
         left = left + weight_t * (t - t.mean(axis=0)).var() * len(t) * np.linalg.eigvalsh(
             np.einsum("kni,knj->kij", u, u) / len(t)
         )[:, 0]
-    order = [0, *(1 + np.argsort(left[1:])[:2]).tolist()]
+    friction = across_the_slide(samples, found[0, :3])
+    if friction is not None:
+        left = left + ((normals @ friction[1].T) ** 2).sum(axis=1)
+    order = [0, 1, *(2 + np.argsort(left[2:])[:2]).tolist()]
     order.sort(key=lambda k: left[k])
     return [start for k in order for start in _tip(model, R, t, normals[k], found[k])]
 
@@ -121,13 +127,25 @@ def _tip(model: Model, R: Array, t: Array, n: Array, found: Array) -> list[Start
     base = framed(n, middle + n * (found[3] - n @ middle))
     if model.kind == "line":
         u = np.einsum("nji,j->ni", R, n)
-        edge = np.linalg.eigh(u.T @ u)[1][:, 0]
-        z = u.mean(axis=0)
-        return [(base, framed(z - edge * (edge @ z), p, edge), NONE)]
+        spread, directions = np.linalg.eigh(u.T @ u / len(u))
+        edge, z = directions[:, 0], u.mean(axis=0)
+        if spread[1] > STRAIGHT**2:
+            return [(base, framed(z - edge * (edge @ z), p, edge), NONE)]
+        return [(base, framed(z, p, c * edge + s * np.cross(z, edge)), NONE) for c, s in _DIRECTIONS]
     tool = poses(np.eye(3), p)
     if model.kind == "point":
         return [(base, tool, NONE)]
-    return [(base, tool, np.zeros(1)), *_ball_under(x, tool)]
+    return [_bent(base, tool, x), *_ball_under(x, tool)]
+
+
+def _bent(base: Array, tool: Array, x: Array) -> Start:
+    """A sphere of about this normal: z = d + g.(x, y) - k/2 |p|^2, linear in d, g, k."""
+    p = (x - base[:3, 3]) @ base[:3, :3]
+    size = np.sqrt((p * p).mean()) + 1e-300
+    G = np.column_stack((np.ones(len(p)), p[:, 0] / size, p[:, 1] / size, -0.5 * (p * p).sum(axis=1) / size**2))
+    d, a, b, k = np.linalg.lstsq(G, p[:, 2], rcond=1e-3)[0] / np.array([1.0, size, size, size**2])
+    turned = base[:3, :3] @ unit(np.array([-a, -b, 1.0]))
+    return framed(turned, base[:3, 3] + d * base[:3, 2]), tool, np.array([k])
 
 
 def _ball_under(x: Array, tool: Array) -> list[Start]:
