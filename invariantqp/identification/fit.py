@@ -13,7 +13,7 @@ constraint to poses and wrenches too.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -25,14 +25,15 @@ from invariantqp.identification.motions import adjoint, applied, carried, coadjo
 
 # Steps until a fit is given up: those that converge take five to fifteen.
 STEPS = 40
-# A step that would lower the sum of squares by less than this changes no parameter by more than a thousandth of its
+# A step that would lower the sum of squares by less than this changes no parameter by more than 1e-4 of its
 # standard deviation.
-CONVERGED = 1e-6
+CONVERGED = 1e-8
 # Noise of a row relative to what is left of it: beyond this many standard deviations, the model is not near, and to
 # linearise about corrected poses would lead away.
-NEAR = 10.0
-# What Marquardt's damping begins with, relative to the curvature of the sum of squares, and its least.
-DAMPING, LEAST_DAMPING = 1e-3, 1e-9
+NEAR = 4.0
+# Marquardt's damping, relative to the curvature of the sum of squares: at first, the least, and where it is given up.
+DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e8
+TINY = 1e-14
 # Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion, where it
 # says anything about the normal, decides.
 ACROSS = 0.3
@@ -48,6 +49,7 @@ class Samples(NamedTuple):
     """Moments of a recording: poses and wrenches in the tool frame, with their noise."""
 
     at: Array  # (n,) which samples of the recording they are
+    turned: Array  # (n, 3) the turns from sample to sample of the recording, in the tool frame, summed up [rad]
     pose: Array  # (n, 4, 4)
     wrench: Array  # (n, 6) that the tool exerts, about the tool frame's origin
     pose_noise: Array  # (n, 6, 6) covariance of the twist by which a pose is off, in the tool frame
@@ -65,20 +67,24 @@ class Samples(NamedTuple):
         noise = carried(A, self.pose_noise)
         m, f = skew(w[:, :3]), skew(w[:, 3:])
         by_pose = -np.concatenate((np.concatenate((m, f), -1), np.concatenate((f, np.zeros_like(f)), -1)), -2)
-        return Samples(self.at, inverse(self.pose), w, noise, carried(B, self.wrench_noise) + carried(by_pose, noise))
+        return Samples(self.at, self.turned, inverse(self.pose), w, noise, carried(B, self.wrench_noise) + carried(by_pose, noise))
 
 
-    def slides(self, tip: Array) -> tuple[Array, Array]:
-        """Which samples slide at a (3,) point of the tool, and (k, 3) in which unit directions, base frame."""
+    def slides(self, tip: Array) -> tuple[Array, Array, Array]:
+        """How a (3,) point of the tool slides: (k,) which samples, (k, 3) unit directions in the base frame, (k,) how surely.
+
+        The last is 1/2 where the slide is SLIDING times its noise, and nears 1 beyond.
+        """
         p = self.pose[:, :3, :3] @ tip + self.pose[:, :3, 3]
         step = np.diff(self.at)
         usual = 2.0 * np.median(step)
         inner = 1 + np.flatnonzero((step[1:] <= usual) & (step[:-1] <= usual))
         v = p[inner + 1] - p[inner - 1]
         speed = np.linalg.norm(v, axis=1)
-        turn, length = (np.trace(self.pose_noise[inner, a:b, a:b], axis1=1, axis2=2) / 3.0 for a, b in ((0, 3), (3, 6)))
-        fast = speed > SLIDING * np.sqrt(2.0 * (length + turn * tip.dot(tip)))
-        return inner[fast], v[fast] / speed[fast, None]
+        at_tip = np.concatenate((-skew(tip), np.eye(3)), axis=1)
+        noise = np.trace(carried(at_tip, self.pose_noise[inner]), axis1=1, axis2=2) / 3.0
+        sure = speed * speed / (speed * speed + SLIDING**2 * 2.0 * noise)
+        return inner, v / np.maximum(speed, 1e-300)[:, None], sure
 
 
 class Fit(NamedTuple):
@@ -113,33 +119,33 @@ def _squares(e: Array, V: Array) -> Array:
 
 def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps: int = STEPS) -> Fit:
     """The best fit near a start A, B, extra, after so many steps at most."""
-    xi, omega = np.zeros_like(samples.wrench), np.zeros_like(samples.wrench)
+    zero = np.zeros_like(samples.wrench)
     friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
-    state = _state(model, samples, friction, *start, xi, omega)
-    damping, count = DAMPING, sum(e.size for e, *_ in state.rows)
+    state = _state(model, samples, friction, *start, zero, zero)
+    damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows), inf
     for step in range(steps):
-        H, g, cost = _normal_equations(state)
-        near = cost < NEAR**2 * count
-        D = np.diag(H) + 1e-12 * np.trace(H)
-        while True:
-            delta = np.clip(-np.linalg.solve(H + np.diag((damping + LEAST_DAMPING) * D), g), -1e6, 1e6)
-            gain = -float(delta.dot(g)) - 0.5 * float(delta.dot(H).dot(delta))
-            base, tool = (T @ se3.exp(d, check=False) for T, d in ((state.base, delta[:6]), (state.tool, delta[6:12])))
-            if near:
-                corrections = [-applied(K, e) for e, _, _, K in state.rows]
-                xi, omega = corrections[0], corrections[1] if model.free_moments else omega
-            trial = _state(model, samples, friction, base, tool, state.extra + delta[12:], xi, omega)
-            found = sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in zip(trial.rows, state.rows, strict=True))
-            if found <= cost * (1.0 + 1e-9) + CONVERGED or damping > 1e6:
+        H, g, now = _normal_equations(state)
+        near = now < NEAR**2 * count
+        before, cost = cost, now
+        if near:  # all is nearly linear: every step is taken, and poses are corrected
+            delta = _step(H, g, LEAST_DAMPING)
+            corrected = [-applied(K, e + J @ delta) for e, J, _, K in state.rows]
+            omega = corrected[1] if model.free_moments else zero
+            state = _state(model, samples, friction, *_moved(state, delta), corrected[0], omega)
+            if -float(delta.dot(g)) < CONVERGED + 1e-9 * cost:
                 break
-            damping = 10.0 * damping + LEAST_DAMPING
-        if damping > 1e6:
+            continue
+        while damping < MOST_DAMPING:
+            delta = _step(H, g, damping)
+            trial = _state(model, samples, friction, *_moved(state, delta), zero, zero)
+            found = sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in zip(trial.rows, state.rows, strict=True))
+            if found < cost:
+                break
+            damping *= 10.0
+        else:
             break
-        state, damping = trial, 0.1 * damping
-        if gain < CONVERGED + 1e-9 * cost:
-            break
-        hopeless = cost > HOPELESS**2 * count
-        if hopeless and step > 2 and gain < SLOW * cost:
+        state, damping = trial, max(0.1 * damping, LEAST_DAMPING)
+        if cost > HOPELESS**2 * count and step > 2 and before - cost < SLOW * cost:
             break
     return _finished(model, state)
 
@@ -153,14 +159,27 @@ def _normal_equations(state: _State) -> tuple[Array, Array, float]:
     return tuple(sum(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]
 
 
+def _step(H: Array, g: Array, damping: float) -> Array:
+    """Marquardt's step; none turns a frame by more than half a radian or so."""
+    D = np.diag(H)
+    delta: Array = -np.linalg.solve(H + np.diag(damping * D + TINY * D.max()), g)
+    turn = max(float(np.abs(delta[:3]).max()), float(np.abs(delta[6:9]).max()))
+    return delta * min(1.0, 0.5 / max(turn, TINY))
+
+
+def _moved(state: _State, delta: Array) -> tuple[Array, Array, Array]:
+    base, tool = (T @ se3.exp(d, check=False) for T, d in ((state.base, delta[:6]), (state.tool, delta[6:12])))
+    return base, tool, state.extra + delta[12:]
+
+
 def across_the_slide(samples: Samples, tip: Array) -> tuple[Array, Array] | None:
     """Forces turned across the slide, (k, 3) in the base frame, whose part along the normal is none of friction's."""
-    which, along = samples.slides(tip)
-    if len(which) < 10:
+    which, along, sure = samples.slides(tip)
+    if sure.max(initial=0.0) < 0.5:
         return None
     f = applied(samples.pose[which, :3, :3], samples.wrench[which, 3:])
     noise = np.trace(samples.wrench_noise[which, 3:, 3:], axis1=1, axis2=2) / 3.0
-    across = cross(along, f) / np.sqrt(noise + ACROSS**2 * (f * f).sum(axis=1))[:, None]
+    across = cross(along, f) * (sure / np.sqrt(noise + ACROSS**2 * (f * f).sum(axis=1)))[:, None]
     return which, across
 
 
@@ -177,7 +196,7 @@ def _state(
     """Rows at frames A and B, linearised at corrected poses and wrenches."""
     X = inverse(base) @ (samples.pose @ moved(xi))
     C = X @ tool
-    values, L, by_extra = model.rows(C, extra)
+    values, L, by_extra = model.rows(C, extra, samples.turned @ tool[:3, 2])
     by_pose = L @ adjoint(X)
     e = values - applied(by_pose, xi)
     J = np.concatenate((-L, L @ adjoint(C), by_extra), axis=-1)

@@ -24,6 +24,8 @@ MISFIT = 2.0
 # A first look at a third of the samples that finds a kind this much worse is enough.
 FAR = 2.5
 COARSE, COARSE_STEPS = 3, 14
+# How a tip slides depends on where it is: fits are repeated from the tip found, which changes by a hundredth each time.
+PASSES = 3
 # Beyond so many standard deviations a pitch or a curvature is not zero.
 SURE = 5.0
 # Beyond so many standard deviations of noise something moved, or was pushed.
@@ -82,7 +84,9 @@ def _best(model: Model, samples: Samples) -> Fit:
             break
     if best is None or best.worst > FAR * MISFIT:
         return best or fit(model, samples, (np.eye(4), np.eye(4), np.zeros(model.extra)), 1)
-    return _seated(fit(model, samples, (best.base, best.tool, best.extra)), samples)
+    for _ in range(PASSES):
+        best = _seated(fit(model, samples, (best.base, best.tool, best.extra)), samples)
+    return best
 
 
 def _seated(found: Fit, samples: Samples) -> Fit:
@@ -112,9 +116,9 @@ def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Ver
         return verdict(f"moments about what turns freely are {found.wrench:.3g} times their noise")
     C = inverse(found.base) @ samples.pose @ found.tool
     if model.kind in ("hinge", "screw"):
-        turned = angles(C)
+        turned = angles(C, samples.turned @ found.tool[:3, 2])
         noise = sqrt(float(np.trace(samples.pose_noise[:, :3, :3], axis1=1, axis2=2).mean()) / 3.0)
-        if np.std(turned) < TRIED * noise and len(samples.slides(found.tool[:3, 3])[0]):
+        if np.std(turned) < TRIED * noise and (samples.slides(found.tool[:3, 3])[2] > 0.5).any():
             return verdict("it slid and never turned")
     if model.kind == "peg":
         f = _forces(found, samples)
@@ -154,9 +158,10 @@ def _pressed(model: Model, verdict, found: Fit, samples: Samples, C: Array) -> V
 
 def _of_slide(samples: Samples, found: Fit, n: Array, side: Array) -> tuple[Array, Array]:
     """(k,) side forces along the slide and across it, where it slides."""
-    which, along = samples.slides(found.tool[:3, 3])
-    u = along @ found.base[:3, :3]
-    f, normal = side[which], n[which]
+    which, along, sure = samples.slides(found.tool[:3, 3])
+    slides = sure > 0.5
+    u = along[slides] @ found.base[:3, :3]
+    f, normal = side[which[slides]], n[which[slides]]
     return (f * u).sum(axis=1), (f * cross(normal, u)).sum(axis=1)
 
 

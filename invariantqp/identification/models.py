@@ -39,7 +39,7 @@ class Model(NamedTuple):
 
     kind: str
     freedoms: int
-    rows: Callable[[Array, Array], Rows]
+    rows: Callable[[Array, Array, Array], Rows]  # of poses C, curvature or pitch, and turns about z of B summed up
     free_moments: tuple[int, ...]  # moments in the tool frame of the contact that are zero
     extra: int  # how many numbers beside the two frames
     pressed: bool  # whether it can be pressed but not pulled
@@ -70,11 +70,11 @@ def _rows(*parts: tuple[Array, Array], extra: Array | None = None) -> Rows:
     return Rows(values, by_twist, np.zeros((*values.shape, 0)) if extra is None else extra)
 
 
-def _point(C: Array, _: Array) -> Rows:
+def _point(C: Array, _: Array, __: Array) -> Rows:
     return _rows(_height(C))
 
 
-def _sphere(C: Array, extra: Array) -> Rows:
+def _sphere(C: Array, extra: Array, _: Array) -> Rows:
     (z, by_twist), p, k = _height(C), C[:, :3, 3], extra[0]
     half = 0.5 * (p * p).sum(axis=1)[:, None]
     by_twist = by_twist.copy()
@@ -82,33 +82,35 @@ def _sphere(C: Array, extra: Array) -> Rows:
     return Rows(z + k * half, by_twist, half[..., None])
 
 
-def _line(C: Array, _: Array) -> Rows:
+def _line(C: Array, _: Array, __: Array) -> Rows:
     return _rows(_height(C), _tilt(C, 0, slice(2, 3)))
 
 
-def _face(C: Array, _: Array) -> Rows:
+def _face(C: Array, _: Array, __: Array) -> Rows:
     return _rows(_height(C), _tilt(C, 2, slice(0, 2)))
 
 
-def _ball(C: Array, _: Array) -> Rows:
+def _ball(C: Array, _: Array, __: Array) -> Rows:
     return _rows(_place(C, slice(0, 3)))
 
 
-def _peg(C: Array, _: Array) -> Rows:
+def _peg(C: Array, _: Array, __: Array) -> Rows:
     return _rows(_place(C, slice(0, 2)), _tilt(C, 2, slice(0, 2)))
 
 
-def _hinge(C: Array, _: Array) -> Rows:
+def _hinge(C: Array, _: Array, __: Array) -> Rows:
     return _rows(_place(C, slice(0, 3)), _tilt(C, 2, slice(0, 2)))
 
 
-def angles(C: Array) -> Array:
-    """(n,) turned about z, without jumps."""
-    return np.unwrap(np.arctan2(C[:, 1, 0] - C[:, 0, 1], C[:, 0, 0] + C[:, 1, 1]))
+def angles(C: Array, turned: Array) -> Array:
+    """(n,) about z, with the whole turns that `turned` (n,), summed up from sample to sample, says there were."""
+    within = np.arctan2(C[:, 1, 0] - C[:, 0, 1], C[:, 0, 0] + C[:, 1, 1])
+    whole: Array = np.round((turned - turned[0] + within[0] - within) / (2.0 * np.pi))
+    return within + 2.0 * np.pi * whole
 
 
-def _screw(C: Array, extra: Array) -> Rows:
-    rows, turned = _hinge(C, extra), angles(C)
+def _screw(C: Array, extra: Array, turned: Array) -> Rows:
+    rows, turned = _hinge(C, extra, turned), angles(C, turned)
     values, by_twist, by_pitch = rows.values.copy(), rows.by_twist.copy(), np.zeros((len(C), 5, 1))
     values[:, 2] -= extra[0] * turned
     by_twist[:, 2, 2] -= extra[0]
@@ -116,7 +118,7 @@ def _screw(C: Array, extra: Array) -> Rows:
     return Rows(values, by_twist, by_pitch)
 
 
-def _slide(C: Array, _: Array) -> Rows:
+def _slide(C: Array, _: Array, __: Array) -> Rows:
     turned = np.broadcast_to(np.eye(3, 6), (len(C), 3, 6))
     return _rows(_place(C, slice(0, 2)), (rotation_vectors(C[:, :3, :3]), turned))
 

@@ -44,6 +44,7 @@ class Recording(Compared):
     """Poses and wrenches with their noise."""
 
     pose: Array  # (n, 4, 4)
+    turned: Array  # (n, 3) the turns from sample to sample, in the tool frame, summed up [rad]
     wrench: Array  # (n, 6) that the tool exerts, in the tool frame
     pose_noise: Array  # (6, 6)
     wrench_noise: Array  # (6, 6)
@@ -63,7 +64,7 @@ class Recording(Compared):
         if felt.sum() >= FEWEST:
             at, w = at[felt], w[felt]
         m = len(at)
-        return Samples(at, self.pose[at], w, *(np.broadcast_to(N, (m, 6, 6)) for N in (self.pose_noise, noise)))
+        return Samples(at, self.turned[at], self.pose[at], w, *(np.broadcast_to(N, (m, 6, 6)) for N in (self.pose_noise, noise)))
 
     def contacts(self) -> list[tuple[int, int]]:
         """First sample of each stretch in which a wrench is felt, and the one after its last."""
@@ -94,8 +95,9 @@ def recording(
     """
     X = _poses(poses)
     w = _wrenches(wrenches, X, arrays.flag(exerts, "exerts"), sensor)
-    steps = np.diff(twists(inverse(X[:-1]) @ X[1:]), n=2, axis=0)
-    white_pose, white_wrench = (_covariance(a) / THIRD for a in (steps, np.diff(w, n=3, axis=0)))
+    steps = twists(inverse(X[:-1]) @ X[1:])
+    turned = np.concatenate((np.zeros((1, 3)), np.cumsum(steps[:, :3], axis=0)))
+    white_pose, white_wrench = (_covariance(a) / THIRD for a in (np.diff(steps, n=2, axis=0), np.diff(w, n=3, axis=0)))
     if noise is None:
         pose_noise, wrench_noise, white = white_pose, white_wrench, 1.0
     else:
@@ -114,7 +116,7 @@ def recording(
                 "noise that can be told from the recording",
                 "Say it: noise=(pose, wrench), or accuracy=(angle, length, moment, force).",
             )
-    return Recording(X, w, pose_noise, wrench_noise, white, noise is None)
+    return Recording(X, turned, w, pose_noise, wrench_noise, white, noise is None)
 
 
 def _poses(poses: Any) -> Array:

@@ -50,18 +50,18 @@ def starts(model: Model, samples: Samples) -> list[Start]:
         return [(framed(b, t.mean(axis=0)), framed(a, np.zeros(3)), NONE) for a, b in axes]
     if not turns:
         axes.append((middle[:3, :3].T @ travel[0], travel[0]))
-    return [_about(model, X, R, t, a, b) for a, b in axes]
+    return [_about(model, samples, R, t, a, b) for a, b in axes]
 
 
-def _about(model: Model, X: Array, R: Array, t: Array, a: Array, b: Array) -> Start:
+def _about(model: Model, samples: Samples, R: Array, t: Array, a: Array, b: Array) -> Start:
     """An axis along a in the tool and b in the base."""
     across = np.eye(3) if model.kind == "hinge" else np.eye(3) - np.outer(b, b)
     p, q = _held(R, t, across)
     base, tool = framed(b, q), framed(a, p)
     if model.kind != "screw":
         return base, tool, NONE
-    C = inverse(base) @ X @ tool
-    turned = angles(C)
+    C = inverse(base) @ samples.pose @ tool
+    turned = angles(C, samples.turned @ tool[:3, 2])
     pitch, rest = np.linalg.lstsq(np.stack((turned, np.ones_like(turned)), axis=1), C[:, 2, 3], rcond=None)[0]
     base[:3, 3] += rest * base[:3, 2]
     return base, tool, np.array([pitch])
