@@ -171,6 +171,18 @@ class Candidate(Compared):
             frame[:3, :3] = np.column_stack((x, se3.cross(z, x), z))
         return frame
 
+    def as_json(self) -> dict[str, Any]:
+        """Everything in numbers, text, lists and dictionaries; null is what there is none of, or what is not told."""
+        found: dict[str, Any] = {"kind": self.kind, "fixed_to": self.fixed_to, "gibson_hunt": self.gibson_hunt}
+        found.update(misfit=self.misfit, wrench_misfit=self.wrench_misfit)
+        for name in ("point", "normal", "axis", "centre"):
+            value = getattr(self, name)
+            found[name] = None if value is None else value.tolist()
+        pitch, radius = self.pitch, self.radius
+        found.update(pitch=None if pitch in (None, inf) else pitch, radius=radius)
+        found["deviations"] = {name: None if d == inf else d for name, d in self.deviations.items()}
+        return found
+
     def task(self, press: float | ArrayLike = 0.0, **options: Any) -> HybridTask:
         """A task that presses on this contact, or moves along it without forcing it.
 

@@ -2,8 +2,9 @@
 
     S  what moved,  W  what was pushed without moving,  W'S = 0 but for friction
 
-The answer is certain where dim S + dim W = 6: each twist was then either moved along, or pushed against without moving.
-What neither moved nor was pushed is not known, and kinds that differ in it alone cannot be told apart.
+The kind is told where dim S + dim W = 6 for the most constrained kind that is left: each twist was then either moved
+along, or pushed against without moving. What neither moved nor was pushed is not known, and kinds that differ in it alone
+cannot be told apart; where all other kinds are refuted, what moved is enough.
 
 Reference: [DS] Sect. 3 and 6.3.
 """
@@ -116,6 +117,22 @@ class Identification(Compared):
     def radius(self) -> float | None:
         """[length] as of the candidate; None where the kind is not told."""
         return self._of("radius")
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything in numbers, text, lists and dictionaries: one entry for each contact."""
+        keys = ("kind", "reason", "start", "stop", "refuted")
+        return {
+            "kind": self.kind,
+            "reason": self.reason,
+            "contacts": [
+                {
+                    **{key: getattr(part, key) for key in keys},
+                    "candidates": [c.as_json() for c in part.candidates],
+                    "unexcited": part.unexcited.T.tolist(),
+                }
+                for part in self.segments
+            ],
+        }
 
     def _of(self, name: str) -> Any:
         return None if self.kind is None else getattr(self.candidates[0], name)
@@ -309,7 +326,7 @@ def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop:
     best, kind = left[0].model, candidates[0].contact_kind
     k = kind.freedoms.shape[1]
     reason = ""
-    if moved < k or pushed < 6 - k:
+    if moved < k or (pushed < 6 - k and len(candidates) > 1):
         names = ", ".join(dict.fromkeys(c.kind for c in candidates))
         reason = (
             f"{unexcited.shape[1]} twists were neither moved along nor pushed against, and {names} differ in them: "

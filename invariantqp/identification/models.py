@@ -103,9 +103,12 @@ def _hinge(C: Array, _: Array, __: Array) -> Rows:
 
 
 def angles(C: Array, turned: Array) -> Array:
-    """(n,) about z, with the whole turns that `turned` (n,), summed up from sample to sample, says there were."""
-    within = np.arctan2(C[:, 1, 0] - C[:, 0, 1], C[:, 0, 0] + C[:, 1, 1])
-    whole: Array = np.round((turned - turned[0] + within[0] - within) / (2.0 * np.pi))
+    """(n,) about z, with the whole turns that `turned` (n,), summed up from sample to sample, says there were.
+
+    They are counted from the middle sample, where frames A and B are to be turned alike.
+    """
+    within, middle = np.arctan2(C[:, 1, 0] - C[:, 0, 1], C[:, 0, 0] + C[:, 1, 1]), len(C) // 2
+    whole: Array = np.round((turned - turned[middle] + within[middle] - within) / (2.0 * np.pi))
     return within + 2.0 * np.pi * whole
 
 

@@ -60,6 +60,7 @@ def _about(model: Model, samples: Samples, R: Array, t: Array, a: Array, b: Arra
     base, tool = framed(b, q), framed(a, p)
     if model.kind != "screw":
         return base, tool, NONE
+    tool[:3, :3] = samples.pose[len(R) // 2, :3, :3].T @ base[:3, :3]
     C = inverse(base) @ samples.pose @ tool
     turned = angles(C, samples.turned @ tool[:3, 2])
     pitch, rest = np.linalg.lstsq(np.stack((turned, np.ones_like(turned)), axis=1), C[:, 2, 3], rcond=None)[0]
@@ -75,7 +76,7 @@ def _facing(R: Array, base: Array) -> Array:
 def _held(R: Array, t: Array, across: Array) -> tuple[Array, Array]:
     """p in the tool, q in the base with across (R p + t - q) least."""
     A = np.concatenate((across @ R, np.broadcast_to(-across, R.shape)), axis=-1).reshape(-1, 6)
-    found = np.linalg.lstsq(A, -(t @ across.T).reshape(-1), rcond=1e-6)[0]
+    found = np.linalg.lstsq(A, -(t @ across.T).reshape(-1), rcond=1e-2)[0]
     return found[:3], found[3:]
 
 

@@ -68,6 +68,7 @@ class Film:
     surroundings: Surroundings  # what the tool touches
     travel: Array  # (k, 3) velocity of the tool frame's origin [length/s]
     force: Array | None = None  # (k, 3) that the tool exerts [N]; None without contact
+    recorded: bool = False  # whether it was recorded: nothing was asked for
 
     @property
     def centre(self) -> Array:
