@@ -26,7 +26,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.identification.candidate import Candidate, candidate
 from invariantqp.identification.fit import Samples
-from invariantqp.identification.judge import MISFIT, Verdict, judged
+from invariantqp.identification.judge import MISFIT, Verdict, explains, judged
 from invariantqp.identification.models import MODELS
 from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, twists
 from invariantqp.identification.recording import FEWEST, Recording, recording
@@ -37,6 +37,10 @@ KINDS: tuple[str, ...] = tuple(MODELS)
 # Second moment of a push or a motion, in its noise, above which there was one: a noise told or estimated a fifth too
 # small is none. Of 150 samples of noise it is above 1.5 once in a million times.
 TRIED = 1.5
+# Shortest contact that is looked for after another one, and how finely the change is found, as parts of the whole.
+COARSE, FINE = 10, 40
+# Share of a stretch that its contacts have to explain by a kind that is told: less is noise cut into pieces.
+MOSTLY = 0.7
 # Contacts of one recording that are looked for, at most.
 MOST_SEGMENTS = 8
 
@@ -223,6 +227,7 @@ class _Look:
 
     def __init__(self, record: Recording, kinds: tuple[str, ...]) -> None:
         self.record, self.kinds = record, kinds
+        self._explained: dict[tuple[int, int], bool] = {}
         self._known: dict[tuple[int, int], tuple[Samples, list[Verdict]]] = {}
 
     def verdicts(self, start: int, stop: int) -> tuple[Samples, list[Verdict]]:
@@ -234,7 +239,9 @@ class _Look:
 
     def explained(self, start: int, stop: int) -> bool:
         """Whether some kind explains a stretch."""
-        return any(not v.why for v in self.verdicts(start, stop)[1])
+        if (start, stop) not in self._explained:
+            self._explained[start, stop] = explains(self.record.blocks(start, stop), self.kinds)
+        return self._explained[start, stop]
 
     def segments(self, start: int, stop: int) -> list[Identification]:
         """A stretch in contact as one contact, or as several one after the other.
@@ -242,12 +249,15 @@ class _Look:
         Raises:
             NoContactFound: nothing explains it.
         """
-        if self.explained(start, stop):
-            return [_identification(*self.verdicts(start, stop), start, stop)]
+        whole = _identification(*self.verdicts(start, stop), start, stop)
+        if whole.candidates:
+            return [whole]
+        self._explained[start, stop] = False
         parts = [
             _identification(*self.verdicts(a, b), a, b) for a, b in self._split(start, stop) if self.explained(a, b)
         ]
-        if not any(part.kind for part in parts):
+        told = sum(part.stop - part.start for part in parts if part.kind)
+        if told < MOSTLY * (stop - start):
             raise self._none(start, stop)
         return parts
 
@@ -270,14 +280,14 @@ class _Look:
         """Where the longest stretches end that are explained one after the other, without the last; [] if none is."""
         found: list[int] = []
         begin = 0
-        step = max(FEWEST, length // 12)
+        step = max(FEWEST, length // COARSE)
         while begin < length and len(found) < MOST_SEGMENTS:
             if explained(begin, length):
                 return found
             low, high = begin + step, length
             if low >= length or not explained(begin, low):
                 return []
-            while high - low > max(2, length // 100):
+            while high - low > max(2, length // FINE):
                 middle = (low + high) // 2
                 low, high = (middle, high) if explained(begin, middle) else (low, middle)
             found.append(low)

@@ -72,6 +72,16 @@ def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
     return _told_apart(found, samples)
 
 
+def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
+    """Whether some kind is not refuted: sooner than all verdicts, where one is."""
+    for model in MODELS.values():
+        if model.kind in kinds:
+            for side in (samples, samples.reversed)[: 1 + model.reversible]:
+                if not _verdict(model, side is not samples, _best(model, side), side).why:
+                    return True
+    return False
+
+
 def _best(model: Model, samples: Samples) -> Fit:
     """The best fit from any start; only those that are near are worth all samples."""
     few = samples.thinned(max(1, min(COARSE, len(samples.pose) // 40)))

@@ -119,6 +119,59 @@ def angle(a, b):
     return np.rad2deg(np.arcsin(min(1.0, np.linalg.norm(np.cross(a, b)))))
 
 
+def hand_table(seeds, kinds):
+    """In MuJoCo, where contacts give way and slip."""
+    from support.compliant_hand import KINDS as HELD
+    from support.compliant_hand import drag
+
+    for kind in [k for k in HELD if k in kinds] if kinds != KINDS else HELD:
+        right = among = wrong = 0
+        off, others = {}, Counter()
+        for seed in seeds:
+            X, w, truth = drag(kind, seed)
+            said, named, found = answer(X, w)
+            true = (truth.kind, truth.fixed_to)
+            right += said == true
+            among += true in named
+            wrong += len(named) == 1 and said is not None and said != true
+            if said != true:
+                others[str(said)] += 1
+                print("   ", kind, seed, named, str(found)[:200] if said == "none" else found.reason[:150])
+            else:
+                for name, value in errors(found, truth).items():
+                    off.setdefault(name, []).append(value)
+        figures = ", ".join(f"{name} {np.median(v):.2g} / {max(v):.2g}" for name, v in off.items())
+        print(f"{kind:8} right {right}, among {among}, sole and wrong {wrong} of {len(seeds)} | {figures} {dict(others) or ''}", flush=True)
+
+
+def changes_table(seeds):
+    """Two contacts one after the other, at once or with a second of air between; which kinds is drawn by the seed."""
+    tally = Counter()
+    for seed in seeds:
+        rng = np.random.default_rng([seed, 5])
+        first, second = rng.choice([k for k in KINDS if k != "free"], 2, replace=False)
+        (X, w, one), (Y, u, two) = record(first, seed, duration=4.0), record(second, seed + 500, duration=4.0)
+        gap = seed % 2
+        air = record("free", seed, duration=1.0)
+        parts = [(X, w), air[:2], (Y, u)] if gap else [(X, w), (Y, u)]
+        said, _, found = answer(*(np.concatenate([part[k] for part in parts]) for k in (0, 1)))
+        kinds = [] if said == "none" else [(p.kind, p.fixed_to) for p in found.segments]
+        true = [(t.kind, t.fixed_to) for t in (one, two)]
+        told = [k for k in kinds if k[0] is not None]
+        if kinds == true:
+            verdict = "both, each its own"
+        elif said == "none" or not told:
+            verdict = "cannot tell"
+        elif all(k in true for k in told):
+            verdict = "one told, the other not"
+        else:
+            verdict = "wrong"
+            print("   ", seed, true, kinds)
+        tally[f"{'with air between' if gap else 'at once'}: {verdict}"] += 1
+    for what, count in sorted(tally.items()):
+        print(f"{count:4} {what}")
+
+
 def main():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("table", choices=["kinds", "strokes", "smooth", "frames", "changes", "hand", "time"])
@@ -137,6 +190,10 @@ def main():
             table(seeds, kinds, smooth=0.2, told=share)
     if told.table == "frames":
         frames_table(seeds, kinds)
+    if told.table == "changes":
+        changes_table(seeds)
+    if told.table == "hand":
+        hand_table(seeds, kinds)
 
 
 if __name__ == "__main__":
