@@ -34,6 +34,8 @@ NEAR = 4.0
 # Marquardt's damping, relative to the curvature of the sum of squares: at first, the least, and where it is given up.
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e8
 TINY = 1e-14
+# Share by which the sum of squares may rise where corrections of poses have been made anew.
+RELINEARISED = 1e-4
 # Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion, where it
 # says anything about the normal, decides.
 ACROSS = 0.3
@@ -123,17 +125,22 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
     friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
     state = _state(model, samples, friction, *start, zero, zero)
     damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows), inf
+    kept, held = None, LEAST_DAMPING
     for step in range(steps):
         H, g, now = _normal_equations(state)
-        near = now < NEAR**2 * count
         before, cost = cost, now
-        if near:  # all is nearly linear: every step is taken, and poses are corrected
-            delta = _step(H, g, LEAST_DAMPING)
+        if kept is not None or now < NEAR**2 * count:  # nearly linear: poses are corrected, and what is worse is taken back
+            if kept is None or now < kept[-1] * (1.0 + RELINEARISED):
+                kept = state, H, g, now
+            else:
+                held = max(100.0 * held, DAMPING)
+                state, H, g, now = kept
+            delta = _step(H, g, held)
+            if -float(delta.dot(g)) < CONVERGED + 1e-9 * now or held > 1.0:
+                break
             corrected = [-applied(K, e + J @ delta) for e, J, _, K in state.rows]
             omega = corrected[1] if model.free_moments else zero
             state = _state(model, samples, friction, *_moved(state, delta), corrected[0], omega)
-            if -float(delta.dot(g)) < CONVERGED + 1e-9 * cost:
-                break
             continue
         while damping < MOST_DAMPING:
             delta = _step(H, g, damping)
@@ -147,7 +154,7 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
         state, damping = trial, max(0.1 * damping, LEAST_DAMPING)
         if cost > HOPELESS**2 * count and step > 2 and before - cost < SLOW * cost:
             break
-    return _finished(model, state)
+    return _finished(model, state if kept is None else kept[0])
 
 
 def _normal_equations(state: _State) -> tuple[Array, Array, float]:

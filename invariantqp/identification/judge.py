@@ -7,6 +7,7 @@ has, acts across the slide instead of along it, or drives it.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from math import sqrt
 from typing import NamedTuple
 
@@ -30,6 +31,14 @@ PASSES = 3
 SURE = 5.0
 # Beyond so many standard deviations of noise something moved, or was pushed.
 TRIED = 3.0
+# Kinds whose frames are those of another kind that moves in more ways.
+_WITHIN = {
+    "peg": ("slide", "hinge", "screw"),
+    "ball": ("hinge",),
+    "line": ("face",),
+    "point": ("line",),
+    "sphere": ("point",),
+}
 # Pressed for so large a share of the samples is pressed.
 PRESSED = 0.95
 # No friction is more than this: rubber on dry concrete.
@@ -67,9 +76,21 @@ def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
         if model.kind not in kinds:
             continue
         for side in sides[: 1 + model.reversible]:
-            best = _best(model, side)
+            best = _best(model, side, _inside(model, side is not samples, found))
             found.append(_verdict(model, side is not samples, best, side))
     return _told_apart(found, samples)
+
+
+def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[tuple[Array, Array, Array]]:
+    """Where a kind may begin: at kinds that fit and move in fewer ways, all of which are its own too."""
+    at = []
+    for v in found:
+        if v.model.kind not in _WITHIN.get(model.kind, ()) or not v.fit.motion < MISFIT:
+            continue
+        if v.reversed == reversed_ or not v.model.reversible:
+            base, tool = (v.fit.base, v.fit.tool) if v.reversed == reversed_ else (v.fit.tool, v.fit.base)
+            at.append((base, tool, np.zeros(model.extra)))
+    return at
 
 
 def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
@@ -82,11 +103,11 @@ def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
     return False
 
 
-def _best(model: Model, samples: Samples) -> Fit:
+def _best(model: Model, samples: Samples, inside: Sequence[tuple[Array, Array, Array]] = ()) -> Fit:
     """The best fit from any start; only those that are near are worth all samples."""
     few = samples.thinned(max(1, min(COARSE, len(samples.pose) // 40)))
     best: Fit | None = None
-    for start in starts(model, samples):
+    for start in (*inside, *starts(model, samples)):
         found = fit(model, few, start, COARSE_STEPS)
         if best is None or best.worst > found.worst:
             best = found
@@ -142,7 +163,7 @@ def _forces(found: Fit, samples: Samples) -> Array:
     return applied(found.base[:3, :3].T @ samples.pose[:, :3, :3], samples.wrench[:, 3:])
 
 
-def _pressed(model: Model, verdict, found: Fit, samples: Samples, C: Array) -> Verdict:
+def _pressed(model: Model, verdict: Callable[..., Verdict], found: Fit, samples: Samples, C: Array) -> Verdict:
     """What friction says of a contact that is pressed, not pulled."""
     f, p = _forces(found, samples), C[:, :3, 3]
     n = np.broadcast_to(np.array([0.0, 0.0, 1.0]), p.shape)

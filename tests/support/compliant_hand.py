@@ -8,8 +8,8 @@ STEP, EVERY = 5e-4, 20
 GEOM = {
     "point": '<geom type="sphere" size=".002" pos=".02 -.01 -.1"/>',
     "sphere": '<geom type="sphere" size=".002" pos=".02 -.01 -.1"/>',
-    "line": '<geom type="capsule" size=".002" fromto="-.02 0 -.1 .04 0 -.1"/>',
-    "face": '<geom type="box" size=".03 .02 .01" pos=".01 0 -.1"/>',
+    "line": '<geom type="capsule" size=".002" fromto="-.05 0 -.1 .07 0 -.1"/>',
+    "face": '<geom type="box" size=".06 .06 .01" pos=".01 0 -.1"/>',
 }
 JOINT = {
     "hinge": '<joint type="hinge" axis="0 .2 1" pos=".3 .1 0" frictionloss=".02"/>',
