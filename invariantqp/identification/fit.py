@@ -126,6 +126,7 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
     state = _state(model, samples, friction, *start, zero, zero)
     damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows), inf
     kept, held = None, LEAST_DAMPING
+    alike = np.linalg.qr(gauge(model.kind, start[2]))[0]  # frames that stand for the same contact: none is moved to another
     for step in range(steps):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
@@ -135,7 +136,7 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
             else:
                 held = max(100.0 * held, DAMPING)
                 state, H, g, now = kept
-            delta = _step(H, g, held)
+            delta = _step(H, g, held, alike)
             if -float(delta.dot(g)) < CONVERGED + 1e-9 * now or held > 1.0:
                 break
             corrected = [-applied(K, e + J @ delta) for e, J, _, K in state.rows]
@@ -143,7 +144,7 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
             state = _state(model, samples, friction, *_moved(state, delta), corrected[0], omega)
             continue
         while damping < MOST_DAMPING:
-            delta = _step(H, g, damping)
+            delta = _step(H, g, damping, alike)
             trial = _state(model, samples, friction, *_moved(state, delta), zero, zero)
             found = sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in zip(trial.rows, state.rows, strict=True))
             if found < cost:
@@ -166,10 +167,11 @@ def _normal_equations(state: _State) -> tuple[Array, Array, float]:
     return tuple(sum(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]
 
 
-def _step(H: Array, g: Array, damping: float) -> Array:
+def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
     """Marquardt's step; none turns a frame by more than half a radian or so."""
     D = np.diag(H)
     delta: Array = -np.linalg.solve(H + np.diag(damping * D + TINY * D.max()), g)
+    delta = delta - alike @ (alike.T @ delta)
     turn = max(float(np.abs(delta[:3]).max()), float(np.abs(delta[6:9]).max()))
     return delta * min(1.0, 0.5 / max(turn, TINY))
 

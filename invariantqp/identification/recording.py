@@ -104,7 +104,7 @@ def recording(
         pose_noise, wrench_noise = _told(noise)
         white = float(np.clip(np.trace(np.linalg.solve(wrench_noise, white_wrench)) / 6.0, 0.0, 1.0))
     pose_noise, wrench_noise = _allowed(accuracy, pose_noise, wrench_noise)
-    size = np.abs(X[:, :3, 3]).max() + np.ptp(X[:, :3, 3], axis=0).max()
+    size = max(float(np.abs(X[:, :3, 3]).max()), 1e-300)
     for name, N, scale in (
         ("poses", pose_noise, np.array([1.0] * 3 + [size] * 3)),
         ("wrenches", wrench_noise, np.concatenate([[max(float(np.abs(p).max()), 1e-300)] * 3 for p in (w[:, :3], w[:, 3:])])),
