@@ -43,7 +43,9 @@ class Driver:
         push = np.repeat([0.3, 5.0], 3) * np.sin(2.0 * np.pi * self.waves[0] * self.time + self.waves[1])
         base = iq.coadjoint(self.robot.pose(self.q)) @ push
         base = base - self.hinge * (self.hinge @ base) / (self.hinge @ self.hinge)  # no push along the hinge's own way
-        felt = -iq.coadjoint(iq.inverse(self.robot.pose(self.q))) @ base + self.random.normal(size=6) * np.repeat([0.02, 0.3], 3)
+        felt = -iq.coadjoint(iq.inverse(self.robot.pose(self.q))) @ base + self.random.normal(size=6) * np.repeat(
+            [0.02, 0.3], 3
+        )
         return self.q + 1e-5 * self.random.normal(size=len(self.q)), felt[[3, 4, 5, 0, 1, 2]]
 
 
@@ -67,7 +69,15 @@ def main():
     poses = [robot.pose(q) for q in rows[:, 1:8]]
     sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction")
     found = iq.contacts.identify(poses, rows[:, 8:], sensor=sensor)
-    print(found.kind, "about", np.round(found.axis, 3), "through", np.round(found.point, 3), "candidates", found.candidates)
+    print(
+        found.kind,
+        "about",
+        np.round(found.axis, 3),
+        "through",
+        np.round(found.point, 3),
+        "candidates",
+        found.candidates,
+    )
     if found.kind != "hinge":
         raise SystemExit("this is a hinge")
 

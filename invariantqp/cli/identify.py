@@ -25,27 +25,40 @@ GAP = 3.0
 def identify(
     recording: Annotated[
         Path,
-        typer.Argument(help="A .csv with a header (joints or x..qw; fx..fz, mx..mz) or an .npz (q or poses; force, moment)."),
+        typer.Argument(
+            help="A .csv with a header (joints or x..qw; fx..fz, mx..mz) or an .npz (q or poses; force, moment)."
+        ),
     ],
     reads: Annotated[
         str,
-        typer.Option(metavar="reaction|action", help="What the sensor reads: what the world does to the tool, or the opposite."),
+        typer.Option(
+            metavar="reaction|action", help="What the sensor reads: what the world does to the tool, or the opposite."
+        ),
     ],
-    robot: Annotated[str | None, typer.Option(metavar="NAME", help="Of joint positions: a robot's name or a URDF file.")] = None,
-    tool: Annotated[str | None, typer.Option(metavar="FRAME", help="The tool frame; the robot's own if left out.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of joint positions: a robot's name or a URDF file.")
+    ] = None,
+    tool: Annotated[
+        str | None, typer.Option(metavar="FRAME", help="The tool frame; the robot's own if left out.")
+    ] = None,
     mount: Annotated[
         str, typer.Option(metavar="NUMBERS", help="The sensor's frame in the tool frame: x,y,z, or x,y,z,qx,qy,qz,qw.")
     ] = "0,0,0",
     mass: Annotated[float, typer.Option(help="Beyond the sensor, where its weight is among the readings [kg].")] = 0.0,
-    centre: Annotated[str, typer.Option(metavar="NUMBERS", help="Of that mass, in the sensor's frame: x,y,z.")] = "0,0,0",
+    centre: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="Of that mass, in the sensor's frame: x,y,z.")
+    ] = "0,0,0",
     accuracy: Annotated[
         str | None,
-        typer.Option(metavar="DEG,LENGTH", help="How far a real contact may be off: clearance, bending, the arm's geometry."),
+        typer.Option(
+            metavar="DEG,LENGTH", help="How far a real contact may be off: clearance, bending, the arm's geometry."
+        ),
     ] = None,
     kind: Annotated[list[str] | None, typer.Option(metavar="KIND", help="Only these; may be repeated.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
     view: Annotated[
-        Path | None, typer.Option("--view", metavar="FILE", help="Write a page with the contact on the recorded path (.html).")
+        Path | None,
+        typer.Option("--view", metavar="FILE", help="Write a page with the contact on the recorded path (.html)."),
     ] = None,
 ) -> None:
     """Say which contact RECORDING shows, where it is, and what the recording leaves open."""

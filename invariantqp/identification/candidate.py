@@ -58,7 +58,7 @@ class Candidate(Compared):
 
     @property
     def point(self) -> Array | None:
-        """(3,) the tip, in the frame of what it is fixed to; of a joint a point of its axis, or its centre, base frame."""
+        """(3,) the tip, in the frame of what it is fixed to; of a joint a point of its axis, or its centre."""
         if self.kind == "slide":
             return None
         place: Array = self.surface[:3, 3] if self.kind in ("ball", "peg", "hinge", "screw") else self.tip[:3, 3]
@@ -108,7 +108,9 @@ class Candidate(Compared):
         if not joint and self.kind != "ball":
             if self.kind != "sphere":
                 found["normal"] = self._deviation([0, 1])
-            found["point"] = self._deviation([9, 10, 11] if self.kind in ("point", "sphere") else [10, 11] if self.kind == "line" else [])
+            found["point"] = self._deviation(
+                [9, 10, 11] if self.kind in ("point", "sphere") else [10, 11] if self.kind == "line" else []
+            )
         if self.kind == "line":
             found["axis"] = self._deviation([7, 8])
         if self.kind == "ball":
@@ -196,7 +198,7 @@ class Candidate(Compared):
         kind = self.contact_kind
         count = kind.constraints.shape[1]
         if np.ndim(press):
-            wanted = arrays.vector(press, count, "press")  # type: ignore[arg-type]
+            wanted = arrays.vector(press, count, "press")
         else:
             force = arrays.number(press, "press", "a force")  # type: ignore[arg-type]
             if force and not kind.unilateral:

@@ -23,7 +23,11 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.identification.motions import poses
 from invariantqp.robots.kinematics import Robot
 
-FORCE, MOMENT, POSE = ("fx", "fy", "fz"), (("mx", "my", "mz"), ("tx", "ty", "tz")), ("x", "y", "z", "qx", "qy", "qz", "qw")
+FORCE, MOMENT, POSE = (
+    ("fx", "fy", "fz"),
+    (("mx", "my", "mz"), ("tx", "ty", "tz")),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"),
+)
 # How far a quaternion's length may be from one: files with four digits pass.
 UNIT = 1e-3
 WITH_ROBOT = "Joint positions need a robot: --robot NAME, or a URDF file."
@@ -107,7 +111,9 @@ def _flat(held: Mapping[str, Array]) -> dict[str, Array]:
 def _recording(columns: dict[str, Array], name: str, robot: Robot | None) -> File:
     moment = next((words for words in MOMENT if all(w in columns for w in words)), None)
     if moment is None or any(w not in columns for w in FORCE):
-        raise BadInput(name, f"columns {', '.join(columns) or 'none'}", "fx, fy, fz and mx, my, mz: what the sensor reads")
+        raise BadInput(
+            name, f"columns {', '.join(columns) or 'none'}", "fx, fy, fz and mx, my, mz: what the sensor reads"
+        )
     readings = np.stack([columns[w] for w in (*moment, *FORCE)], axis=1)
     if len({len(a) for a in columns.values()}) > 1:
         raise BadInput(name, "arrays of different lengths", "one entry a sample in each")
@@ -123,7 +129,11 @@ def _recording(columns: dict[str, Array], name: str, robot: Robot | None) -> Fil
         raise BadInput(name, f"columns {', '.join(columns)}", expected, WITH_ROBOT)
     m = len(robot.names)
     words = next(
-        (w for w in (robot.names, [f"q{j + 1}" for j in range(m)], [f"q{j}" for j in range(m)]) if all(x in columns for x in w)),
+        (
+            w
+            for w in (robot.names, [f"q{j + 1}" for j in range(m)], [f"q{j}" for j in range(m)])
+            if all(x in columns for x in w)
+        ),
         None,
     )
     if words is None:

@@ -4,8 +4,9 @@
     with      c(A^-1 X_i exp(xi_i) B) = 0  and  the free moments of w_i + omega_i zero
 
 and, of little weight, side forces across the slide of a pressed contact, which friction has none of: they find a normal
-that the motion leaves open. Solved by Gauss-Newton steps with the corrections xi, omega kept (the Gauss-Helmert model, or total least squares): every
-distance is one in a noise tensor, which changes frames as Ad N Ad', so neither frames nor units enter.
+that the motion leaves open. Solved by Gauss-Newton steps with the corrections xi, omega kept (the Gauss-Helmert model,
+or total least squares). Every distance is one in a noise tensor, that changes frames as Ad N Ad', so no frame and no unit
+enters.
 
 Reference: E. M. Mikhail, Observations and Least Squares, 1976; R. Subramani et al., arXiv 2010.15916, fit kinds of
 constraint to poses and wrenches too.
@@ -17,6 +18,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -36,8 +38,8 @@ DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e8
 TINY = 1e-14
 # Share by which the sum of squares may rise where corrections of poses have been made anew.
 RELINEARISED = 1e-4
-# Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion, where it
-# says anything about the normal, decides.
+# Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion,
+# where it says anything about the normal, decides.
 ACROSS = 0.3
 # Slides slower than so many standard deviations of a place have no direction.
 SLIDING = 10.0
@@ -69,11 +71,12 @@ class Samples(NamedTuple):
         noise = carried(A, self.pose_noise)
         m, f = skew(w[:, :3]), skew(w[:, 3:])
         by_pose = -np.concatenate((np.concatenate((m, f), -1), np.concatenate((f, np.zeros_like(f)), -1)), -2)
-        return Samples(self.at, self.turned, inverse(self.pose), w, noise, carried(B, self.wrench_noise) + carried(by_pose, noise))
+        return Samples(
+            self.at, self.turned, inverse(self.pose), w, noise, carried(B, self.wrench_noise) + carried(by_pose, noise)
+        )
 
-
-    def slides(self, tip: Array) -> tuple[Array, Array, Array]:
-        """How a (3,) point of the tool slides: (k,) which samples, (k, 3) unit directions in the base frame, (k,) how surely.
+    def slides(self, tip: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """How a (3,) point of the tool slides: (k,) samples, (k, 3) directions in the base frame, (k,) how surely.
 
         The last is 1/2 where the slide is SLIDING times its noise, and nears 1 beyond.
         """
@@ -126,11 +129,15 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
     state = _state(model, samples, friction, *start, zero, zero)
     damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows), inf
     kept, held = None, LEAST_DAMPING
-    alike = np.linalg.qr(gauge(model.kind, start[2]))[0]  # frames that stand for the same contact: none is moved to another
+    alike: Array = np.linalg.qr(gauge(model.kind, start[2]))[
+        0
+    ]  # frames that stand for the same contact: none is moved to another
     for step in range(steps):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
-        if kept is not None or now < NEAR**2 * count:  # nearly linear: poses are corrected, and what is worse is taken back
+        if (
+            kept is not None or now < NEAR**2 * count
+        ):  # nearly linear: poses are corrected, and what is worse is taken back
             if kept is None or now < kept[-1] * (1.0 + RELINEARISED):
                 kept = state, H, g, now
             else:
@@ -164,13 +171,13 @@ def _normal_equations(state: _State) -> tuple[Array, Array, float]:
     for e, J, V, _ in state.rows:
         flat, weighed = J.reshape(-1, J.shape[-1]), (V @ J).reshape(-1, J.shape[-1])
         parts.append((flat.T @ weighed, weighed.T @ e.ravel(), _squares(e, V).sum()))
-    return tuple(sum(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]
+    return tuple(sum(part) for part in zip(*parts, strict=True))
 
 
 def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
     """Marquardt's step; none turns a frame by more than half a radian or so."""
     D = np.diag(H)
-    delta: Array = -np.linalg.solve(H + np.diag(damping * D + TINY * D.max()), g)
+    delta: Array = np.asarray(-np.linalg.solve(H + np.diag(damping * D + TINY * D.max()), g))
     delta = delta - alike @ (alike.T @ delta)
     turn = max(float(np.abs(delta[:3]).max()), float(np.abs(delta[6:9]).max()))
     return delta * min(1.0, 0.5 / max(turn, TINY))
@@ -181,7 +188,7 @@ def _moved(state: _State, delta: Array) -> tuple[Array, Array, Array]:
     return base, tool, state.extra + delta[12:]
 
 
-def across_the_slide(samples: Samples, tip: Array) -> tuple[Array, Array] | None:
+def across_the_slide(samples: Samples, tip: Array) -> tuple[NDArray[np.intp], Array] | None:
     """Forces turned across the slide, (k, 3) in the base frame, whose part along the normal is none of friction's."""
     which, along, sure = samples.slides(tip)
     if sure.max(initial=0.0) < 0.5:
@@ -195,7 +202,7 @@ def across_the_slide(samples: Samples, tip: Array) -> tuple[Array, Array] | None
 def _state(
     model: Model,
     samples: Samples,
-    friction: tuple[Array, Array] | None,
+    friction: tuple[NDArray[np.intp], Array] | None,
     base: Array,
     tool: Array,
     extra: Array,
@@ -224,7 +231,9 @@ def _state(
     return _State(base, tool, extra, rows)
 
 
-def _across(friction: tuple[Array, Array], C: Array, base: Array, extra: Array) -> tuple[Array, Array, Array, Array]:
+def _across(
+    friction: tuple[NDArray[np.intp], Array], C: Array, base: Array, extra: Array
+) -> tuple[Array, Array, Array, Array]:
     """(n.g), n = z + k p the normal in the base frame of the contact, and how it changes with A, B and k."""
     which, across = friction
     u, p, R = across @ base[:3, :3], C[which, :3, 3], C[which, :3, :3]
@@ -243,7 +252,7 @@ def _across(friction: tuple[Array, Array], C: Array, base: Array, extra: Array) 
 def _weighed(e: Array, J: Array, by_noise: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
     """Misses, their derivative, weights, and the gain from misses to the least correction."""
     spread = noise @ np.swapaxes(by_noise, -1, -2)
-    V = np.linalg.inv(by_noise @ spread)
+    V: Array = np.asarray(np.linalg.inv(by_noise @ spread))
     return e, J, V, spread @ V
 
 
@@ -274,7 +283,9 @@ def _finished(model: Model, state: _State) -> Fit:
 
 def covariance(fit: Fit, size: float) -> Array:
     """The inverse of the information on what can be told, and a large variance, in the motion's sizes, of the rest."""
-    scale = np.array(([1.0] * 3 + [size] * 3) * 2 + [1.0 / size if fit.model.kind == "sphere" else size] * len(fit.extra))
+    scale = np.array(
+        ([1.0] * 3 + [size] * 3) * 2 + [1.0 / size if fit.model.kind == "sphere" else size] * len(fit.extra)
+    )
     H = fit.information * np.outer(scale, scale)
     values, vectors = np.linalg.eigh(H)
     free = np.linalg.qr(gauge(fit.model.kind, fit.extra) / scale[:, None])[0]
@@ -283,4 +294,3 @@ def covariance(fit: Fit, size: float) -> Array:
     covariance = (vectors / np.maximum(values, least)) @ vectors.T
     covariance = known @ covariance @ known
     return np.asarray(covariance * np.outer(scale, scale))
-

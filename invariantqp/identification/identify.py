@@ -3,8 +3,8 @@
     S  what moved,  W  what was pushed without moving,  W'S = 0 but for friction
 
 The kind is told where dim S + dim W = 6 for the most constrained kind that is left: each twist was then either moved
-along, or pushed against without moving. What neither moved nor was pushed is not known, and kinds that differ in it alone
-cannot be told apart; where all other kinds are refuted, what moved is enough.
+along, or pushed against without moving. What neither moved nor was pushed is not known, and kinds that differ in it
+alone cannot be told apart; where all other kinds are refuted, what moved is enough.
 
 Reference: [DS] Sect. 3 and 6.3.
 """
@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
-from attrs import evolve, field, frozen
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, NoContactFound
@@ -72,8 +72,10 @@ class Identification(Compared):
         if self._parts:
             return f"Identification({', '.join(f'{s.start}-{s.stop}: {s.kind}' for s in self._parts)})"
         others = [c.kind for c in self.candidates if c.kind != self.kind]
-        return f"Identification({self.kind!r}, candidates={self.candidates!r})" if others or not self.kind else (
-            f"Identification({self.kind!r})"
+        return (
+            f"Identification({self.kind!r}, candidates={self.candidates!r})"
+            if others or not self.kind
+            else (f"Identification({self.kind!r})")
         )
 
     @property
@@ -95,32 +97,38 @@ class Identification(Compared):
     @property
     def fixed_to(self) -> str | None:
         """Where the surface is: "base" or "tool"; "both" for faces and joints."""
-        return self._of("fixed_to")
+        told: str | None = self._of("fixed_to")
+        return told
 
     @property
     def point(self) -> Array | None:
         """(3,) as of the candidate; None where the kind is not told."""
-        return self._of("point")
+        told: Array | None = self._of("point")
+        return told
 
     @property
     def normal(self) -> Array | None:
         """(3,) as of the candidate; None where the kind is not told."""
-        return self._of("normal")
+        told: Array | None = self._of("normal")
+        return told
 
     @property
     def axis(self) -> Array | None:
         """(3,) as of the candidate; None where the kind is not told."""
-        return self._of("axis")
+        told: Array | None = self._of("axis")
+        return told
 
     @property
     def pitch(self) -> float | None:
         """[length/rad] as of the candidate; None where the kind is not told."""
-        return self._of("pitch")
+        told: float | None = self._of("pitch")
+        return told
 
     @property
     def radius(self) -> float | None:
         """[length] as of the candidate; None where the kind is not told."""
-        return self._of("radius")
+        told: float | None = self._of("radius")
+        return told
 
     def as_json(self) -> dict[str, Any]:
         """Everything in numbers, text, lists and dictionaries: one entry for each contact."""
@@ -373,17 +381,17 @@ def _tried(candidate_: Candidate, samples: Samples) -> tuple[int, int, Array]:
     G = friction.T @ friction + len(w) * S.T @ noise @ S
     slope = np.linalg.solve(G, friction.T @ parts).T
     parts = parts - friction @ slope.T
-    spread = np.linalg.inv(W.T @ P @ W) + slope @ (S.T @ noise @ S) @ slope.T
+    spread: Array = np.asarray(np.linalg.inv(W.T @ P @ W)) + slope @ (S.T @ noise @ S) @ slope.T
     pushes, directions = _above(parts.T @ parts / len(parts), spread)
     middle = len(frames) // 2
     xi = applied(adjoint(to_contact[middle]), twists(inverse(samples.pose[middle]) @ samples.pose))
     Q = np.linalg.inv(carried(adjoint(to_contact[middle]), samples.pose_noise[middle]))
     along = np.linalg.solve(S.T @ Q @ S, S.T @ Q @ xi.T).T
     along = along - along.mean(axis=0)
-    moves, ways = _above(along.T @ along / len(along), np.linalg.inv(S.T @ Q @ S))
+    moves, ways = _above(along.T @ along / len(along), np.asarray(np.linalg.inv(S.T @ Q @ S)))
     # Left: what the pushes do no work on, across what moved in the metric of the noise.
-    root = np.linalg.cholesky(Q)
-    free = orthogonal(np.linalg.solve(root, W @ directions)) if pushes else np.eye(6)  # columns root' t
+    root: Array = np.asarray(np.linalg.cholesky(Q))
+    free = orthogonal(np.asarray(np.linalg.solve(root, W @ directions))) if pushes else np.eye(6)  # columns root' t
     across = free @ orthogonal(free.T @ root.T @ S @ ways) if moves else free
     unexcited = adjoint(frames[middle]) @ np.linalg.solve(root.T, across)
     return moves, pushes, unexcited / np.maximum(np.linalg.norm(unexcited, axis=0), 1e-300)

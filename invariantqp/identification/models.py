@@ -1,4 +1,4 @@
-"""Kinds of contact as constraints c(C) = 0 on whole poses, C = A^-1 X B: tool frame of the contact seen from its base frame.
+"""Kinds of contact as constraints c(C) = 0 on whole poses, C = A^-1 X B, the contact's tool frame in its base frame.
 
     point   z = 0                              a point of the tool on a plane
     sphere  z + k |p|^2 / 2 = 0                on a sphere of curvature k

@@ -42,9 +42,9 @@ def inverse(T: Array) -> Array:
 
 def rotation_vectors(R: Array) -> Array:
     """(..., 3) axis times angle, below pi, of rotations."""
-    half = np.stack(
-        (R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]), axis=-1
-    ) * 0.5
+    half = (
+        np.stack((R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]), axis=-1) * 0.5
+    )
     s = np.linalg.norm(half, axis=-1)
     angle = np.arctan2(s, 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0))
     small = s < SMALL

@@ -10,6 +10,7 @@ Noise is a tensor: the covariance of a twist or a wrench in the tool frame.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -64,14 +65,16 @@ class Recording(Compared):
         if felt.sum() >= FEWEST:
             at, w = at[felt], w[felt]
         m = len(at)
-        return Samples(at, self.turned[at], self.pose[at], w, *(np.broadcast_to(N, (m, 6, 6)) for N in (self.pose_noise, noise)))
+        return Samples(
+            at, self.turned[at], self.pose[at], w, *(np.broadcast_to(N, (m, 6, 6)) for N in (self.pose_noise, noise))
+        )
 
     def contacts(self) -> list[tuple[int, int]]:
         """First sample of each stretch in which a wrench is felt, and the one after its last."""
         n = len(self.pose)
         size = max(1, n // BLOCKS | 1)
         edges = np.linspace(0, n, n // size + 1).round().astype(int)
-        w = np.array([self.wrench[a:b].mean(axis=0) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+        w = np.array([self.wrench[a:b].mean(axis=0) for a, b in pairwise(edges.tolist())])
         noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
         felt = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > FELT * 6.0
         # Forces pass zero within a contact: gaps of less than the fewest samples belong to it.
@@ -107,7 +110,11 @@ def recording(
     size = max(float(np.abs(X[:, :3, 3]).max()), 1e-300)
     for name, N, scale in (
         ("poses", pose_noise, np.array([1.0] * 3 + [size] * 3)),
-        ("wrenches", wrench_noise, np.concatenate([[max(float(np.abs(p).max()), 1e-300)] * 3 for p in (w[:, :3], w[:, 3:])])),
+        (
+            "wrenches",
+            wrench_noise,
+            np.concatenate([[max(float(np.abs(p).max()), 1e-300)] * 3 for p in (w[:, :3], w[:, 3:])]),
+        ),
     ):
         if not np.linalg.eigvalsh(N / np.outer(scale, scale))[0] > ROUNDING**2:
             raise BadInput(
@@ -190,7 +197,9 @@ def _allowed(accuracy: ArrayLike | None, pose: Array, wrench: Array) -> tuple[Ar
     """Noise with what a real contact, or a sensor, may be off beside it."""
     if accuracy is None:
         return pose, wrench
-    expected = "(angle [rad], length), or (angle, length, moment, force): how far a real contact may be from an ideal one"
+    expected = (
+        "(angle [rad], length), or (angle, length, moment, force): how far a real contact may be from an ideal one"
+    )
     a = arrays.vector(accuracy, None, "accuracy")
     if len(a) not in (2, 4) or (a <= 0.0).any():
         raise BadInput("accuracy", excerpt(accuracy), f"{expected}, all above zero")

@@ -1,7 +1,7 @@
 """Where fits begin: linear least squares on poses X = (R, t) and wrenches w = (m; f), for each kind of contact.
 
-    a point of a plane    n.(R p + t) = d,  m = p x f      linear in p and d for each of many normals n
-    an axis               R a = b: the largest singular value of the mean of R;  R p + t = q + slide, linear in p, q
+a point of a plane    n.(R p + t) = d,  m = p x f      linear in p and d for each of many normals n
+an axis               R a = b: the largest singular value of the mean of R;  R p + t = q + slide, linear in p, q
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _facing(R: Array, base: Array) -> Array:
 def _held(R: Array, t: Array, across: Array) -> tuple[Array, Array]:
     """p in the tool, q in the base with across (R p + t - q) least."""
     A = np.concatenate((across @ R, np.broadcast_to(-across, R.shape)), axis=-1).reshape(-1, 6)
-    found = np.linalg.lstsq(A, -(t @ across.T).reshape(-1), rcond=1e-2)[0]
+    found: Array = np.asarray(np.linalg.lstsq(A, -(t @ across.T).reshape(-1), rcond=1e-2)[0])
     return found[:3], found[3:]
 
 
@@ -90,7 +90,10 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
     H_w = weight_f * np.einsum("nij,nik->jk", F, F)  # of |m + f x p|^2
     g_w = -weight_f * np.einsum("nij,ni->j", F, m)
     if model.kind == "line":
-        H_w, g_w = 1e-3 * H_w, 1e-3 * g_w  # an edge's moments are not all zero; they only place it where nothing else does
+        H_w, g_w = (
+            1e-3 * H_w,
+            1e-3 * g_w,
+        )  # an edge's moments are not all zero; they only place it where nothing else does
     travel = np.linalg.svd(t - t.mean(axis=0), full_matrices=False)[2][0]
     normals = np.stack((pushed, unit(pushed - travel * travel.dot(pushed) + 1e-12), *_half_sphere()))
     G = np.einsum("nji,kj->kni", R, normals)  # R' n
@@ -104,14 +107,20 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
     H += 1e-9 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(4)
     found = np.linalg.solve(H, g[..., None])[..., 0]
     left = weight_t * ((np.einsum("kni,ki->kn", G, found) - y) ** 2).sum(axis=1)
-    left += weight_f * ((m[None] + np.einsum("nij,kj->kni", F, found[:, :3])) ** 2).sum(axis=(1, 2)) * (
-        1e-3 if model.kind == "line" else 1.0
+    left += (
+        weight_f
+        * ((m[None] + np.einsum("nij,kj->kni", F, found[:, :3])) ** 2).sum(axis=(1, 2))
+        * (1e-3 if model.kind == "line" else 1.0)
     )
     if model.kind == "line":
         u = G[..., :3]
-        left = left + weight_t * (t - t.mean(axis=0)).var() * len(t) * np.linalg.eigvalsh(
-            np.einsum("kni,knj->kij", u, u) / len(t)
-        )[:, 0]
+        left = (
+            left
+            + weight_t
+            * (t - t.mean(axis=0)).var()
+            * len(t)
+            * np.linalg.eigvalsh(np.einsum("kni,knj->kij", u, u) / len(t))[:, 0]
+        )
     friction = across_the_slide(samples, found[0, :3])
     if friction is not None:
         left = left + ((normals @ friction[1].T) ** 2).sum(axis=1)
@@ -159,7 +168,7 @@ def _ball_under(x: Array, tool: Array) -> list[Start]:
     size = v[:3] @ v[:3] - 2.0 * v[3] * v[4]
     if size <= 0.0:
         return []
-    g, d, k = v[:3] / np.sqrt(size), v[3] / np.sqrt(size), v[4] / np.sqrt(size)
+    g, k = v[:3] / np.sqrt(size), v[4] / np.sqrt(size)
     if abs(k) * np.sqrt((y * y).sum(axis=1).mean()) < 1e-6 or np.linalg.norm(g) == 0.0:
         return []
     # The point of the sphere nearest to the middle, with the normal there.

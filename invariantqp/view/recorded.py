@@ -21,7 +21,7 @@ from invariantqp.view.film import FORCE, FRAMES, CurveChart, Film, limit_charts
 from invariantqp.view.look import Look, read_look
 from invariantqp.view.surroundings import SIDE, Surroundings
 
-# How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to the reach of that path.
+# How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
 MARGIN = 0.4
 # A contact that hardly moved is drawn this large, relative to the distance of the tool from the base.
 LEAST = 0.03
@@ -30,7 +30,7 @@ LEAST = 0.03
 def film_of_recording(
     found: Identification, file: File, sensor: WrenchSensor, robot: Robot | None, source: str | None, title: str
 ) -> Film:
-    """A recording as frames: the arm where there is one, the path of the contact, and a part of the surface or the axis.
+    """A recording as frames: the arm where there is one, the path of the contact, and part of the surface or the axis.
 
     Args:
         found: in it.
@@ -47,17 +47,24 @@ def film_of_recording(
     shown = part.candidates[0] if part.candidates else None
     mark = np.eye(4)
     if shown is not None and shown.fixed_to != "tool":
-        mark[:3, 3] = np.linalg.inv(file.poses[part.start]).dot(np.append(shown.frame(file.poses[part.start])[:3, 3], 1.0))[:3]
+        mark[:3, 3] = np.linalg.inv(file.poses[part.start]).dot(
+            np.append(shown.frame(file.poses[part.start])[:3, 3], 1.0)
+        )[:3]
         if shown.kind in ("hinge", "screw", "slide", "peg"):
             mark[:3, 3] = 0.0
     tool = file.poses[at] @ mark
     w = np.array([sensor.wrench(r, pose) for r, pose in zip(file.readings[at], file.poses[at], strict=True)])
     q = np.zeros((len(at), 0)) if robot is None or file.q is None else file.q[at]
-    shapes = [ArmShape(np.empty((0, 3)), np.empty((0, 3)), T) if robot is None else arm_shape(robot, state) for T, state in zip(tool, q, strict=True)]
+    shapes = [
+        ArmShape(np.empty((0, 3)), np.empty((0, 3)), T) if robot is None else arm_shape(robot, state)
+        for T, state in zip(tool, q, strict=True)
+    ]
     m = q.shape[1]
     home = ArmShape(np.zeros((2, 3)), np.empty((0, 3)), np.eye(4)) if robot is None else arm_shape(robot, np.zeros(m))
-    speed = np.gradient(q, time[at], axis=0) if m else np.zeros_like(q)
-    told = "; ".join(p.kind or f"not told ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in found.segments)
+    speed: Array = np.asarray(np.gradient(q, time[at], axis=0)) if m else np.zeros_like(q)
+    told = "; ".join(
+        p.kind or f"not told ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in found.segments
+    )
     film = Film(
         title=title,
         about=f"A recording: {told}.",
@@ -78,7 +85,9 @@ def film_of_recording(
         limit_active=[False] * len(at),
         status=[_status(found, k) for k in at.tolist()],
         charts=(),
-        surroundings=Surroundings(np.empty((0, 4, 3))) if shown is None else _surface(shown, file.poses[part.start : part.stop]),
+        surroundings=Surroundings(np.empty((0, 4, 3)))
+        if shown is None
+        else _surface(shown, file.poses[part.start : part.stop]),
         travel=np.gradient(tool[:, :3, 3], time[at], axis=0),
         force=w[:, 3:],
         recorded=True,
@@ -114,7 +123,9 @@ def _surface(c: Candidate, poses: Array) -> Surroundings:
     path = frames[:, :3, 3]
     middle = path.mean(axis=0)
     travelled = poses[:, :3, 3]
-    reach = max(float(np.linalg.norm(path - middle, axis=1).max()), LEAST * float(np.linalg.norm(travelled, axis=1).max()))
+    reach = max(
+        float(np.linalg.norm(path - middle, axis=1).max()), LEAST * float(np.linalg.norm(travelled, axis=1).max())
+    )
     none = np.empty((0, 4, 3))
     if c.kind in ("ball", "peg", "hinge", "screw", "slide") or c.fixed_to == "tool":
         half = max(reach, MARGIN * float(np.linalg.norm(travelled - middle, axis=1).max()))
@@ -124,7 +135,10 @@ def _surface(c: Candidate, poses: Array) -> Surroundings:
     x, y = se3.across(c.surface[:3, 2])
     z = c.surface[:3, 2]
     from_middle = path - middle
-    spans = [np.linspace((from_middle @ u).min() - MARGIN * reach, (from_middle @ u).max() + MARGIN * reach, SIDE + 1) for u in (x, y)]
+    spans = [
+        np.linspace((from_middle @ u).min() - MARGIN * reach, (from_middle @ u).max() + MARGIN * reach, SIDE + 1)
+        for u in (x, y)
+    ]
     corners = middle + spans[0][:, None, None] * x + spans[1][None, :, None] * y
     base = c.surface[:3, 3]
     if c.kind == "sphere" and c.centre is not None and c.radius is not None:
@@ -134,4 +148,6 @@ def _surface(c: Candidate, poses: Array) -> Surroundings:
         corners = c.centre + aside - np.sign(c.radius) * depth[..., None] * z
     else:
         corners = corners + ((base - corners) @ z)[..., None] * z
-    return Surroundings(np.stack((corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]), axis=2).reshape(-1, 4, 3))
+    return Surroundings(
+        np.stack((corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]), axis=2).reshape(-1, 4, 3)
+    )

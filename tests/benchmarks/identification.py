@@ -1,12 +1,12 @@
 """What `iq.contacts.identify` finds in recordings of which everything is known.
 
-    python tests/benchmarks/identification.py kinds [--seeds 20] [--first 0]       a person's motion, twelve kinds
-    python tests/benchmarks/identification.py strokes                              a robot's straight line without a turn
-    python tests/benchmarks/identification.py smooth                               errors of poses that are smooth, told and not
-    python tests/benchmarks/identification.py frames                               other frames; millimetres and pounds
-    python tests/benchmarks/identification.py changes                              one contact after the other
-    python tests/benchmarks/identification.py hand                                 MuJoCo: a compliant hand drags the tool
-    python tests/benchmarks/identification.py time
+python tests/benchmarks/identification.py kinds [--seeds 20] [--first 0]       a person's motion, twelve kinds
+python tests/benchmarks/identification.py strokes                              a robot's straight line without a turn
+python tests/benchmarks/identification.py smooth                               smooth errors of poses, told and not
+python tests/benchmarks/identification.py frames                               other frames; millimetres and pounds
+python tests/benchmarks/identification.py changes                              one contact after the other
+python tests/benchmarks/identification.py hand                                 MuJoCo: a compliant hand drags the tool
+python tests/benchmarks/identification.py time
 """
 
 import sys
@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from support.recordings import KINDS, NOISE, by, carried, errors, frames, inverted, random_frame, record
+from support.recordings import KINDS, NOISE, carried, errors, inverted, random_frame, record
 
 from invariantqp.contacts import identify
 from invariantqp.errors import NoContactFound
@@ -35,7 +35,7 @@ def answer(poses, wrenches, **options):
     return (named[0] if found.kind else None), named, found
 
 
-def row(kind, seeds, style="human", smooth=0.0, told=False):
+def row(kind, seeds, style="human", smooth=0.0, told=None):
     """Print what is right, in the set, sole, sole and wrong, and the errors of those that are right."""
     right = among = sole = wrong = 0
     others, off, spent = Counter(), {}, []
@@ -79,7 +79,7 @@ def displaced(X, w, rng, metre=1.0, newton=1.0):
     return X, w * np.repeat([metre * newton, newton], 3), A, B
 
 
-def frames_table(seeds, kinds=KINDS):
+def frames_table(seeds, kinds=KINDS):  # noqa: C901 (what is compared, one after the other)
     for metre, newton in ((1.0, 1.0), (1e3, 0.2248)):
         same, most = 0, {}
         for kind in kinds[1:]:
@@ -112,7 +112,10 @@ def frames_table(seeds, kinds=KINDS):
                 for name, value in wrong.items():
                     most[name] = max(most.get(name, 0.0), value)
         told = ", ".join(f"{name} {value:.1e}" for name, value in most.items())
-        print(f"unit {metre:g}, force {newton:g}: same answer {same} of {len(kinds[1:]) * len(seeds)}; most: {told}", flush=True)
+        print(
+            f"unit {metre:g}, force {newton:g}: same answer {same} of {len(kinds[1:]) * len(seeds)}; most: {told}",
+            flush=True,
+        )
 
 
 def angle(a, b):
@@ -141,7 +144,11 @@ def hand_table(seeds, kinds):
                 for name, value in errors(found, truth).items():
                     off.setdefault(name, []).append(value)
         figures = ", ".join(f"{name} {np.median(v):.2g} / {max(v):.2g}" for name, v in off.items())
-        print(f"{kind:8} right {right}, among {among}, sole and wrong {wrong} of {len(seeds)} | {figures} {dict(others) or ''}", flush=True)
+        print(
+            f"{kind:8} right {right}, among {among}, sole and wrong {wrong} of {len(seeds)} | {figures} "
+            f"{dict(others) or ''}",
+            flush=True,
+        )
 
 
 def changes_table(seeds):

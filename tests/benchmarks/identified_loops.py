@@ -1,6 +1,6 @@
 """What was identified is executed again: press and side force beside the truth told, and beside a guess, on two arms.
 
-A pen on a plane guessed 5 degrees off; an edge likewise; a hinge, a screw and a peg guessed 10 mm off. Demonstrations are
+A pen and an edge on a plane guessed 5 degrees off, a hinge and a screw 10 mm off, a peg 2 degrees. Demonstrations are
 of a person's motion at the arm's start, with noise; the world is springs without mass and friction 0.3 on surfaces.
 
 Run: python tests/benchmarks/identified_loops.py [panda] [xarm7] [--seconds 5] [--seeds 3]
@@ -158,7 +158,7 @@ class Peg:
         return lambda tool: iq.contacts.peg_in_hole(tool[:3, 3], axis)
 
     def demonstration(self, rng, t):
-        """A hand of 2000 N/m and 2 N m/rad leads the peg, which settles where the hole's walls hold it, step by step."""
+        """A hand of 2000 N/m and 2 N m/rad leads the peg, which settles where the walls of its hole hold it."""
         n = len(t)
         z = self.axis
         deep = 0.02 + wander(rng, t, 0.006)
@@ -173,7 +173,8 @@ class Peg:
         T = hole_frame.copy()
         for i in range(n):
             goal = hole_frame @ frames(
-                turned(np.array([0.0, 0.0, spin[i]])) @ turned(np.array([*lean[i], 0.0])), np.array([*aside[i], deep[i]])
+                turned(np.array([0.0, 0.0, spin[i]])) @ turned(np.array([*lean[i], 0.0])),
+                np.array([*aside[i], deep[i]]),
             )
             for _ in range(30):  # relaxed: the hand pulls, the walls push back
                 error = iq.log(goal @ inverted(T))
@@ -221,7 +222,13 @@ def main():
         robot = iq.load_robot(name)
         start = robot.pose(ARMS[name])
         for job in told.jobs:
-            world = Plane(start, job == "edge") if job in ("pen", "edge") else Peg(start) if job == "peg" else Joint(start, job)
+            world = (
+                Plane(start, job == "edge")
+                if job in ("pen", "edge")
+                else Peg(start)
+                if job == "peg"
+                else Joint(start, job)
+            )
             if job in ("pen", "edge"):
                 wrong, right = (world.contact(n, TIP) for n in (world.guess, world.normal))
             elif job == "peg":
@@ -235,12 +242,17 @@ def main():
                 X, w = noisy(rng, *world.demonstration(rng, np.arange(600) / 100.0))
                 try:
                     found = iq.contacts.identify(X, w, accuracy=(2e-3, 5e-4))  # joints give way by half a millimetre
-                    cases[f"found {seed}: {found.kind}, {[c.kind for c in found.candidates]}"] = found.task(world.wanted)
+                    cases[f"found {seed}: {found.kind}, {[c.kind for c in found.candidates]}"] = found.task(
+                        world.wanted
+                    )
                 except iq.InvariantQPError as error:
                     print(f"{name} {job} seed {seed}: {str(error)[:300]}")
             for case, task in cases.items():
                 rms, most, statuses = run(robot, ARMS[name], world, task, told.seconds, 1)
-                print(f"{name:6} {job:6} {case:60} force off by {rms:.4f} N rms, {most:.3f} most; {dict(statuses)}", flush=True)
+                print(
+                    f"{name:6} {job:6} {case:60} force off by {rms:.4f} N rms, {most:.3f} most; {dict(statuses)}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -67,7 +67,10 @@ def test_a_straight_stroke_without_a_turn_does_not_tell(kind):
         found.contact(X[0])
     with pytest.raises(NoContactFound, match="does not tell"):
         found.task(5.0)
-    assert found.candidates[-1].contact(X[0]).freedoms.shape == (6, 5 if truth.kind == "point" else len(found.candidates[-1].contact_kind.freedoms.T))
+    assert found.candidates[-1].contact(X[0]).freedoms.shape == (
+        6,
+        5 if truth.kind == "point" else len(found.candidates[-1].contact_kind.freedoms.T),
+    )
 
 
 def test_what_was_never_tried_is_named():
@@ -85,7 +88,7 @@ def test_what_was_never_tried_is_named():
 
 @pytest.mark.parametrize("kind", TOUCHING)
 def test_freedoms_and_constraints_are_those_of_the_truth(kind):
-    X, w, truth = record(kind, SEED, duration=5.0)
+    X, w, _ = record(kind, SEED, duration=5.0)
     contact = identify(X, w).contact(X[50])
     assert np.abs(contact.constraints.T @ contact.freedoms).max() < 1e-9
     step = iq.se3.log(X[51] @ iq.inverse(X[50]))
@@ -208,7 +211,9 @@ def hostile():
     hover = X.copy()
     hover[n // 2 :, 2, 3] += 0.05
     fast = np.sort(rng.choice(n, n // 2, replace=False))
-    weight = w + np.concatenate([np.cross([0.0, 0.0, 0.05], f) for f in X[:, 2, :3] * -5.0]).reshape(n, 3) @ np.eye(3, 6)
+    weight = w + np.concatenate([np.cross([0.0, 0.0, 0.05], f) for f in X[:, 2, :3] * -5.0]).reshape(n, 3) @ np.eye(
+        3, 6
+    )
     weight[:, 3:] += X[:, 2, :3] * -5.0
     swapped = carried(X, w)
     return {
@@ -315,4 +320,3 @@ def test_the_answer_is_written_as_json():
     said = json.loads(json.dumps(identify(X, w).as_json()))
     assert said["kind"] == "hinge"
     assert said["contacts"][0]["candidates"][0]["deviations"]["axis"] < 1e-2
-

@@ -1,7 +1,8 @@
-"""A compliant hand drags a tool in MuJoCo; the sensor sits between hand and tool. 1500 N/m, 15 N m/rad, friction 0.3."""
+"""A compliant hand, 1500 N/m and 15 N m/rad, drags a tool in MuJoCo; the sensor sits between hand and tool."""
 
 import mujoco
 import numpy as np
+
 from support.recordings import Truth, frames, noisy, turned, wander
 
 STEP, EVERY = 5e-4, 20
@@ -24,9 +25,14 @@ TIP = np.array([0.02, -0.01, -0.1])
 
 
 def model(kind):
-    ground = '<geom type="sphere" size=".15" pos=".02 -.01 -.15"/>' if kind == "sphere" else '<geom type="plane" size="1 1 .1"/>'
+    ground = (
+        '<geom type="sphere" size=".15" pos=".02 -.01 -.15"/>'
+        if kind == "sphere"
+        else '<geom type="plane" size="1 1 .1"/>'
+    )
     ground = ground if kind in GEOM else ""
-    return f"""<mujoco><option timestep="{STEP}" gravity="0 0 0" cone="elliptic" impratio="20" integrator="implicitfast"/>
+    return f"""<mujoco>
+    <option timestep="{STEP}" gravity="0 0 0" cone="elliptic" impratio="20" integrator="implicitfast"/>
     <default><geom friction=".3 .0001 .0001" condim="4" solref=".003 1" solimp=".95 .99 .0005"/></default>
     <worldbody>{ground}<body name="tool" pos="0 0 {HEIGHT.get(kind, 0.1)}">{JOINT.get(kind, "<freejoint/>")}
     <inertial pos="0 0 -.03" mass=".3" diaginertia="5e-4 5e-4 5e-4"/>{GEOM.get(kind, "")}</body></worldbody></mujoco>"""

@@ -9,7 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-KINDS = ("free", "point", "point on tool", "sphere", "line", "line on tool", "face", "ball", "peg", "hinge", "screw", "slide")
+KINDS = (
+    "free",
+    "point",
+    "point on tool",
+    "sphere",
+    "line",
+    "line on tool",
+    "face",
+    "ball",
+    "peg",
+    "hinge",
+    "screw",
+    "slide",
+)
 NOISE = (np.repeat([np.deg2rad(0.05), 2e-4], 3), np.repeat([0.02, 0.3], 3))  # of poses and wrenches, 0.2 mm and 0.3 N
 FRICTION, CREEP = 0.3, 1e-3  # [m/s] below which friction fades
 
@@ -96,7 +109,7 @@ def record(kind, seed, style="human", hz=100, share=1.0, smooth=0.0, duration=No
     return X, exerted, Truth(name, side, base, tool, **extra)
 
 
-def _in_contact(kind, rng, t, style):
+def _in_contact(kind, rng, t, style):  # noqa: C901 (one kind after the other)
     """Poses of the tool's contact frame in the base's, and the wrench that the tool exerts there."""
     n, zero = len(t), np.zeros(len(t))
     L, A = rng.uniform(0.03, 0.1), np.deg2rad(rng.uniform(8.0, 30.0))
@@ -202,12 +215,22 @@ def errors(found, truth):
     kind, z = truth.kind, surface[:3, 2]
     if kind == "point":
         off = found.normal @ (z if truth.fixed_to == "base" else -z)
-        return {"normal": angle(found.normal, z) if abs(off) < 2 else 180.0, "tip": 1e3 * np.linalg.norm(found.point - tip[:3, 3])}
+        return {
+            "normal": angle(found.normal, z) if abs(off) < 2 else 180.0,
+            "tip": 1e3 * np.linalg.norm(found.point - tip[:3, 3]),
+        }
     if kind == "sphere":
-        return {"tip": 1e3 * np.linalg.norm(found.point - tip[:3, 3]), "radius": 100 * abs(found.radius / truth.radius - 1)}
+        return {
+            "tip": 1e3 * np.linalg.norm(found.point - tip[:3, 3]),
+            "radius": 100 * abs(found.radius / truth.radius - 1),
+        }
     if kind == "line":
         edge = tip[:3, 0]
-        return {"normal": angle(found.normal, z), "edge": angle(found.axis, edge), "tip": from_axis(found.point, tip[:3, 3], edge)}
+        return {
+            "normal": angle(found.normal, z),
+            "edge": angle(found.axis, edge),
+            "tip": from_axis(found.point, tip[:3, 3], edge),
+        }
     if kind == "face":
         return {"normal": angle(found.normal, z)}
     if kind == "ball":
