@@ -108,9 +108,8 @@ class Candidate(Compared):
         if not joint and self.kind != "ball":
             if self.kind != "sphere":
                 found["normal"] = self._deviation([0, 1])
-            found["point"] = self._deviation(
-                [9, 10, 11] if self.kind in ("point", "sphere") else [10, 11] if self.kind == "line" else []
-            )
+            if self.kind != "face":
+                found["point"] = self._deviation([10, 11] if self.kind == "line" else [9, 10, 11])
         if self.kind == "line":
             found["axis"] = self._deviation([7, 8])
         if self.kind == "ball":
@@ -123,8 +122,6 @@ class Candidate(Compared):
             found["pitch"] = sqrt(self.covariance[12, 12])
         if self.kind == "sphere":
             found["radius"] = sqrt(self.covariance[12, 12]) / float(self.extra[0]) ** 2
-        if self.kind == "face":
-            found.pop("point")
         return found
 
     def _deviation(self, entries: list[int]) -> float:

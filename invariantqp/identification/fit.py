@@ -260,7 +260,7 @@ def _finished(model: Model, state: _State) -> Fit:
     e, _, V, _ = state.rows[0]
     squares = _squares(e, V)
     H = _normal_equations(state)[0]
-    used = min(int(np.linalg.matrix_rank(H, hermitian=True)), e.size - 1)
+    told = len(H) - gauge(model.kind, state.extra).shape[1]
     wrench = 0.0
     if model.free_moments:
         e2, _, V2, _ = state.rows[1]
@@ -274,7 +274,7 @@ def _finished(model: Model, state: _State) -> Fit:
         state.tool,
         state.extra,
         np.asarray(H),
-        sqrt(float(squares.sum()) / (e.size - used)),
+        sqrt(float(squares.sum()) / max(1, e.size - told)),
         wrench,
         friction,
         np.sqrt(squares / e.shape[1]),

@@ -107,7 +107,7 @@ def recording(
         pose_noise, wrench_noise = _told(noise)
         white = float(np.clip(np.trace(np.linalg.solve(wrench_noise, white_wrench)) / 6.0, 0.0, 1.0))
     pose_noise, wrench_noise = _allowed(accuracy, pose_noise, wrench_noise)
-    size = max(float(np.abs(X[:, :3, 3]).max()), 1e-300)
+    size = float(np.abs(X[:, :3, 3]).max()) or 1.0
     for name, N, scale in (
         ("poses", pose_noise, np.array([1.0] * 3 + [size] * 3)),
         (
