@@ -194,10 +194,11 @@ class Candidate(Compared):
         """
         kind = self.contact_kind
         count = kind.constraints.shape[1]
-        if np.ndim(press):
-            wanted = arrays.vector(press, count, "press")
+        given = arrays.array(press, "press", "a force, or parts in the contact's constraints")
+        if given.ndim:
+            wanted = arrays.vector(given, count, "press")
         else:
-            force = arrays.number(press, "press", "a force")  # type: ignore[arg-type]
+            force = arrays.number(float(given), "press", "a force")
             if force and not kind.unilateral:
                 expected = f"0, or {count} parts in its constraints"
                 raise BadInput("press", f"{force:g}, and a {self.kind} that holds both ways", expected)
