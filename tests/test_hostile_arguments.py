@@ -17,7 +17,8 @@ PUBLIC = {name: value for names in public_names().values() for name, value in na
 PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
-    "a result: the library makes it": "Border Candidate Centre Identification ContactFrameCheck ContactTrace DualProjectors Existence "
+    "a result: the library makes it": "Border Candidate Centre Identification "
+    "ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
     "SensorCheck Sighting StationaryPoint Status Survey Kinematics Velocities "
@@ -36,7 +37,8 @@ INNER = {
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
     "Controller.posture_pull Controller.told Controller.wrong "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.with_box ToolSpeed.cone ExactPoint.rows "
-    "Candidate.frame ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
+    "Candidate.frame "
+    "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {

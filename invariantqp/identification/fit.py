@@ -5,7 +5,7 @@
 
 and, of little weight, side forces across the slide of a pressed contact, which friction has none of: they find a normal
 that the motion leaves open. Solved by Gauss-Newton steps with the corrections xi, omega kept (the Gauss-Helmert model,
-or total least squares). Every distance is one in a noise tensor, that changes frames as Ad N Ad', so no frame and no unit
+or total least squares). Every distance is one in a noise tensor, which changes frames as Ad N Ad': no frame and no unit
 enters.
 
 Reference: E. M. Mikhail, Observations and Least Squares, 1976; R. Subramani et al., arXiv 2010.15916, fit kinds of
