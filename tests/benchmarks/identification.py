@@ -199,6 +199,12 @@ def main():
         frames_table(seeds, kinds)
     if told.table == "changes":
         changes_table(seeds)
+    if told.table == "time":
+        for kind in kinds:
+            X, w, _ = record(kind, told.first, duration=10.0)
+            start = time.process_time()
+            answer(X, w)
+            print(f"{kind:14} {time.process_time() - start:.2f} s of a processor, 10 s at 100 Hz")
     if told.table == "hand":
         hand_table(seeds, kinds)
 
