@@ -3,8 +3,12 @@
 from invariantqp.lazy import lazily
 
 with lazily(__name__):
+    from invariantqp.identification.candidate import Candidate as Candidate
+    from invariantqp.identification.identify import Identification as Identification
+    from invariantqp.identification.identify import identify as identify
     from invariantqp.systems.contact_kinds import ContactKind as ContactKind
     from invariantqp.systems.contacts import Contact as Contact
+    from invariantqp.systems.contacts import ball_joint as ball_joint
     from invariantqp.systems.contacts import face_contact as face_contact
     from invariantqp.systems.contacts import hinge as hinge
     from invariantqp.systems.contacts import line_contact as line_contact

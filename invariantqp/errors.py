@@ -26,6 +26,7 @@ __all__ = [
     "BlindSystem",
     "InvariantQPError",
     "MissingExtra",
+    "NoContactFound",
     "NoPolarDecomposition",
     "NoProjectors",
     "NoPseudoinverse",
@@ -192,6 +193,20 @@ class BlindSystem(InvariantQPError):
             f"every pitch form is blind to the translation(s) along {along}: this system has no h-pseudoinverse "
             "for any h. Use Complement(Z) to say what may be given up, or CarriedMetric(matrix, pose)."
         )
+
+
+class NoContactFound(InvariantQPError):
+    """No kind of contact explains a recording, or nothing is touched, or more than one kind explains it.
+
+    Attributes:
+        nearest: the kind that is off least; "" where nothing is touched or several kinds are left.
+        misfit: by how many times the noise it is off.
+    """
+
+    def __init__(self, what: str, nearest: str = "", misfit: float = 0.0) -> None:
+        self.nearest = nearest
+        self.misfit = misfit
+        super().__init__(what)
 
 
 class RobotModelError(InvariantQPError):

@@ -17,14 +17,15 @@ PUBLIC = {name: value for names in public_names().values() for name, value in na
 PROTOCOLS = "Backend Controls Damping Exact Form Limit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
-    "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
+    "a result: the library makes it": "Border Candidate Centre Identification "
+    "ContactFrameCheck ContactTrace DualProjectors Existence "
     "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
     "SensorCheck Sighting StationaryPoint Status Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
-    "NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
+    "NoContactFound NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
     "UnknownName",
     "what a back end is given, and protocols": f"BoxQP {PROTOCOLS}",
     "decoded from a file by pydantic, which has errors of its own": "LawSpec Task",
@@ -36,9 +37,8 @@ INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
     "Controller.posture_pull Controller.told Controller.wrong Clearance.told Clearance.rows Clearance.for_loop "
-    "Chain.motions Chain.with_links LimitRows.trusted "
+    "Chain.motions Chain.with_links LimitRows.trusted Candidate.frame ExactPoint.rows "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box ToolSpeed.cone "
-    "ExactPoint.rows "
     "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
 }
 # An argument that messages call by another name: the one that a controller's user knows.

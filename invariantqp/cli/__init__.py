@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from invariantqp.cli.compare import compare
+from invariantqp.cli.identify import identify
 from invariantqp.cli.inspect import ManyNumbers, inspect
 from invariantqp.cli.new import new
 from invariantqp.cli.run import ViewAlone, run
@@ -143,5 +144,6 @@ def tasks() -> None:
 
 app.command(cls=ViewAlone, epilog=HELP)(run)
 app.command(cls=ManyNumbers, epilog=HELP)(inspect)
+app.command(epilog=HELP)(identify)
 app.command(epilog=HELP)(compare)
 app.command(cls=ManyNumbers, epilog=HELP)(new)

@@ -316,7 +316,7 @@ def _shapes_of(robot: Robot) -> Any:
         return None
     from invariantqp.robots.collision_model import collision_model
 
-    return collision_model(robot)
+    return collision_model(robot)  # type: ignore[arg-type]
 
 
 class _InPink(Limit):

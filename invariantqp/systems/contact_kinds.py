@@ -4,6 +4,7 @@
     line     S: 2 rotations, 2 slides      W: press, 1 moment      rolling: S: rotation about the line
     face     S: 1 rotation, 2 slides       W: press, 2 moments     sticking: S: nothing, or the turn about the normal
     peg      S: rotation and slide along the axis                  hinge: S: one screw
+    ball     S: 3 rotations                W: 3 forces
 
 The origin of the frame is at the contact. **z points the way the tool presses**, against the outward normal of the
 surface; x lies along a line contact. Wrenches are those that the tool exerts, so pressing is positive: a press of five
@@ -144,6 +145,7 @@ ROLLING_LINE = _kind("rolling line", "rx", "z my x y mz")
 FACE = _kind("face", "rz x y", "z mx my")
 PIVOTING_FACE = _kind("pivoting face", "rz", "z mx my x y")
 STICKING_FACE = _kind("sticking face", "", "z mx my x y mz")
+BALL = ContactKind("ball", np.eye(6)[:, :3], np.eye(6)[:, 3:])
 PEG = ContactKind("peg", np.eye(6)[:, [2, 5]], np.eye(6)[:, [3, 4, 0, 1]], out=-np.eye(6)[5])
 
 

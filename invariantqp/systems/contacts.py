@@ -20,6 +20,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.contact_kinds import (
+    BALL,
     FACE,
     LINE,
     PEG,
@@ -200,6 +201,18 @@ def surface_contact(
         return contact
     edge = arrays.function(extent, "extent", "a function of a point (3,)")(p)
     return _at(contact.kind, contact.pose, arrays.number(edge, "extent", "a function that gives a length"))
+
+
+def ball_joint(point: ArrayLike) -> Contact:
+    """A ball in its socket, or a tool held at one point: it turns, and is held against every force.
+
+    Args:
+        point: (3,) the centre, base frame [length].
+
+    Raises:
+        BadInput: NaN, shapes.
+    """
+    return _at(BALL, contact_frame(point, [0.0, 0.0, -1.0], None))
 
 
 def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:

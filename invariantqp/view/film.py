@@ -70,6 +70,7 @@ class Film:
     travel: Array  # (k, 3) velocity of the tool frame's origin [length/s]
     force: Array | None = None  # (k, 3) that the tool exerts [N]; None without contact
     solids: tuple[Solid, ...] = ()  # bodies and obstacles that are kept apart
+    recorded: bool = False  # whether it was recorded: nothing was asked for
 
     @property
     def centre(self) -> Array:

@@ -71,6 +71,7 @@ def _run(film: Film) -> dict[str, Any]:
         named["force"] = film.force
     return {
         "joints": film.joints,
+        "recorded": film.recorded,
         "colours": colours(len(film.joints)),
         "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE, "travel": TRAVEL, "body": SKY},
         "slides": film.slides,

@@ -30,8 +30,14 @@ const frameAt = t => {
 
 const state = { t: 0, playing: false, rate: 1 };
 const arm = new Arm(arrays.screws.data, arrays.places.data, Array.from(arrays.home.data));
+// Where the arm is in a frame, whole or between two; of recorded poses alone the tool is all there is.
+const placed = f => {
+  if (run.joints.length) return arm.at(between("q", f));
+  const tool = between("wanted", f);
+  return { motions: [], points: [spot(tool)], axes: [], tool };
+};
 const each = place => Array.from({ length: frames }, (_, i) => place(i));
-const r = run.size, wanted = each(i => spot(row("wanted", i))), states = each(i => arm.at(row("q", i)));
+const r = run.size, wanted = each(i => spot(row("wanted", i))), states = each(placed);
 const drawn = states.map(s => spot(s.tool));
 const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
 const painter = new Painter($("view"), [run.centre, r], [mix(...ends, 0.5), norm(add(...ends, -1)) / 2]);
@@ -44,11 +50,13 @@ const corners = triples([...arrays.faces.data]);
 const solids = run.solids.map(({ joint, faces, poses }) => ({
   joint, faces: triples([...decoded(faces).data]), poses: poses && decoded(poses).data }));
 const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
+if (!run.joints.length) $("joints").previousElementSibling.hidden = $("joints").hidden = true;
 const charts = run.charts.map(c => new Chart($("side"), c, time, limited, t => { play(false); seek(t); }));
 const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
   travel: rgb(run.hues.travel), dark: rgb("#4a5764"), touched: rgb("#cdbb9f"), body: rgb(run.hues.body) };
 const keyed = (hue, words) => `<span><i style="color:${run.hues[hue]}"></i>${words}</span> `;
-$("key").innerHTML = keyed("wanted", "path wanted") + keyed("drawn", "path drawn")
+$("key").innerHTML = (run.recorded ? "" : keyed("wanted", "path wanted"))
+  + keyed("drawn", run.recorded ? "path recorded" : "path drawn")
   + (arrays.force ? keyed("force", "force of the tool") : "") + keyed("travel", "velocity of the tool")
   + (solids.length ? keyed("body", "bodies kept apart") : "")
   + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
@@ -97,7 +105,7 @@ function joint(p, u, k) {
 function draw() {
   const f = frameAt(state.t), i = Math.round(f);
   painter.begin(ink("--well"));
-  const { motions, points, axes, tool } = arm.at(between("q", f)), goal = between("wanted", f);
+  const { motions, points, axes, tool } = placed(f), goal = between("wanted", f);
   painter.floor(floor, ink("--rule"));
   painter.shadow(points, floor, 0.05 * r, "rgba(0,0,0,0.10)");
   for (let k = 0; k < corners.length; k += 4) {
@@ -122,16 +130,19 @@ function draw() {
     }
     painter.bar(a, b, 0.012 * r, 0.012 * r, HUES.dark, 4);
   }
-  painter.line(wanted, HUES.wanted, 5, 1, 0.01 * r);
+  if (!run.recorded) painter.line(wanted, HUES.wanted, 5, 1, 0.01 * r);
   painter.line([...drawn.slice(0, Math.floor(f) + 1), spot(tool)], HUES.drawn, 2, 1, 0.02 * r);
   if (parts.length) for (const part of parts) painter.mesh(part, motions[part.joint]);
-  else bones(points);
+  else if (points.length > 1) bones(points);
   axes.forEach((u, k) => joint(points[k + 1], u, k));
-  triad(goal, 0.13 * r, 2, 0.35, false);
+  if (!run.recorded) triad(goal, 0.13 * r, 2, 0.35, false);
   triad(tool, 0.13 * r, 3.5, 1, true);
   const told = [`t      ${state.t.toFixed(2)} s`];
-  const error = run.charts[0].values, [mm, deg] = [error.data[i], error.data[frames + i]];
-  told.push(`error  ${written(mm)} mm, ${written(deg)} deg`, `status ${run.status[i]}`);
+  if (run.recorded) told.push(`contact ${run.status[i]}`);
+  else {
+    const error = run.charts[0].values, [mm, deg] = [error.data[i], error.data[frames + i]];
+    told.push(`error  ${written(mm)} mm, ${written(deg)} deg`, `status ${run.status[i]}`);
+  }
   if (limited[i]) told.push("limit active");
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
@@ -149,7 +160,7 @@ function draw() {
     return line;
   }));
   for (const chart of charts) chart.draw(state.t);
-  bars.draw(between("q", f), row("speed", i));
+  if (run.joints.length) bars.draw(between("q", f), row("speed", i));
   $("time").value = state.t;
   $("clock").textContent = `${state.t.toFixed(2)} / ${last.toFixed(2)} s`;
 }

@@ -109,6 +109,7 @@ ALGEBRA = {
         iq.contacts.face_contact,
         {"point": POINT, "normal": AXIS, "slip": True, "twist": False, "tangent": None},
     ),
+    "ball_joint": lambda: (iq.contacts.ball_joint, {"point": POINT}),
     "hinge": lambda: (iq.contacts.hinge, {"point": POINT, "axis": AXIS, "pitch": 0.0}),
     "peg_in_hole": lambda: (iq.contacts.peg_in_hole, {"point": POINT, "axis": AXIS}),
     "surface_contact": lambda: (

@@ -8,6 +8,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
 from support.calls_algebra import AXIS, POINT, TWIST, H, J, Q, S, T, contact
+from support.recordings import record
 from support.wrist import wrist
 
 
@@ -46,6 +47,12 @@ def commanded():
 
 def task():
     return iq.HybridTask(contact(), [5.0])
+
+
+@cache
+def demonstration():
+    poses, wrenches, _ = record("point", 3, duration=2.0)
+    return poses, wrenches, iq.contacts.identify(poses, wrenches, kinds=["point"])
 
 
 @cache
@@ -310,6 +317,22 @@ CONTROL = {
             "retreat_distance": 0.02,
         },
     ),
+    "identify": lambda: (
+        iq.contacts.identify,
+        {
+            "poses": demonstration()[0],
+            "wrenches": demonstration()[1],
+            "exerts": True,
+            "noise": (np.repeat([1e-3, 2e-4], 3), np.repeat([0.02, 0.3], 3)),
+            "accuracy": (1e-4, 1e-4),
+            "kinds": ["point"],
+            "sensor": None,
+        },
+    ),
+    "Identification.contact": lambda: (demonstration()[2].contact, {"tool": T}),
+    "Identification.task": lambda: (demonstration()[2].task, {"press": 5.0}),
+    "Candidate.contact": lambda: (demonstration()[2].best.contact, {"tool": T}),
+    "Candidate.task": lambda: (demonstration()[2].best.task, {"press": 5.0}),
     "HybridTask.contact_at": lambda: (task().contact_at, {"tool": T}),
     "HybridTask.relabelled": lambda: (task().relabelled, {"offset": T, "tool_offset": T}),
     "HybridTask.split": lambda: (task().split, {"kind": contact().kind, "grip": [0.0, 0.0, 0.1]}),

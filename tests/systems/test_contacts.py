@@ -18,6 +18,7 @@ ALL = {
     "face": (iq.contacts.face_contact(P, N), 3),
     "sticking face": (iq.contacts.face_contact(P, N, slip=False), 0),
     "pivoting face": (iq.contacts.face_contact(P, N, slip=False, twist=True), 1),
+    "ball": (iq.contacts.ball_joint(P), 3),
     "peg": (iq.contacts.peg_in_hole(P, N), 2),
     "hinge": (iq.contacts.hinge(P, N), 1),
     "bolt": (iq.contacts.hinge(P, N, pitch=0.02), 1),

@@ -1,0 +1,107 @@
+"""`invariantqp identify`: which contact a recording shows, as a table and on a page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from invariantqp.cli.inspect import numbers
+from invariantqp.cli.places import PAGES, writable, write
+from invariantqp.errors import BadInput
+from invariantqp.extras import require
+from invariantqp.printing import print_identification, say
+
+if TYPE_CHECKING:
+    from invariantqp.robots.kinematics import Robot
+
+# Steps of time this much longer than the usual one are worth a word: samples are taken as evenly spaced.
+GAP = 3.0
+
+
+def identify(
+    recording: Annotated[
+        Path,
+        typer.Argument(
+            help="A .csv with a header (joints or x..qw; fx..fz, mx..mz) or an .npz (q or poses; force, moment)."
+        ),
+    ],
+    reads: Annotated[
+        str,
+        typer.Option(
+            metavar="reaction|action", help="What the sensor reads: what the world does to the tool, or the opposite."
+        ),
+    ],
+    robot: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of joint positions: a robot's name or a URDF file.")
+    ] = None,
+    tool: Annotated[
+        str | None, typer.Option(metavar="FRAME", help="The tool frame; the robot's own if left out.")
+    ] = None,
+    mount: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="The sensor's frame in the tool frame: x,y,z, or x,y,z,qx,qy,qz,qw.")
+    ] = "0,0,0",
+    mass: Annotated[float, typer.Option(help="Beyond the sensor, where its weight is among the readings [kg].")] = 0.0,
+    centre: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="Of that mass, in the sensor's frame: x,y,z.")
+    ] = "0,0,0",
+    accuracy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEG,LENGTH", help="How far a real contact may be off: clearance, bending, the arm's geometry."
+        ),
+    ] = None,
+    kind: Annotated[list[str] | None, typer.Option(metavar="KIND", help="Only these; may be repeated.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
+    view: Annotated[
+        Path | None,
+        typer.Option("--view", metavar="FILE", help="Write a page with the contact on the recorded path (.html)."),
+    ] = None,
+) -> None:
+    """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
+    from invariantqp.force.wrench import WrenchSensor
+    from invariantqp.identification import files
+    from invariantqp.identification.identify import identify as look
+    from invariantqp.runs.arm import arm
+
+    writable("--json", json_file)
+    writable("--view", view, PAGES)
+    if view is not None:
+        require("pictures", "jinja2")
+    if tool is not None and robot is None:
+        raise BadInput("--tool", "no --robot beside it", "--robot too")
+    frame = _frame(mount)
+    place = numbers("--centre", centre)
+    off = None if accuracy is None else numbers("--accuracy", accuracy)
+    if off is not None and len(off) != 2:
+        raise BadInput("--accuracy", accuracy or "", "two numbers: degrees and a length")
+    loaded: Robot | None = None if robot is None else arm(robot, tool)
+    file = files.read(recording, loaded)
+    sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
+    if file.time is not None and files.largest_gap(file.time) > GAP:
+        say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
+    options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
+    if off is not None:
+        options["accuracy"] = (np.deg2rad(off[0]), off[1])
+    found = look(file.poses, file.readings, **options)
+    if json_file is not None:
+        write(json_file, json.dumps(found.as_json(), indent=1) + "\n")
+    if view is not None:
+        from invariantqp.view.page import page
+        from invariantqp.view.recorded import film_of_recording
+
+        write(view, page(film_of_recording(found, file, sensor, loaded, robot, recording.stem)))
+    print_identification(found, recording.name, files.seconds(file))
+
+
+def _frame(text: str) -> Any:
+    """(4, 4) of x, y, z, or x, y, z, qx, qy, qz, qw."""
+    from invariantqp.identification.files import POSE, quaternion_poses
+
+    found = numbers("--mount", text)
+    if len(found) not in (3, len(POSE)):
+        raise BadInput("--mount", repr(text), "3 numbers, x,y,z, or 7, x,y,z,qx,qy,qz,qw")
+    return quaternion_poses(np.array([[*found, *[0.0, 0.0, 0.0, 1.0][: len(POSE) - len(found)]]]), "--mount")[0]

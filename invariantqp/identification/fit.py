@@ -1,0 +1,296 @@
+"""The frames A, B and the curvature or pitch with which a recording fits a kind of contact best.
+
+    minimise  sum |xi_i|^2 in the noise of poses + |omega_i|^2 in the noise of wrenches
+    with      c(A^-1 X_i exp(xi_i) B) = 0  and  the free moments of w_i + omega_i zero
+
+and, of little weight, side forces across the slide of a pressed contact, which friction has none of: they find a normal
+that the motion leaves open. Solved by Gauss-Newton steps with the corrections xi, omega kept (the Gauss-Helmert model,
+or total least squares). Every distance is one in a noise tensor, which changes frames as Ad N Ad': no frame and no unit
+enters.
+
+Reference: E. M. Mikhail, Observations and Least Squares, 1976; R. Subramani et al., arXiv 2010.15916, fit kinds of
+constraint to poses and wrenches too.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.identification.models import Model, gauge
+from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, cross, inverse, moved, skew
+
+# Steps until a fit is given up: those that converge take five to fifteen.
+STEPS = 40
+# A step that would lower the sum of squares by less than this changes no parameter by more than 1e-4 of its
+# standard deviation.
+CONVERGED = 1e-8
+# Noise of a row relative to what is left of it: beyond this many standard deviations, the model is not near, and to
+# linearise about corrected poses would lead away.
+NEAR = 4.0
+# Marquardt's damping, relative to the curvature of the sum of squares: at first, the least, and where it is given up.
+DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e8
+TINY = 1e-14
+# Share by which the sum of squares may rise where corrections of poses have been made anew.
+RELINEARISED = 1e-4
+# Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion,
+# where it says anything about the normal, decides.
+ACROSS = 0.3
+# Slides slower than so many standard deviations of a place have no direction.
+SLIDING = 10.0
+# What is known no better than this many of the motion's own sizes, radians or lengths, is not known.
+OPEN = 10.0
+# A fit that misses by so many times the noise after some steps, and no longer improves, is not that kind.
+HOPELESS, SLOW = 8.0, 0.1
+
+
+class Samples(NamedTuple):
+    """Moments of a recording: poses and wrenches in the tool frame, with their noise."""
+
+    at: Array  # (n,) which samples of the recording they are
+    turned: Array  # (n, 3) the turns from sample to sample of the recording, in the tool frame, summed up [rad]
+    pose: Array  # (n, 4, 4)
+    wrench: Array  # (n, 6) that the tool exerts, about the tool frame's origin
+    pose_noise: Array  # (n, 6, 6) covariance of the twist by which a pose is off, in the tool frame
+    wrench_noise: Array  # (n, 6, 6)
+
+    def thinned(self, step: int) -> Samples:
+        """Every so many-th."""
+        return Samples(*(part[::step] for part in self))
+
+    @property
+    def reversed(self) -> Samples:
+        """The same with base and tool exchanged: poses X^-1, and the wrench that the base exerts, in the base frame."""
+        A, B = adjoint(self.pose), coadjoint(self.pose)
+        w = -applied(B, self.wrench)
+        noise = carried(A, self.pose_noise)
+        m, f = skew(w[:, :3]), skew(w[:, 3:])
+        by_pose = -np.concatenate((np.concatenate((m, f), -1), np.concatenate((f, np.zeros_like(f)), -1)), -2)
+        return Samples(
+            self.at, self.turned, inverse(self.pose), w, noise, carried(B, self.wrench_noise) + carried(by_pose, noise)
+        )
+
+    def slides(self, tip: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """How a (3,) point of the tool slides: (k,) samples, (k, 3) directions in the base frame, (k,) how surely.
+
+        The last is 1/2 where the slide is SLIDING times its noise, and nears 1 beyond.
+        """
+        p = self.pose[:, :3, :3] @ tip + self.pose[:, :3, 3]
+        step = np.diff(self.at)
+        usual = 2.0 * np.median(step)
+        inner = 1 + np.flatnonzero((step[1:] <= usual) & (step[:-1] <= usual))
+        v = p[inner + 1] - p[inner - 1]
+        speed = np.linalg.norm(v, axis=1)
+        at_tip = np.concatenate((-skew(tip), np.eye(3)), axis=1)
+        noise = np.trace(carried(at_tip, self.pose_noise[inner]), axis1=1, axis2=2) / 3.0
+        sure = speed * speed / (speed * speed + SLIDING**2 * 2.0 * noise)
+        return inner, v / np.maximum(speed, 1e-300)[:, None], sure
+
+
+class Fit(NamedTuple):
+    """A kind of contact where it fits best."""
+
+    model: Model
+    base: Array  # (4, 4) A
+    tool: Array  # (4, 4) B
+    extra: Array  # (e,) curvature or pitch
+    information: Array  # (12 + e, 12 + e) inverse covariance of the twists of A and B in themselves, and of `extra`
+    motion: float  # root mean square of what poses are off, in their noise
+    wrench: float  # likewise of wrenches; 0 where no row says anything
+    friction: float  # likewise of side forces across the slide, in ACROSS of the force; 0 where nothing slides
+    off: Array  # (n,) root mean square over the rows of each sample, poses alone
+
+    @property
+    def worst(self) -> float:
+        """The largest of the misses."""
+        return max(self.motion, self.wrench, self.friction)
+
+
+class _State(NamedTuple):
+    base: Array
+    tool: Array
+    extra: Array
+    rows: list[tuple[Array, Array, Array, Array]]  # of poses, and of wrenches: misses, by parameters, weights, gains
+
+
+def _squares(e: Array, V: Array) -> Array:
+    return np.asarray((e * applied(V, e)).sum(axis=1))
+
+
+def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps: int = STEPS) -> Fit:
+    """The best fit near a start A, B, extra, after so many steps at most."""
+    zero = np.zeros_like(samples.wrench)
+    friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
+    state = _state(model, samples, friction, *start, zero, zero)
+    damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows), inf
+    kept, held = None, LEAST_DAMPING
+    alike: Array = np.linalg.qr(gauge(model.kind, start[2]))[
+        0
+    ]  # frames that stand for the same contact: none is moved to another
+    for step in range(steps):
+        H, g, now = _normal_equations(state)
+        before, cost = cost, now
+        if (
+            kept is not None or now < NEAR**2 * count
+        ):  # nearly linear: poses are corrected, and what is worse is taken back
+            if kept is None or now < kept[-1] * (1.0 + RELINEARISED):
+                kept = state, H, g, now
+            else:
+                held = max(100.0 * held, DAMPING)
+                state, H, g, now = kept
+            delta = _step(H, g, held, alike)
+            if -float(delta.dot(g)) < CONVERGED + 1e-9 * now or held > 1.0:
+                break
+            corrected = [-applied(K, e + J @ delta) for e, J, _, K in state.rows]
+            omega = corrected[1] if model.free_moments else zero
+            state = _state(model, samples, friction, *_moved(state, delta), corrected[0], omega)
+            continue
+        while damping < MOST_DAMPING:
+            delta = _step(H, g, damping, alike)
+            trial = _state(model, samples, friction, *_moved(state, delta), zero, zero)
+            found = sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in zip(trial.rows, state.rows, strict=True))
+            if found < cost:
+                break
+            damping *= 10.0
+        else:
+            break
+        state, damping = trial, max(0.1 * damping, LEAST_DAMPING)
+        if cost > HOPELESS**2 * count and step > 2 and before - cost < SLOW * cost:
+            break
+    return _finished(model, state if kept is None else kept[0])
+
+
+def _normal_equations(state: _State) -> tuple[Array, Array, float]:
+    """J'VJ, J'Ve and e'Ve, summed over all rows."""
+    parts = []
+    for e, J, V, _ in state.rows:
+        flat, weighed = J.reshape(-1, J.shape[-1]), (V @ J).reshape(-1, J.shape[-1])
+        parts.append((flat.T @ weighed, weighed.T @ e.ravel(), _squares(e, V).sum()))
+    return tuple(sum(part) for part in zip(*parts, strict=True))
+
+
+def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
+    """Marquardt's step; none turns a frame by more than half a radian or so."""
+    D = np.diag(H)
+    delta: Array = np.asarray(-np.linalg.solve(H + np.diag(damping * D + TINY * D.max()), g))
+    delta = delta - alike @ (alike.T @ delta)
+    turn = max(float(np.abs(delta[:3]).max()), float(np.abs(delta[6:9]).max()))
+    return delta * min(1.0, 0.5 / max(turn, TINY))
+
+
+def _moved(state: _State, delta: Array) -> tuple[Array, Array, Array]:
+    base, tool = (T @ se3.exp(d, check=False) for T, d in ((state.base, delta[:6]), (state.tool, delta[6:12])))
+    return base, tool, state.extra + delta[12:]
+
+
+def across_the_slide(samples: Samples, tip: Array) -> tuple[NDArray[np.intp], Array] | None:
+    """Forces turned across the slide, (k, 3) in the base frame, whose part along the normal is none of friction's."""
+    which, along, sure = samples.slides(tip)
+    if sure.max(initial=0.0) < 0.5:
+        return None
+    f = applied(samples.pose[which, :3, :3], samples.wrench[which, 3:])
+    noise = np.trace(samples.wrench_noise[which, 3:, 3:], axis1=1, axis2=2) / 3.0
+    across = cross(along, f) * (sure / np.sqrt(noise + ACROSS**2 * (f * f).sum(axis=1)))[:, None]
+    return which, across
+
+
+def _state(
+    model: Model,
+    samples: Samples,
+    friction: tuple[NDArray[np.intp], Array] | None,
+    base: Array,
+    tool: Array,
+    extra: Array,
+    xi: Array,
+    omega: Array,
+) -> _State:
+    """Rows at frames A and B, linearised at corrected poses and wrenches."""
+    X = inverse(base) @ (samples.pose @ moved(xi))
+    C = X @ tool
+    values, L, by_extra = model.rows(C, extra, samples.turned @ tool[:3, 2])
+    by_pose = L @ adjoint(X)
+    e = values - applied(by_pose, xi)
+    J = np.concatenate((-L, L @ adjoint(C), by_extra), axis=-1)
+    rows = [_weighed(e, J, by_pose, samples.pose_noise)]
+    if model.free_moments:
+        to_tool = coadjoint(inverse(tool))
+        w = (samples.wrench + omega) @ to_tool.T
+        n, taken = len(w), list(model.free_moments)
+        by_wrench = np.broadcast_to(to_tool[taken], (n, len(taken), 6))
+        e = w[:, taken] - applied(by_wrench, omega)
+        J = np.zeros((n, len(taken), 12 + len(extra)))
+        J[:, :, 6:9], J[:, :, 9:12] = skew(w[:, :3])[:, taken], skew(w[:, 3:])[:, taken]
+        rows.append(_weighed(e, J, by_wrench, samples.wrench_noise))
+    if friction is not None:
+        rows.append(_across(friction, C, base, extra))
+    return _State(base, tool, extra, rows)
+
+
+def _across(
+    friction: tuple[NDArray[np.intp], Array], C: Array, base: Array, extra: Array
+) -> tuple[Array, Array, Array, Array]:
+    """(n.g), n = z + k p the normal in the base frame of the contact, and how it changes with A, B and k."""
+    which, across = friction
+    u, p, R = across @ base[:3, :3], C[which, :3, 3], C[which, :3, :3]
+    k = float(extra[0]) if len(extra) else 0.0
+    n = k * p
+    n[:, 2] += 1.0
+    e = (n * u).sum(axis=1)
+    J = np.zeros((len(e), 1, 12 + len(extra)))
+    J[:, 0, :3], J[:, 0, 3:6] = -k * cross(p, u) - cross(u, n), -k * u
+    J[:, 0, 9:12] = k * (u[:, None, :] @ R)[:, 0]
+    if len(extra):
+        J[:, 0, 12] = (p * u).sum(axis=1)
+    return e[:, None], J, np.ones((len(e), 1, 1)), np.zeros((len(e), 6, 1))
+
+
+def _weighed(e: Array, J: Array, by_noise: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
+    """Misses, their derivative, weights, and the gain from misses to the least correction."""
+    spread = noise @ np.swapaxes(by_noise, -1, -2)
+    V: Array = np.asarray(np.linalg.inv(by_noise @ spread))
+    return e, J, V, spread @ V
+
+
+def _finished(model: Model, state: _State) -> Fit:
+    e, _, V, _ = state.rows[0]
+    squares = _squares(e, V)
+    H = _normal_equations(state)[0]
+    told = len(H) - gauge(model.kind, state.extra).shape[1]
+    wrench = 0.0
+    if model.free_moments:
+        e2, _, V2, _ = state.rows[1]
+        wrench = sqrt(float(_squares(e2, V2).sum()) / e2.size)
+    friction = 0.0
+    if len(state.rows) > 1 + bool(model.free_moments):
+        friction = sqrt(float(np.mean(state.rows[-1][0] ** 2)))
+    return Fit(
+        model,
+        state.base,
+        state.tool,
+        state.extra,
+        np.asarray(H),
+        sqrt(float(squares.sum()) / max(1, e.size - told)),
+        wrench,
+        friction,
+        np.sqrt(squares / e.shape[1]),
+    )
+
+
+def covariance(fit: Fit, size: float) -> Array:
+    """The inverse of the information on what can be told, and a large variance, in the motion's sizes, of the rest."""
+    scale = np.array(
+        ([1.0] * 3 + [size] * 3) * 2 + [1.0 / size if fit.model.kind == "sphere" else size] * len(fit.extra)
+    )
+    H = fit.information * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(H)
+    free = np.linalg.qr(gauge(fit.model.kind, fit.extra) / scale[:, None])[0]
+    known = np.eye(len(H)) - free @ free.T  # a change that changes nothing about the contact has no variance
+    least = (1e-2 / OPEN) ** 2
+    covariance = (vectors / np.maximum(values, least)) @ vectors.T
+    covariance = known @ covariance @ known
+    return np.asarray(covariance * np.outer(scale, scale))

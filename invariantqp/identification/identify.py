@@ -1,0 +1,406 @@
+"""The kind of contact of a recording: a tool's poses and the wrenches it exerts while a person moves it in contact.
+
+    S  what moved,  W  what was pushed without moving,  W'S = 0 but for friction
+
+The kind is told where dim S + dim W = 6 for the most constrained kind that is left: each twist was then either moved
+along, or pushed against without moving. What neither moved nor was pushed is not known, and kinds that differ in it
+alone cannot be told apart; where all other kinds are refuted, what moved is enough.
+
+Reference: [DS] Sect. 3 and 6.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from attrs import field, frozen
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput, NoContactFound
+from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.wrench import WrenchSensor
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
+from invariantqp.identification.candidate import Candidate, candidate
+from invariantqp.identification.fit import Samples
+from invariantqp.identification.judge import MISFIT, Verdict, explains, judged
+from invariantqp.identification.models import MODELS
+from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, twists
+from invariantqp.identification.recording import FEWEST, Recording, recording
+from invariantqp.systems.contacts import Contact
+from invariantqp.systems.span import orthogonal
+
+KINDS: tuple[str, ...] = tuple(MODELS)
+# Second moment of a push or a motion, in its noise, above which there was one: a noise told or estimated a fifth too
+# small is none. Of 150 samples of noise it is above 1.5 once in a million times.
+TRIED = 1.5
+# Shortest contact that is looked for after another one, and how finely the change is found, as parts of the whole.
+COARSE, FINE = 10, 40
+# Share of a stretch that its contacts have to explain by a kind that is told: less is noise cut into pieces.
+MOSTLY = 0.7
+# Contacts of one recording that are looked for, at most.
+MOST_SEGMENTS = 8
+
+
+@frozen(eq=False, repr=False, slots=False)
+class Identification(Compared):
+    """What a recording, or a stretch of it, says of a contact.
+
+    Attributes:
+        kind: the kind of contact; None where the recording does not tell it, or has several.
+        candidates: the kinds that explain it, the most constrained first.
+        refuted: why each of the others does not, by name.
+        unexcited: (6, u) twists, in the base frame at the middle sample, that neither moved nor were pushed against.
+        reason: why `kind` is None; "" if it is not.
+        start, stop: the first sample in contact, and the one after the last.
+        segments: one for each contact, in order; only itself where there is one.
+    """
+
+    kind: str | None
+    candidates: tuple[Candidate, ...]
+    refuted: dict[str, str]
+    unexcited: Array
+    reason: str
+    start: int
+    stop: int
+    _parts: tuple[Identification, ...] = field(default=(), eq=False)
+
+    def __repr__(self) -> str:
+        if self._parts:
+            return f"Identification({', '.join(f'{s.start}-{s.stop}: {s.kind}' for s in self._parts)})"
+        others = [c.kind for c in self.candidates if c.kind != self.kind]
+        return (
+            f"Identification({self.kind!r}, candidates={self.candidates!r})"
+            if others or not self.kind
+            else (f"Identification({self.kind!r})")
+        )
+
+    @property
+    def segments(self) -> tuple[Identification, ...]:
+        """One for each contact, in order."""
+        return self._parts or (self,)
+
+    @property
+    def best(self) -> Candidate:
+        """The candidate that `kind` names.
+
+        Raises:
+            NoContactFound: the kind is not told.
+        """
+        if self.kind is None:
+            raise NoContactFound(f"the recording does not tell which contact it is: {self.reason}")
+        return self.candidates[0]
+
+    @property
+    def fixed_to(self) -> str | None:
+        """Where the surface is: "base" or "tool"; "both" for faces and joints."""
+        told: str | None = self._of("fixed_to")
+        return told
+
+    @property
+    def point(self) -> Array | None:
+        """(3,) as of the candidate; None where the kind is not told."""
+        told: Array | None = self._of("point")
+        return told
+
+    @property
+    def normal(self) -> Array | None:
+        """(3,) as of the candidate; None where the kind is not told."""
+        told: Array | None = self._of("normal")
+        return told
+
+    @property
+    def axis(self) -> Array | None:
+        """(3,) as of the candidate; None where the kind is not told."""
+        told: Array | None = self._of("axis")
+        return told
+
+    @property
+    def pitch(self) -> float | None:
+        """[length/rad] as of the candidate; None where the kind is not told."""
+        told: float | None = self._of("pitch")
+        return told
+
+    @property
+    def radius(self) -> float | None:
+        """[length] as of the candidate; None where the kind is not told."""
+        told: float | None = self._of("radius")
+        return told
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything in numbers, text, lists and dictionaries: one entry for each contact."""
+        keys = ("kind", "reason", "start", "stop", "refuted")
+        return {
+            "kind": self.kind,
+            "reason": self.reason,
+            "contacts": [
+                {
+                    **{key: getattr(part, key) for key in keys},
+                    "candidates": [c.as_json() for c in part.candidates],
+                    "unexcited": part.unexcited.T.tolist(),
+                }
+                for part in self.segments
+            ],
+        }
+
+    def _of(self, name: str) -> Any:
+        return None if self.kind is None else getattr(self.candidates[0], name)
+
+    def contact(self, tool: ArrayLike) -> Contact:
+        """The contact with the tool at a (4, 4) pose in the base frame.
+
+        Raises:
+            NoContactFound: the kind is not told.
+            BadInput: not a finite rigid motion.
+        """
+        return self.best.contact(tool)
+
+    def task(self, press: float | ArrayLike = 0.0, **options: Any) -> HybridTask:
+        """A task for `HybridController`: to press on this contact, or to move along it without forcing it.
+
+        Args:
+            press: the force to press with; of a joint the parts in its constraints, 0 for all by default.
+            options: of `HybridTask`.
+
+        Raises:
+            NoContactFound: the kind is not told.
+            BadInput: a joint and one number that is not 0; what `HybridTask` does not take.
+        """
+        return self.best.task(press, **options)
+
+
+def identify(
+    poses: ArrayLike,
+    wrenches: ArrayLike | Iterable[Any],
+    *,
+    exerts: bool = True,
+    noise: tuple[ArrayLike, ArrayLike] | None = None,
+    accuracy: ArrayLike | None = None,
+    kinds: Iterable[str] | None = None,
+    sensor: WrenchSensor | None = None,
+) -> Identification:
+    """The kind of contact that a recording shows, where it is, and what it leaves open.
+
+    Move the tool in contact along every way it gives, and push and pull the ways it does not, for three to ten seconds
+    at 100 Hz. Poses and wrenches are of the same moments, evenly spaced.
+
+    Args:
+        poses: (n, 4, 4) of the tool frame in the base frame, n >= 30.
+        wrenches: (n, 6) in the tool frame about its origin, moment first; or n `Wrench`es; or, with a `sensor`, n of
+            its readings. The weight of the tool is not to be among them: a sensor takes it off.
+        exerts: whether these are what the tool exerts; False is what it feels.
+        noise: (pose, wrench), each six standard deviations or a (6, 6) covariance in the tool frame: of the twist by
+            which a pose is off [rad, length], and of a wrench [N length, N]. None estimates it from third differences,
+            which sees white noise and not smooth errors, such as those of an arm's own geometry.
+        accuracy: (angle [rad], length), or (angle, length, moment, force): how far a real contact may be from an ideal
+            one beside noise, for clearance and bending. Without it, a simulation without noise is refused.
+        kinds: those to look for; None is all of `KINDS`.
+        sensor: whose readings `wrenches` are; it says order, sign, mount and weight.
+
+    Returns:
+        Identification: `kind`, `candidates`, `refuted`, `unexcited`; of each contact, where there are several.
+
+    Raises:
+        BadInput: shapes, NaN, fewer than 30 samples in contact, no noise.
+        NoContactFound: no kind explains it, or nothing is touched; names the nearest.
+    """
+    wanted = KINDS if kinds is None else arrays.strings(kinds, "kinds")  # type: ignore[arg-type]
+    for kind in wanted:
+        arrays.choice(kind, "kinds", KINDS)
+    if not wanted:
+        raise BadInput("kinds", "none", f"some of {', '.join(KINDS)}")
+    record = recording(poses, wrenches, exerts, noise, accuracy, sensor)
+    runs = record.contacts()
+    if not runs:
+        raise NoContactFound("nothing is touched: no wrench above its noise in the whole recording")
+    lengths = [b - a for a, b in runs]
+    if max(lengths) < FEWEST:
+        raise BadInput("wrenches", f"{max(lengths)} samples in contact", f"{FEWEST} or more")
+    look = _Look(record, wanted)
+    parts = [part for a, b in runs if b - a >= FEWEST for part in look.segments(a, b)]
+    if len(parts) > 1:
+        parts = look.merged(parts)
+    if len(parts) == 1:
+        return parts[0]
+    told = ", ".join(f"{p.kind or 'not told'} in samples {p.start} to {p.stop}" for p in parts)
+    reason = f"it has {len(parts)} contacts: {told}; see segments"
+    return Identification(None, (), {}, np.zeros((6, 0)), reason, parts[0].start, parts[-1].stop, tuple(parts))
+
+
+class _Look:
+    """Stretches of a recording, each judged once."""
+
+    def __init__(self, record: Recording, kinds: tuple[str, ...]) -> None:
+        self.record, self.kinds = record, kinds
+        self._explained: dict[tuple[int, int], bool] = {}
+        self._known: dict[tuple[int, int], tuple[Samples, list[Verdict]]] = {}
+
+    def verdicts(self, start: int, stop: int) -> tuple[Samples, list[Verdict]]:
+        """Samples, and a verdict on each kind."""
+        if (start, stop) not in self._known:
+            samples = self.record.blocks(start, stop)
+            self._known[start, stop] = samples, judged(samples, self.kinds)
+        return self._known[start, stop]
+
+    def explained(self, start: int, stop: int) -> bool:
+        """Whether some kind explains a stretch."""
+        if (start, stop) not in self._explained:
+            self._explained[start, stop] = explains(self.record.blocks(start, stop), self.kinds)
+        return self._explained[start, stop]
+
+    def segments(self, start: int, stop: int) -> list[Identification]:
+        """A stretch in contact as one contact, or as several one after the other.
+
+        Raises:
+            NoContactFound: nothing explains it.
+        """
+        whole = _identification(*self.verdicts(start, stop), start, stop)
+        if whole.candidates:
+            return [whole]
+        self._explained[start, stop] = False
+        parts = [
+            _identification(*self.verdicts(a, b), a, b) for a, b in self._split(start, stop) if self.explained(a, b)
+        ]
+        told = sum(part.stop - part.start for part in parts if part.kind)
+        if told < MOSTLY * (stop - start):
+            raise self._none(start, stop)
+        return parts
+
+    def _split(self, start: int, stop: int) -> list[tuple[int, int]]:
+        """Stretches between changes: each change lies between the longest stretch that ends and the one that begins.
+
+        From the start, the longest that some kind explains ends at the latest place where the contact can have
+        changed; from the end, it begins at the earliest.
+        """
+        latest = self._ends(lambda a, b: self.explained(start + a, start + b), stop - start)
+        earliest = self._ends(lambda a, b: self.explained(stop - b, stop - a), stop - start)
+        if not latest or len(latest) != len(earliest) or len(latest) >= MOST_SEGMENTS:
+            return []
+        begins = [start, *(start + k for k in latest)]
+        ends = [*(stop - k for k in reversed(earliest)), stop]
+        return [(a, b) for a, b in zip(begins, ends, strict=True) if b - a >= FEWEST]
+
+    @staticmethod
+    def _ends(explained: Callable[[int, int], bool], length: int) -> list[int]:
+        """Where the longest stretches end that are explained one after the other, without the last; [] if none is."""
+        found: list[int] = []
+        begin = 0
+        step = max(FEWEST, length // COARSE)
+        while begin < length and len(found) < MOST_SEGMENTS:
+            if explained(begin, length):
+                return found
+            low, high = begin + step, length
+            if low >= length or not explained(begin, low):
+                return []
+            while high - low > max(2, length // FINE):
+                middle = (low + high) // 2
+                low, high = (middle, high) if explained(begin, middle) else (low, middle)
+            found.append(low)
+            begin = low
+        return [] if begin < length else found
+
+    def merged(self, parts: list[Identification]) -> list[Identification]:
+        """The same contact again and again as one: where one kind that explains each explains all together."""
+        apart = [self.record.blocks(part.start, part.stop) for part in parts]
+        samples = Samples(*(np.concatenate([getattr(s, name) for s in apart]) for name in Samples._fields))
+        together = _identification(samples, judged(samples, self.kinds), parts[0].start, parts[-1].stop)
+        same = together.candidates and all(
+            part.candidates and part.candidates[0].kind == together.candidates[0].kind for part in parts
+        )
+        return [together] if same else parts
+
+    def _none(self, start: int, stop: int) -> NoContactFound:
+        """What is said where nothing explains a stretch."""
+        samples, verdicts = self.verdicts(start, stop)
+        nearest = min(verdicts, key=lambda v: v.misfit)
+        what = f"no kind of contact explains samples {start} to {stop}; the nearest is {nearest.key}: {nearest.why}"
+        off = nearest.fit.off
+        first, last = (float(np.sqrt(np.mean(part**2))) for part in np.array_split(off, 2))
+        if nearest.misfit < MISFIT:
+            why = "Its motion fits: look at the sign, the frame and the weight in the wrenches"
+        elif max(first, last) > 2.0 * min(first, last):
+            k = int(np.argmax(off)) * len(samples.at) // len(off)
+            why = f"It is off most at sample {samples.at[k]}: the contact may change there, or be lost"
+        else:
+            why = (
+                f"It is off throughout: noise {nearest.misfit:.2g} times as large would explain it. Smooth errors, of "
+                "clearance, bending or an arm's own geometry, are not seen by an estimate: say noise= or accuracy="
+            )
+        return NoContactFound(f"{what}. {why}.", nearest.key, nearest.misfit)
+
+
+def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop: int) -> Identification:
+    """The answer of a stretch."""
+    size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
+    left = sorted((v for v in verdicts if not v.why), key=lambda v: (v.model.freedoms, v.fit.motion))
+    candidates = tuple(candidate(v.fit, v.reversed, v.press, _size(v, size)) for v in left)
+    refuted = {v.key: v.why for v in verdicts if v.why}
+    if not candidates:
+        return Identification(None, (), refuted, np.zeros((6, 0)), "no kind explains it", start, stop)
+    moved, pushed, unexcited = _tried(candidates[0], samples)
+    best, kind = left[0].model, candidates[0].contact_kind
+    k = kind.freedoms.shape[1]
+    reason = ""
+    if moved < k or (pushed < 6 - k and len(candidates) > 1):
+        names = ", ".join(dict.fromkeys(c.kind for c in candidates))
+        reason = (
+            f"{unexcited.shape[1]} twists were neither moved along nor pushed against, and {names} differ in them: "
+            "move the tool along every way it gives, push and pull the others"
+        )
+    elif not best.pressed and any(v.model.pressed for v in left):
+        pressed = next(v.model.kind for v in left if v.model.pressed)
+        reason = f"a {best.kind}, or a {pressed} held by friction: pull it as well, and push sideways"
+    told = None if reason else best.kind
+    return Identification(told, candidates, refuted, unexcited, reason, start, stop)
+
+
+def _size(verdict: Verdict, size: float) -> float:
+    """The length by which a place is well known or not: of the motion, or of the arm that turns."""
+    arms = [float(np.linalg.norm(verdict.fit.tool[:3, 3]))]
+    return max(size, *(1e-3 * a for a in arms), 1e-12)
+
+
+def _tried(candidate_: Candidate, samples: Samples) -> tuple[int, int, Array]:
+    """How many of a contact's freedoms moved, how many of its constraints were pushed, and (6, u) twists of neither.
+
+    A push is what is left of the wrench in the constraints beside what goes with the wrench in the freedoms: friction,
+    and its moments about the origin, do not count.
+    """
+    S, W = (np.asarray(a) for a in (candidate_.contact_kind.freedoms, candidate_.contact_kind.constraints))
+    frames = np.array([candidate_.frame(X) for X in samples.pose])
+    to_contact = inverse(frames) @ samples.pose
+    B = coadjoint(to_contact)
+    w = applied(B, samples.wrench)
+    noise = carried(B, samples.wrench_noise).mean(axis=0)
+    P = np.linalg.inv(noise)
+    parts = np.linalg.solve(W.T @ P @ W, W.T @ P @ w.T).T
+    friction = w @ S
+    G = friction.T @ friction + len(w) * S.T @ noise @ S
+    slope = np.linalg.solve(G, friction.T @ parts).T
+    parts = parts - friction @ slope.T
+    spread: Array = np.asarray(np.linalg.inv(W.T @ P @ W)) + slope @ (S.T @ noise @ S) @ slope.T
+    pushes, directions = _above(parts.T @ parts / len(parts), spread)
+    middle = len(frames) // 2
+    xi = applied(adjoint(to_contact[middle]), twists(inverse(samples.pose[middle]) @ samples.pose))
+    Q = np.linalg.inv(carried(adjoint(to_contact[middle]), samples.pose_noise[middle]))
+    along = np.linalg.solve(S.T @ Q @ S, S.T @ Q @ xi.T).T
+    along = along - along.mean(axis=0)
+    moves, ways = _above(along.T @ along / len(along), np.asarray(np.linalg.inv(S.T @ Q @ S)))
+    # Left: what the pushes do no work on, across what moved in the metric of the noise.
+    root: Array = np.asarray(np.linalg.cholesky(Q))
+    free = orthogonal(np.asarray(np.linalg.solve(root, W @ directions))) if pushes else np.eye(6)  # columns root' t
+    across = free @ orthogonal(free.T @ root.T @ S @ ways) if moves else free
+    unexcited = adjoint(frames[middle]) @ np.linalg.solve(root.T, across)
+    return moves, pushes, unexcited / np.maximum(np.linalg.norm(unexcited, axis=0), 1e-300)
+
+
+def _above(moment: Array, noise: Array) -> tuple[int, Array]:
+    """How many directions of a second moment are above noise, and these as columns of coefficients."""
+    root = np.linalg.cholesky(noise)
+    half = np.linalg.solve(root, np.linalg.solve(root, moment).T)
+    values, vectors = np.linalg.eigh(0.5 * (half + half.T))
+    above = values > TRIED
+    return int(above.sum()), np.asarray(root @ vectors[:, above])

@@ -1,0 +1,216 @@
+"""Which kinds of contact explain a stretch of a recording, and why the others do not.
+
+A kind is refuted by motion, where poses leave it by more than their noise; by wrenches, where moments act about what
+turns freely; and a kind that can only be pressed also where it is pulled, where its side force is more than friction
+has, acts across the slide instead of along it, or drives it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.identification.fit import Fit, Samples, covariance, fit
+from invariantqp.identification.models import MODELS, Model, angles
+from invariantqp.identification.motions import applied, coadjoint, cross, inverse, skew
+from invariantqp.identification.starts import starts
+
+# A kind is refuted where poses or wrenches leave it by so many times their noise, root mean square: noise told or
+# estimated half as large as it is refutes nothing.
+MISFIT = 2.0
+# A first look at a third of the samples that finds a kind this much worse is enough.
+FAR = 2.5
+COARSE, COARSE_STEPS = 3, 14
+# How a tip slides depends on where it is: fits are repeated from the tip found, which changes by a hundredth each time.
+PASSES = 3
+# Beyond so many standard deviations a pitch or a curvature is not zero.
+SURE = 5.0
+# Beyond so many standard deviations of noise something moved, or was pushed.
+TRIED = 3.0
+# Kinds whose frames are those of another kind that moves in more ways.
+_WITHIN = {
+    "peg": ("slide", "hinge", "screw"),
+    "ball": ("hinge",),
+    "line": ("face",),
+    "point": ("line",),
+    "sphere": ("point",),
+}
+# Pressed for so large a share of the samples is pressed.
+PRESSED = 0.95
+# No friction is more than this: rubber on dry concrete.
+FRICTION = 1.0
+# Share of the side force that acts across the slide where it is not friction; by chance it is 0.7.
+ACROSS = 0.6
+
+
+class Verdict(NamedTuple):
+    """What is said of one kind, its surface fixed to the base or to the tool."""
+
+    model: Model
+    reversed: bool
+    fit: Fit
+    why: str  # why it is refuted; "" if it is not
+    press: float = 0.0  # 1 where the fitted wrench presses along z, -1 against; 0 of joints
+
+    @property
+    def key(self) -> str:
+        """Its name, with the side of the surface where that may be either."""
+        side = " on the tool" if self.reversed else " on the base" if self.model.reversible else ""
+        return f"{self.model.kind}{side}"
+
+    @property
+    def misfit(self) -> float:
+        """The larger one."""
+        return max(self.fit.motion, self.fit.wrench)
+
+
+def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
+    """A verdict on each kind."""
+    sides = (samples, samples.reversed)
+    found: list[Verdict] = []
+    for model in MODELS.values():
+        if model.kind not in kinds:
+            continue
+        for side in sides[: 1 + model.reversible]:
+            best = _best(model, side, _inside(model, side is not samples, found))
+            found.append(_verdict(model, side is not samples, best, side))
+    return _told_apart(found, samples)
+
+
+def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[tuple[Array, Array, Array]]:
+    """Where a kind may begin: at kinds that fit and move in fewer ways, all of which are its own too."""
+    at = []
+    for v in found:
+        if v.model.kind not in _WITHIN.get(model.kind, ()) or not v.fit.motion < MISFIT:
+            continue
+        if v.reversed == reversed_ or not v.model.reversible:
+            base, tool = (v.fit.base, v.fit.tool) if v.reversed == reversed_ else (v.fit.tool, v.fit.base)
+            at.append((base, tool, np.zeros(model.extra)))
+    return at
+
+
+def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
+    """Whether some kind is not refuted: sooner than all verdicts, where one is."""
+    for model in MODELS.values():
+        if model.kind in kinds:
+            for side in (samples, samples.reversed)[: 1 + model.reversible]:
+                if not _verdict(model, side is not samples, _best(model, side), side).why:
+                    return True
+    return False
+
+
+def _best(model: Model, samples: Samples, inside: Sequence[tuple[Array, Array, Array]] = ()) -> Fit:
+    """The best fit from any start; only those that are near are worth all samples."""
+    few = samples.thinned(max(1, min(COARSE, len(samples.pose) // 40)))
+    best: Fit | None = None
+    for start in (*inside, *starts(model, samples)):
+        found = fit(model, few, start, COARSE_STEPS)
+        if best is None or best.worst > found.worst:
+            best = found
+        if best.worst < 0.75 * MISFIT:
+            break
+    if best is None or best.worst > FAR * MISFIT:
+        return best or fit(model, samples, (np.eye(4), np.eye(4), np.zeros(model.extra)), 1)
+    for _ in range(PASSES):
+        best = _seated(fit(model, samples, (best.base, best.tool, best.extra)), samples)
+    return best
+
+
+def _seated(found: Fit, samples: Samples) -> Fit:
+    """A face or an edge with its origin where it is pressed: m = p x f in the mean."""
+    if found.model.kind not in ("face", "line"):
+        return found
+    w = samples.wrench @ coadjoint(inverse(found.tool)).T
+    F = skew(w[:, 3:])
+    p = np.linalg.lstsq(F.reshape(-1, 3), -w[:, :3].reshape(-1), rcond=1e-6)[0]
+    if found.model.kind == "line":
+        p[1:] = 0.0
+    base, tool = found.base.copy(), found.tool.copy()
+    tool[:3, 3] += tool[:3, :3] @ p
+    base[:3, 3] += base[:3, 2] * p[2]  # a face keeps its distance
+    return found._replace(base=base, tool=tool)
+
+
+def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Verdict:
+    """What poses and wrenches say of a fit."""
+
+    def verdict(why: str, press: float = 0.0) -> Verdict:
+        return Verdict(model, reversed_, found, why, press)
+
+    if not found.motion < MISFIT:
+        return verdict(f"poses leave it by {found.motion:.3g} times their noise")
+    if not found.wrench < MISFIT:
+        return verdict(f"moments about what turns freely are {found.wrench:.3g} times their noise")
+    C = inverse(found.base) @ samples.pose @ found.tool
+    if model.kind in ("hinge", "screw"):
+        turned = angles(C, samples.turned @ found.tool[:3, 2])
+        noise = sqrt(float(np.trace(samples.pose_noise[:, :3, :3], axis1=1, axis2=2).mean()) / 3.0)
+        if np.std(turned) < TRIED * noise and (samples.slides(found.tool[:3, 3])[2] > 0.5).any():
+            return verdict("it slid and never turned")
+    if model.kind == "peg":
+        f = _forces(found, samples)
+        if np.mean(f[:, 2] ** 2) > FRICTION**2 * np.mean(f[:, 0] ** 2 + f[:, 1] ** 2):
+            return verdict("it was pushed along its axis, harder than friction holds")
+    return _pressed(model, verdict, found, samples, C) if model.pressed else verdict("")
+
+
+def _forces(found: Fit, samples: Samples) -> Array:
+    """(n, 3) in the base frame of the contact."""
+    return applied(found.base[:3, :3].T @ samples.pose[:, :3, :3], samples.wrench[:, 3:])
+
+
+def _pressed(model: Model, verdict: Callable[..., Verdict], found: Fit, samples: Samples, C: Array) -> Verdict:
+    """What friction says of a contact that is pressed, not pulled."""
+    f, p = _forces(found, samples), C[:, :3, 3]
+    n = np.broadcast_to(np.array([0.0, 0.0, 1.0]), p.shape)
+    if model.kind == "sphere":
+        n = n + found.extra[0] * p
+        n = n / np.linalg.norm(n, axis=1)[:, None]
+    press = (f * n).sum(axis=1)
+    sign = float(np.sign(np.median(press)))
+    noise = sqrt(float(np.trace(samples.wrench_noise[:, 3:, 3:], axis1=1, axis2=2).mean()) / 3.0)
+    if np.mean(sign * press > -TRIED * noise) < PRESSED:
+        return verdict("it was pulled as well as pressed")
+    side = f - press[:, None] * n
+    if np.mean(np.linalg.norm(side, axis=1) < FRICTION * np.abs(press) + TRIED * noise) < PRESSED:
+        return verdict("its side force is more than friction has")
+    along, across = _of_slide(samples, found, n, side)
+    if len(along) >= 10 and np.sqrt(np.mean(across**2 + along**2)) > TRIED * noise:
+        if np.mean(across**2) > ACROSS**2 * np.mean(along**2 + across**2):
+            return verdict("its side force acts across the slide, and friction along it")
+        if -along.sum() > ACROSS * np.abs(along).sum():
+            return verdict("friction would drive it: is the sign of the wrenches right?")
+    return verdict("", sign)
+
+
+def _of_slide(samples: Samples, found: Fit, n: Array, side: Array) -> tuple[Array, Array]:
+    """(k,) side forces along the slide and across it, where it slides."""
+    which, along, sure = samples.slides(found.tool[:3, 3])
+    slides = sure > 0.5
+    u = along[slides] @ found.base[:3, :3]
+    f, normal = side[which[slides]], n[which[slides]]
+    return (f * u).sum(axis=1), (f * cross(normal, u)).sum(axis=1)
+
+
+def _told_apart(verdicts: list[Verdict], samples: Samples) -> list[Verdict]:
+    """A screw without pitch is a hinge, a sphere without curvature a plane: where the simpler kind is left."""
+    left = {(v.model.kind, v.reversed) for v in verdicts if not v.why}
+    found = []
+    for v in verdicts:
+        simpler, name = {"screw": ("hinge", "pitch"), "sphere": ("point", "curvature")}.get(v.model.kind, ("", ""))
+        if not v.why and (simpler, v.reversed) in left and _none(v, samples):
+            v = v._replace(why=f"its {name} is zero, as far as noise lets it be told: a {simpler}")  # noqa: PLW2901
+        found.append(v)
+    return found
+
+
+def _none(v: Verdict, samples: Samples) -> bool:
+    """Whether a pitch or a curvature is zero within what is known of it, and that is something."""
+    size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
+    value, deviation = float(v.fit.extra[0]), sqrt(covariance(v.fit, size)[-1, -1])
+    usual = size if v.model.kind == "screw" else 1.0 / size
+    return abs(value) < SURE * deviation < usual

@@ -1,0 +1,207 @@
+"""A recording, checked: poses, the wrenches that the tool exerts, and the noise of both.
+
+    noise    told, or  cov(third differences) / 20:  of a smooth motion with white noise the third differences are noise
+    blocks   wrenches are averaged over about 150 stretches of the recording; white noise falls by their length, what
+             is told beyond it does not
+
+Noise is a tensor: the covariance of a twist or a wrench in the tool frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from attrs import frozen
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.reading import wrench_of
+from invariantqp.force.wrench import WrenchSensor, load_of
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared
+from invariantqp.identification.fit import Samples
+from invariantqp.identification.motions import applied, coadjoint, inverse, twists
+
+# Fewer samples say nothing of their noise, and too little of a contact.
+FEWEST = 30
+# Stretches of a recording that are told apart: a person's motion has a few hertz, a recording ten seconds.
+BLOCKS = 150
+# Mean square of a wrench, in its noise, above which it is one: three standard deviations.
+FELT = 9.0
+# Variance of the third differences of white noise of unit variance: 1 + 9 + 9 + 1.
+THIRD = 20.0
+# A normal (6,) vector is longer than this, squared, once in a thousand: jerks, such as impacts, are not noise.
+JERK = 22.46
+# Noise below this, relative to the largest numbers recorded, is rounding.
+ROUNDING = 1e-12
+
+
+@frozen(eq=False, slots=False)
+class Recording(Compared):
+    """Poses and wrenches with their noise."""
+
+    pose: Array  # (n, 4, 4)
+    turned: Array  # (n, 3) the turns from sample to sample, in the tool frame, summed up [rad]
+    wrench: Array  # (n, 6) that the tool exerts, in the tool frame
+    pose_noise: Array  # (6, 6)
+    wrench_noise: Array  # (6, 6)
+    white: float  # share of the wrenches' noise that is white, and so falls where they are averaged
+    estimated: bool  # whether the noise of poses is an estimate, which smooth noise escapes
+
+    def blocks(self, start: int, stop: int) -> Samples:
+        """Samples of a stretch, wrenches averaged; those that feel nothing left out."""
+        n = stop - start
+        size = max(1, n // BLOCKS | 1)
+        count = min(BLOCKS, n // size)
+        half = size // 2
+        at = start + np.linspace(half, n - 1 - half, count).round().astype(int)
+        w = np.mean([self.wrench[at + j] for j in range(-half, half + 1)], axis=0)
+        noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
+        felt = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > FELT * 6.0
+        if felt.sum() >= FEWEST:
+            at, w = at[felt], w[felt]
+        m = len(at)
+        return Samples(
+            at, self.turned[at], self.pose[at], w, *(np.broadcast_to(N, (m, 6, 6)) for N in (self.pose_noise, noise))
+        )
+
+    def contacts(self) -> list[tuple[int, int]]:
+        """First sample of each stretch in which a wrench is felt, and the one after its last."""
+        n = len(self.pose)
+        size = max(1, n // BLOCKS | 1)
+        edges = np.linspace(0, n, n // size + 1).round().astype(int)
+        w = np.array([self.wrench[a:b].mean(axis=0) for a, b in pairwise(edges.tolist())])
+        noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
+        felt = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > FELT * 6.0
+        # Forces pass zero within a contact: gaps of less than the fewest samples belong to it.
+        spans: list[tuple[int, int]] = []
+        for k in np.flatnonzero(felt).tolist():
+            a, b = int(edges[k]), int(edges[k + 1])
+            if spans and a - spans[-1][1] < max(FEWEST, 3 * size):
+                spans[-1] = spans[-1][0], b
+            else:
+                spans.append((a, b))
+        return spans
+
+
+def recording(
+    poses: Any, wrenches: Any, exerts: bool, noise: Any, accuracy: ArrayLike | None, sensor: WrenchSensor | None
+) -> Recording:
+    """What `identify` takes, checked.
+
+    Raises:
+        BadInput: shapes, NaN, poses that are none, too few samples, no noise.
+    """
+    X = _poses(poses)
+    w = _wrenches(wrenches, X, arrays.flag(exerts, "exerts"), sensor)
+    steps = twists(inverse(X[:-1]) @ X[1:])
+    turned = np.concatenate((np.zeros((1, 3)), np.cumsum(steps[:, :3], axis=0)))
+    white_pose, white_wrench = (_covariance(a) / THIRD for a in (np.diff(steps, n=2, axis=0), np.diff(w, n=3, axis=0)))
+    if noise is None:
+        pose_noise, wrench_noise, white = white_pose, white_wrench, 1.0
+    else:
+        pose_noise, wrench_noise = _told(noise)
+        white = float(np.clip(np.trace(np.linalg.solve(wrench_noise, white_wrench)) / 6.0, 0.0, 1.0))
+    pose_noise, wrench_noise = _allowed(accuracy, pose_noise, wrench_noise)
+    size = float(np.abs(X[:, :3, 3]).max()) or 1.0
+    for name, N, scale in (
+        ("poses", pose_noise, np.array([1.0] * 3 + [size] * 3)),
+        (
+            "wrenches",
+            wrench_noise,
+            np.concatenate([[max(float(np.abs(p).max()), 1e-300)] * 3 for p in (w[:, :3], w[:, 3:])]),
+        ),
+    ):
+        if not np.linalg.eigvalsh(N / np.outer(scale, scale))[0] > ROUNDING**2:
+            raise BadInput(
+                name,
+                "no noise in some direction: a simulation, or numbers that stand still",
+                "noise that can be told from the recording",
+                "Say it: noise=(pose, wrench), or accuracy=(angle, length, moment, force).",
+            )
+    return Recording(X, turned, w, pose_noise, wrench_noise, white, noise is None)
+
+
+def _poses(poses: Any) -> Array:
+    expected = "(n, 4, 4) poses of the tool frame in the base frame"
+    if isinstance(poses, Sequence) and len(poses) and hasattr(poses[0], "homogeneous"):
+        poses = [pose.homogeneous for pose in poses]
+    X = arrays.array(poses, "poses", expected)
+    if X.ndim != 3 or X.shape[1:] != (4, 4):
+        raise BadInput("poses", f"shape {X.shape}", expected)
+    if len(X) < FEWEST:
+        raise BadInput("poses", f"{len(X)} samples", f"{FEWEST} or more, as a few seconds at 100 Hz give")
+    for k in np.flatnonzero(~np.isfinite(X).all(axis=(1, 2)))[:1].tolist():
+        raise BadInput("poses", f"NaN or infinity in sample {k}", expected, "Leave such samples out.")
+    R = X[:, :3, :3]
+    off = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
+    wrong = (off > arrays.ROTATION_TOLERANCE) | (np.linalg.det(R) < 0.0) | (X[:, 3] != arrays.LAST_ROW).any(axis=1)
+    for k in np.flatnonzero(wrong)[:1].tolist():
+        arrays.pose(X[k], f"poses[{k}]")
+        raise BadInput(f"poses[{k}]", "no rigid motion", expected)
+    return X
+
+
+def _wrenches(wrenches: Any, X: Array, exerts: bool, sensor: WrenchSensor | None) -> Array:
+    n = len(X)
+    expected = f"({n}, 6), one a pose, moment first"
+    if sensor is not None and not isinstance(sensor, WrenchSensor):
+        raise BadInput("sensor", excerpt(sensor), "a WrenchSensor, or None for wrenches in the tool frame")
+    if sensor is not None and not exerts:
+        raise BadInput("exerts", "False beside a sensor", "the sign in one place: the sensor's reads=")
+    order = "moment first" if sensor is None else sensor.order
+    readings = wrenches if isinstance(wrenches, np.ndarray) else arrays.listed(wrenches, "wrenches", expected)
+    if len(readings) != n:
+        raise BadInput("wrenches", f"{len(readings)}", f"{n}, one a pose")
+    w = np.array([wrench_of(reading, order, f"wrenches[{k}]") for k, reading in enumerate(readings)])
+    if sensor is None:
+        return w if exerts else -w
+    loads = np.array([load_of(sensor, a, pose.dot(sensor.mount)) for a, pose in zip(w, X, strict=True)])
+    return applied(coadjoint(sensor.mount), loads)
+
+
+def _covariance(differences: Array) -> Array:
+    """(6, 6) second moment about zero without jerks: trimmed until nothing more is left out."""
+    kept = differences
+    for _ in range(20):
+        N = kept.T @ kept / max(1, len(kept))
+        try:
+            distance = (differences * np.linalg.solve(N, differences.T).T).sum(axis=1)
+        except np.linalg.LinAlgError:  # no noise: told by the caller
+            return np.asarray(N)
+        inside = differences[distance < JERK]
+        if len(inside) == len(kept) or len(inside) < FEWEST // 2:
+            break
+        kept = inside
+    return np.asarray(kept.T @ kept / max(1, len(kept)))
+
+
+def _told(noise: Any) -> tuple[Array, Array]:
+    expected = "(pose, wrench), each six standard deviations or a (6, 6) covariance, in the tool frame"
+    try:
+        pose, wrench = noise
+    except (TypeError, ValueError) as error:
+        raise BadInput("noise", excerpt(noise), expected) from error
+    told = []
+    for value, argument in ((pose, "noise[0]"), (wrench, "noise[1]")):
+        a = arrays.array(value, argument, expected)
+        told.append(arrays.positive_definite(a * a if a.shape == (6,) else a, 6, argument))
+    return told[0], told[1]
+
+
+def _allowed(accuracy: ArrayLike | None, pose: Array, wrench: Array) -> tuple[Array, Array]:
+    """Noise with what a real contact, or a sensor, may be off beside it."""
+    if accuracy is None:
+        return pose, wrench
+    expected = (
+        "(angle [rad], length), or (angle, length, moment, force): how far a real contact may be from an ideal one"
+    )
+    a = arrays.vector(accuracy, None, "accuracy")
+    if len(a) not in (2, 4) or (a <= 0.0).any():
+        raise BadInput("accuracy", excerpt(accuracy), f"{expected}, all above zero")
+    pose = pose + np.diag(np.repeat(a[:2] ** 2, 3))
+    return pose, wrench if len(a) == 2 else wrench + np.diag(np.repeat(a[2:] ** 2, 3))

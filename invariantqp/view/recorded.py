@@ -1,0 +1,153 @@
+"""A recording as frames to draw: the tool as it was moved, and the contact that was found on its path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from invariantqp.errors import BadInput, MissingExtra, RobotModelError
+from invariantqp.force.wrench import WrenchSensor
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.identification.candidate import Candidate
+from invariantqp.identification.files import File, seconds
+from invariantqp.identification.identify import Identification
+from invariantqp.pictures.palette import ORANGE, SKY
+from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.load import urdf_of
+from invariantqp.view.arm import ArmShape, arm_shape
+from invariantqp.view.film import FORCE, FRAMES, CurveChart, Film, limit_charts
+from invariantqp.view.look import Look, read_look
+from invariantqp.view.surroundings import SIDE, Surroundings
+
+# How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
+MARGIN = 0.4
+# A contact that hardly moved is drawn this large, relative to the distance of the tool from the base.
+LEAST = 0.03
+
+
+def film_of_recording(
+    found: Identification, file: File, sensor: WrenchSensor, robot: Robot | None, source: str | None, title: str
+) -> Film:
+    """A recording as frames: the arm where there is one, the path of the contact, and part of the surface or the axis.
+
+    Args:
+        found: in it.
+        file: the recording.
+        sensor: whose readings it has.
+        robot: of joint positions; None where poses were recorded.
+        source: what names the robot.
+        title: of the page.
+    """
+    time = seconds(file)
+    n = len(time)
+    at = np.unique(np.linspace(0, n - 1, min(n, FRAMES)).round().astype(int))
+    part = max(found.segments, key=lambda p: p.stop - p.start)
+    shown = part.candidates[0] if part.candidates else None
+    mark = np.eye(4)
+    if shown is not None and shown.fixed_to != "tool":
+        mark[:3, 3] = np.linalg.inv(file.poses[part.start]).dot(
+            np.append(shown.frame(file.poses[part.start])[:3, 3], 1.0)
+        )[:3]
+        if shown.kind in ("hinge", "screw", "slide", "peg"):
+            mark[:3, 3] = 0.0
+    tool = file.poses[at] @ mark
+    w = np.array([sensor.wrench(r, pose) for r, pose in zip(file.readings[at], file.poses[at], strict=True)])
+    q = np.zeros((len(at), 0)) if robot is None or file.q is None else file.q[at]
+    shapes = [
+        ArmShape(np.empty((0, 3)), np.empty((0, 3)), T) if robot is None else arm_shape(robot, state)
+        for T, state in zip(tool, q, strict=True)
+    ]
+    m = q.shape[1]
+    home = ArmShape(np.zeros((2, 3)), np.empty((0, 3)), np.eye(4)) if robot is None else arm_shape(robot, np.zeros(m))
+    speed: Array = np.asarray(np.gradient(q, time[at], axis=0)) if m else np.zeros_like(q)
+    told = "; ".join(
+        p.kind or f"not told ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in found.segments
+    )
+    film = Film(
+        title=title,
+        about=f"A recording: {told}.",
+        joints=() if robot is None else robot.names,
+        slides=[] if robot is None else [not turn.any() for turn in robot.jacobian(q[0])[:3].T],
+        time=time[at],
+        points=np.array([s.points if len(s.points) else T[None, :3, 3] for s, T in zip(shapes, tool, strict=True)]),
+        axes=np.array([s.axes for s in shapes]),
+        tool=tool,
+        screws=np.zeros((6, 0)) if robot is None else robot.jacobian(np.zeros(m)),
+        home=home._replace(tool=home.tool @ mark),
+        look=_look(source, robot),
+        wanted=tool,
+        q=q,
+        limits=np.zeros((2, 0)) if robot is None else np.stack((robot.position_lower, robot.position_upper)),
+        speed=speed,
+        speed_limit=np.zeros(0) if robot is None else robot.velocity_limit,
+        limit_active=[False] * len(at),
+        status=[_status(found, k) for k in at.tolist()],
+        charts=(),
+        surroundings=Surroundings(np.empty((0, 4, 3)))
+        if shown is None
+        else _surface(shown, file.poses[part.start : part.stop]),
+        travel=np.gradient(tool[:, :3, 3], time[at], axis=0),
+        force=w[:, 3:],
+        recorded=True,
+    )
+    size = np.linalg.norm(w[:, 3:], axis=1)
+    charts = [CurveChart("force of the tool [N]", ("size",), size[None], (FORCE,))]
+    if shown is not None:
+        frames = np.array([shown.frame(T) for T in file.poses[at]])
+        local = np.einsum("nji,nj->ni", frames[:, :3, :3], w[:, 3:])
+        names = ("along z of the contact", "across it")
+        parts = np.stack((local[:, 2], np.linalg.norm(local[:, :2], axis=1)))
+        charts = [CurveChart("force of the tool [N]", names, parts, (ORANGE, SKY))]
+    return replace(film, charts=(*charts, *(limit_charts(film) if m else ())))
+
+
+def _look(source: str | None, robot: Robot | None) -> Look:
+    if source is None or robot is None:
+        return Look()
+    try:
+        return read_look(urdf_of(source), robot.names)
+    except (BadInput, RobotModelError, MissingExtra):
+        return Look()
+
+
+def _status(found: Identification, k: int) -> str:
+    part = next((p for p in found.segments if p.start <= k < p.stop), None)
+    return "in the air, or changing" if part is None else part.kind or "not told"
+
+
+def _surface(c: Candidate, poses: Array) -> Surroundings:
+    """Part of a plane or a ball about the path of the contact, or the axis of a joint."""
+    frames = np.array([c.frame(T) for T in poses[:: max(1, len(poses) // FRAMES)]])
+    path = frames[:, :3, 3]
+    middle = path.mean(axis=0)
+    travelled = poses[:, :3, 3]
+    reach = max(
+        float(np.linalg.norm(path - middle, axis=1).max()), LEAST * float(np.linalg.norm(travelled, axis=1).max())
+    )
+    none = np.empty((0, 4, 3))
+    if c.kind in ("ball", "peg", "hinge", "screw", "slide") or c.fixed_to == "tool":
+        half = max(reach, MARGIN * float(np.linalg.norm(travelled - middle, axis=1).max()))
+        along = c.surface[:3, 2] if c.fixed_to != "tool" and c.kind != "ball" else frames[len(frames) // 2, :3, 2]
+        half = 0.2 * half if c.kind == "ball" or c.fixed_to == "tool" else half
+        return Surroundings(none, np.stack((middle - half * along, middle + half * along)))
+    x, y = se3.across(c.surface[:3, 2])
+    z = c.surface[:3, 2]
+    from_middle = path - middle
+    spans = [
+        np.linspace((from_middle @ u).min() - MARGIN * reach, (from_middle @ u).max() + MARGIN * reach, SIDE + 1)
+        for u in (x, y)
+    ]
+    corners = middle + spans[0][:, None, None] * x + spans[1][None, :, None] * y
+    base = c.surface[:3, 3]
+    if c.kind == "sphere" and c.centre is not None and c.radius is not None:
+        off = corners - c.centre
+        aside = off - (off @ z)[..., None] * z
+        depth = np.sqrt(np.maximum(c.radius**2 - (aside**2).sum(axis=-1), 0.0))
+        corners = c.centre + aside - np.sign(c.radius) * depth[..., None] * z
+    else:
+        corners = corners + ((base - corners) @ z)[..., None] * z
+    return Surroundings(
+        np.stack((corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]), axis=2).reshape(-1, 4, 3)
+    )
