@@ -48,6 +48,7 @@ class Status(str, Enum):
     WAITING = "waiting"
     MOVING = "moving"
     SLOWED = "slowed"
+    LATE = "late"
     PAUSED = "paused"
     LEFT = "left"
     BLOCKED = "blocked"
