@@ -41,6 +41,8 @@ DISPLACED = 0.2
 JOINT_GAIN = 5.0
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
+# A hand whose joints would be faster than this many times their limits has leapt.
+LEAP = 1.01
 # Stamps this far [s] from the follower's clock are of another clock.
 ANOTHER_CLOCK = 1.0
 # Samples that wait for a tick at most; where the shape is kept they are the path and all wait.
@@ -448,14 +450,15 @@ class Follower:
             if before is not None and when <= before[2]:
                 continue
             near = self._q if before is None or gap else before[1]
-            joints, missed = self._solver.points(given, near, np.array((when,)))
+            last = None if before is None or gap else before[2]
+            joints, missed = self._solver.points(given, near, np.array((when,)), last)
             joint = joints[0]
             self._missed, self._heard = missed, now
             self._given = given, np.array((when,))
             self._newest = given, joint, when
             window = self._source
             leap = before is not None and bool(
-                (np.abs(joint - before[1]) > self._limits.velocity * (when - before[2])).any()
+                (np.abs(joint - before[1]) > LEAP * self._limits.velocity * (when - before[2])).any()
             )
             if not isinstance(window, Window) or gap or leap:
                 late = window.transport if isinstance(window, Window) else max(now - when, 0.0)
