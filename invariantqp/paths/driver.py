@@ -142,7 +142,7 @@ class Follower:
         self._override = 1.0
         self._closed = False
         self._why = "nothing to follow yet"
-        self._strain = 0.0
+        self._late = False  # whether the joints cannot be where they are wanted, and catch up
 
     def __copy__(self) -> Follower:
         return deepcopy(self)  # with a state of its own
@@ -265,6 +265,8 @@ class Follower:
             return FollowerSolution(np.zeros(self._m), Status.HELD, wrong, nan, nan, lambda: nan)
         reference = self._begin(measured, moving, clock)
         self._take_in(reference, share)
+        if self._late and self._twist is None and self._pace is None:
+            self._late = not reference.splice(reference.source, self._time, self._state, EASE)
         v = self._wanted(reference)
         a = (v - self._v) / dt
         allowed = self._limits.within(self._q, self._v, self._a, a)
@@ -278,19 +280,19 @@ class Follower:
         correction = JOINT_GAIN * (self._sent[0] - measured)
         self._q, self._v, self._a = self._q + dt * v, v, a
         self._time += dt
-        if self._twist is None:
-            if self._pace is None and not kept:
-                self._strain = reference.splice(reference.source, self._time, self._state, EASE)
-            elif self._pace is not None and not kept:
-                self._pace = self._pace.stopped()
-                reference.splice(reference.source, self._pace.place, self._state, EASE)
+        if not kept and self._twist is None:
+            self._late = True
         lower, upper = loop.box.at(measured)
-        return self._reported(reference, measured, np.clip(v + correction, lower, upper), kept=kept)
+        return self._reported(reference, np.clip(v + correction, lower, upper))
 
     @property
     def _state(self) -> Array:
         """(3, m) position, velocity and acceleration of the motion through the ends of the last three ticks."""
         return np.vstack((self._q, self._v + 0.5 * self.controller.dt * self._a, self._a))
+
+    def _motion(self, reference: Reference) -> Array:
+        """(3, m) the same, as exactly as it is known."""
+        return self._state if self._late else reference.at(np.array((self._time,)))[0, :3]
 
     def _open(self, argument: str) -> None:
         if self._closed:
@@ -333,7 +335,7 @@ class Follower:
         self._pace = None if self._pace is None else self._pace.stopped()
         new.source = stopping(self._state, self._time, self._limits)
         if self._source is not None:  # a path that was left is gone back to
-            new.splice(self._source, self._place, new.at(np.array((self._time,)))[0, :3], EASE)
+            self._late = not new.splice(self._source, self._place, new.at(np.array((self._time,)))[0, :3], EASE)
         return new
 
     @property
@@ -351,7 +353,7 @@ class Follower:
         source = reference.source
         if isinstance(source, Stop):
             source = stopping(state, clock, self._limits)
-        self._strain = reference.splice(source, clock, state, EASE)
+        self._late = not reference.splice(source, clock, state, EASE)
 
     def _take_in(self, reference: Reference, override: float) -> None:
         """All that came since the last tick, and what is due."""
@@ -383,8 +385,8 @@ class Follower:
         stands = isinstance(reference.source, Stop)
         if source is None or override == 0.0:
             if not stands:
-                state = reference.at(np.array((now,)))[0, :3]
-                reference.splice(stopping(state, now, self._limits), now, state, 0.0)
+                state = self._motion(reference)
+                self._late = not reference.splice(stopping(state, now, self._limits), now, state, 0.0)
         elif override == 1.0:
             if reference.source is not source:
                 self._aim(reference, source, EASE)
@@ -396,7 +398,7 @@ class Follower:
     def _aim(self, reference: Reference, source: Source, ease: float) -> None:
         """Follow a source from now on."""
         now = self._time
-        self._strain = reference.splice(source, now, reference.at(np.array((now,)))[0, :3], ease)
+        self._late = not reference.splice(source, now, self._motion(reference), ease)
 
     def _take_points(self, reference: Reference, given: Given, stamps: Array, *, smooth: bool) -> None:
         """Points with stamps, from now on."""
@@ -467,9 +469,10 @@ class Follower:
             if reference.source is not window:
                 window.add(when, joint, max(now - when, 0.0))
                 continue
-            state = reference.at(np.array((now,)))[0, :3]
+            state = self._motion(reference)
             window.add(when, joint, max(now - when, 0.0))
-            reference.splice(window, now, state, EASE_SAMPLE)
+            if not self._late:
+                reference.ease(window, now, state, EASE_SAMPLE)
 
     def _inside(self, joints: Array) -> Array:
         return np.clip(joints, self._limits.lower, self._limits.upper)
@@ -484,6 +487,9 @@ class Follower:
                 reference, self._limits, self._time, self.rate * self._override, self.catch_up
             )
             return (reference.position(self._pace.place) - self._q) / dt
+        if self._late:
+            there = reference.at(np.array((self._time + dt,)))[0]
+            return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
         return (reference.position(self._time + dt) - self._q) / dt
 
     def _share(self, v: Array) -> float:
@@ -512,7 +518,7 @@ class Follower:
 
     # What is told
 
-    def _reported(self, reference: Reference, measured: Array, command: Array, *, kept: bool) -> FollowerSolution:
+    def _reported(self, reference: Reference, command: Array) -> FollowerSolution:
         still = bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(self._limits.velocity), self._limits.velocity, 1.0)).all())
         source, place, late = self._source, self._place, 0.0
         if isinstance(reference.source, Slowed):
@@ -540,10 +546,8 @@ class Follower:
                 status, reason = Status.BLOCKED, f"the arm is {missed:.3g} off the end, which it cannot reach"
         elif missed > self._tolerance:
             status, reason = Status.LEFT, f"out of reach, by {missed:.3g}"
-        elif not kept:
-            status, reason = Status.LATE, "joint limits"
-        elif self._pace is None and reference.joined > self._time and self._strain > 1.0:
-            status, reason = Status.LATE, "faster than the joints' limits"
+        elif self._late:
+            status, reason = Status.LATE, "the joints' limits"
         elif self._pace is not None and late > SKEW:
             status, reason = Status.LATE, "joint limits"
         if self._closed and status is Status.WAITING and still and not self._samples:

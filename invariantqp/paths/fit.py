@@ -35,6 +35,8 @@ PATIENCE = 0.2
 ELSEWHERE = (0.3, 0.6, 1.0, 1.5, 2.2)
 # A pose is not stalled before while the way to it falls below this share of what it was.
 PROGRESS = 0.9
+# Out of reach joints go no faster than this share of their limits: accelerations have to follow.
+OUTSIDE_SHARE = 0.4
 # The share of the way to a pose out of reach that is gone in a step: all of it would chatter.
 CALM = 0.5
 # Tries from elsewhere for each pose, at most.
@@ -163,7 +165,7 @@ class Solver:
         root = loop.measure.root_for(sighting.J, sighting.pose)
         view = View(robot, sighting, robot.target(target), CALM / step, np.zeros(6))
         exact = rows_of(loop.exact, view) if loop.exact else None
-        speed = loop.robot.velocity_limit
+        speed = OUTSIDE_SHARE * loop.robot.velocity_limit
         lower = np.maximum(np.minimum((self._lower - q) / step, 0.0), -speed)
         upper = np.minimum(np.maximum((self._upper - q) / step, 0.0), speed)
         twist = tracking_twist(sighting.error, CALM / step)

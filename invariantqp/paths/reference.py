@@ -21,10 +21,10 @@ from invariantqp.paths.time_law import JointLimits
 
 # Shares of the limits that a splice and a stop are made for: the rest covers what lies between the places checked.
 SPLICE_SHARE, STOP_SHARE = 0.9, 0.97
-# A splice or a stop is checked at so many places, for so many durations, up to the longest [s].
-PLACES, DURATIONS, LONGEST = 25, 16, 12.0
-# The shortest stop looked at, in ticks: a jerk that lasts less than three is none.
-SHORTEST_STOP = 4.0
+# A splice is checked at so many places, for so many durations, up to the longest [s]; what needs longer is caught up.
+PLACES, DURATIONS, LONGEST = 21, 6, 0.6
+# Stops looked at: the shortest in ticks, for a jerk that lasts less than three is none; the longest [s].
+SHORTEST_STOP, LONGEST_STOP, STOPS = 4.0, 12.0, 64
 # The window over a hand's samples reaches this far to each side, times one over the cutoff: 70 ms at 4 Hz.
 WINDOW = 0.28
 # Samples that a window keeps at most, and the share of its width nearer than which two are one.
@@ -86,7 +86,7 @@ def stopping(state: Array, start: float, limits: JointLimits) -> Stop:
     x, v, a = state
     if not (v.any() or a.any()):
         return Stop.of(state, start, 0.0)
-    D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST, 4 * DURATIONS)[:, None, None]
+    D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_STOP, STOPS)[:, None, None]
     u = np.linspace(0.0, 1.0, PLACES)[None, :, None] * D
     b, c = -3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2
     velocity = v + u * (a + u * (b + u * c))
@@ -336,14 +336,19 @@ class Reference:
             there = there + (time - self._start) ** np.arange(6) @ self._residual
         return there
 
-    def splice(self, source: Source, time: float, state: Array, shortest: float) -> float:
-        """Go over to a source from position, velocity and acceleration (3, m) at a time; by how much limits are kept.
+    def ease(self, source: Source, time: float, state: Array, shortest: float) -> None:
+        """Go over to a source that differs little: as `splice`, but no earlier than the splice before is over."""
+        e = state - source.at(np.array((time,)))[0, :3]
+        D = max(shortest, self.joined - time)
+        self.source, self._residual, self._start, self._duration = source, _residuals(e, np.array((D,)))[0], time, D
 
-        The splice is the shortest, not shorter than `shortest` [s] nor than what is left of the one before, that keeps
-        the limits together with the source; where none does, the one that breaks them least.
+    def splice(self, source: Source, time: float, state: Array, shortest: float) -> bool:
+        """Go over to a source from position, velocity and acceleration (3, m) at a time.
+
+        The splice is the shortest, not shorter than `shortest` [s], that keeps the limits together with the source.
 
         Returns:
-            The largest share of a limit that the motion needs; above 1 none is kept.
+            Whether there is one; if not, the source is followed without one, which the joints cannot do.
         """
         here = source.at(np.array((time,)))[0, :3]
         e = state - here
@@ -354,13 +359,15 @@ class Reference:
         # A hand is taken to go on as it does.
         ahead = Steady(time, here) if isinstance(source, Window) else source
         there = ahead.at((time + u).ravel()).reshape(*u.shape, 4, -1)
-        powers = _powers(u)  # (k, places, 4, 6)
-        total = there + np.einsum("kpdn,knm->kpdm", powers, C)
-        worst = self._limits.ratio(*np.moveaxis(total, 2, 0)).max(axis=1)
-        fits = np.flatnonzero(worst <= SPLICE_SHARE)
-        i = int(fits[0]) if len(fits) else int(worst.argmin())
-        self.source, self._residual, self._start, self._duration = source, C[i], time, float(D[i])
-        return float(worst[i])
+        total = there + _powers(u) @ C[:, None]
+        fits = np.flatnonzero(self._limits.ratio(*np.moveaxis(total, 2, 0)).max(axis=1) <= SPLICE_SHARE)
+        self.source, self._start = source, time
+        if len(fits):
+            i = int(fits[0])
+            self._residual, self._duration = C[i], float(D[i])
+        else:
+            self._duration = 0.0
+        return bool(len(fits))
 
 
 def _residuals(e: Array, D: Array) -> Array:

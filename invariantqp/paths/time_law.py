@@ -16,6 +16,11 @@ from invariantqp.geometry.arrays import Array
 # Halvings of the interval of accelerations in which the largest is looked for that leaves room to stop.
 HALVINGS = 24
 
+# Shares of acceleration and velocity that joints catch up at: what they follow needs some, too.
+CATCH_UP_SHARE, CATCH_UP_SPEED = 0.7, 0.99
+# Of a small way, the share that is gone in a tick.
+CALM_SHARE = 0.1
+
 
 class JointLimits(NamedTuple):
     """What joints may do."""
@@ -33,6 +38,24 @@ class JointLimits(NamedTuple):
         needs = np.maximum(needs, np.abs(jerk) / self.jerk)
         out = np.maximum(position - self.upper, self.lower - position)
         return np.asarray(np.where(out > 0.0, np.maximum(needs, 2.0 + out), needs).max(axis=-1))
+
+    def towards(self, velocity: Array, wanted: Array) -> Array:
+        """(m,) accelerations that bring a velocity to the wanted one soonest, jerk taking them back in time."""
+        d = wanted - velocity
+        J, h = self.jerk, 0.5 * self.jerk * self.dt
+        # In ticks: what an acceleration a that falls by J dt a tick still adds is a^2 / 2 J - a dt / 2.
+        most = np.minimum(np.sqrt(h * h + 2.0 * J * np.abs(d)) - h, self.acceleration)
+        return np.asarray(np.clip(d / self.dt, -most, most))
+
+    def catching_up(self, position: Array, velocity: Array, there: Array) -> Array:
+        """(m,) accelerations that bring joints soonest to a motion: its position and velocity (2+, m)."""
+        A, J = CATCH_UP_SHARE * self.acceleration, self.jerk
+        x = there[0] - position
+        # The way to stop from w is w^2 / 2 A + w A / 2 J.
+        lag = 0.5 * A * A / J
+        w = np.minimum(np.sqrt(lag * lag + 2.0 * A * np.abs(x)) - lag, CALM_SHARE / self.dt * np.abs(x))
+        fastest = CATCH_UP_SPEED * self.velocity
+        return self.towards(velocity, np.clip(there[1] + np.copysign(w, x), -fastest, fastest))
 
     def within(self, q: Array, velocity: Array, acceleration: Array, wanted: Array) -> Array:
         """(m,) the acceleration of a tick nearest the wanted one, after which every joint can still stop.
