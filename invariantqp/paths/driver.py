@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.path_follower import PathFollower
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.ahead import Pace, paced
 from invariantqp.paths.fit import REACHED, Given, Solver, sampled
 from invariantqp.paths.reference import Points, Reference, Slowed, Source, Stop, Window, smoothed, stopping
 from invariantqp.paths.solution import FollowerSolution
@@ -45,12 +45,10 @@ AHEAD, SAMPLING = 1.0, 0.02
 LEAP = 1.01
 # Stamps this far [s] from the follower's clock are of another clock.
 ANOTHER_CLOCK = 1.0
-# Samples that wait for a tick at most; where the shape is kept they are the path and all wait.
+# Samples that wait for a tick at most: the newest.
 MOST_WAITING = 256
-# Points ahead of the arm that a kept shape is planned through; the rest waits.
-MOST_AHEAD = 64
-# Points behind the arm that are kept for smoothing [times 1 / cutoff] and, where the shape is kept, by number.
-BEHIND, POINTS_BEHIND = 1.0, 4
+# Points so far behind the arm, times 1 / cutoff, are kept for smoothing.
+BEHIND = 1.0
 # An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
 ROUNDING = 1e-6
 # Joint speeds below this share of their limits are rest.
@@ -76,27 +74,28 @@ class Follower:
         jerk: ArrayLike | None = None,
         cutoff: float = 4.0,
         timeout: float = 0.1,
-        catch_up: float = 1.2,
-        blocked: Literal["stop", "leave"] = "leave",
+        blocked: Literal["stop", "leave"] = "stop",
         tolerance: float | None = None,
     ) -> None:
         """A follower of nothing yet: the arm stands still.
 
         Args:
             loop: a controller with an acceleration limit.
-            keep: "time": what is over is skipped, points are met when their stamps say (policies, hands); "shape":
-                every point is passed, late where limits make it so (paths).
-            rate: how fast stamps are driven, 1 as they say.
+            keep: "time": what is over is skipped, points are met when their stamps say (policies, hands); "shape": the
+                tool stays on the path through the points and is late where limits make it so, as a `PathFollower`,
+                which drives it then.
+            rate: how fast stamps are driven where the shape is kept, 1 as they say.
             jerk: (m,) or one for all joints [rad/s^3, length/s^3]; None lets the acceleration rise to its limit in
-                20 ms.
-            cutoff: what is faster than this is smoothed away where time is kept [Hz]; inf follows points as they are.
+                20 ms. Where the shape is kept, joints have no jerk limit.
+            cutoff: what is faster than this is smoothed away where time is kept [Hz]; inf follows chunks as they are.
             timeout: after how long without a sample or a twist the arm comes to rest [s].
-            catch_up: how fast stamps are driven at most where the shape is kept and the arm is late.
-            blocked: where a point is out of reach, "leave" goes on as near as the arm comes; "stop" comes to rest.
-            tolerance: how far off a pose is out of reach [length]; None is 1e-4 of the arm's length.
+            blocked: where the shape is kept and the arm cannot reach it: "stop" before it, or "leave" it by the least.
+            tolerance: how far off a pose is out of reach [length]; None is 1e-4 of the arm's length. Where the shape is
+                kept, as in `PathFollower`.
 
         Raises:
-            BadInput: not a Controller, one without an acceleration limit, or a number that is not positive.
+            BadInput: not a Controller, one without an acceleration limit, a number that is not positive, or a jerk
+                limit where the shape is kept.
         """
         if not isinstance(loop, Controller):
             raise BadInput("loop", excerpt(loop), "a Controller")
@@ -107,11 +106,18 @@ class Follower:
         acceleration = loop.braking.acceleration
         self.jerk: Array = acceleration / RISE if jerk is None else _jerks(jerk, m)
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
-        self._blocked = arrays.choice(blocked, "blocked", ("stop", "leave"))
-        self.rate: float = arrays.number(rate, "rate", "a share of the stamps' speed", positive=True)
+        if keep == "shape" and jerk is not None:
+            raise BadInput(
+                "jerk", 'a limit with keep="shape"', "None: there the joints' accelerations are limited alone"
+            )
+        self._whole_options: dict[str, Any] = {
+            "blocked": arrays.choice(blocked, "blocked", ("stop", "leave")),
+            "tolerance": tolerance,
+        }
+        self._rate = arrays.number(rate, "rate", "a share of the stamps' speed", positive=True)
+        self._whole: PathFollower | None = None  # a path whose shape is kept
         self.cutoff: float = arrays.number(cutoff, "cutoff", "a frequency in Hz", positive=True, infinite=True)
         self.timeout: float = arrays.number(timeout, "timeout", "seconds", positive=True)
-        self.catch_up: float = max(arrays.number(catch_up, "catch_up", "a rate", positive=True), self.rate)
         least = REACHED * loop.measure.length
         self._tolerance = least
         if tolerance is not None:
@@ -133,12 +139,12 @@ class Follower:
         self._next: tuple[Given, Array, float] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
-        self._samples: deque[tuple[Any, float | None]] = deque(maxlen=None if keep == "shape" else MOST_WAITING)
+        self._samples: deque[tuple[Any, float | None]] = deque(maxlen=MOST_WAITING)
         self._newest: tuple[Array, Array, float] | None = None  # a sample's point, joints and stamp
         self._shift = 0.0  # of the samples' clock
         self._heard = 0.0
         self._twist: Array | None = None
-        self._pace: Pace | None = None
+        self._driven = False  # whether the path whose shape is kept drives
         self._override = 1.0
         self._closed = False
         self._why = "nothing to follow yet"
@@ -157,7 +163,7 @@ class Follower:
 
         Args:
             points: (n, 4, 4) poses in the base frame, (n, m) joint positions, or a function of time [s] that returns
-                one pose or one position.
+                one pose or one position. Where the shape is kept: poses, two or more.
             stamps: (n,) when each is wanted [s], increasing, by the clock of `step`'s `now`; of a function, none. Where
                 the shape is kept they may be left out: the joints then go as fast as their limits let them.
             at: when to go over [s]; None is now.
@@ -168,22 +174,27 @@ class Follower:
         """
         self._open("points")
         when = self._time if at is None else arrays.number(at, "at", "a time in seconds")
+        if self._keep == "shape":
+            whole = self._whole_path(points, stamps, at)
+            self._forget()
+            self._halt()
+            self._whole = whole
+            if self.paused:
+                whole.pause()
+            return
         if callable(points):
-            if stamps is not None or self._keep == "shape":
-                raise BadInput("points", "a function of time", 'no stamps, and keep="time"')
+            if stamps is not None:
+                raise BadInput("stamps", "stamps for a function", "none: it is a function of time")
             sampled(points, np.array((when,)), self._m)
             self._forget()
             self._function, self._looked = points, when - AHEAD
             return
         given = Given(points, self._m, "points")
-        if stamps is None and self._keep == "time":
-            raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
         if stamps is None:
-            times = np.full(len(given), nan)
-        else:
-            times = arrays.vector(stamps, len(given), "stamps").copy()
-            if not (np.diff(times) > 0.0).all():
-                raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
+            raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
+        times = arrays.vector(stamps, len(given), "stamps").copy()
+        if not (np.diff(times) > 0.0).all():
+            raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
         self._forget()
         self._next = given, times, when
 
@@ -199,6 +210,8 @@ class Follower:
             BadInput: neither a pose nor joint positions, NaN; the follower is as it was.
         """
         self._open("point")
+        if self._keep == "shape":
+            raise BadInput("point", "a stream where the shape is kept", 'keep="time", or a whole path by follow()')
         given = Given([getattr(point, "homogeneous", point)], self._m, "point")
         when = None if stamp is None else arrays.number(stamp, "stamp", "a time in seconds")
         if self._next is not None or self._function is not None or self._twist is not None:
@@ -219,6 +232,22 @@ class Follower:
         self._forget()
         self._twist, self._heard = wanted, self._time
 
+    def prepare(self, q: ArrayLike) -> None:
+        """Look along a path whose shape is kept, from joint positions (m,) near its start: as `PathFollower.prepare`.
+
+        Raises:
+            BadInput: no such path, NaN, a wrong shape, or positions that cannot be true.
+        """
+        self._kept_shape("prepare").prepare(q)
+
+    def reverse(self) -> None:
+        """Drive a path whose shape is kept in the other direction, after coming to rest.
+
+        Raises:
+            BadInput: no such path.
+        """
+        self._kept_shape("reverse").reverse()
+
     def close(self) -> None:
         """No more comes: where all of it is driven, the arm is "done"."""
         self._closed = True
@@ -226,10 +255,14 @@ class Follower:
     def pause(self) -> None:
         """Come to rest, and stay."""
         self.paused = True
+        if self._whole is not None:
+            self._whole.pause()
 
     def resume(self) -> None:
         """Go on after a pause: with what is due then or, where the shape is kept, where it was."""
         self.paused = False
+        if self._whole is not None:
+            self._whole.resume()
 
     # A tick
 
@@ -258,6 +291,8 @@ class Follower:
         share = arrays.not_negative(override, "override", "a share of the speed, 0 to 1")
         if share > 1.0:
             raise BadInput("override", f"{share:g}", "a share of the speed, 0 to 1")
+        if self._whole is not None and self._at_rest:
+            return self._along(self._whole, measured, moving, clock, share)
         wrong = loop.wrong(measured)
         if wrong:
             self._reference = None
@@ -265,7 +300,7 @@ class Follower:
             return FollowerSolution(np.zeros(self._m), Status.HELD, wrong, nan, nan, lambda: nan)
         reference = self._begin(measured, moving, clock)
         self._take_in(reference, share)
-        if self._late and self._twist is None and self._pace is None:
+        if self._late and self._twist is None:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE)
         v = self._wanted(reference)
         a = (v - self._v) / dt
@@ -290,6 +325,37 @@ class Follower:
         """(3, m) position, velocity and acceleration of the motion through the ends of the last three ticks."""
         return np.vstack((self._q, self._v + 0.5 * self.controller.dt * self._a, self._a))
 
+    @property
+    def _at_rest(self) -> bool:
+        """Whether the joints stand, or a path whose shape is kept has taken over."""
+        return self._driven or not self._v.any()
+
+    def _whole_path(self, points: Any, stamps: ArrayLike | None, at: float | None) -> PathFollower:
+        """A follower of a path whose shape is kept."""
+        if callable(points) or at is not None:
+            raise BadInput("points", 'a function, or `at`, with keep="shape"', "poses (n, 4, 4)", "Or PathFollower.")
+        rate = None if stamps is None else self._rate
+        return PathFollower(self.controller, points, times=stamps, rate=rate, **self._whole_options)
+
+    def _kept_shape(self, name: str) -> PathFollower:
+        if self._whole is None:
+            raise BadInput(name, "no path whose shape is kept", 'follow(poses) with keep="shape"')
+        return self._whole
+
+    def _along(
+        self, whole: PathFollower, measured: Array, moving: Array | None, clock: float | None, override: float
+    ) -> FollowerSolution:
+        """A tick along a path whose shape is kept."""
+        dt = self.controller.dt
+        self._driven = True
+        answer = whole.step(measured, moving, override)
+        self._time = (self._time if clock is None else clock) + dt
+        self._q, self._a, self._v = measured + dt * answer.velocity, np.zeros(self._m), answer.velocity.copy()
+        status, reason = answer.status, answer.reason
+        if status is Status.SLOWED:
+            status, reason = Status.LATE, reason or answer.ruling
+        return FollowerSolution(answer.velocity, status, reason, answer.place, answer.lag or 0.0, lambda: answer.across)
+
     def _motion(self, reference: Reference) -> Array:
         """(3, m) the same, as exactly as it is known."""
         return self._state if self._late else reference.at(np.array((self._time,)))[0, :3]
@@ -302,16 +368,20 @@ class Follower:
         """What was to come is replaced."""
         self._next = self._function = None
         self._samples.clear()
-        if self._twist is not None:
-            self._reference_from_twist()
+        if self._twist is not None or self._whole is not None:
+            self._halt()
 
-    def _reference_from_twist(self) -> None:
-        """From a twist on: what is followed is a stop."""
-        self._twist = None
-        if self._reference is not None:
+    def _halt(self) -> None:
+        """What is followed is a stop from the motion that the arm has now."""
+        self._twist = self._whole = None
+        if self._reference is not None or self._driven:
             self._reference = Reference(self._limits, self._q, self._time)
-            self._reference.source = stopping(self._state, self._time, self._limits)
+            self._late = not self._reference.splice(
+                stopping(self._state, self._time, self._limits), self._time, self._state, 0.0
+            )
         self._source = self._given = self._newest = None
+        self._driven = False
+        self._sent.clear()
 
     def _begin(self, measured: Array, moving: Array | None, clock: float | None) -> Reference:
         """The reference at the beginning of a tick, made anew where the arm is not where it was sent."""
@@ -332,24 +402,16 @@ class Follower:
         self._sent.clear()
         self._sent.append(measured)
         self._reference = new = Reference(self._limits, self._q, self._time)
-        self._pace = None if self._pace is None else self._pace.stopped()
         new.source = stopping(self._state, self._time, self._limits)
         if self._source is not None:  # a path that was left is gone back to
-            self._late = not new.splice(self._source, self._place, new.at(np.array((self._time,)))[0, :3], EASE)
+            self._late = not new.splice(self._source, self._time, new.at(np.array((self._time,)))[0, :3], EASE)
         return new
-
-    @property
-    def _place(self) -> float:
-        """Where in the source's own time the arm is."""
-        return self._time if self._pace is None else self._pace.place
 
     def _leap_to(self, clock: float, reference: Reference) -> None:
         """The clock says another time than the ticks."""
         state = self._state
         self._heard += clock - self._time
         self._time = clock
-        if self._pace is not None:
-            return
         source = reference.source
         if isinstance(source, Stop):
             source = stopping(state, clock, self._limits)
@@ -361,11 +423,11 @@ class Follower:
         if self._next is not None and now >= self._next[2]:
             given, stamps, _ = self._next
             self._next = None
-            self._take_points(reference, given, stamps, smooth=True)
+            self._take_points(given, stamps, smooth=True)
         elif self._function is not None and now >= self._looked + 0.5 * AHEAD:
             stamps = np.arange(now - 3.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
-            self._take_points(reference, sampled(self._function, stamps, self._m), stamps, smooth=False)
+            self._take_points(sampled(self._function, stamps, self._m), stamps, smooth=False)
         if self._samples:
             self._take_samples(reference)
         quiet = now - self._heard
@@ -378,9 +440,6 @@ class Follower:
 
     def _choose(self, reference: Reference, override: float) -> None:
         """Go over to what is to be followed now: the source, a slower one, or a stop."""
-        if self._pace is not None:
-            self._override = override
-            return
         now, source = self._time, self._source
         stands = isinstance(reference.source, Stop)
         if source is None or override == 0.0:
@@ -400,11 +459,8 @@ class Follower:
         now = self._time
         self._late = not reference.splice(source, now, self._motion(reference), ease)
 
-    def _take_points(self, reference: Reference, given: Given, stamps: Array, *, smooth: bool) -> None:
+    def _take_points(self, given: Given, stamps: Array, *, smooth: bool) -> None:
         """Points with stamps, from now on."""
-        if self._keep == "shape":
-            self._take_path(reference, given, stamps)
-            return
         now = self._time
         if stamps[-1] <= now:
             self._why = "the points were over when they came"
@@ -421,26 +477,9 @@ class Follower:
         self._given, self._missed, self._newest = (given, stamps), missed, None
         self._source = Points(stamps, self._inside(joints), self._limits)
 
-    def _take_path(self, reference: Reference, given: Given, stamps: Array) -> None:
-        """Points of a shape that is kept, from its first on."""
-        joints, missed = self._solver.points(given, self._q, np.arange(len(given), dtype=np.float64))
-        far = np.flatnonzero(missed > self._tolerance)
-        if len(far) and self._blocked == "stop":
-            n = int(far[0])
-            self._why = f"point {n} is out of reach, by {missed[n]:.3g}"
-            given, stamps, joints, missed = (x[:n] for x in (given, stamps, joints, missed))
-            if not n:
-                return
-        self._pace, self._given, self._missed = paced(
-            reference, self._pace, self._place, self._time, stamps, joints, self._limits
-        ), (given, stamps), missed
-        self._source = reference.source
-
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
         now = self._time
-        if self._keep == "shape":
-            raise BadInput("point", "a stream where the shape is kept", "follow(points)")
         while self._samples:
             given, stamp = self._samples.popleft()
             when = now if stamp is None else stamp + self._shift
@@ -481,12 +520,7 @@ class Follower:
         """(m,) the joint velocity that is wanted in this tick."""
         dt = self.controller.dt
         if self._twist is not None:
-            return self._twists.velocity(self._q, self._v, self._a, self._twist, self._limits)
-        if self._pace is not None:
-            self._pace = self._pace.after(
-                reference, self._limits, self._time, self.rate * self._override, self.catch_up
-            )
-            return (reference.position(self._pace.place) - self._q) / dt
+            return self._twists.velocity(self._q, self._v, self._twist, self._limits)
         if self._late:
             there = reference.at(np.array((self._time + dt,)))[0]
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
@@ -519,41 +553,41 @@ class Follower:
     # What is told
 
     def _reported(self, reference: Reference, command: Array) -> FollowerSolution:
-        still = bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(self._limits.velocity), self._limits.velocity, 1.0)).all())
-        source, place, late = self._source, self._place, 0.0
+        """The solution of a tick."""
+        place, late = self._time, 0.0
         if isinstance(reference.source, Slowed):
             place = reference.source.place(self._time)
             late = self._time - place
-        elif isinstance(source, Window):
-            late = source.late
+        elif isinstance(self._source, Window):
+            late = self._source.late
             place -= late
-        elif self._pace is not None:
-            late = self._pace.late(self._time)
-            place = self._pace.stamp
-        status, reason = Status.MOVING, ""
-        missed = self._missed_at(place)
-        over = source is not None and self._place >= source.end if self._pace is None else self._pace.arrived
-        if self.paused:
-            status, reason = (Status.PAUSED if still else Status.MOVING), "paused"
-        elif self._twist is not None:
-            status = Status.MOVING if self._twist.any() or not still else Status.WAITING
-            reason = "" if self._twist.any() else self._why
-        elif source is None:
-            status, reason = (Status.WAITING, self._why)
-        elif over and still:
-            status, reason = Status.DONE, ""
-            if missed > self._tolerance:
-                status, reason = Status.BLOCKED, f"the arm is {missed:.3g} off the end, which it cannot reach"
-        elif missed > self._tolerance:
-            status, reason = Status.LEFT, f"out of reach, by {missed:.3g}"
-        elif self._late:
-            status, reason = Status.LATE, "the joints' limits"
-        elif self._pace is not None and late > SKEW:
-            status, reason = Status.LATE, "joint limits"
-        if self._closed and status is Status.WAITING and still and not self._samples:
-            status, reason = Status.DONE, ""
         q = self._q
-        return FollowerSolution(command, status, reason, place, late, lambda: self._across(q, place))
+        return FollowerSolution(command, *self._status(place), place, late, lambda: self._across(q, place))
+
+    def _status(self, place: float) -> tuple[Status, str]:
+        """What is told of a tick at a place, and why."""
+        limit = self._limits.velocity
+        still = bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
+        if self.paused:
+            return (Status.PAUSED if still else Status.MOVING), "paused"
+        if self._twist is None and self._source is not None:
+            return self._on_the_way(place, still=still)
+        if self._twist is not None and (self._twist.any() or not still):
+            return Status.MOVING, "" if self._twist.any() else self._why
+        if still and self._closed and not self._samples and self._next is None:
+            return Status.DONE, ""
+        return Status.WAITING, self._why
+
+    def _on_the_way(self, place: float, *, still: bool) -> tuple[Status, str]:
+        """The same while points or samples are followed."""
+        missed = self._missed_at(place)
+        if self._source is not None and self._time >= self._source.end and still:
+            if missed > self._tolerance:
+                return Status.BLOCKED, f"the end is out of reach, by {missed:.3g}"
+            return Status.DONE, ""
+        if missed > self._tolerance:
+            return Status.LEFT, f"out of reach, by {missed:.3g}"
+        return (Status.LATE, "the joints' limits") if self._late else (Status.MOVING, "")
 
     def _missed_at(self, place: float) -> float:
         """By how much the points at a place are out of reach."""

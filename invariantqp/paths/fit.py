@@ -14,7 +14,7 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.asked import way_to
 from invariantqp.control.controller import Controller
@@ -39,6 +39,8 @@ PROGRESS = 0.9
 OUTSIDE_SHARE = 0.4
 # The share of the way to a pose out of reach that is gone in a step: all of it would chatter.
 CALM = 0.5
+# Steps of the way to a pose that leaps.
+WALK = 8
 # Tries from elsewhere for each pose, at most.
 TRIES = 3
 
@@ -72,7 +74,7 @@ class Given:
     def __len__(self) -> int:
         return len(self.joints) if self.poses is None and self.joints is not None else len(np.asarray(self.poses))
 
-    def chosen(self, which: Array) -> Given:
+    def chosen(self, which: NDArray[np.bool_]) -> Given:
         """Those alone that are chosen."""
         new = Given.__new__(Given)
         new.poses = None if self.poses is None else self.poses[which]
@@ -115,7 +117,7 @@ class Solver:
         close = bool((np.abs(found.q - near) <= self._loop.robot.velocity_limit * step).all())
         if missed <= self._tolerance and (close or self._stalled is None):
             self._stalled = None
-            return found.q, 0.0
+            return (found.q if close else self._walked(target, near, found.q)), 0.0
         if step == inf:
             return found.q, missed
         q = self._nearer(target, near, step)
@@ -146,6 +148,17 @@ class Solver:
             answer.append(q)
             missed.append(off)
         return np.clip(np.array(answer), self._lower, self._upper), np.array(missed)
+
+    def _walked(self, target: Array, near: Array, found: Array) -> Array:
+        """(m,) joint positions for a pose that leaps, found on a straight way there: `found` where that is nearer."""
+        T = np.asarray(self._loop.robot.pose(near))
+        way, q = se3.displacement(T, target), near
+        for k in range(1, WALK + 1):
+            solution = self._search.solve(se3.exp(k / WALK * way, check=False).dot(T), q)
+            q = solution.q
+        if self._missed(solution) > self._tolerance or np.abs(found - near).max() <= np.abs(q - near).max():
+            return found
+        return np.asarray(q)
 
     def _elsewhere(self, target: Array, near: Array) -> Array | None:
         """(m,) joint positions of another branch that reach a pose, or None."""

@@ -165,13 +165,12 @@ class Points:
 def smoothed(stamps: Array, positions: Array, cutoff: float) -> Array:
     """(n, m) positions at stamps (n,) without what is faster than a frequency [Hz], and without delay.
 
-        argmin sum |y - positions|^2 h + lambda int |y''|^2,     lambda = (2 pi cutoff)^-4,  h the mean interval
+    argmin sum |y - positions|^2 + lambda sum |y''|^2,     lambda = (2 pi cutoff)^-4
     """
     n = len(stamps)
     if n < 3 or cutoff == inf:
         return positions
     gaps = np.diff(stamps)
-    h = float(gaps.mean())
     near, far = gaps[:-1], gaps[1:]
     scale = 2.0 / (near + far)
     D = np.array((scale / near, -scale * (1.0 / near + 1.0 / far), scale / far))  # second differences, (3, n - 2)
@@ -183,7 +182,6 @@ def smoothed(stamps: Array, positions: Array, cutoff: float) -> Array:
     bands[1, 1 : n - 1] += strength * D[0] * D[1]
     bands[1, 2:n] += strength * D[1] * D[2]
     bands[0, 2:n] += strength * D[0] * D[2]
-    del h
     return np.asarray(solveh_banded(bands, positions))
 
 

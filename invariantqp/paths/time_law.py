@@ -44,7 +44,8 @@ class JointLimits(NamedTuple):
         d = wanted - velocity
         J, h = self.jerk, 0.5 * self.jerk * self.dt
         # In ticks: what an acceleration a that falls by J dt a tick still adds is a^2 / 2 J - a dt / 2.
-        most = np.minimum(np.sqrt(h * h + 2.0 * J * np.abs(d)) - h, self.acceleration)
+        twice = 2.0 * J * np.abs(d)
+        most = np.minimum(twice / (np.sqrt(h * h + twice) + h), self.acceleration)
         return np.asarray(np.clip(d / self.dt, -most, most))
 
     def catching_up(self, position: Array, velocity: Array, there: Array) -> Array:
@@ -66,14 +67,14 @@ class JointLimits(NamedTuple):
         low, high = np.maximum(-A, acceleration - J * dt), np.minimum(A, acceleration + J * dt)
         low, high = np.minimum(low, A), np.maximum(high, -A)
         chosen = np.minimum(np.maximum(wanted, low), high)
-        up = self._most(self.upper - q, velocity, low, high, chosen)
-        down = -self._most(q - self.lower, -velocity, -high, -low, -chosen)
+        up = self._most(self.upper - q, velocity, low, chosen)
+        down = -self._most(q - self.lower, -velocity, -high, -chosen)
         return np.asarray(np.where(up < chosen, up, np.where(down > chosen, down, chosen)))
 
-    def _most(self, room: Array, velocity: Array, low: Array, high: Array, wanted: Array) -> Array:
+    def _most(self, room: Array, velocity: Array, low: Array, wanted: Array) -> Array:
         """(m,) the largest acceleration, up to the wanted one, after which a joint still stops in its room upward."""
-        A, J, dt, V = self.acceleration, self.jerk, self.dt, self.velocity
-        left = V - velocity
+        J, dt = self.jerk, self.dt
+        left = self.velocity - velocity
         # v + dt a + a^2 / 2 J <= V; where braking has to begin at once, a falls as fast as it may.
         fastest = np.where(left > 0.0, np.sqrt(J * J * dt * dt + 2.0 * J * np.maximum(left, 0.0)) - J * dt, left / dt)
         a = np.maximum(np.minimum(wanted, fastest), low)
@@ -96,7 +97,7 @@ class JointLimits(NamedTuple):
         p = np.minimum(p, A)
         t = np.maximum((a + p) / J, 0.0)
         v1 = v + a * t - 0.5 * J * t * t
-        hold = np.where(full, np.maximum(v1 - p * p / (2.0 * J), 0.0) / p, 0.0)
+        hold = np.where(full, np.maximum(v1 - p * p / (2.0 * J), 0.0) / np.where(full, p, 1.0), 0.0)
         way = v * t + 0.5 * a * t * t - J * t**3 / 6.0 + v1 * hold - 0.5 * p * hold * hold + p**3 / (6.0 * J * J)
         # Braking harder than the stop needs: it ends while the acceleration still rises.
         over = (a < 0.0) & (v > 0.0) & (J * v <= 0.5 * a * a)

@@ -1,6 +1,6 @@
 """A twist of the tool as joint velocities that change inside the joints' acceleration and jerk limits.
 
-    x = law(J, s, box),     a = min(A / |d|, sqrt(2 J / |d|)) d,   d = x - v
+    x = law(J, s, box),     dv/dt = min(A / |d|, sqrt(2 J / |d|)) d,   d = x - v
 
 All joints change together, along d: the direction of what is done goes straight from one twist to the next.
 """
@@ -26,25 +26,15 @@ class TwistLaw:
         speed = controller.robot.velocity_limit
         self._fastest = np.where(np.isfinite(speed), speed, 1.0)
 
-    def velocity(self, q: Array, v: Array, a: Array, twist: Array, limits: JointLimits) -> Array:
-        """(m,) for the next tick, at q, v and a (m,) now, on the way to what a twist (6,) asks for."""
+    def velocity(self, q: Array, v: Array, twist: Array, limits: JointLimits) -> Array:
+        """(m,) for the next tick, at q and v (m,) now, on the way to what a twist (6,) asks for."""
         x = self._asked(q, v, twist) if twist.any() else np.zeros(len(q))
-        J, A, dt = limits.jerk, limits.acceleration, limits.dt
-        d = x - v
-        size = np.abs(d)
-        if not size.any():
+        d, a = x - v, limits.towards(v, x)
+        away = d != 0.0
+        if not away.any():
             return x
-        with np.errstate(divide="ignore"):
-            # In ticks: what a falling by J dt a tick still adds to v is a^2 / 2 J - a dt / 2.
-            most = np.sqrt(0.25 * J * J * dt * dt + 2.0 * J * size) - 0.5 * J * dt
-            share = float(np.where(size > 0.0, np.minimum(most, A) / size, np.inf).min())
-        a = min(share, 1.0 / dt) * d
-        small = (size <= J * dt * dt).all() and (np.abs(d / dt - self._zero(a)) <= np.inf).all()
-        return x if small else v + dt * a
-
-    @staticmethod
-    def _zero(a: Array) -> Array:
-        return np.zeros_like(a)
+        share = float((a[away] / d[away]).min())
+        return x if share * limits.dt >= 1.0 else v + limits.dt * share * d
 
     def _asked(self, q: Array, v: Array, twist: Array) -> Array:
         """(m,) what the law makes of a twist, inside the limits of position and speed."""
@@ -61,7 +51,5 @@ class TwistLaw:
             cone = loop.tool_speed.cone(sighting.J, robot.points(sighting, target, point)[0])
         lower, upper = loop.box.at(q)
         pull, fastest = loop.posture_pull(q), self._fastest
-        demand = Demand(
-            sighting.J, twist, root, lower, upper, exact, pull, rows, cone, loop.row_rank, fastest=fastest
-        )
+        demand = Demand(sighting.J, twist, root, lower, upper, exact, pull, rows, cone, loop.row_rank, fastest=fastest)
         return solve(loop.law, demand).velocity
