@@ -45,8 +45,8 @@ AHEAD, SAMPLING = 1.0, 0.02
 LEAP = 1.01
 # Stamps this far [s] from the follower's clock are of another clock.
 ANOTHER_CLOCK = 1.0
-# Samples that wait for a tick at most: the newest.
-MOST_WAITING = 256
+# Samples that are taken in a tick at most: the newest. Points that are planned through at once.
+MOST_WAITING, MOST_POINTS = 8, 96
 # Points so far behind the arm, times 1 / cutoff, are kept for smoothing.
 BEHIND = 1.0
 # An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
@@ -297,7 +297,9 @@ class Follower:
         if wrong:
             self._reference = None
             self._time = self._time + dt if clock is None else clock + dt
-            return FollowerSolution(np.zeros(self._m), Status.HELD, wrong, nan, nan, lambda: nan)
+            # Wherever the joints may be, at rest as soon as their accelerations allow.
+            self._v = np.sign(self._v) * np.maximum(np.abs(self._v) - dt * self._limits.acceleration, 0.0)
+            return FollowerSolution(self._v.copy(), Status.HELD, wrong, nan, nan, lambda: nan)
         reference = self._begin(measured, moving, clock)
         self._take_in(reference, share)
         if self._late and self._twist is None:
@@ -469,6 +471,10 @@ class Follower:
             return  # newer points came before these
         kept = stamps > now - (BEHIND / self.cutoff if smooth else AHEAD)
         kept[-min(3, len(kept)) :] = True
+        if kept.sum() > MOST_POINTS:  # the rest when half of these are driven
+            first = int(kept.argmax())
+            self._next = given, stamps, float(stamps[first + MOST_POINTS // 2])
+            kept[first + MOST_POINTS :] = False
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(self._source, Points) else self._source.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)

@@ -25,8 +25,8 @@ SPLICE_SHARE, STOP_SHARE = 0.9, 0.97
 PLACES, DURATIONS, LONGEST = 21, 6, 0.6
 # Stops looked at: the shortest in ticks, for a jerk that lasts less than three is none; the longest [s].
 SHORTEST_STOP, LONGEST_STOP, STOPS = 4.0, 12.0, 64
-# The window over a hand's samples reaches this far to each side, times one over the cutoff: 70 ms at 4 Hz.
-WINDOW = 0.28
+# The window over a hand's samples reaches this far to each side, times one over the cutoff: 65 ms at 4 Hz.
+WINDOW = 0.26
 # Samples that a window keeps at most, and the share of its width nearer than which two are one.
 MOST_SAMPLES, SAMPLE_SHARE = 64, 1.0 / 48.0
 # Samples this far apart, as a share of the window's half, say which way a hand goes; nearer ones hardly do.

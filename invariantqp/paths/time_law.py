@@ -52,8 +52,8 @@ class JointLimits(NamedTuple):
         """(m,) accelerations that bring joints soonest to a motion: its position and velocity (2+, m)."""
         A, J = CATCH_UP_SHARE * self.acceleration, self.jerk
         x = there[0] - position
-        # The way to stop from w is w^2 / 2 A + w A / 2 J.
-        lag = 0.5 * A * A / J
+        # The way to stop from w is w^2 / 2 A and, at w for 2 A / J, the time in which braking begins and ends.
+        lag = 2.0 * A * A / J
         w = np.minimum(np.sqrt(lag * lag + 2.0 * A * np.abs(x)) - lag, CALM_SHARE / self.dt * np.abs(x))
         fastest = CATCH_UP_SPEED * self.velocity
         return self.towards(velocity, np.clip(there[1] + np.copysign(w, x), -fastest, fastest))
