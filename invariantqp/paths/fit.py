@@ -67,7 +67,7 @@ class Given:
         if found.ndim == 3 and found.shape[1:] == (4, 4) and len(found):
             self.poses = np.array([arrays.pose(T, f"{name}[{i}]") for i, T in enumerate(found)])
         elif found.ndim == 2 and found.shape[1] == m and len(found):
-            self.joints = found.copy()
+            self.joints = arrays.matrix(found, (None, m), name).copy()
         else:
             raise BadInput(name, excerpt(points), f"poses (n, 4, 4), or joint positions (n, {m})")
 

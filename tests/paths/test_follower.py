@@ -245,7 +245,7 @@ def test_a_push_is_come_back_from():
     for i in range(2250):
         if i == 700:
             q = q + 0.4
-            Q = []
+            Q = [q]
         q = q + arm.dt * follower.step(q).velocity
         Q.append(q)
     arm.held(Q)
@@ -339,8 +339,9 @@ def test_a_shape_gives_way_to_another_from_the_motion_it_has():
     poses = np.array([home @ iq.transform(translation=[0.0, 0.01 * k, 0.0]) for k in range(12)])
     follower, q, Q = iq.Follower(arm.controller(), keep="shape"), arm.start, [arm.start]
     follower.follow(poses)
+    follower.prepare(arm.start)
     for i in range(4000):
-        if i == 400:
+        if i == 60:
             assert np.abs(Q[-1] - Q[-2]).max() > 0.01 * arm.dt
             follower.follow([home @ iq.transform(translation=[0.01 * k, 0.0, 0.0]) for k in range(8)])
         answer = follower.step(q)
