@@ -1,11 +1,11 @@
 """One driver for what comes in over time: a policy's action chunks, a hand, a conveyor.
 
-1. An SO-101 by chunks as LeRobot's policies send them: (50, 6) joint positions in degrees at 30 Hz, the last one the
-   gripper, 150 to 350 ms late, disagreeing with one another, one in eight lost.
+1. An SO-101 by chunks as LeRobot's policies send them: (50, 6) joint positions in degrees at 30 Hz, the last one
+   the gripper, 150 to 350 ms late, disagreeing with one another, one in eight lost.
 2. A UR5 by a hand's poses at 60 Hz, with noise, a gap, and a clutch that closes elsewhere.
 3. A Panda above a conveyor: a pose on a moving frame, as a function of time.
 
-What is printed: the largest share of a joint limit (speed, acceleration, jerk) in any tick, and how far the tool is off.
+What is printed: the largest share of a limit (speed, acceleration, jerk) in any tick, and how far the tool is off.
 
 Run: python examples/29_streams.py
 """

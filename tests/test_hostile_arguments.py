@@ -18,7 +18,8 @@ PROTOCOLS = "Backend Controls Damping Exact Form PinkLimit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
     "a result: the library makes it": "Border Centre ContactFrameCheck ContactTrace DualProjectors Existence "
-    "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
+    "FollowerSolution FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar "
+    "HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
     "SensorCheck Sighting StationaryPoint Status Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",

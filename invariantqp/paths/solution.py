@@ -39,7 +39,5 @@ class FollowerSolution:
         return self._across
 
     def __repr__(self) -> str:
-        return (
-            f"FollowerSolution(velocity={self.velocity!r}, status={str(self.status)!r}, reason={self.reason!r}, "
-            f"place={self.place!r}, late={self.late!r})"
-        )
+        names = "velocity", "status", "reason", "place", "late"
+        return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"

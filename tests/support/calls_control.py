@@ -69,6 +69,12 @@ def stream():
     return iq.control.StreamedPath(iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0))
 
 
+def shape_follower():
+    made = iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0), keep="shape")
+    made.follow([chain().pose(Q), chain().pose(np.array(Q) + 0.1)])
+    return made
+
+
 def any_follower():
     return iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0))
 
@@ -222,6 +228,7 @@ CONTROL = {
     "Follower.follow": lambda: (any_follower().follow, {"points": [Q, Q], "stamps": [0.0, 1.0], "at": 0.0}),
     "Follower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
     "Follower.twist": lambda: (any_follower().twist, {"v": TWIST}),
+    "Follower.prepare": lambda: (shape_follower().prepare, {"q": Q}),
     "Follower.step": lambda: (any_follower().step, {"q": Q, "velocity": Q, "now": 0.0, "override": 1.0}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
