@@ -32,7 +32,7 @@ from invariantqp.velocity.solution import Status
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s].
 RISE = 0.02
 # A splice takes no less than this [s], where no limit asks for more; one that a single sample makes, no less than that.
-EASE, EASE_SAMPLE = 0.25, 0.1
+EASE, EASE_SAMPLE = 0.3, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
 # Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
@@ -427,7 +427,7 @@ class Follower:
             self._next = None
             self._take_points(given, stamps, smooth=True)
         elif self._function is not None and now >= self._looked + 0.5 * AHEAD:
-            stamps = np.arange(now - 3.0 * SAMPLING, now + AHEAD, SAMPLING)
+            stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
             self._take_points(sampled(self._function, stamps, self._m), stamps, smooth=False)
         if self._samples:

@@ -90,7 +90,7 @@ def test_a_sample_comes_in_with_weight_zero(rate):
             assert np.abs(after[0] - before[0]).max() < 1e-9
             assert np.abs(after[2] - before[2]).max() < 0.05  # of about 1: differences reach two ticks ahead
             truth = np.sin(stamp + late - window.late)
-            assert np.abs(after[0] - truth).max() < 2e-3
+            assert np.abs(after[0] - truth).max() < 3e-3  # three of the noise's standard deviations
 
 
 def test_a_stop_of_nothing_stands():
