@@ -1,7 +1,8 @@
 """A ROS 2 node that drives an arm by twists or poses from a joystick, a headset or a policy; without ROS, a rehearsal.
 
 In: joint states, geometry_msgs/TwistStamped, geometry_msgs/PoseStamped, both in the robot's base frame. Out: joint
-velocities for a velocity controller. Commands that stop coming stop the arm, and so do joint states.
+velocities for a velocity controller. Commands that stop coming stop the arm, inside
+the joints' limits, and so do joint states.
 
 Run: python examples/18_servo_ros.py [robot, panda]
 """
@@ -15,7 +16,7 @@ import invariantqp as iq
 DT = 0.002  # [s]
 NAME = sys.argv[1] if len(sys.argv) > 1 else "panda"
 robot = iq.load_robot(NAME)
-servo = iq.control.Servo(iq.Controller(robot, dt=DT, acceleration_limit=8.0), acceleration=1.0, jerk=20.0, timeout=0.1)
+follower = iq.Follower(iq.Controller(robot, dt=DT, acceleration_limit=8.0), jerk=200.0, timeout=0.1)
 
 
 def twist_of(linear, angular):
@@ -42,7 +43,7 @@ def node():
     class ServoNode(Node):
         def __init__(self):
             super().__init__("invariantqp_servo")
-            self.q, self.command, self.missed = None, None, 0
+            self.q, self.missed = None, 0
             self.out = self.create_publisher(Float64MultiArray, "joint_velocity_controller/commands", 1)
             self.create_subscription(JointState, "joint_states", self.measured, 1)
             self.create_subscription(TwistStamped, "servo/twist", self.twisted, 1)
@@ -56,11 +57,11 @@ def node():
 
         def twisted(self, message):
             v, w = message.twist.linear, message.twist.angular
-            self.command = twist_of((v.x, v.y, v.z), (w.x, w.y, w.z))
+            follower.twist(twist_of((v.x, v.y, v.z), (w.x, w.y, w.z)))
 
         def posed(self, message):
             p, o = message.pose.position, message.pose.orientation
-            self.command = pose_of((p.x, p.y, p.z), (o.x, o.y, o.z, o.w))
+            follower.add(pose_of((p.x, p.y, p.z), (o.x, o.y, o.z, o.w)))
 
         def tick(self):
             q, self.q, self.missed = self.q, None, self.missed + 1
@@ -68,9 +69,9 @@ def node():
                 if self.missed > 10:
                     self.out.publish(Float64MultiArray(data=[0.0] * len(robot.names)))
                 return
-            command, self.command, self.missed = self.command, None, 0
-            solution = servo.step(q, command)
-            if solution.status not in ("ok", "held"):
+            self.missed = 0
+            solution = follower.step(q)
+            if solution.status in ("left", "held"):
                 self.get_logger().warning(solution.reason, throttle_duration_sec=1.0)
             self.out.publish(Float64MultiArray(data=solution.velocity.tolist()))
 
@@ -83,8 +84,9 @@ def rehearsal():
     q = 0.5 * (robot.position_lower + robot.position_upper) + 0.1
     start, told = robot.pose(q)[:3, 3], []
     for k in range(500):
-        command = twist_of((0.0, 0.1, 0.0), (0.0, 0.0, 0.0)) if k < 250 and k % 10 == 0 else None
-        solution = servo.step(q, command)
+        if k < 250 and k % 10 == 0:
+            follower.twist(twist_of((0.0, 0.1, 0.0), (0.0, 0.0, 0.0)))
+        solution = follower.step(q)
         q = q + DT * solution.velocity
         told.append(solution.reason.split(" for ")[0] or solution.status)
     moved = 1e3 * (robot.pose(q)[:3, 3] - start)

@@ -43,6 +43,7 @@ with lazily(__name__, moved=MOVED):
     from invariantqp import lerobot as lerobot
     from invariantqp import limits as limits
     from invariantqp import mink as mink
+    from invariantqp import paths as paths
     from invariantqp import pictures as pictures
     from invariantqp import pink as pink
     from invariantqp import pose as pose
@@ -74,6 +75,7 @@ with lazily(__name__, moved=MOVED):
     from invariantqp.geometry.se3 import inverse as inverse
     from invariantqp.geometry.se3 import log as log
     from invariantqp.geometry.se3 import transform as transform
+    from invariantqp.paths.driver import Follower as Follower
     from invariantqp.pose.batch import solve_poses as solve_poses
     from invariantqp.pose.ik import solve_pose as solve_pose
     from invariantqp.robots.load import load_robot as load_robot

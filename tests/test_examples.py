@@ -31,7 +31,7 @@ SAYS = {
     "25_pink_scripts": "ours settles later in 0, and is then farther off in 0",
     "16_frame_race": "a start moved by 1e-12 parts them",
     "17_teleoperation": "ours: 0 steps above the limit",
-    "18_servo_ros": "ok, no command",
+    "18_servo_ros": "moving, no twist",
     "19_force_servo": "told: approaching, ok",
     "22_contact_scenes": "bar of 100 mm",
     "26_late_operator": "the tool's velocity jumps by",
@@ -41,6 +41,7 @@ SAYS = {
     "24_gallery": "tasks and",
     "27_rail_and_two_arms": "m of the 2 m, the arm does the rest",
     "28_batches": "tight batches.velocities, numpy",
+    "29_streams": "conveyor: on the part after",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")

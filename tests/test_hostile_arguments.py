@@ -18,7 +18,7 @@ PROTOCOLS = "Backend Controls Damping Exact Form Limit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
     "a result: the library makes it": "Border Candidate Centre Identification "
-    "ContactFrameCheck ContactTrace DualProjectors Existence "
+    "ContactFrameCheck ContactTrace DualProjectors Existence FollowerSolution "
     "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "

@@ -18,8 +18,8 @@ NAMESPACES = {space: names for space, names in PUBLIC.items() if space}
 MOVED = vars(iq)["_MOVED"]
 # Scripts are written against these.
 TOP = {
-    "a script": "load_robot Controller PathFollower solve_velocity solve_velocities solve_pose solve_poses load_task "
-    "run_task",
+    "a script": "load_robot Controller Follower PathFollower solve_velocity solve_velocities solve_pose solve_poses "
+    "load_task run_task",
     "arguments": "Bounds ExactRows Guard PitchForm CarriedMetric Complement tool_metric",
     "force": "HybridController HybridTask Wrench WrenchSensor point_contact dual_projectors",
     "frames": "adjoint coadjoint exp log inverse transform revolute",

@@ -15,6 +15,5 @@ with lazily(__name__):
     from invariantqp.control.passivity import LinkTick as LinkTick
     from invariantqp.control.path_follower import PathFollower as PathFollower
     from invariantqp.control.path_solution import PathSolution as PathSolution
-    from invariantqp.control.servo import Servo as Servo
     from invariantqp.control.shared import SharedTask as SharedTask
     from invariantqp.control.streamed_path import StreamedPath as StreamedPath

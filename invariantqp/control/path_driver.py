@@ -11,7 +11,7 @@ where it was and looks along the path again from there, with the joints as they 
 from __future__ import annotations
 
 from copy import deepcopy
-from math import inf
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,7 @@ class PathDriver(Pausable):
         self._pace = Pace.of(controller.dt, rate, acceleration, jerk)
         self._overrides = self._pace.overrides(1.0)  # for which the plan is
         self._stops = stops
+        self._few = len(controller.robot.names) < 6 and not controller.exact
         self._tolerance = AT_PLACE * controller.measure.length
         if tolerance is not None:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
@@ -130,6 +131,29 @@ class PathDriver(Pausable):
         Raises:
             BadInput: NaN, wrong shapes, an override out of its range; the follower is as it was.
         """
+        answer = self._tick(q, velocity, override)
+        return self._whole(answer, q) if self._few else answer
+
+    def _whole(self, answer: PathSolution, q: ArrayLike) -> PathSolution:
+        """The solution with the tool's whole distance from its path, for an arm of fewer than six joints.
+
+        What its joints cannot do is not asked of it in a tick, and counts all the same.
+        """
+        path = self._path
+        if path is None or not np.isfinite(answer.across):
+            return answer
+        controller, dt = self.controller, self.controller.dt
+        target = path.pose(answer.place - dt * answer.speed)
+        sighting = controller.robot.sight(np.asarray(q, dtype=np.float64), controller.robot.target(target))
+        off = controller.measure.root_for(sighting.J, sighting.pose).dot(sighting.error)
+        across = sqrt(float(off.dot(off)))
+        if answer.status is not Status.DONE or across <= self._tolerance:
+            return answer._replace(across=across)
+        reason = f'it is out of reach, by {across:.3g} (exact="position" would turn the tool instead)'
+        return answer._replace(across=across, status=Status.BLOCKED, reasons=reason)
+
+    def _tick(self, q: ArrayLike, velocity: ArrayLike | None, override: float) -> PathSolution:
+        """The tick; how far the tool is off counts in what is asked of the arm."""
         course = self._course or self._made_course()
         found = course and compiled_drive(course, q, velocity, override, self._paused, self._wants_back)
         if found is not None:

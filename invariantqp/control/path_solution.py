@@ -34,7 +34,8 @@ class PathSolution(Explained, _Solution):
         ruling: the limit that rules the speed, in words; "settling" where all of the path is driven and the joints come
             to rest.
         lag: how late the tool is [s]; None where no rate is asked for.
-        across: how far the tool is off the path, in the measure [length]; inf where joint positions cannot be true.
+        across: how far the tool is off the path, in the measure [length]; with exact demands, in what they ask for; inf
+            where joint positions cannot be true.
         velocity_solution: the velocity law's answer.
     """
 

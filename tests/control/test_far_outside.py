@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp import control
 
 PANDA = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 DEGREES = np.degrees(PANDA)
@@ -97,16 +96,23 @@ def test_a_path_waits_and_goes_on(robot, loop):
     assert told.status is iq.Status.DONE
 
 
-def test_a_servo_forgets_its_speed(robot, loop):
-    servo = control.Servo(loop(), acceleration=1.0, jerk=50.0)
+def test_a_follower_forgets_its_speed(robot, loop):
+    follower = iq.Follower(loop(acceleration_limit=10.0), jerk=200.0)
     twist, q = np.array([0.0, 0.0, 0.0, 0.0, 0.1, 0.0]), PANDA
     for _ in range(30):
-        q = q + DT * servo.step(q, twist).velocity
-    assert servo.twist.any()
-    assert not servo.step(np.degrees(q), twist).velocity.any()
-    assert servo.step(np.degrees(q), twist).status == "held"
-    assert not servo.twist.any()
-    assert servo.step(q, twist).status in ("ok", "limited")
+        follower.twist(twist)
+        told = follower.step(q)
+        q = q + DT * told.velocity
+    assert told.velocity.any()
+    slower = np.maximum(np.abs(told.velocity) - 10.0 * DT, 0.0)
+    told = follower.step(np.degrees(q))
+    assert (told.status, told.reason) == ("held", told.reason)
+    assert "are these degrees?" in told.reason
+    np.testing.assert_allclose(np.abs(told.velocity), slower, atol=1e-12)
+    for _ in range(50):
+        assert follower.step(np.degrees(q)).status == "held"
+    assert not follower.step(np.degrees(q)).velocity.any()
+    assert follower.step(q).status in ("moving", "waiting")
 
 
 def test_a_pressing_tool_stands_still(robot):

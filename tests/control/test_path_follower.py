@@ -520,9 +520,17 @@ def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
     loop = iq.Controller(arm, dt=0.005, exact=exact, acceleration_limit=10.0)
     follower = iq.PathFollower(loop, pose)
     follower.prepare(q)
-    solutions, _, x = drive(follower, q)
-    assert solutions[-1].status == "done"
-    assert max(s.across for s in solutions) < MM
+    solutions, positions, x = drive(follower, q)
+    final = positions[-2]
+    if exact is None:  # a pose is asked for, and told to be missed
+        root = loop.measure.root_for(arm.jacobian(final), arm.pose(final))
+        off = root @ iq.log(pose(1.0) @ np.linalg.inv(arm.pose(final)))
+        assert solutions[-1].status == "blocked"
+        assert solutions[-1].across == pytest.approx(np.linalg.norm(off), rel=1e-3)
+        assert solutions[-1].across > MM
+    else:
+        assert solutions[-1].status == "done"
+        assert max(s.across for s in solutions) < MM
     assert np.abs(np.diff(x, axis=0, prepend=0.0 * x[:1])).max() <= 0.005 * 10.0 * (1.0 + 1e-9)
     grid = np.linspace(0.0, follower.plan.end, 101)
     limits = [

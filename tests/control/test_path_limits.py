@@ -244,7 +244,10 @@ def test_a_path_shorter_than_the_tool_is_off_it_ends(seed):
 
     follower = iq.PathFollower(iq.Controller(robot, dt=0.002), pose, blocked="leave")
     follower.prepare(q)
-    assert drive(follower, q + 1e-3 * np.array([1.0, -1.0, 1.0]), 1.0)[0][-1].status == "done"
+    assert drive(follower, q + 1e-3 * np.array([1.0, -1.0, 1.0]), 1.0)[0][-1].status in (
+        "done",
+        "blocked",
+    )  # three joints cannot be at every pose
 
 
 def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():

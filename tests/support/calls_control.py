@@ -86,8 +86,14 @@ def stream():
     return iq.control.StreamedPath(iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0))
 
 
-def servo():
-    return iq.control.Servo(controller(), acceleration=1.0, jerk=10.0)
+def shape_follower():
+    made = iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0), keep="shape")
+    made.follow([chain().pose(Q), chain().pose(np.array(Q) + 0.1)])
+    return made
+
+
+def any_follower():
+    return iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0))
 
 
 def loop_options():
@@ -261,11 +267,24 @@ CONTROL = {
     "PathFollower.prepare": lambda: (follower().prepare, {"q": Q}),
     "PathFollower.step": lambda: (follower().step, {"q": Q, "velocity": Q, "override": 1.0}),
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),
-    "Servo": lambda: (
-        iq.control.Servo,
-        {"controller": controller(), "acceleration": 1.0, "jerk": 10.0, "timeout": 0.1},
+    "Follower": lambda: (
+        iq.Follower,
+        {
+            "loop": iq.Controller(chain(), dt=0.01, acceleration_limit=8.0),
+            "keep": "time",
+            "rate": 1.0,
+            "jerk": 400.0,
+            "cutoff": 4.0,
+            "timeout": 0.1,
+            "blocked": "stop",
+            "tolerance": 1e-4,
+        },
     ),
-    "Servo.step": lambda: (servo().step, {"q": Q, "command": TWIST, "velocity": Q}),
+    "Follower.follow": lambda: (any_follower().follow, {"points": [Q, Q], "stamps": [0.0, 1.0], "at": 0.0}),
+    "Follower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
+    "Follower.twist": lambda: (any_follower().twist, {"v": TWIST}),
+    "Follower.prepare": lambda: (shape_follower().prepare, {"q": Q}),
+    "Follower.step": lambda: (any_follower().step, {"q": Q, "velocity": Q, "now": 0.0, "override": 1.0}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),

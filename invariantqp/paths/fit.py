@@ -1,0 +1,202 @@
+"""From what a caller gives, poses or joint positions, to joint positions near where the arm is.
+
+    poses (n, 4, 4)      solved one from the other, beginning with the arm's own joints: one branch, no leap
+    joints (n, m)        as they are, inside the position limits
+
+Where a pose is out of reach its joints are the closest downhill; `Solver` counts for how long, and looks for another
+branch where that lasts although the pose can be reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from invariantqp.control.asked import way_to
+from invariantqp.control.controller import Controller
+from invariantqp.control.demands import View, rows_of
+from invariantqp.control.tracking import tracking_twist
+from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.pose.ik import PoseSearch
+from invariantqp.robots.kinematics import Robot
+from invariantqp.velocity.law import Demand
+from invariantqp.velocity.solve import solve
+
+# A pose missed by more than this, relative to the arm's length and in radians, is not reached.
+REACHED = 1e-4
+# A pose that is missed for this long [s] is tried from other joint positions, so far away [rad, length], in turn.
+PATIENCE = 0.2
+ELSEWHERE = (0.3, 0.6, 1.0, 1.5, 2.2)
+# A pose is not stalled before while the way to it falls below this share of what it was.
+PROGRESS = 0.9
+# Out of reach joints go no faster than this share of their limits: accelerations have to follow.
+OUTSIDE_SHARE = 0.4
+# The share of the way to a pose out of reach that is gone in a step: all of it would chatter.
+CALM = 0.5
+# Steps of the way to a pose that leaps.
+WALK = 8
+# Tries from elsewhere for each pose, at most.
+TRIES = 3
+
+
+class Given:
+    """What a caller gave: points of one kind, with stamps.
+
+    Attributes:
+        poses: (n, 4, 4), or None.
+        joints: (n, m), or None.
+    """
+
+    def __init__(self, points: Any, m: int, name: str) -> None:
+        """Checked.
+
+        Raises:
+            BadInput: neither poses nor joint positions.
+        """
+        self.poses: Array | None = None
+        self.joints: Array | None = None
+        if isinstance(points, (list, tuple)):
+            points = [getattr(p, "homogeneous", p) for p in points]
+        found = arrays.array(points, name, f"poses (n, 4, 4), or joint positions (n, {m})")
+        if found.ndim == 3 and found.shape[1:] == (4, 4) and len(found):
+            self.poses = np.array([arrays.pose(T, f"{name}[{i}]") for i, T in enumerate(found)])
+        elif found.ndim == 2 and found.shape[1] == m and len(found):
+            self.joints = arrays.matrix(found, (None, m), name).copy()
+        else:
+            raise BadInput(name, excerpt(points), f"poses (n, 4, 4), or joint positions (n, {m})")
+
+    def __len__(self) -> int:
+        return len(self.joints) if self.poses is None and self.joints is not None else len(np.asarray(self.poses))
+
+    def chosen(self, which: NDArray[np.bool_]) -> Given:
+        """Those alone that are chosen."""
+        new = Given.__new__(Given)
+        new.poses = None if self.poses is None else self.poses[which]
+        new.joints = None if self.joints is None else self.joints[which]
+        return new
+
+    def pose_at(self, time: float, stamps: Array, robot: Robot) -> Array:
+        """(4, 4) the pose asked for at a time, between points with stamps (n,)."""
+        i = int(np.clip(np.searchsorted(stamps, time) - 1, 0, max(len(stamps) - 2, 0)))
+        j = min(i + 1, len(stamps) - 1)
+        share = float(np.clip((time - stamps[i]) / (stamps[j] - stamps[i]), 0.0, 1.0)) if j > i else 0.0
+        if self.poses is None:
+            joints = np.asarray(self.joints)
+            return np.asarray(robot.pose((1.0 - share) * joints[i] + share * joints[j]))
+        way = se3.displacement(self.poses[i], self.poses[j])
+        between: Array = se3.exp(share * way, check=False).dot(self.poses[i])
+        return between
+
+
+class Solver:
+    """Joint positions for points, each near the one before."""
+
+    def __init__(self, controller: Controller, tolerance: float) -> None:
+        """For a loop's arm and what it meets exactly; a pose missed by more than `tolerance` is not reached."""
+        self._loop = controller
+        self._lower, self._upper = controller.box.position_lower, controller.box.position_upper
+        self._tolerance = tolerance
+        self._search = PoseSearch(controller.robot, exact=controller.exact or None, restarts=0, time_limit=inf)
+        self._random = np.random.default_rng(0)
+        self._stalled: tuple[float, float] | None = None  # since when a pose is missed, and by how much then
+        self._tried = 0
+
+    def pose(self, target: Array, near: Array, time: float, step: float) -> tuple[Array, float]:
+        """(m,) joint positions for a pose that is wanted at a time [s], and by how much it is missed [length].
+
+        Near (m,) is where the joints are `step` [s] before; inf is as long as they need.
+        """
+        found = self._search.solve(target, near)
+        missed = self._missed(found)
+        close = bool((np.abs(found.q - near) <= self._loop.robot.velocity_limit * step).all())
+        if missed <= self._tolerance and (close or self._stalled is None):
+            self._stalled = None
+            return (found.q if close else self._walked(target, near, found.q)), 0.0
+        if step == inf:
+            return found.q, missed
+        q = self._nearer(target, near, step)
+        missed = self._off(target, q)
+        if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:
+            self._stalled = time, missed
+            self._tried = 0
+        elif time - self._stalled[0] >= PATIENCE * (1 + self._tried // len(ELSEWHERE)):
+            other = self._elsewhere(target, near)
+            if other is not None:
+                self._stalled = None
+                return other, 0.0
+        return q, missed
+
+    def points(self, given: Given, near: Array, times: Array, before: float | None = None) -> tuple[Array, Array]:
+        """(n, m) joint positions for points wanted at times (n,), and (n,) by how much each is missed.
+
+        The joints are near (m,) at the time `before`; None is any time before.
+        """
+        if given.poses is None:
+            joints = np.asarray(given.joints)
+            inside = np.clip(joints, self._lower, self._upper)
+            return inside, np.abs(joints - inside).max(axis=1)
+        answer, missed, q = [], [], near
+        for T, t in zip(given.poses, times.tolist(), strict=True):
+            q, off = self.pose(T, q, t, inf if before is None else t - before)
+            before = t
+            answer.append(q)
+            missed.append(off)
+        return np.clip(np.array(answer), self._lower, self._upper), np.array(missed)
+
+    def _walked(self, target: Array, near: Array, found: Array) -> Array:
+        """(m,) joint positions for a pose that leaps, found on a straight way there: `found` where that is nearer."""
+        T = np.asarray(self._loop.robot.pose(near))
+        way, q = se3.displacement(T, target), near
+        for k in range(1, WALK + 1):
+            solution = self._search.solve(se3.exp(k / WALK * way, check=False).dot(T), q)
+            q = solution.q
+        if self._missed(solution) > self._tolerance or np.abs(found - near).max() <= np.abs(q - near).max():
+            return found
+        return np.asarray(q)
+
+    def _elsewhere(self, target: Array, near: Array) -> Array | None:
+        """(m,) joint positions of another branch that reach a pose, or None."""
+        for _ in range(TRIES):
+            start = near + ELSEWHERE[self._tried % len(ELSEWHERE)] * self._random.uniform(-1.0, 1.0, len(near))
+            self._tried += 1
+            other = self._search.solve(target, np.clip(start, self._lower, self._upper))
+            if self._missed(other) <= self._tolerance:
+                return np.asarray(other.q)
+        return None
+
+    def _nearer(self, target: Array, q: Array, step: float) -> Array:
+        """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""
+        loop = self._loop
+        robot = loop.robot
+        sighting = robot.sight(q, robot.target(target))
+        root = loop.measure.root_for(sighting.J, sighting.pose)
+        view = View(robot, sighting, robot.target(target), CALM / step, np.zeros(6))
+        exact = rows_of(loop.exact, view) if loop.exact else None
+        speed = OUTSIDE_SHARE * loop.robot.velocity_limit
+        lower = np.maximum(np.minimum((self._lower - q) / step, 0.0), -speed)
+        upper = np.minimum(np.maximum((self._upper - q) / step, 0.0), speed)
+        twist = tracking_twist(sighting.error, CALM / step)
+        demand = Demand(sighting.J, twist, root, lower, upper, exact, None, row_rank=loop.row_rank)
+        return np.asarray(q + step * solve(loop.law, demand).velocity)
+
+    def _off(self, target: Array, q: Array) -> float:
+        """How far the tool at q (m,) is off what is asked of a pose, in the measure."""
+        return way_to(self._loop, q, self._loop.robot.target(target)).off
+
+    def _missed(self, found: Any) -> float:
+        """How far a solution is from what is asked of the pose [length]; a turn counts as in the loop's measure."""
+        if found.success:  # what is exact is met, and nothing else is asked
+            return 0.0
+        return float(np.hypot(found.position_error, self._loop.measure.length * found.orientation_error))
+
+
+def sampled(function: Callable[[float], ArrayLike], times: Array, m: int) -> Given:
+    """A function of time at times (n,)."""
+    points = [getattr(p, "homogeneous", p) for p in map(function, times.tolist())]
+    return Given(points, m, "points")

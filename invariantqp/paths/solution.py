@@ -1,0 +1,43 @@
+"""The result of a tick of a follower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.solution import Status
+
+
+class FollowerSolution:
+    """A joint velocity of a tick, and where in what is followed the arm is.
+
+    Attributes:
+        velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
+        status: "moving", "late", "waiting", "blocked", "left", "paused", "done" or "held": see `Status`.
+        reason: why, in words, "" where there is nothing to report.
+        place: the stamp that the joints are at when the tick is over [s].
+        late: how long after its stamp that is [s].
+    """
+
+    __slots__ = ("_across", "late", "place", "reason", "status", "velocity")
+
+    def __init__(
+        self, velocity: Array, status: Status, reason: str, place: float, late: float, across: Callable[[], float]
+    ) -> None:
+        """As the attributes say; `across` is computed when it is read."""
+        self.velocity, self.status, self.reason, self.place, self.late = velocity, status, reason, place, late
+        self._across: Callable[[], float] | float = across
+
+    @property
+    def across(self) -> float:
+        """How far the tool is off what was asked for at `place`, all six parts of it counted in the measure [length].
+
+        Smoothing, a splice that is not over and what the joints cannot do are all in it. NaN where nothing is followed.
+        """
+        if callable(self._across):
+            self._across = float(self._across())
+        return self._across
+
+    def __repr__(self) -> str:
+        names = "velocity", "status", "reason", "place", "late"
+        return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"

@@ -1,0 +1,406 @@
+"""One driver for chunks, hands, twists: limits in every tick whatever comes, and at rest when nothing does."""
+
+import copy
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.streams import ARMS, Arm, chunks, driven
+
+import invariantqp as iq
+from invariantqp.paths import fit
+
+
+def hand(arm, rng, T, f=60.0, noise=1.0, lag=0.02):
+    """Events of a hand that moves as a motion of the arm does, and that motion."""
+    truth, events = arm.motion(rng), []
+    for stamp in np.arange(0.0, T, 1.0 / f):
+        pose = arm.robot.pose(truth(stamp))
+        pose[:3, 3] += noise * 2e-4 * rng.normal(size=3)
+        pose = pose @ iq.exp(np.append(noise * 1e-3 * rng.normal(size=3), np.zeros(3)))
+        events.append((stamp + lag, lambda f, pose=pose, stamp=stamp: f.add(pose, stamp)))
+    return events, truth
+
+
+def rests(Q, arm, after):
+    """When the joints stand for good, from the time `after` on."""
+    still = (np.diff(Q, axis=0) == 0.0).all(axis=1)
+    moving = np.flatnonzero(~still)
+    assert still[-100:].all()
+    return (moving[-1] + 1) * arm.dt - after
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("poses", [True, False])
+@pytest.mark.parametrize("seed", range(1))
+def test_chunks_keep_every_limit_and_end_at_rest(name, poses, seed):
+    arm, rng = Arm(name), np.random.default_rng([seed, poses])
+    sent = chunks(arm, rng, 1.5, poses=poses)
+    events = [(t, lambda f, p=p, s=s: f.follow(p, s)) for t, p, s in sent]
+    end = max(s[-1] for _, _, s in sent)
+    Q, answers = driven(arm, arm.follower(), events, end + 1.5)
+    arm.held(Q)
+    assert rests(Q, arm, end) < 0.7
+    assert answers[-1].status in ("done", "blocked")
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("seed", range(1))
+def test_broken_streams_keep_every_limit(name, seed):
+    arm, rng = Arm(name), np.random.default_rng(seed)
+    truth, events = arm.motion(rng), []
+    for t in np.sort(rng.uniform(0.0, 2.5, 160)):
+        pose = arm.robot.pose(truth(t))
+        if rng.random() < 0.1:
+            pose[:3, 3] += rng.normal(size=3) * rng.choice([0.02, 0.3, 3.0])
+        stamp = t + rng.choice([0.0, -0.02, -0.5, 0.3, 40.0, -1e6], p=[0.7, 0.1, 0.05, 0.05, 0.05, 0.05])
+        events.append((t, lambda f, pose=pose, stamp=stamp: f.add(pose, stamp)))
+    Q, answers = driven(arm, arm.follower(), events, 3.5)
+    arm.held(Q)
+    assert rests(Q, arm, 2.5) < 0.1 + 0.7
+    assert answers[-1].status == "waiting"
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_a_noisy_hand_is_followed_as_late_as_a_clean_one(name):
+    arm, off, told = Arm(name), [], []
+    for noise in (0.0, 1.0):
+        events, truth = hand(arm, np.random.default_rng(5), 4.0, noise=noise)
+        Q, answers = driven(arm, arm.follower(), events, 4.0)
+        arm.held(Q)
+        late = answers[-1].late
+        told.append(late)
+        ticks = range(750, len(Q) - 1, 10)
+        off.append(
+            max(
+                np.linalg.norm(arm.robot.pose(Q[i])[:3, 3] - arm.robot.pose(truth(i * arm.dt - late))[:3, 3])
+                for i in ticks
+            )
+        )
+    assert off[0] < 1e-3
+    assert off[1] < 2e-3
+    assert abs(told[0] - told[1]) < 0.02
+    assert told[0] < 0.02 + 0.08  # transport and the window
+
+
+def test_points_without_noise_are_met_when_their_stamps_say():
+    arm = Arm("panda")
+    truth = arm.motion(np.random.default_rng(2))
+    stamps = np.arange(0.0, 3.0, 0.05)
+    follower = arm.follower(cutoff=np.inf)
+    follower.follow([truth(t) for t in stamps], stamps)
+    Q, answers = driven(arm, follower, [], 2.9)
+    arm.held(Q)
+    for i in range(300, 1400, 50):
+        assert np.abs(Q[i] - truth(i * arm.dt)).max() < 1e-4
+        assert answers[i].late == 0.0
+        assert answers[i].across < 1e-3
+
+
+def test_a_function_of_time_is_followed():
+    arm = Arm("ur5")
+    truth = arm.motion(np.random.default_rng(3))
+    follower = arm.follower()
+    follower.follow(lambda t: arm.robot.pose(truth(t)))
+    Q, _ = driven(arm, follower, [], 4.0)
+    arm.held(Q)
+    for i in range(300, 2000, 100):
+        error = arm.robot.pose(Q[i]) - arm.robot.pose(truth(i * arm.dt))
+        assert np.abs(error).max() < 1e-5
+
+
+def test_chunks_in_the_wrong_order_change_nothing():
+    arm, rng = Arm("ur5"), np.random.default_rng(4)
+    truth = arm.motion(rng)
+
+    def chunk(first):
+        stamps = first + np.arange(20) * 0.05
+        return np.array([truth(t) for t in stamps]) + 0.02 * rng.normal(size=6), stamps
+
+    old, new = chunk(0.0), chunk(0.3)
+    events = [(0.4, lambda f: f.follow(*new))]
+    Q, _ = driven(arm, arm.follower(), events, 2.0)
+    again, _ = driven(arm, arm.follower(), [*events, (0.5, lambda f: f.follow(*old))], 2.0)
+    assert (again == Q).all()
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_twists_are_done_and_end_at_rest(name):
+    arm = Arm(name)
+    wanted = np.array([0.1, 0.0, 0.2, 0.05, -0.05, 0.08])
+    events = [(t, lambda f: f.twist(wanted)) for t in np.arange(0.0, 1.0, 0.02)]
+    Q, answers = driven(arm, arm.follower(), events, 2.5)
+    arm.held(Q)
+    done = arm.robot.jacobian(Q[400]) @ answers[400].velocity
+    if not arm.exact:
+        assert np.abs(done - wanted).max() < 1e-3
+    assert rests(Q, arm, 0.98) < 0.1 + 0.6
+    assert answers[-1].status == "waiting"
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_pause_comes_to_rest_and_resume_goes_on_with_what_is_due(name):
+    arm = Arm(name)
+    truth = arm.motion(np.random.default_rng(6), size=0.6)
+    stamps = np.arange(0.0, 5.0, 0.05)
+    follower = arm.follower()
+    follower.follow([truth(t) for t in stamps], stamps)
+    Q, answers = driven(arm, follower, [(1.5, lambda f: f.pause()), (3.0, lambda f: f.resume())], 4.8)
+    arm.held(Q)
+    paused = np.diff(Q[:1500], axis=0)
+    assert (paused[round((1.5 + 0.7) / arm.dt) :] == 0.0).all()
+    assert answers[1490].status == "paused"
+    assert np.abs(Q[2300] - truth(4.6)).max() < 2e-3
+
+
+def test_an_override_slows_down_and_time_is_caught_up_after_it():
+    arm = Arm("ur5")
+    truth = arm.motion(np.random.default_rng(7))
+    stamps = np.arange(0.0, 5.0, 0.05)
+    follower = arm.follower()
+    follower.follow([truth(t) for t in stamps], stamps)
+    q, Q = arm.start, [arm.start]
+    for i in range(2250):
+        answer = follower.step(q, override=0.4 if 500 <= i < 1000 else 1.0)
+        q = q + arm.dt * answer.velocity
+        Q.append(q)
+        if i == 990:
+            assert answer.late == pytest.approx(0.6 * (990 - 500 + 1) * arm.dt, abs=1e-9)
+            assert np.abs(q - truth(answer.place)).max() < 3e-3
+    arm.held(Q)
+    assert np.abs(q - truth(2250 * arm.dt)).max() < 3e-3
+
+
+@pytest.mark.parametrize(("name", "seed"), [("panda", 0), ("ur5", 1)])
+def test_out_of_reach_and_back_it_is_never_stuck(name, seed):
+    arm, rng = Arm(name), np.random.default_rng([seed, 9])
+    home = arm.robot.pose(arm.start)
+    away = rng.normal(size=3)
+    away *= np.sign(away @ home[:3, 3]) * 1.0 / np.linalg.norm(away)
+    turn = rng.normal(size=3) * 0.2
+    events = []
+    for stamp in np.arange(0.0, 4.5, 1 / 60):
+        s = np.interp(stamp, [0.0, 1.0, 1.5, 2.5], [0.0, 1.0, 1.0, 0.0])
+        pose = home @ iq.exp(np.append(s * turn, np.zeros(3)))
+        pose[:3, 3] = home[:3, 3] + s * s * (3.0 - 2.0 * s) * away
+        events.append((stamp, lambda f, pose=pose, stamp=stamp: f.add(pose, stamp)))
+    Q, answers = driven(arm, arm.follower(), events, 4.5)
+    arm.held(Q)
+    assert "left" in {a.status for a in answers}
+    assert np.linalg.norm((arm.robot.pose(Q[-1]) - home)[:3, 3]) < 1e-3
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_five_joints_are_told_how_far_off_the_tool_is(exact):
+    arm = Arm("so101")
+    if not exact:
+        arm.exact = None
+    home = arm.robot.pose(arm.start)
+    turned = home @ iq.exp([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) @ iq.exp([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])
+    follower = arm.follower()
+    follower.follow([home, turned], [0.5, 2.0])
+    Q, answers = driven(arm, follower, [], 4.0)
+    error = iq.log(turned @ np.linalg.inv(arm.robot.pose(Q[-1])))
+    measure = follower.controller.measure
+    root = measure.root_for(arm.robot.jacobian(Q[-1]), arm.robot.pose(Q[-1]))
+    assert answers[-1].across == pytest.approx(np.linalg.norm(root @ error), rel=1e-6)
+    assert answers[-1].across > 1e-3
+    assert answers[-1].status == ("done" if exact else "blocked")
+
+
+def test_the_work_of_a_tick_is_bounded_whatever_comes(monkeypatch):
+    arm = Arm("ur5")
+    truth = arm.motion(np.random.default_rng(8))
+    solved = []
+    monkeypatch.setattr(
+        fit.PoseSearch, "solve", lambda self, *a, _=fit.PoseSearch.solve, **k: (solved.append(1), _(self, *a, **k))[1]
+    )
+    follower, q = arm.follower(), arm.start
+    stamps = np.arange(5000) * 0.01
+    poses = np.array([arm.robot.pose(truth(t)) for t in stamps])
+    most = 0
+    for i in range(150):
+        for k in range(40):
+            follower.add(poses[min(i * 40 + k, 4999)], i * arm.dt + k * arm.dt / 50)
+        solved.clear()
+        q = q + arm.dt * follower.step(q, now=i * arm.dt).velocity
+        most = max(most, len(solved))
+    assert most <= 8 * 12  # eight samples, each with a walk to it at most
+    follower.follow(poses, stamps)
+    most = 0
+    for i in range(150, 550):
+        solved.clear()
+        q = q + arm.dt * follower.step(q, now=i * arm.dt).velocity
+        most = max(most, len(solved))
+    assert 0 < most <= 96 * 12
+
+
+def test_a_push_is_come_back_from():
+    arm = Arm("ur5")
+    truth = arm.motion(np.random.default_rng(10))
+    stamps = np.arange(0.0, 5.0, 0.05)
+    follower = arm.follower()
+    follower.follow([truth(t) for t in stamps], stamps)
+    q, Q = arm.start, []
+    for i in range(2250):
+        if i == 700:
+            q = q + 0.4
+            Q = [q]
+        q = q + arm.dt * follower.step(q).velocity
+        Q.append(q)
+    arm.held(Q)
+    assert np.abs(q - truth(2250 * arm.dt)).max() < 3e-3
+
+
+def test_a_late_arm_gets_the_same_commands():
+    plain, late = Arm("ur5"), Arm("ur5", delay=0.02)
+    truth = plain.motion(np.random.default_rng(11))
+    stamps = np.arange(0.0, 3.0, 0.05)
+    points = [truth(t) for t in stamps]
+    follower = plain.follower()
+    follower.follow(points, stamps)
+    Q, answers = driven(plain, follower, [], 2.0)
+    other = late.follower()
+    other.follow(points, stamps)
+    for i, answer in enumerate(answers):
+        assert np.abs(other.step(Q[max(i - 10, 0)]).velocity - answer.velocity).max() < 1e-9
+
+
+def test_a_tool_speed_holds():
+    arm = Arm("ur5", tool_speed=0.1)
+    truth = arm.motion(np.random.default_rng(12), size=1.0)
+    stamps = np.arange(0.0, 4.0, 0.05)
+    follower = arm.follower()
+    follower.follow([truth(t) for t in stamps], stamps)
+    Q, _ = driven(arm, follower, [], 4.0)
+    speed = [
+        np.linalg.norm(
+            (arm.robot.jacobian(a) @ (b - a))[3:]
+            + np.cross((arm.robot.jacobian(a) @ (b - a))[:3], arm.robot.pose(a)[:3, 3])
+        )
+        / arm.dt
+        for a, b in pairwise(Q)
+    ]
+    assert max(speed) <= 0.1 * (1 + 1e-9)
+    assert max(speed) > 0.099
+
+
+def test_two_arms_do_not_know_of_one_another():
+    arms = Arm("ur5"), Arm("panda")
+    events = [hand(arm, np.random.default_rng(13), 1.0)[0] for arm in arms]
+    alone = [driven(arm, arm.follower(), e, 1.2)[0] for arm, e in zip(arms, events, strict=True)]
+    followers, qs = [arm.follower() for arm in arms], [arm.start for arm in arms]
+    ks = [0, 0]
+    for i in range(600):
+        for n in (0, 1):
+            while ks[n] < len(events[n]) and events[n][ks[n]][0] <= i * 0.002:
+                events[n][ks[n]][1](followers[n])
+                ks[n] += 1
+            qs[n] = qs[n] + 0.002 * followers[n].step(qs[n], now=i * 0.002).velocity
+    for n in (0, 1):
+        assert (qs[n] == alone[n][-1]).all()
+
+
+def test_a_copy_is_a_follower_of_its_own():
+    arm = Arm("ur5")
+    truth = arm.motion(np.random.default_rng(14))
+    stamps = np.arange(0.0, 3.0, 0.05)
+    follower = arm.follower()
+    follower.follow([truth(t) for t in stamps], stamps)
+    Q, _ = driven(arm, follower, [], 0.5)
+    other = copy.copy(follower)
+    a, b = (driven(arm, f, [], 0.5, q=Q[-1])[0] for f in (follower, other))
+    assert (a == b).all()
+
+
+def test_a_shape_is_kept():
+    arm = Arm("panda")
+    truth = arm.motion(np.random.default_rng(15))
+    poses = np.array([arm.robot.pose(truth(t)) for t in np.linspace(0.0, 3.0, 60)])
+    follower = iq.Follower(arm.controller(), keep="shape")
+    follower.follow(poses)
+    follower.prepare(arm.start)
+    path = iq.PathFollower(arm.controller(), poses)
+    path.prepare(arm.start)
+    q = p = arm.start
+    for _ in range(3000):
+        answer, same = follower.step(q), path.step(p)
+        q, p = q + arm.dt * answer.velocity, p + arm.dt * same.velocity
+        assert (q == p).all()
+        if answer.status == "done":
+            break
+    assert answer.status == "done"
+    assert answer.across == same.across
+
+
+def test_a_shape_gives_way_to_another_from_the_motion_it_has():
+    arm = Arm("panda")
+    home = arm.robot.pose(arm.start)
+    poses = np.array([home @ iq.transform(translation=[0.0, 0.01 * k, 0.0]) for k in range(12)])
+    follower, q, Q = iq.Follower(arm.controller(), keep="shape"), arm.start, [arm.start]
+    follower.follow(poses)
+    follower.prepare(arm.start)
+    for i in range(4000):
+        if i == 60:
+            assert np.abs(Q[-1] - Q[-2]).max() > 0.01 * arm.dt
+            follower.follow([home @ iq.transform(translation=[0.01 * k, 0.0, 0.0]) for k in range(8)])
+        answer = follower.step(q)
+        q = q + arm.dt * answer.velocity
+        Q.append(q)
+        if answer.status == "done":
+            break
+    acceleration = np.diff(Q, 2, axis=0) / arm.dt**2
+    assert (np.abs(acceleration) <= 1.001 * arm.acceleration).all()
+    assert np.linalg.norm(arm.robot.pose(q)[:3, 3] - (home @ iq.transform(translation=[0.07, 0.0, 0.0]))[:3, 3]) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda f: f.follow(np.full((3, 6), np.nan), [0, 1, 2]), "points"),
+        (lambda f: f.follow(np.zeros((3, 6)), [0, 1, 1]), "stamps"),
+        (lambda f: f.follow(np.zeros((3, 6))), "stamps"),
+        (lambda f: f.follow(np.zeros((3, 5)), [0, 1, 2]), "points"),
+        (lambda f: f.follow("path", [0]), "points"),
+        (lambda f: f.follow(lambda t: "pose"), "points"),
+        (lambda f: f.add(np.full((4, 4), np.nan)), "point"),
+        (lambda f: f.add(np.eye(4), np.nan), "stamp"),
+        (lambda f: f.twist([0.0] * 5), "v"),
+        (lambda f: f.twist([np.nan] * 6), "v"),
+        (lambda f: f.step([0.0] * 6, now=np.inf), "now"),
+        (lambda f: f.step([np.nan] * 6), "q"),
+        (lambda f: f.step([0.0] * 6, override=2.0), "override"),
+        (lambda f: f.reverse(), "reverse"),
+        (lambda f: (f.close(), f.add(np.eye(4))), "point"),
+    ],
+)
+def test_what_is_wrong_is_refused_and_changes_nothing(call, argument):
+    arm = Arm("ur5")
+    truth = arm.motion(np.random.default_rng(16))
+    stamps = np.arange(0.0, 3.0, 0.05)
+    runs = []
+    for wrong in (False, True):
+        follower = arm.follower()
+        follower.follow([truth(t) for t in stamps], stamps)
+        Q, _ = driven(arm, follower, [], 0.5)
+        if wrong:
+            with pytest.raises(iq.BadInput) as refused:
+                call(follower)
+            assert refused.value.argument.startswith(argument)
+        runs.append(driven(arm, follower, [], 0.5, q=Q[-1])[0])
+    assert (runs[0] == runs[1]).all()
+
+
+def test_loops_it_cannot_drive_are_refused():
+    robot = iq.load_robot("ur5")
+    for loop, options, argument in [
+        (robot, {}, "loop"),
+        (iq.Controller(robot, dt=0.002), {}, "loop"),
+        (iq.Controller(robot, dt=0.002, acceleration_limit=8.0), {"jerk": [1.0, 2.0]}, "jerk"),
+        (iq.Controller(robot, dt=0.002, acceleration_limit=8.0), {"jerk": -1.0}, "jerk"),
+        (iq.Controller(robot, dt=0.002, acceleration_limit=8.0), {"keep": "shape", "jerk": 9.0}, "jerk"),
+        (iq.Controller(robot, dt=0.002, acceleration_limit=8.0), {"keep": "all"}, "keep"),
+    ]:
+        with pytest.raises(iq.BadInput) as refused:
+            iq.Follower(loop, **options)
+        assert refused.value.argument == argument

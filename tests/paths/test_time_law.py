@@ -1,0 +1,62 @@
+"""Joint limits in time: whatever is wanted, position, velocity, acceleration and jerk limits hold, for ever."""
+
+import numpy as np
+import pytest
+
+from invariantqp.paths.time_law import JointLimits
+
+
+def limits(rng, m=6, dt=0.002):
+    lower = -rng.uniform(0.2, 2.0, m)
+    V, A = rng.uniform(0.5, 4.0, m), rng.uniform(2.0, 40.0, m)
+    return JointLimits(lower, -lower, V, A, A / rng.uniform(0.01, 0.2, m), dt)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("kind", ["noise", "steps", "away"])
+def test_no_limit_is_ever_broken(seed, kind):
+    rng = np.random.default_rng([seed, len(kind)])
+    law = limits(rng, dt=float(rng.choice([0.001, 0.002, 0.008])))
+    m, dt = len(law.lower), law.dt
+    q, v, a = np.zeros(m), np.zeros(m), np.zeros(m)
+    wanted = np.zeros(m)
+    for i in range(4000):
+        if kind == "noise":
+            wanted = 5.0 * law.acceleration * rng.normal(size=m)
+        elif i % 300 == 0:
+            wanted = law.acceleration * (rng.choice([-2.0, 2.0], m) if kind == "steps" else 2.0)
+        new = law.within(q, v, a, wanted)
+        assert (np.abs(new) <= law.acceleration * (1 + 1e-9)).all()
+        assert (np.abs(new - a) <= law.jerk * dt * (1 + 1e-9)).all()
+        a, v = new, v + dt * new
+        q = q + dt * v
+        assert (np.abs(v) <= law.velocity * (1 + 1e-9)).all()
+        assert (q <= law.upper + 1e-9).all()
+        assert (q >= law.lower - 1e-9).all()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_inside_the_limits_is_done(seed):
+    rng = np.random.default_rng(seed)
+    law = limits(rng)
+    # A slow sine needs a hundredth of each limit.
+    size = 0.01 * np.minimum(law.upper, law.acceleration)
+    t = np.arange(3000) * law.dt
+    q = size * np.sin(t)[:, None] ** 4
+    v = np.diff(q, axis=0) / law.dt
+    a = np.diff(v, axis=0, prepend=0.0) / law.dt
+    for i in range(1, len(a)):
+        assert (law.within(q[i], v[i - 1], a[i - 1], a[i]) == a[i]).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_velocity_is_reached_and_not_passed(seed):
+    rng = np.random.default_rng(seed)
+    law = limits(rng)._replace(lower=np.full(6, -np.inf), upper=np.full(6, np.inf))
+    wanted = law.velocity * rng.uniform(-0.9, 0.9, 6)
+    v, a = np.zeros(6), np.zeros(6)
+    for _ in range(3000):
+        a = law.within(np.zeros(6), v, a, law.towards(v, wanted))
+        v = v + law.dt * a
+        assert (np.abs(v) <= np.abs(wanted) + 1e-9).all()
+    assert np.abs(v - wanted).max() < 1e-9
