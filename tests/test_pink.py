@@ -454,7 +454,7 @@ def test_a_self_collision_barrier_has_the_shapes_of_the_robots_urdf(arms):
     solution = iq.Controller(robot, dt=DT, limits=[barrier]).step(q, robot.pose(q))
     assert np.isfinite(solution.velocity).all()
     bare = iq.robots.Chain(robot.screws, robot.home, robot.names)
-    with pytest.raises(iq.BadInput, match="without collision geometry"):
+    with pytest.raises(iq.BadInput, match="SelfCollisionBarrier, which fails on this arm"):
         iq.Controller(bare, dt=DT, limits=[barrier])
 
 

@@ -12,7 +12,6 @@ from pydantic import Field, model_validator
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
-from invariantqp.robots.chain import Chain
 from invariantqp.robots.load import load_robot
 from invariantqp.runs.section import Direction, NotNegative, Number, Positive, Section, Vector3
 
@@ -138,7 +137,6 @@ class Around:
 def _arm(spec: ObstacleSpec, beside: Callable[[str], Any], make: Callable[..., OtherArm]) -> OtherArm:
     place = se3.transform(se3.rotation(np.array(spec.turn)), spec.at)
     robot = load_robot(beside(str(spec.source)), base=place)
-    assert isinstance(robot, Chain)
     return make(robot, name=spec.name or "other")
 
 

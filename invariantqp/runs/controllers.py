@@ -20,9 +20,7 @@ from invariantqp.velocity.limits import ToolSpeed
 MakeController = Callable[[Robot, LawSpec], Controls]
 
 
-def our_controller(
-    robot: Robot, law: LawSpec, limits: Sequence[Limit] = (), engine: Engine = "compiled"
-) -> Controller:
+def our_controller(robot: Robot, law: LawSpec, limits: Sequence[Limit] = (), engine: Engine = "compiled") -> Controller:
     """The velocity controller that a [law] describes, with more limits."""
     return Controller(robot, limits=limits, **law_options(robot, law), engine=engine)
 

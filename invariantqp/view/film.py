@@ -110,15 +110,14 @@ class Film:
 
     def _box(self) -> tuple[Array, Array]:
         touched, fixed = self.surroundings.faces.reshape(-1, 3), [part.vertices for part in self._fixed]
-        around = [_seen(solid) for solid in self.solids if solid.poses is not None]
+        around = [_seen(solid.faces, solid.poses) for solid in self.solids if solid.poses is not None]
         drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched, *fixed, *around))
         return drawn.min(axis=0), drawn.max(axis=0)
 
 
-def _seen(solid: Solid) -> Array:
+def _seen(faces: Array, poses: Array) -> Array:
     """(n, 3) corners of an obstacle at the beginning, in the middle and at the end of a film."""
-    assert solid.poses is not None
-    corners, some = solid.faces.reshape(-1, 3), solid.poses[[0, len(solid.poses) // 2, -1]]
+    corners, some = faces.reshape(-1, 3), poses[[0, len(poses) // 2, -1]]
     return np.vstack([corners.dot(T[:3, :3].T) + T[:3, 3] for T in some])
 
 

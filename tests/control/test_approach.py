@@ -47,7 +47,6 @@ def test_a_step_under_acceleration_limits_does_not_overshoot(dt, limit, way):
         assert re.search(r"limits allow 0\.\d+ of the approach's speed|of the twist is missed", s.reason)
 
 
-
 def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
     target = iq.exp([0.2, -0.1, 0.3, 0.1, -0.05, 0.1]) @ PANDA.pose(READY)
     dt, late = 0.002, 15
