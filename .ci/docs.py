@@ -20,11 +20,14 @@ import pdoc.doc
 from numpy.typing import ArrayLike
 
 import invariantqp as iq
+from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
+from invariantqp.velocity import reasons
 
 # What a newcomer looks for comes first on the page of public names.
 ORDER = (
-    *("robots", "control", "velocity", "batches", "force", "pose", "runs", "analysis", "pictures", "view"),
+    *("robots", "control", "velocity", "batches", "paths", "force", "identification", "pose", "runs", "analysis"),
+    *("pictures", "view"),
     *("geometry", "systems", "compare", "engine", "errors", "version"),
 )
 # Aliases that a signature would spell out, as signatures spell them out, and what they are called.
@@ -35,7 +38,7 @@ def resolve(module: ModuleType) -> None:
     """Let the annotations of a module's named tuples, which are names there, be read from anywhere."""
     for value in vars(module).values():
         if isinstance(value, type) and issubclass(value, tuple) and value.__module__ == module.__name__:
-            hints = typing.get_type_hints(value.__new__, {"Array": Array} | vars(module))
+            hints = typing.get_type_hints(value.__new__, {"Array": Array} | vars(core) | vars(reasons) | vars(module))
             value.__new__.__annotations__ = hints
             value.__annotations__ = {name: hints[name] for name in value._fields if name in hints}
 
