@@ -441,6 +441,21 @@ static void precise(const Quadratic *problem, const Polytope *limits, const int 
         z[j] += dot(n, problem->T[j], e);
 }
 
+/* Whether z is inside all limits but for rounding beside itself and them: far from z* rounding beside z* may be more. */
+static bool kept(const Polytope *limits, int n, const Row z)
+{
+    double size = norm(n, z);
+    for (int i = 0; i < limits->count; i++) {
+        double value = limits->box ? z[i] : dot(n, limits->A[i], z), length = limits->box ? 1.0 : norm(n, limits->A[i]);
+        double lower = limits->lower[i], upper = limits->upper[i];
+        double most = fmax(isfinite(lower) ? fabs(lower) : 0.0, isfinite(upper) ? fabs(upper) : 0.0);
+        double margin = FEASIBLE * (length * size + most);
+        if (!(value >= lower - margin && value <= upper + margin))
+            return false;
+    }
+    return true;
+}
+
 /* cone.py: the speed limit on e, and the largest multiplier tried. */
 static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
 {
@@ -518,7 +533,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
         found->met = found->met || y[k] != 0.0;
     }
     precise(problem, limits, of, side, &face, found->z);
-    return all_finite(n, found->z) ? DONE : HAND_BACK;
+    return kept(limits, n, found->z) ? DONE : HAND_BACK;
 }
 
 /* The same without a speed limit and without multipliers. */
@@ -534,7 +549,7 @@ Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Ro
         searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
     precise(problem, limits, of, side, &face, z);
-    return all_finite(problem->n, z) ? DONE : HAND_BACK;
+    return kept(limits, problem->n, z) ? DONE : HAND_BACK;
 }
 
 /* The same in a box, which zero is in. */

@@ -9,8 +9,8 @@
 
 /* Where the least motion of the rows is this near what they ask for, rounding would tell what the share is. */
 static const double UNDECIDED = 1e-8;
-/* A smaller share than this, counted from a motion that limits require, is told by weights 1e-9 apart. */
-static const double LOOSE = 1e-4;
+/* A smaller share than this is told by weights 1e-9 apart. */
+static const double LOOSE = 1e-3;
 
 /* The optimum for nu, from `first` or the active limits of `found`, which is written over. */
 static Outcome best(const Polytope *room, const Cone *slow, const Row first, int n, double length, double nu, Optimum *found)
@@ -54,7 +54,7 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
     for (int j = 0; j < m; j++)
         d[j] = reduction->full[j] - reduction->start[j];
     double left = norm(m, d);
-    return left == 0.0 || left > UNDECIDED * norm(m, reduction->full) ? DONE : HAND_BACK;
+    return left == 0.0 || left > UNDECIDED * fmax(norm(m, reduction->full), norm(m, inside)) ? DONE : HAND_BACK;
 }
 
 /* From a velocity share->inside that moves the rows least. `limits` and `cone` are on y, dt is the tick. */
@@ -98,7 +98,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
         return HAND_BACK;
     double value = within(found.z[0] / length);
-    if (norm(m, reduction->start) > 0.0 && value < LOOSE)
+    if (value < LOOSE)
         return HAND_BACK;
     joint(reduction, m, found.z + 1, found.z[0] / length, velocity);
     double given = value >= WHOLE ? 1.0 : 1.0 - INTERIOR * (1.0 - value);

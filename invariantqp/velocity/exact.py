@@ -322,7 +322,7 @@ def share_of(
     start = reduction.start
     d = reduction.full - start
     length = norm(d)
-    if length == 0.0:
+    if length <= ROUNDING * max(norm(reduction.full), norm(inside)):  # what limits require is what the rows ask for
         return Share(1.0, inside, [])
     basis = np.column_stack((d / length, reduction.basis))
     n = basis.shape[1]
