@@ -41,7 +41,7 @@ SAYS = {
     "24_gallery": "tasks and",
     "27_rail_and_two_arms": "m of the 2 m, the arm does the rest",
     "28_batches": "tight batches.velocities, numpy",
-    "29_streams": "conveyor: on the part after",
+    "31_streams": "conveyor: on the part after",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")

@@ -7,7 +7,7 @@
 
 What is printed: the largest share of a limit (speed, acceleration, jerk) in any tick, and how far the tool is off.
 
-Run: python examples/29_streams.py
+Run: python examples/31_streams.py
 """
 
 import numpy as np

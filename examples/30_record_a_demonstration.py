@@ -7,7 +7,7 @@ topics): here an arm that is led along a door's hinge, with a sensor of 0.3 N no
 - nothing is filtered: noise is told by its jitter;
 - move every way the contact gives, push and pull every way it does not, three to ten seconds.
 
-Run: python examples/29_record_a_demonstration.py [door.csv]
+Run: python examples/30_record_a_demonstration.py [door.csv]
 """
 
 import csv
