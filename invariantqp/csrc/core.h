@@ -64,7 +64,7 @@ typedef struct {
     Row C[MOST_ROWS];
     double e[MOST_ROWS], D[MOST_ROWS][6];
     Cone cone;
-    /* limits/rows.py: least <= G x <= most */
+    /* velocity/limits.py: least <= G x <= most */
     int limits;
     Row G[MOST_LIMITS];
     double least[MOST_LIMITS], most[MOST_LIMITS];

@@ -98,7 +98,7 @@ typedef enum { AT_A_POINT, BY_THE_BASE, BY_THE_TOOL } Carrier;
     VECTOR(least, limits, NOTHING, "-inf where there is none") \
     VECTOR(most, limits, NOTHING, "inf where there is none")
 
-/* control/changes.py and joint_rows.py: what of a loop is other in this tick than it was made with. */
+/* control/limits.py: what of a loop is other in this tick than it was made with. */
 #define NOW_FIELDS \
     LENGTH(joints, MOST, "joints") \
     LENGTH(limits, MOST_LIMITS, "rows of limits") \

@@ -27,7 +27,7 @@ static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
         }
 }
 
-/* limits/box.py */
+/* velocity/limits.py, JointBox */
 static void box(const Loop *loop, const double *q, const double *speeds, Demand *demand)
 {
     double rate = 1.0 / loop->dt;
@@ -115,7 +115,7 @@ bool has_trouble(const Memory *memory)
     return memory->ticks >= MEMORY && memory->speed >= FAST_SHARE && memory->done < KEPT_SHARE * memory->told;
 }
 
-/* limits/box.py: whether a joint at a limit is outside its range, where Python has words for it. */
+/* velocity/limits.py: whether a joint at a limit is outside its range, where Python has words for it. */
 bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 {
     for (int j = 0; j < solution->m && !loop->has_braking; j++)
@@ -133,7 +133,7 @@ bool is_far(const Loop *loop, const double *q)
     return false;
 }
 
-/* limits/toolspeed.py: the velocity v + omega x p of the limited point */
+/* velocity/limits.py: the velocity v + omega x p of the limited point */
 static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 {
     double p[3], root[6][6];
@@ -154,7 +154,7 @@ static Outcome approach(const Loop *loop, double gain, const Demand *demand, con
     return braking_share(loop, gain, (const Row *)A, measured, share);
 }
 
-/* changes.py: joint speeds of this tick; no joint has to slow down faster than it can. */
+/* control/limits.py: joint speeds of this tick; no joint has to slow down faster than it can. */
 static void joint_speeds(const Loop *loop, const Now *now, const double *before, Row speeds)
 {
     for (int j = 0; j < loop->joints; j++) {
@@ -166,7 +166,7 @@ static void joint_speeds(const Loop *loop, const Now *now, const double *before,
     }
 }
 
-/* changes.py: the limit of the tool's speed in this tick, at least what the joints make of it that slow down alike. */
+/* control/limits.py: the limit of the tool's speed in this tick, at least what the joints make of it that slow down alike. */
 static void tool_speed_now(const Loop *loop, const Now *now, const double *before, const Pose *tool, Demand *demand)
 {
     double limit = fmin(loop->speed_limit > 0.0 ? loop->speed_limit : INFINITY, now->tool_speed), share = 0.0;

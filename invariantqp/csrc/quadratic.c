@@ -35,7 +35,7 @@ int weakest(const Room *room, const Face *face, const Row pull, const int *side,
 Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu);
 Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu);
 
-/* Twin of Cone in velocity/qp/quadratic.py: a speed limit |start + J x| <= limit. */
+/* Twin of Cone in velocity/qp.py: a speed limit |start + J x| <= limit. */
 
 double tool_speed(const Cone *cone, int n, const Row x)
 {
@@ -456,7 +456,7 @@ static bool kept(const Polytope *limits, int n, const Row z)
     return true;
 }
 
-/* cone.py: the speed limit on e, and the largest multiplier tried. */
+/* velocity/qp.py: the speed limit on e, and the largest multiplier tried. */
 static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
 {
     int n = problem->n;
