@@ -84,10 +84,10 @@ with lazily(__name__, moved=MOVED):
     from invariantqp.systems.classification import gibson_hunt as gibson_hunt
     from invariantqp.systems.contacts import point_contact as point_contact
     from invariantqp.systems.gram import principal_pitches as principal_pitches
-    from invariantqp.systems.involution import involution as involution
+    from invariantqp.systems.lines import involution as involution
     from invariantqp.systems.projectors import dual_projectors as dual_projectors
-    from invariantqp.systems.pseudoinverse import has_pseudoinverse as has_pseudoinverse
-    from invariantqp.systems.pseudoinverse import pseudoinverse as pseudoinverse
+    from invariantqp.systems.pseudoinverses import has_pseudoinverse as has_pseudoinverse
+    from invariantqp.systems.pseudoinverses import pseudoinverse as pseudoinverse
     from invariantqp.systems.subspaces import reciprocal as reciprocal
     from invariantqp.velocity.batch import solve_velocities as solve_velocities
     from invariantqp.velocity.exact import ExactRows as ExactRows

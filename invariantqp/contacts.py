@@ -6,8 +6,8 @@ with lazily(__name__):
     from invariantqp.identification.candidate import Candidate as Candidate
     from invariantqp.identification.identify import Identification as Identification
     from invariantqp.identification.identify import identify as identify
-    from invariantqp.systems.contact_kinds import ContactKind as ContactKind
     from invariantqp.systems.contacts import Contact as Contact
+    from invariantqp.systems.contacts import ContactKind as ContactKind
     from invariantqp.systems.contacts import ball_joint as ball_joint
     from invariantqp.systems.contacts import face_contact as face_contact
     from invariantqp.systems.contacts import hinge as hinge
@@ -15,4 +15,4 @@ with lazily(__name__):
     from invariantqp.systems.contacts import peg_in_hole as peg_in_hole
     from invariantqp.systems.contacts import point_contact as point_contact
     from invariantqp.systems.contacts import surface_contact as surface_contact
-    from invariantqp.systems.two_contacts import two_contacts as two_contacts
+    from invariantqp.systems.contacts import two_contacts as two_contacts

@@ -101,13 +101,13 @@ def test_a_public_name_in_a_namespace_is_the_one_at_the_top():
             assert getattr(namespace, public) is getattr(iq, public)
 
 
-@pytest.mark.parametrize("first", ["", "import invariantqp.systems.involution\n"])
+@pytest.mark.parametrize("first", ["", "import invariantqp.systems.lines\n"])
 def test_a_name_spelled_as_its_file_is_the_name(first):
     """`systems.involution` is the function, whether its file has been imported before, is then, or is later."""
     code = (
         f"{first}import invariantqp as iq\nfrom invariantqp.systems import involution\n"
-        "import invariantqp.systems.classification, invariantqp.systems.involution\n"
-        "from invariantqp.systems.involution import Involution\n"
+        "import invariantqp.systems.classification, invariantqp.systems.lines\n"
+        "from invariantqp.systems.lines import Involution\n"
         "assert involution is iq.systems.involution is iq.involution, involution\n"
         "assert callable(involution)\n"
     )

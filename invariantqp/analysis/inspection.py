@@ -23,7 +23,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot, middle, require_robot
-from invariantqp.systems.centre import centre
+from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, describe
 
 # Default number of states: some 50 ms, and enough to distinguish properties of the arm from those of one state.

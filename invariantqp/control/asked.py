@@ -17,7 +17,7 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Sighting
-from invariantqp.systems.span import TINY
+from invariantqp.systems.subspaces import TINY
 from invariantqp.velocity.exact import ExactRows
 
 # Rows of the twist that are dependent but for this share are one.

@@ -23,8 +23,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.projectors import dual_projectors
-from invariantqp.systems.span import span
-from invariantqp.systems.subspaces import screw_system
+from invariantqp.systems.subspaces import screw_system, span
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)

@@ -1,4 +1,4 @@
-/* Twin of velocity/measure.py, systems/centre.py and geometry/sizes.py, for a single problem: its sizes, the arm's own point
+/* Twin of velocity/measure.py, systems/points.py and geometry/sizes.py, for a single problem: its sizes, the arm's own point
    and its reach to a point.
 
        p = argmin |J_v(p)|,     root = [[L I, 0], [-[p]x, I]] */

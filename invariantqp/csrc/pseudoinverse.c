@@ -1,4 +1,4 @@
-/* Twin of systems/pseudoinverse.py where it is well conditioned: J^{+h} for (6, m) twists of rank m or 6.
+/* Twin of systems/pseudoinverses.py where it is well conditioned: J^{+h} for (6, m) twists of rank m or 6.
 
        J = U diag(sigma) V',   J^{+h} = V diag(1/sigma) (U'Q_h U)^-1 U'Q_h,   which is V diag(1/sigma) U' for rank 6
 

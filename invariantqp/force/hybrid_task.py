@@ -33,8 +33,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
 from invariantqp.geometry.forms import finite_pitch
-from invariantqp.systems.contact_kinds import ContactKind
-from invariantqp.systems.contacts import Contact
+from invariantqp.systems.contacts import Contact, ContactKind
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]

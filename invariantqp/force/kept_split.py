@@ -10,8 +10,7 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.split import Split
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.contact_kinds import ContactKind
-from invariantqp.systems.contacts import Contact
+from invariantqp.systems.contacts import Contact, ContactKind
 
 # How far a grip may be from where the compliance was taken, as a share of the contact's size.
 NEAR = 0.2

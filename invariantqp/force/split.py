@@ -12,7 +12,7 @@ from invariantqp.errors import BadInput
 from invariantqp.force.place import load_at
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.contact_kinds import ContactKind
+from invariantqp.systems.contacts import ContactKind
 from invariantqp.systems.projectors import DualProjectors, dual_projectors
 
 # The compliance that is scaled where none is given [length/s/force]; only its ratios matter.

@@ -17,8 +17,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.identification.fit import OPEN, Fit, covariance
 from invariantqp.systems.classification import gibson_hunt
-from invariantqp.systems.contact_kinds import BALL, FACE, LINE, PEG, POINT, ContactKind, screw_kind
-from invariantqp.systems.contacts import Contact
+from invariantqp.systems.contacts import BALL, FACE, LINE, PEG, POINT, Contact, ContactKind, screw_kind
 
 _KINDS = {"point": POINT, "sphere": POINT, "line": LINE, "face": FACE, "ball": BALL, "peg": PEG}
 

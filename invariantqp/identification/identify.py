@@ -31,7 +31,7 @@ from invariantqp.identification.models import MODELS
 from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, twists
 from invariantqp.identification.recording import FEWEST, Recording, recording
 from invariantqp.systems.contacts import Contact
-from invariantqp.systems.span import orthogonal
+from invariantqp.systems.subspaces import orthogonal
 
 KINDS: tuple[str, ...] = tuple(MODELS)
 # Second moment of a push or a motion, in its noise, above which there was one: a noise told or estimated a fifth too

@@ -15,7 +15,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pose.joint_space import JointSpace
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, remembered
-from invariantqp.systems.centre import centre
+from invariantqp.systems.points import centre
 
 if TYPE_CHECKING:
     from invariantqp.engine import Arm

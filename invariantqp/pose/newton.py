@@ -26,7 +26,7 @@ from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import Linearization, PoseError
 from invariantqp.pose.joint_space import JointSpace
-from invariantqp.systems.span import rank_of
+from invariantqp.systems.subspaces import rank_of
 from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
 from invariantqp.velocity.exact import ROW_TOLERANCE
 

@@ -24,8 +24,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Surface
 from invariantqp.runs.plants.sensor import SimulatedSensor
 from invariantqp.runs.plants.springs import Springs
-from invariantqp.systems.contact_kinds import ContactKind
-from invariantqp.systems.contacts import Contact
+from invariantqp.systems.contacts import Contact, ContactKind
 from invariantqp.systems.projectors import dual_projectors
 
 # Newton steps that move a wanted point onto the surface: a plane takes one, a round bar a few.

@@ -1,54 +1,93 @@
-"""Screw systems: reciprocals, Gram matrices, types, involution, and the hyperbolic pseudoinverse. numpy alone."""
+"""Screw systems: reciprocals, Gram matrices, types, involution, and the hyperbolic pseudoinverse. numpy alone.
+
+[DS] is P. Donelan and J. M. Selig, Hyperbolic pseudoinverses for kinematics in the Euclidean group. Its parts are in:
+
+    Theorem 2.1, (2.6)            geometry/forms.py    pitch_form, pitch_form_inverse, invariant_form
+    Sect. 2.2, (2.9), (2.10)      subspaces.py         screw_system, reciprocal, annihilator, system_sum, system_meet,
+                                                       self_reciprocal
+                                  lines.py             alpha_plane, beta_plane, null_plane (the two rulings)
+    (2.12)-(2.15), (hP1)-(hP4)    pseudoinverses.py    form_adjoint, h_adjoint, pseudoinverse, penrose_conditions
+    Theorem 2.2                   pseudoinverses.py    has_pseudoinverse
+    Example 3                     points.py            motions_along, point_motion
+    Sect. 3, Theorem 3.1          pseudoinverses.py    existence, reciprocal_has_pseudoinverse (Corollary 3.2)
+    Sect. 3, Tables 1 to 3        classification.py    gibson_hunt; report.py puts it in words: describe
+    Sect. 4                       lines.py             involution
+    Sect. 5, (5.1)                gram.py              gram_matrix, principal_pitches, principal_screws,
+                                                       blind_directions, gram_polynomial
+    Sect. 6.1, 6.3, (6.5)         projectors.py        dual_projectors; contacts.py: the contacts of a tool
+    Theorem 6.1, (6.3), (6.4)     damping.py           error_form, stationary_point; vanishing_pitches (Example 4)
+    Sect. 6.2, after Example 4    damping.py           psi
+    Sect. 6.3                     spectra.py           leg_wrenches, wrench_pseudoinverse
+    Sect. 7 (asked for there)     spectra.py           hyperbolic_singular_values, hyperbolic_polar,
+                                                       platform_stiffness, leg_spectrum
+    (not in [DS])                 points.py            centre, reach: lengths that an arm has of itself
+
+Errata, each asserted as the truth in tests/properties/test_paper.py or the tests of its file:
+
+     1  (2.6)           its factor 1/2 is not in Examples 1 and 4, nor in Sect. 6.3; it is left out here
+     2  Example 1       the (3,2) entry of J^{+h} is (16h^2 + 16h - 1)/(32h)
+     3  Table 3         lacks the 3-system IID, all translations, which has no h-pseudoinverse
+     4  Table 3, IIB    the reciprocal basis has (0,0,0;0,1,0) where (0,1,0;0,0,0) is printed
+     5  Table 3, IC     "(0,0,0;0,10)" is (0,0,0;0,1,0)
+     6  Sect. 4         four lines are in involution also where one transversal counts twice, one at infinity too (lines
+                        along one plane at heights with the cross ratio of their directions); of type IA only pitches of
+                        opposite sign give two; the transversal of five may be at infinity
+     7  Example 3       the solution set is J^{+h}(S meet im J) + ker J, not J^{+h}(S); that S is no Lie algebra
+     8  (hP4)           the ordinary transpose is meant on the joint side, not the h-adjoint
+     9  Theorem 3.1     (iii) needs the tangent point to lie in S: else it holds for every 1- and 2-system
+    10  Sect. 4, end    z need not correspond to a line: for three lines of type IB3 W is a couple
+    11  (6.4)           the gradient has an entry for each joint: its last is that of x_m, not x_6
+"""
 
 from invariantqp.lazy import lazily
 
 with lazily(__name__):
-    from invariantqp.systems.adjoints import form_adjoint as form_adjoint
-    from invariantqp.systems.adjoints import h_adjoint as h_adjoint
-    from invariantqp.systems.centre import Centre as Centre
-    from invariantqp.systems.centre import centre as centre
-    from invariantqp.systems.centre import reach as reach
     from invariantqp.systems.classification import Border as Border
     from invariantqp.systems.classification import GibsonHunt as GibsonHunt
     from invariantqp.systems.classification import gibson_hunt as gibson_hunt
-    from invariantqp.systems.damped import psi as psi
-    from invariantqp.systems.existence import Existence as Existence
-    from invariantqp.systems.existence import existence as existence
-    from invariantqp.systems.existence import reciprocal_has_pseudoinverse as reciprocal_has_pseudoinverse
+    from invariantqp.systems.damping import StationaryPoint as StationaryPoint
+    from invariantqp.systems.damping import error_form as error_form
+    from invariantqp.systems.damping import psi as psi
+    from invariantqp.systems.damping import stationary_point as stationary_point
+    from invariantqp.systems.damping import vanishing_pitches as vanishing_pitches
     from invariantqp.systems.gram import blind_directions as blind_directions
     from invariantqp.systems.gram import gram_matrix as gram_matrix
     from invariantqp.systems.gram import gram_polynomial as gram_polynomial
     from invariantqp.systems.gram import principal_pitches as principal_pitches
     from invariantqp.systems.gram import principal_screws as principal_screws
-    from invariantqp.systems.hyperbolic import HyperbolicSpectrum as HyperbolicSpectrum
-    from invariantqp.systems.hyperbolic import hyperbolic_singular_values as hyperbolic_singular_values
-    from invariantqp.systems.involution import Involution as Involution
-    from invariantqp.systems.involution import involution as involution
-    from invariantqp.systems.null_planes import NullPlane as NullPlane
-    from invariantqp.systems.null_planes import alpha_plane as alpha_plane
-    from invariantqp.systems.null_planes import beta_plane as beta_plane
-    from invariantqp.systems.null_planes import null_plane as null_plane
-    from invariantqp.systems.parallel import leg_spectrum as leg_spectrum
-    from invariantqp.systems.parallel import leg_wrenches as leg_wrenches
-    from invariantqp.systems.parallel import platform_stiffness as platform_stiffness
-    from invariantqp.systems.parallel import wrench_pseudoinverse as wrench_pseudoinverse
-    from invariantqp.systems.penrose import PenroseConditions as PenroseConditions
-    from invariantqp.systems.penrose import penrose_conditions as penrose_conditions
-    from invariantqp.systems.point_motion import PointMotion as PointMotion
-    from invariantqp.systems.point_motion import motions_along as motions_along
-    from invariantqp.systems.point_motion import point_motion as point_motion
-    from invariantqp.systems.polar import HyperbolicPolar as HyperbolicPolar
-    from invariantqp.systems.polar import hyperbolic_polar as hyperbolic_polar
+    from invariantqp.systems.lines import Involution as Involution
+    from invariantqp.systems.lines import NullPlane as NullPlane
+    from invariantqp.systems.lines import alpha_plane as alpha_plane
+    from invariantqp.systems.lines import beta_plane as beta_plane
+    from invariantqp.systems.lines import involution as involution
+    from invariantqp.systems.lines import null_plane as null_plane
+    from invariantqp.systems.points import Centre as Centre
+    from invariantqp.systems.points import PointMotion as PointMotion
+    from invariantqp.systems.points import centre as centre
+    from invariantqp.systems.points import motions_along as motions_along
+    from invariantqp.systems.points import point_motion as point_motion
+    from invariantqp.systems.points import reach as reach
     from invariantqp.systems.projectors import DualProjectors as DualProjectors
     from invariantqp.systems.projectors import dual_projectors as dual_projectors
-    from invariantqp.systems.pseudoinverse import has_pseudoinverse as has_pseudoinverse
-    from invariantqp.systems.pseudoinverse import pseudoinverse as pseudoinverse
+    from invariantqp.systems.pseudoinverses import Existence as Existence
+    from invariantqp.systems.pseudoinverses import PenroseConditions as PenroseConditions
+    from invariantqp.systems.pseudoinverses import existence as existence
+    from invariantqp.systems.pseudoinverses import form_adjoint as form_adjoint
+    from invariantqp.systems.pseudoinverses import h_adjoint as h_adjoint
+    from invariantqp.systems.pseudoinverses import has_pseudoinverse as has_pseudoinverse
+    from invariantqp.systems.pseudoinverses import penrose_conditions as penrose_conditions
+    from invariantqp.systems.pseudoinverses import pseudoinverse as pseudoinverse
+    from invariantqp.systems.pseudoinverses import reciprocal_has_pseudoinverse as reciprocal_has_pseudoinverse
     from invariantqp.systems.report import SystemReport as SystemReport
     from invariantqp.systems.report import describe as describe
-    from invariantqp.systems.stationarity import StationaryPoint as StationaryPoint
-    from invariantqp.systems.stationarity import error_form as error_form
-    from invariantqp.systems.stationarity import stationary_point as stationary_point
-    from invariantqp.systems.stationarity import vanishing_pitches as vanishing_pitches
+    from invariantqp.systems.spectra import HyperbolicPolar as HyperbolicPolar
+    from invariantqp.systems.spectra import HyperbolicSpectrum as HyperbolicSpectrum
+    from invariantqp.systems.spectra import hyperbolic_polar as hyperbolic_polar
+    from invariantqp.systems.spectra import hyperbolic_singular_values as hyperbolic_singular_values
+    from invariantqp.systems.spectra import leg_spectrum as leg_spectrum
+    from invariantqp.systems.spectra import leg_wrenches as leg_wrenches
+    from invariantqp.systems.spectra import platform_stiffness as platform_stiffness
+    from invariantqp.systems.spectra import wrench_pseudoinverse as wrench_pseudoinverse
     from invariantqp.systems.subspaces import annihilator as annihilator
     from invariantqp.systems.subspaces import reciprocal as reciprocal
     from invariantqp.systems.subspaces import screw_system as screw_system

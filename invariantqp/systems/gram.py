@@ -23,7 +23,7 @@ from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.systems.span import Span, span
+from invariantqp.systems.subspaces import Span, span
 
 # A direction of the orthonormal basis with an angular part below this is a pure translation, and a coupling C below it
 # counts as zero: for control a pitch of 1e10 units of length is infinite.
@@ -65,13 +65,13 @@ class _Pencil(NamedTuple):
     volume: float
 
 
-def _reduction(system: Span, tolerance: float) -> _Reduction:
+def _reduction(system: Span) -> _Reduction:
     B = system.basis
     _, sigma, Vt = np.linalg.svd(B[:3])
-    e = int(np.count_nonzero(sigma > tolerance))
+    e = int(np.count_nonzero(sigma > BLIND_TOLERANCE))
     F, N = B.dot(Vt[:e].T), B.dot(Vt[e:].T)
     left, coupling, right_t = np.linalg.svd(F[:3].T.dot(N[3:]))
-    return _Reduction(F, N, left, coupling, right_t, int(np.count_nonzero(coupling > tolerance)))
+    return _Reduction(F, N, left, coupling, right_t, int(np.count_nonzero(coupling > BLIND_TOLERANCE)))
 
 
 def _blind(part: _Reduction) -> Array:
@@ -91,23 +91,22 @@ def _pencil(part: _Reduction) -> _Pencil:
     return _Pencil(pitches, E.dot(whiten).dot(vectors), float(np.diag(lower).prod()) ** 2)
 
 
-def principal_pitches(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
+def principal_pitches(J: ArrayLike) -> Array:
     """The finite pitches at which J has no h-pseudoinverse, ascending, with multiplicity.
 
     Args:
         J: (6, m) twists, independent or not.
-        tolerance: relative size below which an angular part or a coupling is zero.
 
     Returns:
         (k',) ascending pitches [length/rad]; empty where every h works (rank 6).
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
-        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
+        BadInput: J is not finite (6, m).
 
     Reference: [DS] Sect. 3 and 5; the reduction for systems with screws of infinite pitch is ours.
     """
-    return principal_screws(J, tolerance)[0]
+    return principal_screws(J)[0]
 
 
 def pitches_or_none(J: Array) -> Array:
@@ -118,29 +117,27 @@ def pitches_or_none(J: Array) -> Array:
         return np.empty(0)
 
 
-def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[Array, Array]:
+def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
     """The principal pitches h_i with their screws z_i: J'Q_{h_i} z_i = 0, the proof that h_i does not work.
 
     The screws are mutually orthogonal axes (omega_i.omega_j = 0) of unit angular part, and of pitch h_i each.
 
     Args:
         J: (6, m) twists, independent or not.
-        tolerance: relative size below which an angular part or a coupling is zero.
 
     Returns:
         (k',) ascending pitches [length/rad] and (6, k') screws.
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
-        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
+        BadInput: J is not finite (6, m).
 
     Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
     """
-    limit = arrays.tolerance(tolerance)
     system = span(J)
     if system.rank in (0, 6):
         return np.empty(0), np.empty((6, 0))
-    part = _reduction(system, limit)
+    part = _reduction(system)
     if part.c < part.N.shape[1]:
         raise BlindSystem(_blind(part))
     pencil = _pencil(part)
@@ -153,29 +150,27 @@ def principal_screws(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> tuple[
     return pencil.pitches * system.unit, z
 
 
-def blind_directions(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
+def blind_directions(J: ArrayLike) -> Array:
     """The pure translations of the system that are reciprocal to all of it, for every h: no pitch form can see them.
 
     Args:
         J: (6, m) twists, independent or not.
-        tolerance: relative size below which an angular part or a coupling is zero.
 
     Returns:
         (6, b) unit columns (0; v); b = 0 iff some h works.
 
     Raises:
-        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
+        BadInput: J is not finite (6, m).
 
     Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
     """
-    limit = arrays.tolerance(tolerance)
     system = span(J)
     if system.rank in (0, 6):
         return np.empty((6, 0))
-    return _blind(_reduction(system, limit))
+    return _blind(_reduction(system))
 
 
-def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
+def gram_polynomial(J: ArrayLike) -> Array:
     """Coefficients of det(J'Q_h J) = c_0 + c_1 h + ... + c_m h^m for the columns given.
 
     For other columns J A of the same system they are multiplied by det(A)^2, so their ratios and signs are invariants
@@ -184,23 +179,21 @@ def gram_polynomial(J: ArrayLike, tolerance: float = BLIND_TOLERANCE) -> Array:
 
     Args:
         J: (6, m) twists.
-        tolerance: relative size below which an angular part or a coupling is zero.
 
     Returns:
         (m+1,) coefficients, lowest power first; that of h^i in units of length^(m-i) for angular parts without unit.
 
     Raises:
-        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
+        BadInput: J is not finite (6, m).
 
     Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """
-    limit = arrays.tolerance(tolerance)
     system = span(J)
     m = len(system.right)
     result = np.zeros(m + 1)
     if system.rank < m:
         return result
-    part = _reduction(system, limit)
+    part = _reduction(system)
     d = part.N.shape[1]
     if part.c < d:
         return result

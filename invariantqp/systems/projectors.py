@@ -27,10 +27,9 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.classification import gibson_hunt
-from invariantqp.systems.factors import LARGEST_CONDITION, factors
 from invariantqp.systems.gram import pitches_or_none
-from invariantqp.systems.span import lengths, orthogonal, span
-from invariantqp.systems.subspaces import annihilator
+from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
+from invariantqp.systems.subspaces import annihilator, lengths, orthogonal, span
 
 # What a refusal offers instead of a pitch.
 CHOICES = "metric=M (a stiffness or an inertia at the contact) or complement=Z (what may be given up)"

@@ -19,8 +19,7 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
 from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
-from invariantqp.systems.span import LENGTH_LIMIT, span
-from invariantqp.systems.subspaces import annihilator
+from invariantqp.systems.subspaces import LENGTH_LIMIT, annihilator, span
 
 
 @frozen(eq=False, repr=False, slots=False)

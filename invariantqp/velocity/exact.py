@@ -31,7 +31,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import cross, norm
-from invariantqp.systems.span import TINY, rank_of
+from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import Backend
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING, Cone, Optimum, Polytope, Quadratic, minimise

@@ -26,7 +26,7 @@ from scipy.optimize import brentq, nnls
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
-from invariantqp.systems.span import TINY
+from invariantqp.systems.subspaces import TINY
 from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, semidefinite, solved
 
 # Smaller than this share of what it is compared with, a difference is rounding.

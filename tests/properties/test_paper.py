@@ -3,6 +3,7 @@
 The algebra is done by sympy in rationals, without the library; then the library is held against it.
 """
 
+import re
 import runpy
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import sympy as sp
 from support.random_systems import distance
 
 import invariantqp as iq
-from invariantqp.systems.normal_form import normal_form
+from invariantqp.systems.classification import normal_form
 
 h, p, q, a, b, c, length = sp.symbols("h p q a b c l", real=True)
 I3, Z3 = sp.eye(3), sp.zeros(3)
@@ -326,6 +327,20 @@ def test_erratum_6_four_lines_with_a_double_transversal_at_infinity():
     assert (found.holds, found.transversal_count, found.double, found.at_infinity.shape) == (True, 0, True, (6, 1))
 
 
+def test_erratum_6_four_lines_parallel_to_one_plane_need_heights_in_the_ratio_of_their_directions():
+    """Directions (cos, sin) of slope t_i through points at height z_i: in involution iff both have one cross ratio."""
+    t, z = sp.symbols("t:4", real=True), sp.symbols("z:4", real=True)
+    J = columns(*((1, t[i], 0, -z[i] * t[i], z[i], i * t[i] - 1) for i in range(4)))  # through (1, i, z_i)
+
+    def ratio(x):
+        return (x[0] - x[2]) * (x[1] - x[3]), (x[0] - x[3]) * (x[1] - x[2])
+
+    assert [sp.expand((s.T * Q0 * s)[0]) for s in (J.col(i) for i in range(4))] == [0, 0, 0, 0]
+    (top, bottom), (over, under) = ratio(t), ratio(z)
+    assert sp.expand((J.T * Q0 * J).det() - (top * under - bottom * over) ** 2) == 0
+    assert not iq.involution(numbers(J.subs(dict(zip((*t, *z), (0, 1, 2, 5, 0, 1, 3, 4), strict=True))))).holds
+
+
 def test_erratum_6_two_transversals_need_pitches_of_opposite_sign():
     """The null twists x s_a + y s_b of a IA 2-system: a x^2 + b y^2 = 0."""
     x, y = sp.symbols("x y", real=True)
@@ -358,6 +373,41 @@ def test_erratum_8_hp4_is_meant_with_the_ordinary_transpose():
     M = np.diag([1.0, 2.0, 3.0, 4.0])
     D = iq.pseudoinverse(J, 0.7, joint_metric=M) @ J
     np.testing.assert_allclose(np.linalg.solve(M, D.T @ M), D, atol=1e-12)
+
+
+def test_erratum_10_three_lines_balance_by_a_couple():
+    """Sect. 4 ends with a line to which z corresponds; for three lines of type IB3 z is a translation, W a couple."""
+    J = columns((1, 2, 0, 0, 0, 0), (1, 2, 0, 0, 0, 1), (1, -2, 0, 4, 2, 0))
+    z = (J.T * Q0 * J).nullspace()[0]
+    assert (J.T * Q0 * J).rank() == 2
+    assert (J * z)[:3, 0] == sp.zeros(3, 1)
+    found = iq.involution(numbers(J))
+    assert (str(iq.gibson_hunt(numbers(J))), found.holds) == ("IB3", True)
+    np.testing.assert_allclose(np.abs(found.equilibrium_wrench[3:]), 0.0, atol=1e-12)
+    assert np.linalg.norm(found.equilibrium_wrench[:3]) > 0.1
+
+
+def test_erratum_11_the_gradient_has_an_entry_for_each_joint():
+    """(6.4) ends in the derivative by x_6; the error is a function of the m joint velocities, here three."""
+    x = sp.Matrix(sp.symbols("x1:4", real=True))
+    left = S4 - J1 * x
+    gradient = sp.Matrix([(left.T * Q * left)[0]]).jacobian(x).T
+    assert sp.expand(gradient + 2 * J1.T * Q * left) == sp.zeros(3, 1)
+    _, found = iq.systems.error_form(numbers(J1), numbers(S4).ravel(), 0.5, (1.0, 2.0, 3.0))
+    values = dict(zip((h, *x), (HALF, 1, 2, 3), strict=True))
+    np.testing.assert_allclose(found, np.array(gradient.subs(values), dtype=float).ravel())
+
+
+def test_the_map_and_the_guide_list_every_function():
+    """In systems/__init__.py, and on the guide's page; the errata of the two agree in number."""
+    page = (Path(__file__).parents[2] / "examples" / "guide" / "paper.md").read_text(encoding="utf-8")
+    named = {name for name in iq.systems.__all__ if name[0].islower()}
+    assert len(named) > 30
+    assert sorted(name for name in named if f"{name}" not in iq.systems.__doc__) == []
+    assert sorted(name for name in named if not re.search(rf"`(iq|systems)?\.{name}`", page)) == []
+    numbered = re.findall(r"^(\d+)\. ", page, flags=re.MULTILINE)
+    assert numbered == re.findall(r"^ +(\d+)  ", iq.systems.__doc__, flags=re.MULTILINE)
+    assert len(numbered) == 11
 
 
 def test_example_3_the_four_system_is_no_lie_algebra():

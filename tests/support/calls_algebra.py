@@ -9,14 +9,8 @@ J, S = RNG.normal(size=(6, 6)), RNG.normal(size=(6, 2))
 T, TWIST, Q, H = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), RNG.normal(size=6), np.full(6, 0.2), 0.3
 POINT, AXIS = [0.1, 0.2, 0.3], [0.0, 0.6, 0.8]
 
-WITH_TOLERANCE = (
-    "blind_directions",
-    "describe",
-    "gibson_hunt",
-    "gram_polynomial",
-    "principal_pitches",
-    "principal_screws",
-)
+WITH_TOLERANCE = ("describe", "gibson_hunt")
+OF_TWISTS = ("blind_directions", "gram_polynomial", "principal_pitches", "principal_screws")
 WITH_PITCH = ("existence", "gram_matrix", "has_pseudoinverse", "reciprocal_has_pseudoinverse")
 
 
@@ -50,6 +44,7 @@ ALGEBRA = {
     "axis": lambda: (iq.se3.axis, {"twist": TWIST}),
     # systems
     **{name: lambda name=name: (getattr(iq.systems, name), {"J": S, "tolerance": 1e-10}) for name in WITH_TOLERANCE},
+    **{name: lambda name=name: (getattr(iq.systems, name), {"J": S}) for name in OF_TWISTS},
     **{name: lambda name=name: (getattr(iq.systems, name), {"J": S, "h": H}) for name in WITH_PITCH},
     "annihilator": lambda: (iq.systems.annihilator, {"S": S}),
     "reciprocal": lambda: (iq.reciprocal, {"S": S, "h": H}),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.systems.normal_form import MODULUS_NAMES, normal_form
+from invariantqp.systems.classification import MODULUS_NAMES, normal_form
 
 CLASSES = sorted(MODULUS_NAMES)
 DISTINCT = {(2, "IA"), (3, "IA1"), (3, "IA2"), (3, "IB3")}  # whose pitches must differ

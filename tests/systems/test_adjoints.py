@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from support.random_systems import motion
 
 import invariantqp as iq
-from invariantqp.systems.adjoints import form_adjoint, h_adjoint
+from invariantqp.systems.pseudoinverses import form_adjoint, h_adjoint
 
 SEEDS = st.integers(0, 2**31)
 

@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 from support.random_systems import motion
 
 import invariantqp as iq
-from invariantqp.systems.centre import reach, resting_point
+from invariantqp.systems.points import reach, resting_point
 
 
 def moved(J, p):

@@ -8,8 +8,8 @@ from support.random_systems import CLASSES, motion, sample
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.systems.factors import LARGEST_CONDITION, ROUNDING, factors
-from invariantqp.systems.span import span
+from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, ROUNDING, factors
+from invariantqp.systems.subspaces import span
 
 THREE_DIGITS = 1e-3
 # Of the random systems here with |h| below a thousand of their lengths, none that is refused changes by less.

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support.random_systems import CLASSES, distance, motion, sample
 
 import invariantqp as iq
-from invariantqp.systems.null_planes import NullPlane, alpha_plane, beta_plane, null_plane
+from invariantqp.systems.lines import NullPlane, alpha_plane, beta_plane, null_plane
 
 SEEDS = st.integers(0, 2**31)
 PITCHES = st.sampled_from([0.0, 0.3, -1.2])

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from support.random_systems import motion
 
 import invariantqp as iq
-from invariantqp.systems.adjoints import form_adjoint
-from invariantqp.systems.penrose import penrose_conditions
+from invariantqp.systems.pseudoinverses import form_adjoint, penrose_conditions
 
 SEEDS = st.integers(0, 2**31)
 

@@ -11,7 +11,7 @@ from support.random_systems import CLASSES, admits, motion, sample
 
 import invariantqp as iq
 from invariantqp.errors import NoPolarDecomposition
-from invariantqp.systems.polar import hyperbolic_polar
+from invariantqp.systems.spectra import hyperbolic_polar
 
 SEEDS = st.integers(0, 2**31)
 

@@ -8,7 +8,7 @@ from support.random_systems import motion
 
 import invariantqp as iq
 from invariantqp.engine import core
-from invariantqp.systems.factors import factors
+from invariantqp.systems.pseudoinverses import factors
 
 EPS = np.finfo(float).eps
 SEED = st.integers(0, 10_000)

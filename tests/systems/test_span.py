@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.systems.span import span
+from invariantqp.systems.subspaces import span
 
 
 def test_rounding_is_not_a_length():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.systems.penrose import penrose_conditions
-from invariantqp.systems.polar import hyperbolic_polar
+from invariantqp.systems.pseudoinverses import penrose_conditions
+from invariantqp.systems.spectra import hyperbolic_polar
 
 J = np.random.default_rng(0).normal(size=(6, 3))
 LINES = np.column_stack([iq.revolute((1, 0, 0)), iq.revolute((0, 1, 0)), iq.revolute((0, 0, 1), (1, 0, 0))])
