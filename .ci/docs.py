@@ -5,6 +5,7 @@ Anything pdoc cannot make sense of is an error, and so is a link in the guide th
 Run: python .ci/docs.py OUTPUT_FOLDER
 """
 
+import ast
 import inspect
 import sys
 import typing
@@ -59,7 +60,9 @@ def called_by_name(spelled: typing.Callable[..., str]) -> typing.Callable[..., s
 def main(folder: Path) -> None:
     """Write the pages."""
     warnings.simplefilter("error")
-    homes: dict[str, str] = vars(iq)["_MODULE_OF"]
+    source = ast.parse(Path(iq.__file__).read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(source) if isinstance(node, ast.ImportFrom)]
+    homes = {alias.name: str(node.module) for node in imports for alias in node.names}
     iq.__all__.sort(key=lambda name: ORDER.index(homes[name].split(".")[1]))
     for found in walk_packages(iq.__path__, "invariantqp."):
         resolve(import_module(found.name))

@@ -4,34 +4,11 @@ Here are the names that most scripts use; the namespaces have the others. Names 
 the package loads neither Pinocchio nor a solver.
 """
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-# Names that were here once, by the namespace that has them now. They work, with a DeprecationWarning.
-MOVED = {
-    "invariantqp.analysis": "Inspection Recommendation Survey inspect",
-    "invariantqp.compare": "ContactFrameCheck FrameCheck contact_frame_check frame_check",
-    "invariantqp.contacts": "Contact ContactKind face_contact hinge line_contact peg_in_hole surface_contact",
-    "invariantqp.control": "ExactAxis ExactJoints ExactPlane ExactPoint SharedTask",
-    "invariantqp.errors": "MissingExtra RobotModelError TaskFileError UnknownName",
-    "invariantqp.force": "HybridSolution",
-    "invariantqp.forms": "invariant_form",
-    "invariantqp.limits": "LimitRows ToolSpeed",
-    "invariantqp.pictures": "picture pitch_picture",
-    "invariantqp.pose": "PoseSolution",
-    "invariantqp.robots": "Chain Robot",
-    "invariantqp.se3": "axis bracket helical pitch prismatic",
-    "invariantqp.systems": "Border DualProjectors Existence GibsonHunt HyperbolicSpectrum Involution "
-    "PointMotion StationaryPoint SystemReport annihilator blind_directions centre describe error_form existence "
-    "gram_matrix gram_polynomial hyperbolic_singular_values leg_spectrum leg_wrenches motions_along "
-    "platform_stiffness point_motion principal_screws reciprocal_has_pseudoinverse screw_system self_reciprocal "
-    "stationary_point system_meet system_sum vanishing_pitches wrench_pseudoinverse",
-    "invariantqp.tasks": "ContactTrace Task Trace shipped_tasks",
-    "invariantqp.velocity": "Adaptive BoxQP Fixed JointTask MethodChoice PaperLambda Selective TwistTask "
-    "VelocitySolution VelocitySolutions method_for solve_tasks",
-    "invariantqp.view": "Viewer animation",
-}
+from invariantqp.lazy import loaded_on_use
 
-with lazily(__name__, moved=MOVED):
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp import analysis as analysis
     from invariantqp import batches as batches
     from invariantqp import compare as compare

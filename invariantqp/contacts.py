@@ -1,8 +1,10 @@
 """Contacts between a tool and its surroundings: what may move, what can be pressed."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.identification.candidate import Candidate as Candidate
     from invariantqp.identification.identify import Identification as Identification
     from invariantqp.identification.identify import identify as identify

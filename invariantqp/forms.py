@@ -1,8 +1,10 @@
 """What is attempted of a twist beyond the joints: the forms of the law and their matrices."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.measure import tool_metric as tool_metric
     from invariantqp.geometry.forms import invariant_form as invariant_form
     from invariantqp.geometry.forms import pitch_form as pitch_form

@@ -1,8 +1,10 @@
 """What no velocity may leave: joint limits, rows of your own, the tool's speed, clearance, limits made for Pink."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.clearance import Clearance as Clearance
     from invariantqp.control.clearance import OtherArm as OtherArm
     from invariantqp.control.limits import AccelerationLimit as AccelerationLimit

@@ -1,8 +1,10 @@
 """Rigid motions, twists and screws: poses are (4, 4), twists (omega; v), wrenches (m; f)."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.geometry.screws import axis as axis
     from invariantqp.geometry.screws import helical as helical
     from invariantqp.geometry.screws import pitch as pitch

@@ -1,8 +1,10 @@
 """Task files and their runs in closed loop."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.runs.log import ContactTrace as ContactTrace
     from invariantqp.runs.newtask import new_task as new_task
     from invariantqp.runs.run import run_task as run_task

@@ -1,21 +1,15 @@
-"""What is public: the fixed names at the top, the rest in namespaces, old names with a warning, all of it shown."""
+"""What is public: the fixed names at the top, the rest in namespaces, all of it shown."""
 
 import inspect
 import re
-import subprocess
-import sys
-import warnings
 from pathlib import Path
 
 import pytest
 from support.public_names import public_names
 
-import invariantqp as iq
-
 ROOT = Path(__file__).parent.parent
 PUBLIC = public_names()
 NAMESPACES = {space: names for space, names in PUBLIC.items() if space}
-MOVED = vars(iq)["_MOVED"]
 # Scripts are written against these.
 TOP = {
     "a script": "load_robot Controller Follower PathFollower solve_velocity solve_velocities solve_pose solve_poses "
@@ -49,29 +43,6 @@ def test_no_name_is_in_two_namespaces():
     # One for each library whose FrameTask it replaces.
     names = [name for space, names in NAMESPACES.items() if space != "mink" for name in names]
     assert len(names) == len(set(names))
-
-
-@pytest.mark.parametrize("name", MOVED)
-def test_a_name_that_moved_works_and_says_where_it_is(name):
-    assert name not in iq.__all__
-    assert name not in dir(iq)
-    with pytest.warns(DeprecationWarning, match=f"invariantqp.{name} is now {MOVED[name]}.{name}$") as caught:
-        value = getattr(iq, name)
-    assert value is PUBLIC[MOVED[name].removeprefix("invariantqp.")][name]
-    assert caught[0].filename == __file__
-
-
-def test_an_import_of_a_name_that_moved_blames_the_line_that_imports_it():
-    code = "from invariantqp import method_for\nprint(method_for.__name__)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "method_for\n"
-    assert "<string>:1: DeprecationWarning: invariantqp.method_for is now invariantqp.velocity" in done.stderr
-
-
-def test_nothing_warns_that_is_where_it_belongs():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        public_names()
 
 
 @pytest.mark.parametrize("space", NAMESPACES)

@@ -1,14 +1,16 @@
 """Many rows at once where they are, by the Python array API: numpy, torch on any device, JAX under jit, CuPy."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
+    from invariantqp.batches.chains import Kinematics as Kinematics
+    from invariantqp.batches.chains import kinematics as kinematics
     from invariantqp.batches.differential_ik import DifferentialIK as DifferentialIK
-    from invariantqp.batches.kinematics import Kinematics as Kinematics
-    from invariantqp.batches.kinematics import kinematics as kinematics
+    from invariantqp.batches.law import STATUSES as STATUSES
+    from invariantqp.batches.law import Velocities as Velocities
+    from invariantqp.batches.law import velocities as velocities
     from invariantqp.batches.motions import adjoints as adjoints
     from invariantqp.batches.motions import exps as exps
     from invariantqp.batches.motions import logs as logs
-    from invariantqp.batches.velocities import STATUSES as STATUSES
-    from invariantqp.batches.velocities import Velocities as Velocities
-    from invariantqp.batches.velocities import velocities as velocities

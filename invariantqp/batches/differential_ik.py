@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.batches.law import velocities
 from invariantqp.batches.motions import vector_of
 from invariantqp.batches.namespace import Namespace, Rows, shaped, together
-from invariantqp.batches.velocities import velocities
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 

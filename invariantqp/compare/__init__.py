@@ -9,9 +9,11 @@ sweep                every measurement of every method on every task
 results  report/     results.json; verdict, chart, tables and the page made from it
 """
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.compare.measure.contact_frames import ContactFrameCheck as ContactFrameCheck
     from invariantqp.compare.measure.contact_frames import contact_frame_check as contact_frame_check
     from invariantqp.compare.measure.frames import FrameCheck as FrameCheck

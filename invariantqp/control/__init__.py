@@ -1,8 +1,10 @@
 """What a control script uses: the controller, what it meets exactly, and a twist split with an operator."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.controller import Controller as Controller
     from invariantqp.control.controller import Controls as Controls
     from invariantqp.control.demands import Exact as Exact

@@ -1,8 +1,10 @@
 """Force and motion at once: tasks in contact, wrench sensors, the hybrid controller."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.force.hybrid import HybridController as HybridController
     from invariantqp.force.hybrid_task import HybridTask as HybridTask
     from invariantqp.force.path import HybridFollower as HybridFollower

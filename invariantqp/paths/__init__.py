@@ -1,7 +1,9 @@
 """Following what comes in over time: paths, action chunks of policies, hands, twists."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.paths.driver import Follower as Follower
     from invariantqp.paths.solution import FollowerSolution as FollowerSolution

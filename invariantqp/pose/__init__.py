@@ -1,8 +1,10 @@
 """Joint positions for a pose."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.pose.batch import solve_poses as solve_poses
     from invariantqp.pose.ik import PoseSolution as PoseSolution
     from invariantqp.pose.ik import solve_pose as solve_pose

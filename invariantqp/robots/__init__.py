@@ -1,8 +1,10 @@
 """Arms: from joint positions to tool pose and joint twists, all in the base frame."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.robots.bodies import bodies_of as bodies_of
     from invariantqp.robots.chain import Chain as Chain
     from invariantqp.robots.compose import mobile_base as mobile_base

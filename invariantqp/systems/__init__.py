@@ -39,9 +39,11 @@ Errata, each asserted as the truth in tests/properties/test_paper.py or the test
     11  (6.4)           the gradient has an entry for each joint: its last is that of x_m, not x_6
 """
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.systems.classification import Border as Border
     from invariantqp.systems.classification import GibsonHunt as GibsonHunt
     from invariantqp.systems.classification import gibson_hunt as gibson_hunt

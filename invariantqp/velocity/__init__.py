@@ -1,8 +1,10 @@
 """The velocity law: a twist and its joint limits in, a joint velocity and the reason for it out."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.velocity.backends import Backend as Backend
     from invariantqp.velocity.backends import BoxQP as BoxQP
     from invariantqp.velocity.backends import SolverFailure as SolverFailure

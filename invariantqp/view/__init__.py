@@ -1,7 +1,9 @@
 """A run to look at: in a browser while it is running, or as one HTML file that needs nothing else."""
 
-from invariantqp.lazy import lazily
+from typing import TYPE_CHECKING
 
-with lazily(__name__):
+from invariantqp.lazy import loaded_on_use
+
+if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.view.page import animation as animation
     from invariantqp.view.server import Viewer as Viewer
