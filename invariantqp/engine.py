@@ -12,9 +12,7 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     `point="own"` in a controller                                                   40
     `ToolSpeed(exact=True)`, a QP of CVXPY                                          thousands
     a slider at zero, joint positions that cannot be true                           10 to 35
-    a target more than 0.8 of half a turn away                                      60
     `follow` with rows, a sighting, a point or a posture of one tick                5 and more
-    acceleration limits that contradict each other, or a joint outside its range    30
     joint positions of a robot that is no `Chain`                                   all of it: 120
     limits whose decision rounding would make: exact rows that limits leave next    150 and more
     to nothing of, a form on a singular arm, numbers beyond 1e70

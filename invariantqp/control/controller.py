@@ -47,7 +47,7 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import SLACK, Chase, Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import ToolSpeed, accelerations
 from invariantqp.velocity.problem import guard_of, metric_of
-from invariantqp.velocity.reasons import Code, Reason
+from invariantqp.velocity.reasons import Code, Reason, Written, read
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
@@ -308,9 +308,7 @@ class Controller:
         else:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
-            answer, more = found
-            answer = answer._replace(row_names=self._row_names) if self._row_names and not answer.row_names else answer
-            return self.memory.judged(self.told(answer, q)) if more else answer
+            return self._named(found) if found[1] is not None or self._row_names else found[0]
         memory = self.memory
         before = memory.now(velocity)
         positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
@@ -378,9 +376,7 @@ class Controller:
         core = self.compiled if own else None
         found = None if core is None else self._by_core(core, q, None, twist, velocity, now)
         if found is not None:
-            answer, more = found
-            answer = answer._replace(row_names=self._row_names) if self._row_names and not answer.row_names else answer
-            return self.told(answer, q) if more else answer
+            return self._named(found)
         positions = arrays.vector(q, self._count, "q")
         s = sizes.not_too_fast(arrays.twist(twist))
         if rows is not None:
@@ -418,7 +414,7 @@ class Controller:
         feedforward: ArrayLike | None,
         velocity: ArrayLike | None,
         now: Changes | None,
-    ) -> tuple[VelocitySolution, bool] | None:
+    ) -> tuple[VelocitySolution, Written | None] | None:
         """A tick by the core, told what Python finds in each; None where Python has to answer."""
         other = {} if now is None else now.for_core(self._limits.loop)
         if other is None:
@@ -442,6 +438,12 @@ class Controller:
                 other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
         found = compiled_tick(core, self.kept, q, target, feedforward, velocity, **other)
         return (found[0]._replace(row_names=names), found[1]) if found is not None and names else found
+
+    def _named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:
+        """The solution of a tick by the core, with the names of rows, and of joints in what it says beside it."""
+        answer, troubles = found
+        answer = answer._replace(row_names=self._row_names) if self._row_names and not answer.row_names else answer
+        return answer if troubles is None else self._limits.with_troubles(answer, read(troubles))
 
     @property
     def memory(self) -> Memory:

@@ -26,7 +26,7 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.robots.kinematics import Robot, Sighting, middle
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
-from invariantqp.velocity.reasons import Code, Reason, with_names
+from invariantqp.velocity.reasons import Code, Reason, by_joint
 from invariantqp.velocity.solution import VelocitySolution, both, with_trouble
 
 ORIGIN = np.zeros(3)
@@ -707,13 +707,16 @@ class LoopLimits(NamedTuple):
 
     def told(self, solution: VelocitySolution, q: ArrayLike, strained: tuple[Reason, ...] = ()) -> VelocitySolution:
         """The solution with what is `strained`, or with joints outside their range that are held by limits."""
-        names = self.loop.robot.names
-        if strained:
-            return with_trouble(solution, with_names(strained, names))
-        if not solution.active or self.braking is not None:
-            return solution
-        far = self.box.outside(q, solution.active)
-        return solution._replace(reasons=both(with_names(far, names), solution)) if far else solution
+        if self.braking is None and solution.active:
+            strained = self.box.outside(q, solution.active)
+        return self.with_troubles(solution, strained) if strained else solution
+
+    def with_troubles(self, solution: VelocitySolution, found: tuple[Reason, ...]) -> VelocitySolution:
+        """The solution with reasons that name joints; a joint outside its range alone degrades nothing."""
+        named = by_joint(found, self.loop.robot.names)
+        if self.braking is None and all(reason.code is Code.OUTSIDE for reason in found):
+            return solution._replace(reasons=both(named, solution))
+        return with_trouble(solution, named)
 
 
 def tool_speed_of(limit: ToolSpeed | float) -> Limit:

@@ -142,6 +142,35 @@ static void add_yielded(Reasons *reasons, int m, const Yielded *yielded)
         add(reasons, NUMBER, fabs(yielded->by[order[i]]));
 }
 
+/* The bytes that Python reads; `nothing` for none. */
+static PyObject *written(const Reasons *reasons, PyObject *nothing)
+{
+    return reasons->count == 0 ? Py_NewRef(nothing)
+                               : PyBytes_FromStringAndSize((const char *)reasons->at, reasons->count * (Py_ssize_t)sizeof(double));
+}
+
+/* What of a loop's joints is to be said beside the reasons of a solution; None for nothing. */
+PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards)
+{
+    Reasons found = {.count = 0};
+    if (towards && !follows(&tick->memory))
+        say(&found, WHY_NOT_FOLLOWING);
+    for (int j = 0; j < loop->joints; j++)
+        if (tick->outside[j] > 0.0) {
+            say(&found, WHY_OUTSIDE);
+            add(&found, JOINT, j);
+            add(&found, NUMBER, tick->outside[j]);
+        }
+    for (int j = 0; j < loop->joints; j++)
+        if (tick->acceleration[j] > 0.0) {
+            say(&found, WHY_ACCELERATION);
+            add(&found, JOINT, j);
+            add(&found, NUMBER, tick->acceleration[j]);
+            add(&found, NUMBER, loop->acceleration[j]);
+        }
+    return written(&found, Py_None);
+}
+
 /* The reasons of a solution; those of most ticks are none. */
 static PyObject *reasons(int m, const Solution *solution)
 {
@@ -208,7 +237,7 @@ static PyObject *reasons(int m, const Solution *solution)
         say(&found, WHY_AT_LIMITS);
         add_limits(&found, m, solution->limits, solution->at_limit, solution->at_speed);
     }
-    return found.count == 0 ? Py_NewRef(NONE_ACTIVE) : PyBytes_FromStringAndSize((const char *)found.at, found.count * (Py_ssize_t)sizeof(double));
+    return written(&found, NONE_ACTIVE);
 }
 
 /* Those that are active. */

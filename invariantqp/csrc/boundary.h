@@ -54,6 +54,7 @@ bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, con
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution);
+PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards);
 const char *method_word(const Solution *solution);
 const char *status_word(const Solution *solution);
 bool is_plain(const Solution *solution);

@@ -39,10 +39,11 @@ static void one_way(double room, double behind, double before, double accelerati
     *least = fmin(slowest, *most);
 }
 
-/* Limits that contradict each other are handed back: Python names the joints. */
-Outcome braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand)
+/* Whether no limits contradict each other; `tick` tells of those that do. */
+bool braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand, Tick *tick)
 {
     double dt = loop->dt, *lower = demand->lower, *upper = demand->upper;
+    bool good = true;
     for (int j = 0; j < loop->joints; j++) {
         double ahead = loop->position_upper[j] - q[j], behind = q[j] - loop->position_lower[j];
         double fastest = speeds[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
@@ -53,10 +54,12 @@ Outcome braking_box(const Loop *loop, const double *q, const double *before, con
         demand->chase.lower[j] = fmin(lower[j], -braking_speed(behind, loop->acceleration[j], dt));
         demand->chase.upper[j] = fmax(upper[j], braking_speed(ahead, loop->acceleration[j], dt));
         double allowance = STRAIN_TOLERANCE * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
-        if (!(fmax(lower[j] - before[j], before[j] - upper[j]) - step <= allowance) || !(fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) <= OUTSIDE))
-            return HAND_BACK;
+        double change = fmax(lower[j] - before[j], before[j] - upper[j]), outside = outside_by(loop, q, j);
+        tick->acceleration[j] = change - step > allowance ? change / dt : 0.0;
+        tick->outside[j] = outside > OUTSIDE ? outside : 0.0;
+        good = good && tick->acceleration[j] == 0.0 && tick->outside[j] == 0.0;
     }
-    return DONE;
+    return good;
 }
 
 /* The share of the gain from which the joints can still brake within a distance each. */

@@ -9,6 +9,8 @@
 #define SMALL_ANGLE 1e-2
 /* How far the target's rotation may be from R'R = I: others are told apart by how a logarithm projects them. */
 static const double ROTATION = 1e-12;
+/* From here on [rad], rounding of a pose may turn the axis round. */
+static const double UNDECIDED_TURN = PI - 1e-9;
 
 void cross(const double a[3], const double b[3], double c[3])
 {
@@ -149,7 +151,7 @@ void turn_to(const Pose *target, const Pose *tool, double w[3])
     rotation_vector((const double(*)[3])R, w);
 }
 
-/* The twist that takes the tool to its target in unit time; turns of half a turn and nearly so are handed back. */
+/* The twist that takes the tool to its target in unit time; of half a turn rounding would choose the direction. */
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6])
 {
     double worst = 0.0, R[3][3], p[3];
@@ -161,7 +163,7 @@ Outcome error_twist(const Pose *target, const Pose *tool, double error[6])
     turned_by(target, tool, R);
     rotation_vector((const double(*)[3])R, error);
     double theta = norm(3, error), t2 = theta * theta;
-    if (!(theta < HALF_TURN))
+    if (!(theta < UNDECIDED_TURN))
         return HAND_BACK;
     double c = theta < SMALL_ANGLE ? (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0
                                    : (1.0 - 0.5 * theta / tan(0.5 * theta)) / t2;

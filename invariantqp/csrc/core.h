@@ -133,7 +133,10 @@ typedef struct {
 
 /* reasons.py: the codes of what the core has to say, and indices of what is no row of LimitRows */
 typedef enum {
-    WHY_ROWS_CONTRADICT = 17,
+    WHY_NOT_FOLLOWING = 14,
+    WHY_OUTSIDE,
+    WHY_ACCELERATION,
+    WHY_ROWS_CONTRADICT,
     WHY_TOOL_FASTER,
     WHY_ROWS_UNKEPT = 20,
     WHY_ROWS_TOO_MANY,
@@ -340,6 +343,7 @@ extern const Constant CONSTANTS[];
 #define CENTRE_ROUNDING 1e-12
 #define TERMS 1e-5
 #define UNMET_TOLERANCE 1e-9
-#define HALF_TURN (0.8 * 3.14159265358979323846)
+#define PI 3.14159265358979323846
+#define HALF_TURN (0.8 * PI)
 
 #endif

@@ -109,17 +109,23 @@ static void watched(const Loop *loop, const Demand *demand, const double *q, con
     memory->ticks++;
 }
 
-/* memory.py: whether the loop does not converge; Python has the words for it. */
-bool has_trouble(const Memory *memory)
+/* memory.py: whether the joints do what they are told, as far as it can be said. */
+bool follows(const Memory *memory)
 {
-    return memory->ticks >= MEMORY && memory->speed >= FAST_SHARE && memory->done < KEPT_SHARE * memory->told;
+    return memory->ticks < MEMORY || memory->speed < FAST_SHARE || memory->done >= KEPT_SHARE * memory->told;
 }
 
-/* velocity/limits.py: whether a joint at a limit is outside its range, where Python has words for it. */
+/* velocity/limits.py: how far a joint is outside its range, negative inside. */
+double outside_by(const Loop *loop, const double *q, int j)
+{
+    return fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]);
+}
+
+/* velocity/limits.py: whether a joint at a limit is outside its range, where nothing else says so. */
 bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 {
     for (int j = 0; j < solution->m && !loop->has_braking; j++)
-        if (solution->active[j] && fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > OUTSIDE)
+        if (solution->active[j] && outside_by(loop, q, j) > OUTSIDE)
             return true;
     return false;
 }
@@ -128,7 +134,7 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution)
 bool is_far(const Loop *loop, const double *q)
 {
     for (int j = 0; j < loop->joints; j++)
-        if (fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]) > loop->beyond[j])
+        if (outside_by(loop, q, j) > loop->beyond[j])
             return true;
     return false;
 }
@@ -183,11 +189,12 @@ static void tool_speed_now(const Loop *loop, const Now *now, const double *befor
     demand->cone.limit = fmax(limit * now->speed, tool_speed(&demand->cone, loop->joints, slower));
 }
 
-/* controller.py: of a demand what no target decides, for joint twists demand->J; `now` may be NULL. */
-static Outcome demand_now(const Loop *loop, const Now *now, const double *q, const double *before, const Pose *tool,
-                          Demand *demand)
+/* controller.py: of a demand what no target decides, for joint twists demand->J; `now` may be NULL. Whether no limits
+   contradict each other. */
+static bool demand_now(const Loop *loop, const Now *now, const double *q, const double *before, const Pose *tool,
+                       Demand *demand, Tick *tick)
 {
-    bool rows = now != NULL && now->limits > 0;
+    bool rows = now != NULL && now->limits > 0, good = true;
     Row speeds;
     governed(&loop->law, demand);
     demand->limits = rows ? now->limits : loop->limits;
@@ -204,16 +211,17 @@ static Outcome demand_now(const Loop *loop, const Now *now, const double *q, con
     const double *fastest = now != NULL ? speeds : loop->fastest;
     if (!loop->has_braking)
         box(loop, q, fastest, demand);
-    else if (braking_box(loop, q, before, fastest, demand) == HAND_BACK)
-        return HAND_BACK;
+    else
+        good = braking_box(loop, q, before, fastest, demand, tick);
     if (now != NULL)
         tool_speed_now(loop, now, before, tool, demand);
-    return DONE;
+    return good;
 }
 
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand)
 {
-    return demand_now(loop, NULL, q, before, tool, demand);
+    Tick tick; /* the words for contradictions are Python's */
+    return demand_now(loop, NULL, q, before, tool, demand, &tick) ? DONE : HAND_BACK;
 }
 
 /* law.py: all that is asked for, at a share of its speed and as calm as at the whole; the limits are as they were. */
@@ -235,13 +243,28 @@ static void slowed(Demand *demand, double share)
     }
 }
 
+/* tracking.py: the logarithm of a displacement that turns as it did in the tick before. */
+static void same_turn(const double before[3], double error[6])
+{
+    double angle = norm(3, error), ratio = (angle - 2.0 * PI) / angle, slide = 0.0;
+    if (angle < HALF_TURN || !(dot(3, before, error) < 0.0))
+        return;
+    for (int i = 0; i < 3; i++)
+        slide += error[i] * error[3 + i] / angle;
+    for (int i = 0; i < 3; i++) { /* same axis, same translation along it */
+        error[3 + i] = ratio * error[3 + i] + (1.0 - ratio) * slide * (error[i] / angle);
+        error[i] *= ratio;
+    }
+}
+
 /* The tick towards a target and, without one (NULL), `Controller.follow` for the twist `feedforward`. `before` is the
-   joint velocity now, which acceleration limits count from; `kept` is what the loop keeps, `memory` its numbers after;
+   joint velocity now, which acceleration limits count from; `kept` is what the loop keeps, tick->memory its numbers after;
    `now` is what is other in this tick, or NULL. */
 Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
-             const double *kept, Memory *memory, Solution *solution)
+             const double *kept, Tick *tick)
 {
     Demand demand;
+    Memory *memory = &tick->memory;
     Pose tool, home;
     double speed = now != NULL ? now->speed : 1.0, error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], most = 0.0, square = 0.0, share = 1.0, gain = 0.0;
     Row there;
@@ -251,11 +274,13 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
     predicted(loop, kept, q, there);
     pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, there, demand.J, &tool);
-    if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK) ||
-        demand_now(loop, now, there, before, &tool, &demand) == HAND_BACK)
+    if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK))
         return HAND_BACK;
-    if (demand.chased)
+    demand_now(loop, now, there, before, &tool, &demand, tick);
+    if (demand.chased) {
+        same_turn(memory->turn, error);
         memcpy(memory->turn, error, sizeof memory->turn);
+    }
     for (int i = 0; i < 6 && feedforward != NULL; i++) {
         ahead[i] = feedforward[i];
         error[i] += demand.chased ? loop->delay * speed * feedforward[i] : 0.0; /* the target, too, is on by then */
@@ -296,8 +321,13 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
         slowed(&demand, speed);
     if (now != NULL && now->has_brought)
         memcpy(demand.brought, now->brought, sizeof demand.brought);
-    if (solve(&demand, solution) == HAND_BACK)
+    if (solve(&demand, &tick->solution) == HAND_BACK)
         return HAND_BACK;
+    for (int j = 0; j < m && !loop->has_braking; j++) {
+        double outside = tick->solution.active[j] ? outside_by(loop, q, j) : 0.0;
+        tick->outside[j] = outside > OUTSIDE ? outside : 0.0;
+        tick->acceleration[j] = 0.0;
+    }
     if (demand.chased)
         watched(loop, &demand, q, kept, memory);
     return DONE;

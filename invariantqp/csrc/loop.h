@@ -12,10 +12,18 @@ typedef struct {
 } Memory;
 #define KEPT ((int)(sizeof(Memory) / sizeof(double)))
 
+/* What a tick leads to; how far each joint is outside its range, and its acceleration where it is above its limit, where
+   these are to be told, or 0. */
+typedef struct {
+    Solution solution;
+    Memory memory;
+    Row outside, acceleration;
+} Tick;
+
 /* braking.c, demands.c, loop.c */
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
-Outcome braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand);
+bool braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand, Tick *tick);
 double share_within(const Loop *loop, double gain, const Row distance);
 Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
@@ -23,8 +31,9 @@ int commands_of(const Loop *loop);
 void predicted(const Loop *loop, const double *kept, const double *q, Row there);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
 Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
-             const double *kept, Memory *memory, Solution *solution);
-bool has_trouble(const Memory *memory);
+             const double *kept, Tick *tick);
+bool follows(const Memory *memory);
+double outside_by(const Loop *loop, const double *q, int j);
 bool is_far(const Loop *loop, const double *q);
 bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 

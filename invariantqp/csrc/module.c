@@ -87,8 +87,8 @@ static bool target_pose(PyObject *object, Pose *T)
     return good;
 }
 
-/* step(loop, memory, q, target, feedforward, velocity, ...): a VelocitySolution, and whether Python has words to add; the
-   memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. By name, what is other in
+/* step(loop, memory, q, target, feedforward, velocity, ...): a VelocitySolution, and what of joints is to be said beside
+   its reasons, None for nothing; the memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. By name, what is other in
    this tick. None, and the memory as it was, where Python has to answer, or to say what is wrong. */
 static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
@@ -109,21 +109,19 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     Pose target;
     double feedforward[6];
     bool ahead = arguments[4] != Py_None, towards = arguments[3] != Py_None;
-    Memory memory;
-    Solution solution;
+    Tick tick;
     if (arguments[5] == Py_None)
         memcpy(before, kept + KEPT + m, (size_t)m * sizeof(double));
     if ((arguments[5] != Py_None && (!vector(arguments[5], m, before) || !all_finite(m, before))) ||
         !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
         (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead) ||
-        step(fixed, now, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &memory, &solution) == HAND_BACK)
+        step(fixed, now, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &tick) == HAND_BACK)
         Py_RETURN_NONE;
-    PyObject *found[] = {fields(m, &solution), NULL};
-    if (found[0] == NULL)
-        return NULL;
-    memcpy(kept, &memory, sizeof memory);
-    remembered(fixed, q, solution.velocity, kept);
-    found[1] = PyBool_FromLong((towards && has_trouble(&memory)) || is_outside(fixed, q, &solution));
+    PyObject *found[] = {fields(m, &tick.solution), joint_troubles(fixed, &tick, towards)};
+    if (found[0] != NULL) {
+        memcpy(kept, &tick.memory, sizeof tick.memory);
+        remembered(fixed, q, tick.solution.velocity, kept);
+    }
     return named(&PyTuple_Type, 2, found);
 }
 
@@ -161,7 +159,7 @@ static PyMethodDef methods[] = {
     CALLED("ticks", batch_ticks, "Many ticks at once, without the GIL."),
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED_BY_NAME("step", controller_step,
-           "A controller's tick: a VelocitySolution, and whether Python has words to add; None where Python has to answer."),
+           "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
     CALLED("tell_as", tell_as, "Make every answer along a path a PathSolution, this type, its status a member of this enum."),
     CALLED("drive", path_drive,
            "A tick along a path: a PathSolution, and whether Python has words to add; None where Python has to drive."),

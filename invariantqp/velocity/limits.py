@@ -27,7 +27,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.qp import ROUNDING, Cone, Polytope
-from invariantqp.velocity.reasons import Code, Reason, of_joints
+from invariantqp.velocity.reasons import Code, Reason
 
 # How far outside its position range a joint is reported to be [rad, length]; less is rounding and noise of encoders.
 OUTSIDE = 1e-3
@@ -166,7 +166,7 @@ class JointBox(Value):
         """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
         x: Any = q
         far = ((i, max(x[i] - self.position_upper[i], self.position_lower[i] - x[i])) for i in joints)
-        return of_joints(Code.OUTSIDE, [(i, (float(distance),)) for i, distance in far if distance > OUTSIDE])
+        return tuple(Reason(Code.OUTSIDE, (i,), numbers=(float(by),)) for i, by in far if by > OUTSIDE)
 
     def room(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
@@ -239,10 +239,11 @@ class BrakingBox(Value):
         jerked = np.maximum(lower - before, before - upper) - step
         allowance = ROUNDING * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
         dt, a = self.box.dt, self.acceleration
-        fast = [
-            (i, (float(jerked[i] + step[i]) / dt, float(a[i]))) for i in np.flatnonzero(jerked > allowance).tolist()
-        ]
-        return (*self.box.outside(q.tolist(), range(len(q))), *of_joints(Code.ACCELERATION, fast))
+        fast = (
+            Reason(Code.ACCELERATION, (i,), numbers=(float(jerked[i] + step[i]) / dt, float(a[i])))
+            for i in np.flatnonzero(jerked > allowance).tolist()
+        )
+        return (*self.box.outside(q.tolist(), range(len(q))), *fast)
 
 
 def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:

@@ -142,15 +142,10 @@ def sentences(reasons: Iterable[Reason]) -> str:
     return "; ".join(filter(None, map(str, reasons)))
 
 
-def of_joints(code: Code, found: Iterable[tuple[int, tuple[float, ...]]]) -> tuple[Reason, ...]:
-    """A reason for each joint that is told with its numbers; the one whose first number reads largest comes first."""
-    worst = sorted(found, key=lambda one: -float(f"{one[1][0]:.3g}"))
-    return tuple(Reason(code, (i,), (), numbers) for i, numbers in worst)
-
-
-def with_names(reasons: Iterable[Reason], names: Sequence[str]) -> tuple[Reason, ...]:
-    """The same reasons, each of one joint with the joint's name as its words."""
-    return tuple(reason._replace(words=names[reason.joints[0]]) for reason in reasons)
+def by_joint(reasons: Iterable[Reason], names: Sequence[str]) -> tuple[Reason, ...]:
+    """Reasons that name a joint each, with the joint's name as words; of one code, the largest number first."""
+    worst = sorted(reasons, key=lambda one: (one.code, *(-float(f"{number:.3g}") for number in one.numbers[:1])))
+    return tuple(one._replace(words=names[one.joints[0]]) if one.joints else one for one in worst)
 
 
 def worst_first(reasons: Iterable[Reason]) -> tuple[Reason, ...]:

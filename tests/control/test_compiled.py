@@ -185,9 +185,13 @@ def test_acceleration_limits_to_a_target_at_rest_and_beside_a_limit(limit):
     assert "outside its position range" in assert_same(controller, outside, goal).reason
     noisy = np.minimum(outside, robot.position_upper + 1e-4)
     assert "outside" not in assert_same(controller, noisy, goal).reason
-    fast = copy(controller).step(q, goal, None, np.full(7, 2.0))  # as measured, faster than the commanded one
-    python = controller.by_engine("python").step(q, goal, None, np.full(7, 2.0))
-    np.testing.assert_allclose(fast.velocity, python.velocity)
+    for speed in (2.0, 20.0):  # as measured, faster than the commanded one, then than allowed
+        tick = q, goal, None, np.full(7, speed)
+        assert compiled_tick(controller.compiled, controller.kept.copy(), *tick) is not None
+        fast, python = copy(controller).step(*tick), controller.by_engine("python").step(*tick)
+        np.testing.assert_allclose(fast.velocity, python.velocity)
+        assert (fast.status, fast.reason) == (python.status, python.reason)
+    assert "acceleration" in fast.reason
 
 
 def test_a_target_in_any_form(panda):
@@ -238,7 +242,19 @@ def test_turns_near_half_a_turn(panda, angle):
     controller, q = panda
     target = controller.robot.pose(q) @ iq.exp([0.0, 0.6 * angle, 0.8 * angle, 0.0, 0.0, 0.0])
     for _ in range(3):
+        assert compiled_tick(controller.compiled, controller.kept.copy(), q, target, None, None) is not None
         assert_same(controller, q, target)
+
+
+def test_a_turn_goes_on_beyond_half_a_turn(panda):
+    controller, q = panda
+    turns = []
+    for angle in np.linspace(0.7, 1.18, 8) * np.pi:
+        target = controller.robot.pose(q) @ iq.exp([0.0, 0.6 * angle, 0.8 * angle, 0.02, 0.0, 0.01])
+        assert compiled_tick(controller.compiled, controller.kept.copy(), q, target, None, None) is not None
+        assert_same(controller, q, target)
+        turns.append(np.linalg.norm(controller.memory.turn) / np.pi)
+    np.testing.assert_allclose(turns, np.linspace(0.7, 1.18, 8))
 
 
 def test_not_converging_is_told(panda):

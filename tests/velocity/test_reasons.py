@@ -174,7 +174,7 @@ def test_a_text_is_a_reason_too():
 
 
 def test_of_several_joints_the_worst_comes_first():
-    found = reasons.of_joints(Code.OUTSIDE, [(0, (0.1,)), (3, (0.5,)), (5, (0.2,))])
-    assert [r.joints for r in found] == [(3,), (5,), (0,)]
-    named = reasons.with_names(found, ["a", "b", "c", "d", "e", "f"])
-    assert [r.words for r in named] == ["d", "f", "a"]
+    told = [Reason(Code.OUTSIDE, (i,), numbers=(by,)) for i, by in ((0, 0.1), (3, 0.5), (5, 0.2))]
+    found = reasons.by_joint([Reason(Code.ACCELERATION, (1,), numbers=(9.0, 5.0)), *told], "abcdef")
+    assert [r.joints for r in found] == [(3,), (5,), (0,), (1,)]
+    assert [r.words for r in found] == ["d", "f", "a", "b"]
