@@ -6,8 +6,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.compare.laws.mink_law import _model
-from invariantqp.mink import InvariantFrameTask
-from invariantqp.robots.mink import chain_to
+from invariantqp.mink import InvariantFrameTask, chain_to
 
 DT = 0.01
 OFFSET = iq.exp([0.9, -1.4, 0.6, 0.2, -0.1, 0.15])

@@ -21,7 +21,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.srdf import disabled, excluding
 from invariantqp.robots.tree import chain_to_link
-from invariantqp.robots.urdf import is_text, joints_of, parts_of, read_xml
+from invariantqp.robots.urdf import is_text, joints_of, joints_of_yourdfpy, parts_of, read_xml
 
 DATA = "example-robot-data"
 SOURCES = (
@@ -181,8 +181,6 @@ def _of_library(model: Any, tool: str | None, joints: Sequence[str] | None) -> C
         from invariantqp.robots.mujoco import load_mujoco
 
         return load_mujoco(model, tool, joints)
-    from invariantqp.robots.yourdfpy import joints_of_yourdfpy
-
     return chain_to_link(joints_of_yourdfpy(model), "the yourdfpy model", tool, joints)
 
 

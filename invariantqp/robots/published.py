@@ -17,7 +17,8 @@ from math import inf, pi, radians
 import numpy as np
 
 from invariantqp.geometry import se3
-from invariantqp.robots.urdf import TreeJoint, rotation
+from invariantqp.robots.tree import TreeJoint
+from invariantqp.robots.urdf import rotation
 
 # Where a frame is: a translation [m], and quarter turns (roll, pitch, yaw).
 Place = tuple[tuple[float, float, float], tuple[int, int, int]]

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,10 +19,27 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.links import Geometry, Link
-from invariantqp.robots.urdf import MOVING, TreeJoint
 
+# Types of joints with one coordinate, without one, and with several.
+MOVING = ("revolute", "continuous", "prismatic")
+TYPES = (*MOVING, "fixed", "floating", "planar")
 # Why a joint cannot be one of an arm, by its type.
 NOT_SINGLE = "({}) has no single coordinate; only revolute and prismatic joints are modelled"
+
+
+class TreeJoint(NamedTuple):
+    """A joint of a tree of links."""
+
+    name: str  # of the joint
+    kind: str  # one of `TYPES`
+    parent: str  # the link that it stands on
+    child: str  # the link that it moves
+    origin: Array  # (4, 4) its frame in that of the parent link, at zero
+    axis: Array  # (3,) unit vector in its frame
+    lower: float = -inf  # position limit [rad, m], -inf where there is none
+    upper: float = inf  # likewise, inf
+    speed: float = inf  # velocity limit [rad/s, m/s], inf where there is none
+    mimics: str = ""  # the joint that it follows, "" for none
 
 
 def chain_to_link(

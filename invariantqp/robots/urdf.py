@@ -1,8 +1,8 @@
-"""URDF, from a file or from text: the joints that a serial chain is made of. Only the standard library is needed.
+"""URDF, from a file, from text or as yourdfpy has read it: joints, geometry, and the part of it that is an arm.
 
-Read are each joint's name, type, links, origin, axis, limits and whether it mimics another. An origin is
-T = (Rz(yaw) Ry(pitch) Rx(roll), xyz), an axis is made a unit vector. Document types, where entities are declared, are
-refused.
+Read are each joint's name, type, links, origin, axis, limits and whether it mimics another, and of each link what it
+collides with and looks like. An origin is T = (Rz(yaw) Ry(pitch) Rx(roll), xyz), an axis is made a unit vector.
+Document types, where entities are declared, are refused.
 """
 
 from __future__ import annotations
@@ -19,27 +19,10 @@ from invariantqp.errors import RobotModelError
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.links import Geometry
+from invariantqp.robots.tree import MOVING, TYPES, TreeJoint, displacement, path_to, rest
 
 # What may stand before the "<" of a text.
 BLANK = "\ufeff \t\r\n"
-# Types of joints with one coordinate, without one, and with several.
-MOVING = ("revolute", "continuous", "prismatic")
-TYPES = (*MOVING, "fixed", "floating", "planar")
-
-
-class TreeJoint(NamedTuple):
-    """A joint of a tree of links."""
-
-    name: str  # of the joint
-    kind: str  # one of `TYPES`
-    parent: str  # the link that it stands on
-    child: str  # the link that it moves
-    origin: Array  # (4, 4) its frame in that of the parent link, at zero
-    axis: Array  # (3,) unit vector in its frame
-    lower: float = -inf  # position limit [rad, m], -inf where there is none
-    upper: float = inf  # likewise, inf
-    speed: float = inf  # velocity limit [rad/s, m/s], inf where there is none
-    mimics: str = ""  # the joint that it follows, "" for none
 
 
 def is_text(source: str) -> bool:
@@ -85,18 +68,47 @@ def parts_of(name: str, root: ET.Element, folder: Path | None) -> dict[str, tupl
 
     What is wrong with one is told when it is asked for: an arm moves without.
     """
-    found = {}
+    return {
+        link.get("name", ""): tuple(_part(name, link, element, folder) for element in link.findall("collision"))
+        for link in root.findall("link")
+    }
+
+
+class Visual(NamedTuple):
+    """What a link looks like, or a part of it."""
+
+    link: str
+    part: Geometry
+    colour: tuple[float, ...] | None  # red, green, blue, opacity, 0 ... 1; None where the URDF names none
+
+
+def visuals_of(name: str, root: ET.Element, folder: Path | None) -> list[Visual]:
+    """The visual geometry of a URDF's root element; what is wrong with a part is told as in `parts_of`."""
+    colours = {material.get("name"): _colour(material) for material in root.findall("material")}
+    found = []
     for link in root.findall("link"):
-        where = f"{name}: link {link.get('name')!r}"
-        found[link.get("name", "")] = tuple(_part(where, element, folder) for element in link.findall("collision"))
+        for element in link.findall("visual"):
+            material = element.find("material")
+            own = None if material is None else _colour(material) or colours.get(material.get("name"))
+            found.append(Visual(link.get("name", ""), _part(name, link, element, folder), own))
     return found
 
 
-def _part(where: str, element: ET.Element, folder: Path | None) -> Geometry:
-    pose = np.eye(4)
+def _colour(material: ET.Element) -> tuple[float, ...] | None:
+    """What a material's <color> says, within 0 ... 1; None where it says nothing that can be read."""
+    colour = material.find("color")
     try:
-        pose[:3, :3] = rotation(_numbers(where, element.find("origin"), "rpy", "0 0 0"))
-        pose[:3, 3] = _numbers(where, element.find("origin"), "xyz", "0 0 0")
+        rgba = [] if colour is None else [float(word) for word in colour.get("rgba", "1 1 1 1").split()]
+    except ValueError:
+        return None
+    return tuple(min(max(x, 0.0), 1.0) for x in rgba) if len(rgba) == 4 else None
+
+
+def _part(name: str, link: ET.Element, element: ET.Element, folder: Path | None) -> Geometry:
+    where = f"{name}: link {link.get('name')!r}"
+    pose, kind = np.eye(4), ""
+    try:
+        pose = _origin(where, element)
         shape = next(iter(element.find("geometry") or ()), None)
         kind = "" if shape is None else shape.tag
         if kind == "box":
@@ -111,9 +123,16 @@ def _part(where: str, element: ET.Element, folder: Path | None) -> Geometry:
             return Geometry(kind, tuple(scale), pose, _mesh_file(shape.get("filename", ""), folder))
     except RobotModelError as error:
         return Geometry("unreadable", (), pose, str(error))
-    return Geometry(
-        "unreadable", (), pose, f"{where}: <geometry> with {kind!r}; expected a box, sphere, cylinder or mesh"
-    )
+    why = f"{where}: <geometry> with {kind!r}; expected a box, sphere, cylinder or mesh"
+    return Geometry("unreadable", (), pose, why)
+
+
+def _origin(where: str, element: ET.Element) -> Array:
+    """(4, 4) of an element's <origin>."""
+    pose, origin = np.eye(4), element.find("origin")
+    pose[:3, :3] = rotation(_numbers(where, origin, "rpy", "0 0 0"))
+    pose[:3, 3] = _numbers(where, origin, "xyz", "0 0 0")
+    return pose
 
 
 def _mesh_file(uri: str, folder: Path | None) -> str:
@@ -124,7 +143,7 @@ def _mesh_file(uri: str, folder: Path | None) -> str:
         for inside in (path, path.partition("/")[2]):  # the package's folder itself may be called otherwise
             if inside and (place / inside).is_file():
                 return str(place / inside)
-    return path
+    return path if folder is None else str(folder / path)
 
 
 def rotation(rpy: Sequence[float]) -> Array:
@@ -164,9 +183,7 @@ def _joint(name: str, element: ET.Element) -> TreeJoint:
     parent, child = (getattr(element.find(tag), "attrib", {}).get("link", "") for tag in ("parent", "child"))
     if not (called and parent and child):
         raise RobotModelError(f"{where}: expected a name, and <parent> and <child> with a link each")
-    origin = np.eye(4)
-    origin[:3, :3] = rotation(_numbers(where, element.find("origin"), "rpy", "0 0 0"))
-    origin[:3, 3] = _numbers(where, element.find("origin"), "xyz", "0 0 0")
+    origin = _origin(where, element)
     axis = np.array(_numbers(where, element.find("axis"), "xyz", "1 0 0"))
     length = hypot(*axis.tolist())
     if kind in MOVING and length == 0.0:
@@ -202,3 +219,64 @@ def _numbers(where: str, element: ET.Element | None, key: str, default: str, cou
         hint = " Run xacro on the file first." if "$" in text else ""
         raise RobotModelError(f"{where}: {key}={text!r}; expected {count} finite number{'s'[: count - 1]}.{hint}")
     return numbers
+
+
+def joints_of_yourdfpy(urdf: Any) -> list[TreeJoint]:
+    """The joints of a `yourdfpy.URDF`."""
+    return [_of_yourdfpy(joint) for joint in urdf.robot.joints]
+
+
+def _of_yourdfpy(joint: Any) -> TreeJoint:
+    origin = np.eye(4) if joint.origin is None else np.array(joint.origin, np.float64)
+    axis = np.array((1.0, 0.0, 0.0) if joint.axis is None else joint.axis, np.float64)
+    limit = None if joint.type == "continuous" else joint.limit
+    # As in a URDF, positions that are left out are 0.
+    lower, upper = (-inf, inf) if limit is None else (open_limit(x or 0.0) for x in (limit.lower, limit.upper))
+    speed = (joint.limit and joint.limit.velocity) or inf
+    length = float(np.linalg.norm(axis)) or 1.0
+    follows = "" if joint.mimic is None else joint.mimic.joint
+    return TreeJoint(
+        joint.name, joint.type, joint.parent, joint.child, origin, axis / length, lower, upper, speed, follows
+    )
+
+
+def chain_xml(path: Path, tool: str, moving: Sequence[str]) -> str:
+    """The URDF text of the chain to a tool link, in which the named joints move, without meshes and branches.
+
+    For other readers than Pinocchio, which reduces models itself: joints that do not move are fixed.
+
+    Raises:
+        RobotModelError: the tool is not a link of the file.
+    """
+    name, root = read_xml(path)
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    if tool not in links:
+        raise RobotModelError(f"{path.name}: no link {tool!r}; name a link as the tool")
+    elements = {element.get("name"): element for element in root.findall("joint")}
+    chain = path_to({joint.child: joint for joint in joints_of(name, root)}, tool, name)
+    cut = ET.Element("robot", name=root.get("name", "robot"))
+    cut.append(links[chain[0].parent if chain else tool])
+    for joint in chain:
+        if joint.name not in moving:
+            _hold(elements[joint.name], joint)
+        cut.extend((elements[joint.name], links[joint.child]))
+    for link in cut.findall("link"):
+        for mesh in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(mesh)
+    # MuJoCo's own section: every link stays a body, and inertias that CAD has rounded are corrected.
+    compiler = {"fusestatic": "false", "balanceinertia": "true", "discardvisual": "false"}
+    ET.SubElement(ET.SubElement(cut, "mujoco"), "compiler", compiler)
+    return ET.tostring(cut, encoding="unicode")
+
+
+def _hold(element: ET.Element, joint: TreeJoint) -> None:
+    """Fix a joint where a held one stands."""
+    from scipy.spatial.transform import Rotation  # for this alone
+
+    if joint.kind in MOVING and rest(joint):
+        place = joint.origin.dot(displacement(joint, rest(joint)))
+        found = element.find("origin")
+        origin = ET.SubElement(element, "origin") if found is None else found
+        origin.set("xyz", " ".join(map(repr, place[:3, 3].tolist())))
+        origin.set("rpy", " ".join(map(repr, Rotation.from_matrix(place[:3, :3]).as_euler("xyz").tolist())))
+    element.set("type", "fixed")

@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError
-from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.tree import displacement, path_to, rest
-from invariantqp.robots.urdf import MOVING, TreeJoint, joints_of, read_xml, rotation
+from invariantqp.robots.links import Geometry
+from invariantqp.robots.tree import MOVING, TreeJoint, displacement, path_to, rest
+from invariantqp.robots.urdf import Visual, joints_of, read_xml, visuals_of
 from invariantqp.runs.taskfile import Task
 
 if TYPE_CHECKING:
@@ -57,45 +56,51 @@ def look_of(task: Task, names: Iterable[str]) -> Look:
 def read_look(file: Path, names: tuple[str, ...]) -> Look:
     """What the arm of these joints looks like, by a URDF file; read anew where it or one of its meshes has changed."""
     try:
-        meshes = read_xml(file)[1].findall("link/visual/geometry/mesh")
-        files = {file, *(_file(file, mesh.get("filename", "")) for mesh in meshes)}
+        meshes = [visual.part.mesh for visual in _visuals(file) if visual.part.kind == "mesh"]
+        files = (file, *map(Path, meshes))
         return _read(file, names, frozenset((each, each.stat().st_mtime_ns) for each in files if each.exists()))
     except RobotModelError as error:
         return Look(missing=f"drawn by its joints: {error}")
-    except ValueError:
-        return Look(missing="drawn by its joints: a visual shape of its URDF has numbers that are none")
     except MissingExtra as error:
         return Look(missing=f"{error.install} draws its meshes")
 
 
+def _visuals(file: Path) -> list[Visual]:
+    """What the links of a URDF look like; none of an MJCF.
+
+    Raises:
+        RobotModelError: a file or a shape that cannot be read.
+    """
+    visuals = visuals_of(*read_xml(file), file.resolve().parent)
+    for visual in visuals:
+        if visual.part.kind == "unreadable":
+            raise RobotModelError(str(visual.part.mesh))
+    return visuals
+
+
 @lru_cache(maxsize=8)
 def _read(file: Path, names: tuple[str, ...], _changed: frozenset[tuple[Path, int]]) -> Look:
-    name, root = read_xml(file)
-    if root.find("link/visual") is None:  # an MJCF among others
-        return Look()
-    return Look(tuple(_parts(file, root, joints_of(name, root), list(names))))
+    visuals = _visuals(file)
+    return Look(tuple(_parts(visuals, joints_of(*read_xml(file)), list(names))) if visuals else ())
 
 
-def _parts(file: Path, root: ET.Element, joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:
+def _parts(visuals: list[Visual], joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:
     from invariantqp.view.meshes import read_meshes, reduced
 
     read = cache(read_meshes)
     above = {joint.child: joint for joint in joints}
-    colours = {m.get("name"): _rgb(m) for m in root.findall("material")}
     found: list[tuple[int, Mesh]] = []
-    for link in root.findall("link"):
-        joint, T = _place(path_to(above, link.get("name", ""), file.name), names)
-        for visual in link.findall("visual"):
-            place = T.dot(_origin(visual.find("origin")))
-            for mesh in _shapes(file, visual.find("geometry"), read):
-                material = visual.find("material")
-                own = None if material is None else _rgb(material) or colours.get(material.get("name"))
-                vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
-                found.append((joint, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
+    for link, part, colour in visuals:
+        joint, T = _place(path_to(above, link, "the URDF"), names)
+        place = T.dot(part.pose)
+        own = None if colour is None else _bytes(colour)
+        for mesh in _shapes(part, read):
+            vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
+            found.append((joint, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
     merged = _merged(found)
-    for (joint, colour), mesh in zip(merged, reduced(list(merged.values()), TRIANGLES), strict=True):
+    for (joint, hue), mesh in zip(merged, reduced(list(merged.values()), TRIANGLES), strict=True):
         if len(mesh.faces):
-            yield Part(joint, colour, mesh.vertices, mesh.faces)
+            yield Part(joint, hue, mesh.vertices, mesh.faces)
 
 
 def _merged(found: list[tuple[int, Mesh]]) -> dict[tuple[int, tuple[int, int, int]], Mesh]:
@@ -123,48 +128,19 @@ def _place(path: list[TreeJoint], names: list[str]) -> tuple[int, Array]:
     return count, T
 
 
-def _shapes(file: Path, geometry: ET.Element | None, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
+def _shapes(part: Geometry, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
     """The shapes of a visual, in its own frame; `read` reads a mesh file."""
     from invariantqp.view import meshes
 
-    for shape in () if geometry is None else geometry:
-        if shape.tag == "mesh":
-            scale = _numbers(shape.get("scale", "1 1 1"))
-            found = read(_file(file, shape.get("filename", "")))
-            order = slice(None, None, -1 if np.prod(scale) < 0.0 else 1)  # a mirror image turns its triangles over
-            return [mesh._replace(vertices=mesh.vertices * scale, faces=mesh.faces[:, order]) for mesh in found]
-        if shape.tag == "box":
-            return [meshes.box(_numbers(shape.get("size", "")))]
-        if shape.tag == "cylinder":
-            return [meshes.cylinder(float(shape.get("radius", "")), float(shape.get("length", "")))]
-        if shape.tag == "sphere":
-            return [meshes.sphere(float(shape.get("radius", "")))]
-    return []
+    if part.kind == "mesh":
+        order = slice(None, None, -1 if np.prod(part.size) < 0.0 else 1)  # a mirror image turns its triangles over
+        return [
+            mesh._replace(vertices=mesh.vertices * part.size, faces=mesh.faces[:, order])
+            for mesh in read(Path(part.mesh))
+        ]
+    return [meshes.plain(part.kind, part.size)]
 
 
-def _file(urdf: Path, name: str) -> Path:
-    """The file of a mesh: beside the URDF, or, after "package://", in a folder of the package's name above it."""
-    if not name.startswith("package://"):
-        return urdf.parent / name.removeprefix("file://")
-    package, _, rest_of_path = name.removeprefix("package://").partition("/")
-    folder = next((folder for folder in urdf.resolve().parents if folder.name == package), urdf.parent)
-    return folder / rest_of_path
-
-
-def _origin(element: ET.Element | None) -> Array:
-    if element is None:
-        return np.eye(4)
-    xyz, rpy = (_numbers(element.get(key, "0 0 0")) for key in ("xyz", "rpy"))
-    return se3.transform(rotation(rpy), xyz)
-
-
-def _rgb(material: ET.Element) -> tuple[int, int, int] | None:
-    colour = material.find("color")
-    if colour is None:
-        return None
-    red, green, blue = (round(255 * min(max(x, 0.0), 1.0)) for x in _numbers(colour.get("rgba", "1 1 1 1"))[:3])
+def _bytes(colour: tuple[float, ...]) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * x) for x in colour[:3])
     return red, green, blue
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split()]

@@ -54,20 +54,19 @@ def read_meshes(file: Path) -> list[Mesh]:
     return [Mesh(np.array(part.vertices), np.array(part.faces), _colour(part)) for part in found]
 
 
-def box(size: Sequence[float]) -> Mesh:
-    """A box about the origin with sides along the axes."""
-    return _plain(trimesh.creation.box(size))
-
-
-def cylinder(radius: float, length: float) -> Mesh:
-    """A cylinder about the origin along z."""
-    return _plain(trimesh.creation.cylinder(radius, length, sections=24))
-
-
-def sphere(radius: float) -> Mesh:
-    """A ball about the origin."""
-    ball = _plain(trimesh.creation.icosphere(2))
-    return ball._replace(vertices=radius * ball.vertices)
+def plain(kind: str, size: Sequence[float]) -> Mesh:
+    """A box, sphere, cylinder or capsule about the origin, of a size as `robots.links.Geometry` has it."""
+    create = trimesh.creation
+    if kind == "box":
+        part = create.box(size)
+    elif kind == "sphere":
+        part = create.icosphere(2)
+    elif kind == "cylinder":
+        part = create.cylinder(*size, sections=24)
+    else:
+        part = create.capsule(size[1], size[0], count=(24, 12))
+    scale = size[0] if kind == "sphere" else 1.0
+    return Mesh(scale * np.array(part.vertices), np.array(part.faces), None)
 
 
 def reduced(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
@@ -112,10 +111,6 @@ def _snapped(mesh: Mesh, reach: float) -> Mesh:
 def _area(mesh: Mesh) -> float:
     a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
-
-
-def _plain(part: Any) -> Mesh:
-    return Mesh(np.array(part.vertices), np.array(part.faces), None)
 
 
 def _colour(part: Any) -> tuple[int, int, int] | None:

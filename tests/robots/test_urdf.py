@@ -6,8 +6,8 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.robots.load import urdf_of
-from invariantqp.robots.tree import chain_to_link, path_to, rest
-from invariantqp.robots.urdf import MOVING, joints_of, read_xml
+from invariantqp.robots.tree import MOVING, chain_to_link, path_to, rest
+from invariantqp.robots.urdf import joints_of, read_xml
 
 MODELS = urdf_of("panda").parents[2]
 ARM = """<robot name="arm"><link name="base"/><link name="tip"/>

@@ -99,6 +99,22 @@ def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
     assert said == Look(missing=f"{install_command('meshes')} draws its meshes")
 
 
+def test_a_shape_that_cannot_be_read_is_told(tmp_path):
+    for broken, why in (("<box size='1 2'/>", "size='1 2'; expected 3 finite numbers"), ("<cone/>", "'cone'")):
+        found = look_of(task_of(str(written(tmp_path, broken)), 2), ["turn", "slide"])
+        assert not found.parts
+        assert found.missing.startswith("drawn by its joints: ")
+        assert why in found.missing
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"), [("capsule", (0.2, 1.0)), ("cylinder", (0.2, 1.4)), ("box", (0.4, 0.4, 1.4))]
+)
+def test_plain_shapes_lie_about_the_origin_along_z(kind, size):
+    bounds = box(meshes.plain(kind, size).vertices)
+    np.testing.assert_allclose(bounds, [[-0.2, -0.2, -0.7], [0.2, 0.2, 0.7]], atol=2e-3)
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_shape_without_a_surface_does_not_take_the_others_along(tmp_path):
     found = look_of(task_of(str(written(tmp_path, "<sphere radius='0'/>")), 2), ["turn", "slide"])

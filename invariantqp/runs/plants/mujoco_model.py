@@ -17,11 +17,11 @@ from invariantqp.force.wrench import GRAVITY
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.urdf import chain_xml
 from invariantqp.runs.physics import Physics
 from invariantqp.runs.plants.sensor import SimulatedSensor
 from invariantqp.runs.plants.solids import Solid, SolidKind, Solids, solids_of
 from invariantqp.runs.plants.springs import HingeSprings, Springs, SurfaceSprings
-from invariantqp.runs.plants.urdf import chain_xml
 
 with optional("sim", "mujoco"):
     import mujoco
