@@ -168,13 +168,28 @@ def minimise(
         return _in_polytope(backend, priced, limits, inside)._replace(nu=nu)
 
     found = at(0.0)
-    if cone is None or cone.allows(found.z, ROUNDING):
-        return found
-    if not cone.J.any():
-        if inside is None:
+    if cone is not None and not cone.allows(found.z, ROUNDING):
+        if cone.J.any():
+            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), at, lambda found: found.z, inside)
+        elif inside is None:
             raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
-        return found
-    return at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), at, lambda found: found.z, inside)
+    return found if inside is None else found._replace(z=_kept(found.z, limits, cone, inside))
+
+
+def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array:
+    """The z found, or where that is outside the limits the last one inside on the way there from one that is."""
+    for _ in range(2):  # the rounding that is allowed is that of z: the first cut may be much shorter
+        if limits.allows(z):
+            break
+        way, margin = limits.A.dot(z - inside), limits.margin(z)
+        room = np.where(way > 0.0, limits.upper + margin, limits.lower - margin) - limits.A.dot(inside)
+        out = np.abs(way) > np.abs(room)
+        z = inside + (room[out] / way[out]).clip(0.0, 1.0).min(initial=1.0) * (z - inside)
+    if cone is None or cone.allows(z, ROUNDING):
+        return z
+    v, d = cone.velocity(inside), cone.J.dot(z - inside)
+    a, b, c = float(d.dot(d)), float(v.dot(d)), max(cone.limit**2 - float(v.dot(v)), 0.0)
+    return inside + (min((sqrt(b * b + a * c) - b) / a, 1.0) if a > 0.0 else 0.0) * (z - inside)
 
 
 Found = TypeVar("Found")

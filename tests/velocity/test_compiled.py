@@ -349,16 +349,25 @@ def test_the_answer_owns_its_arrays(tick):
     assert all(a.flags.owndata and a.flags.writeable for a in (solution.velocity, solution.residual))
 
 
-@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-9, 1e-13])
 @pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_rows_hold_however_far_the_optimum_without_them_is(engine, size):
+def test_limits_hold_however_far_the_optimum_without_them_is(engine, size):
     rng = np.random.default_rng(5)
-    for m in (1, 2, 6):
+    for m in (1, 2, 6, 8):
         J, s = size * rng.normal(size=(6, m)), 10.0 * rng.normal(size=6)
         C = rng.normal(size=(2, m))
-        most = 1e-3 * np.linalg.norm(C, axis=1)
-        rows, bounds = iq.limits.LimitRows(C, -most, most), (-np.ones(m), np.ones(m))
-        options = {"damping": iq.velocity.Fixed(0.0), "point": np.zeros(3), "length": 1.0}
-        x = iq.solve_velocity(J, s, rows=rows, bounds=bounds, engine=engine, **options).velocity
+        most, slow = 1e-3 * np.linalg.norm(C, axis=1), iq.limits.ToolSpeed(1e-4 * size, np.zeros(3))
+        options = {
+            "damping": iq.velocity.Fixed(0.0),
+            "point": np.zeros(3),
+            "length": 1.0,
+            "rows": iq.limits.LimitRows(C, -most, most),
+            "bounds": (-np.ones(m), np.ones(m)),
+            "engine": engine,
+        }
+        x = iq.solve_velocity(J, s, **options).velocity
         assert (np.abs(C @ x) <= most * (1.0 + 1e-6)).all()
         assert np.abs(C @ x / most).max() > 0.5
+        x = iq.solve_velocity(J, s, tool_speed=slow, **options).velocity
+        assert (np.abs(C @ x) <= most * (1.0 + 1e-6)).all()
+        assert 0.5 * slow.limit < slow.cone(J, np.zeros(3)).speed(x) <= slow.limit * (1.0 + 1e-6)
