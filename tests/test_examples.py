@@ -29,7 +29,7 @@ SAYS = {
     "14_defaults": "posture_gain [1/s]; 2 tasks",
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
     "25_pink_scripts": "ours settles later in 0, and is then farther off in 0",
-    "16_frame_race": "a start moved by 1e-12 parts them",
+    "16_out_of_reach": "the same calls, invariantqp: a target held out of reach moves joints at 0.0 deg/s",
     "17_teleoperation": "ours: 0 steps above the limit",
     "18_servo_ros": "moving, no twist",
     "19_force_servo": "told: approaching, ok",
@@ -53,7 +53,7 @@ SHORTER = {
     "22_contact_scenes": ("so101", "--physics", "mujoco", "--seconds", "0.3", "--scene", "bar"),
     "24_gallery": ("gallery", "23_conventions"),
     "28_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
-    "16_frame_race": ("film.gif", "3"),
+    "16_out_of_reach": ("film.gif", "3"),
 }
 
 
