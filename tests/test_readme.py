@@ -1,5 +1,6 @@
 """Every line of code in the README is a line that runs; every name and every file in it is there."""
 
+import json
 import re
 import shlex
 import sys
@@ -158,3 +159,33 @@ def test_every_file_it_names_is_there():
     files = [a or b for a, b in named]
     assert len(files) >= 3
     assert [f for f in files if not (ROOT / f).exists()] == []
+
+
+def measured(file, task, figure, method="invariantqp", kind=None):
+    """A figure of the stored comparison, with the two digits that the README prints."""
+    cells = json.loads((ROOT / "examples" / "comparison" / file).read_text(encoding="utf-8"))["cells"]
+    found = [
+        c["result"][figure] for c in cells if (c["method"], c["task"]) == (method, task) and kind in (None, c["kind"])
+    ]
+    return f"{found[0]:.2g}"
+
+
+def test_its_promises_are_what_was_measured():
+    said = " ".join(re.search("<!-- promises -->(.*)<!-- end of promises -->", README, re.DOTALL)[1].split())
+    hand = "hand-written loop"
+    stay, turn, wrist = "compare/stay", "compare/turn", "stability/ur5_wrist"
+    ours, theirs = (measured("everyday.json", stay, "joints_deg", who) for who in ("invariantqp", hand))
+    assert f"Joints move by {ours} deg; with a hand-written QP loop and the same posture by {theirs}." in said
+    ours, theirs = (measured("everyday.json", wrist, "acceleration", who) for who in ("invariantqp", hand))
+    assert f"joints accelerate by {ours} rad/s^2, not {float(theirs):.0f};" in said
+    ours, theirs = (float(measured("everyday.json", turn, "position_mm", who)) for who in ("invariantqp", hand))
+    assert f"swings by {ours:.0f} mm, not {theirs:.0f};" in said
+    tasks = json.loads((ROOT / "examples" / "comparison" / "results.json").read_text(encoding="utf-8"))["tasks"]
+    times = [
+        [float(measured("results.json", task, "median_us", who, "tick")) for task in tasks]
+        for who in ("invariantqp", hand)
+    ]
+    (fast, slow), (least, most) = ((min(t), max(t)) for t in times)
+    assert f"A tick takes {fast:.0f} to {slow:.0f} us**, the hand-written loop's {least:.0f} to {most:.0f}" in said
+    frame = max(float(measured("results.json", task, "frame", kind="loop")) for task in tasks)
+    assert f"the joints move the same, to {frame:.0e} rad" in said
