@@ -1,7 +1,7 @@
 """Speed against accuracy at equal information: table, verdict and chart, from results kept beside this script.
 
 Every figure is in examples/comparison/results.json: machine, versions, seeds. To measure all of it again in about ten
-minutes on an idle machine (extras compare, peers, placo), draw the charts, and write README's verdict and the report:
+minutes on an idle machine (extras robots, peers, placo, drake), draw charts, and write README's verdict and the report:
 
     python examples/07_speed_and_accuracy.py --measure
 
@@ -15,12 +15,13 @@ from pathlib import Path
 
 from shared.pages import guide, listed, markdown, write_section
 
-from invariantqp.compare.report import chart
-from invariantqp.compare.report.report import write_report
-from invariantqp.compare.report.tables import summary
-from invariantqp.compare.report.verdict import short, verdict
+from invariantqp.compare import chart
+from invariantqp.compare.measurements import KINDS
+from invariantqp.compare.report import write_report
 from invariantqp.compare.results import load_results, write_results
-from invariantqp.compare.sweep import DEFAULT_TASKS, kinds, sweep
+from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
+from invariantqp.compare.tables import summary
+from invariantqp.compare.verdict import short, verdict
 from invariantqp.printing import progress
 
 HERE = Path(__file__).parent
@@ -30,7 +31,7 @@ FOLDER, PICTURES = HERE / "comparison", HERE / "pictures"
 def main(word):
     if word == "--measure":
         with progress("measuring", quiet=False) as report:
-            rest = [kind for kind in kinds() if kind != "everyday"]
+            rest = [kind for kind in KINDS if kind != "everyday"]
             write_report(sweep(DEFAULT_TASKS, None, FOLDER, jobs=-1, only=rest, progress=report), FOLDER)
     if word in {"--measure", "--everyday"}:
         with progress("measuring", quiet=False) as report:

@@ -36,8 +36,8 @@ from scipy.optimize import minimize
 from shared.ten_arms import ARMS, arm, limits, spec
 
 import invariantqp as iq
-from invariantqp.compare.measure.loops import EVERYDAY
-from invariantqp.compare.measure.watched import figures, grown_errors, rested, watched_run
+from invariantqp.compare.measurements import EVERYDAY
+from invariantqp.compare.watched import figures, grown_errors, rested, watched_run
 from invariantqp.control import controller, tracking
 from invariantqp.runs.controllers import law_options
 from invariantqp.runs.plants.ideal import IdealPlant

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from invariantqp.analysis.inspection import Inspection
-    from invariantqp.compare.measure.stability import StabilityOutcome
+    from invariantqp.compare.stability import StabilityOutcome
     from invariantqp.control.clearance import Clearance
     from invariantqp.geometry.arrays import Array
     from invariantqp.identification.candidate import Candidate
@@ -160,7 +160,7 @@ def print_clearance(kept: Clearance) -> None:
 
 def print_frame_check(task: Task, seed: int) -> None:
     """How much another tool frame changes a run under each law."""
-    from invariantqp.compare.measure.frames import frame_check
+    from invariantqp.compare.frames import frame_check
 
     with progress("displacing the tool frame", quiet=False) as report:
         checks = frame_check(task, seed, report)
@@ -174,7 +174,7 @@ def print_frame_check(task: Task, seed: int) -> None:
 
 def print_contact_frame_check(task: Task, seed: int, physics: str) -> None:
     """How much other frames of tool, sensor and contact change a run under each controller."""
-    from invariantqp.compare.measure.contact_frames import contact_frame_check
+    from invariantqp.compare.frames import contact_frame_check
 
     with progress("displacing frames", quiet=False) as report:
         checks = contact_frame_check(task, seed, physics, report)
@@ -233,9 +233,9 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
 
 def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
     """The tables of a comparison, its verdict, and the files that were written."""
-    from invariantqp.compare.report.tables import EVERYDAY_CELLS, everyday, summary
-    from invariantqp.compare.report.verdict import short
     from invariantqp.compare.results import kinds_in
+    from invariantqp.compare.tables import EVERYDAY_CELLS, everyday, summary
+    from invariantqp.compare.verdict import short
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results) else []

@@ -32,8 +32,6 @@ EXAMPLES = {
     "TaskFileError": lambda make: make("pen.toml", ["$.path: missing", "$.law: missing"]),
     "MissingExtra": lambda make: make("pin-pink", "pink"),
     "SolverFailure": lambda make: make("daqp", "exit flag -1", infeasible=True),
-    "ReferenceFailure": lambda make: make("two references differ"),
-    "NoReference": lambda make: make("none was made"),
 }
 TRAVELS = {
     "copied": copy.copy,

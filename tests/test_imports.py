@@ -181,7 +181,6 @@ EXTRAS = {
     "peers": ("from invariantqp.compare.registry import controller_named as c; c('Pink')", ["pink"]),
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
     "view": ("iq.view.Viewer(iq.load_task('scara'))", ["viser"]),
-    "compare": ("import invariantqp.compare.exact.references", ["mpmath"]),
     "placo": ("from invariantqp.compare.registry import controller_named as c; c('placo')", ["placo"]),
     "drake": ("from invariantqp.compare.registry import controller_named as c; c('Drake')", ["pydrake"]),
 }

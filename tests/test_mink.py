@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.compare.laws.mink_law import _model
+from invariantqp.compare.libraries import POINT, mujoco_model
 from invariantqp.mink import InvariantFrameTask, chain_to
 
 DT = 0.01
@@ -19,7 +19,7 @@ def arms():
 
 
 def with_second_site(robot):
-    return _model(robot, OFFSET)
+    return mujoco_model(robot, OFFSET)
 
 
 def drawn(rng, robot):
@@ -65,8 +65,8 @@ def test_a_moved_frame_changes_no_joint_velocity_under_minks_limits_where_minks_
     robot, model = arms[name]
     at = iq.inverse(OFFSET)[:3, 3]
     laws = {
-        "ours": [InvariantFrameTask("tool", "site"), InvariantFrameTask("point", "site", point=at)],
-        "mink": [mink.FrameTask(frame, "site", 1.0, 1.0) for frame in ("tool", "point")],
+        "ours": [InvariantFrameTask("tool", "site"), InvariantFrameTask(POINT, "site", point=at)],
+        "mink": [mink.FrameTask(frame, "site", 1.0, 1.0) for frame in ("tool", POINT)],
     }
     changes, limited = {law: [] for law in laws}, 0
     for _ in range(40):

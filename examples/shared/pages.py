@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from invariantqp.compare.report.report import ABOUT, machine
-from invariantqp.compare.report.tables import (
+from invariantqp.compare.report import ABOUT, machine
+from invariantqp.compare.results import Results, results_of
+from invariantqp.compare.tables import (
     EVERYDAY_CELLS,
     MOTION_CELLS,
     Table,
@@ -17,7 +18,6 @@ from invariantqp.compare.report.tables import (
     summary,
     title,
 )
-from invariantqp.compare.results import Results, results_of
 
 BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
 

@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 
 from invariantqp.analysis.survey import joint_ranges, spread
-from invariantqp.compare.laws.peers import joints_of
-from invariantqp.compare.laws.pink_law import PinkLaw
+from invariantqp.compare.libraries import PinkLaw, joints_of
 from invariantqp.errors import BadInput
 from invariantqp.extras import is_installed
 from invariantqp.geometry import se3

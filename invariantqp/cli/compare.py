@@ -60,9 +60,8 @@ def compare(
         _compare_stability(json_file, quiet)
         return
     require("pictures", "matplotlib", "jinja2")
-    from invariantqp.compare.report.ranking import rank_agreement
-    from invariantqp.compare.report.report import write_report
-    from invariantqp.compare.results import load_results
+    from invariantqp.compare.report import write_report
+    from invariantqp.compare.results import load_results, rank_agreement
     from invariantqp.compare.sweep import DEFAULT_TASKS, not_installed, sweep
 
     if json_file is not None:
@@ -90,8 +89,8 @@ def _compare_stability(json_file: Path | None, quiet: bool) -> None:
     Raises:
         NotAccepted: our law was not finite, or left its limits.
     """
-    from invariantqp.compare.measure.stability import compare_stability, not_installed
-    from invariantqp.compare.names import OURS
+    from invariantqp.compare.method import OURS
+    from invariantqp.compare.stability import compare_stability, not_installed
 
     writable("--json", json_file)
     if not quiet:

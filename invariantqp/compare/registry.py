@@ -1,30 +1,21 @@
-"""The table of all methods, and how a user names some of them."""
+"""The table of all methods, how a user names some of them, and what of them and of tasks is not installed."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
-from invariantqp.compare.laws import drake_law, hand_written, linear, mink_law, ours, pink_law, placo_law, quadratic
-from invariantqp.compare.laws.loop import controller_of
+from invariantqp.compare import libraries, linear, ours, qp
+from invariantqp.compare.loop import controller_of
 from invariantqp.compare.method import FAMILIES, Method
-from invariantqp.errors import BadInput, UnknownName, install_command
+from invariantqp.errors import BadInput, MissingExtra, UnknownName, install_command
 from invariantqp.runs.controllers import MakeController
+from invariantqp.runs.taskfile import load_task
 
 # A known name at least this similar to an unknown one (ratio of difflib) is suggested.
 SIMILAR = 0.5
 
-_FAMILIES = (
-    ours.METHODS,
-    hand_written.METHODS,
-    quadratic.METHODS,
-    linear.METHODS,
-    pink_law.METHODS,
-    mink_law.METHODS,
-    placo_law.METHODS,
-    drake_law.METHODS,
-)
-_METHODS = {method.name: method for family in _FAMILIES for method in family}
+_METHODS = {method.name: method for family in (ours, qp, linear, libraries) for method in family.METHODS}
 
 
 def methods() -> dict[str, Method]:
@@ -66,6 +57,48 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
 def left_out(names: str | Iterable[str] | None = None) -> list[Method]:
     """The methods that the same names stand for and that `chosen` leaves out, since they are not installed."""
     return [method for method in _meant(names).values() if not method.installed]
+
+
+def absent(methods: Iterable[Method], tasks: Iterable[str]) -> dict[str, list[str]]:
+    """What is left out by the extra that would install it: these methods, and the tasks whose robot is missing."""
+    found: dict[str, list[str]] = {}
+    for method in methods:
+        found.setdefault(method.extra, []).append(method.name)
+    immobile: dict[str, list[str]] = {}
+    for task, error in without_robot(dict.fromkeys(tasks)).items():
+        immobile.setdefault(error.extra, []).append(task)
+    for extra, names in immobile.items():
+        found.setdefault(extra, []).append(f"the robots of {', '.join(names)}")
+    return found
+
+
+def without_robot(tasks: Iterable[str]) -> dict[str, MissingExtra]:
+    """The tasks whose robot is not installed, each with what says so.
+
+    Raises:
+        UnknownName: there is no such task.
+    """
+    found = {}
+    for task in tasks:
+        try:
+            load_task(task).load_robot()
+        except MissingExtra as error:
+            found[task] = error
+    return found
+
+
+def with_robot(tasks: Sequence[str]) -> list[str]:
+    """The tasks whose robot is installed.
+
+    Raises:
+        UnknownName: there is no such task.
+        MissingExtra: there are tasks, and the robot of none is installed.
+    """
+    immobile = without_robot(dict.fromkeys(tasks))
+    kept = [task for task in tasks if task not in immobile]
+    if immobile and not kept:
+        raise next(iter(immobile.values()))
+    return kept
 
 
 def _words(names: str | Iterable[str] | None) -> list[str]:

@@ -10,16 +10,37 @@ and the report lists it.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import os
+import platform
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from invariantqp.errors import BadInput
+from invariantqp.version import __version__
 
 SCHEMA = 1
 # Significant digits of a figure in the file: repeated measurements do not agree to more.
 DIGITS = 4
+# Distributions whose version may change a result: solvers, the methods' own, references, and models of arms.
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "pin",
+    "daqp",
+    "osqp",
+    "qpsolvers",
+    "pin-pink",
+    "mink",
+    "placo",
+    "drake",
+    "mujoco",
+    "example-robot-data",
+)
 
 Results = dict[str, Any]
 
@@ -83,3 +104,77 @@ def results_of(results: Results, kind: str) -> dict[tuple[str, str], dict[str, A
 def kinds_in(results: Results) -> set[str]:
     """The measurements that the results contain."""
     return {cell["kind"] for cell in results["cells"]}
+
+
+@cache
+def machine() -> dict[str, str | int]:
+    """Processor, number of cores, operating system, and version of Python."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count() or 1,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+    }
+
+
+def _processor() -> str:
+    """The name of the processor as the operating system gives it."""
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+@cache
+def versions() -> dict[str, str]:
+    """The version of this package and of each library above that is installed."""
+    found = {"invariantqp": __version__}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+# Files of this package that a figure may depend on: Python, the compiled core, and what it is compiled from.
+SOURCES = {".py", ".c", ".h", ".so", ".pyd"}
+
+
+@cache
+def source_digest() -> str:
+    """A digest of this package, its compiled core included: after a change everything is measured again."""
+    root, digest = Path(__file__).parents[1], hashlib.sha256()
+    for file in sorted(file for file in root.rglob("*") if file.suffix in SOURCES):
+        digest.update(file.relative_to(root).as_posix().encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def rank_agreement(one: Results, other: Results) -> dict[str, float]:
+    """{task: rho} over the methods that both runs timed, if there are three or more: whether they rank them alike.
+
+    rho = 1 - 6 sum d^2 / (n (n^2 - 1)),   d the difference of a method's ranks; with ties, Pearson's of the ranks
+    """
+    from scipy.stats import spearmanr  # half a second
+
+    a, b = _medians(one), _medians(other)
+    found = {}
+    for task in sorted(set(a) & set(b)):
+        names = sorted(set(a[task]) & set(b[task]))
+        if len(names) > 2:
+            rho = spearmanr([a[task][n] for n in names], [b[task][n] for n in names]).statistic
+            if math.isfinite(rho):
+                found[task] = float(rho)
+    return found
+
+
+def _medians(results: Results) -> dict[str, dict[str, float]]:
+    """{task: {method: median time}}."""
+    table: dict[str, dict[str, float]] = {}
+    for (task, method), result in results_of(results, "tick").items():
+        if result["median_us"] is not None:
+            table.setdefault(task, {})[method] = result["median_us"]
+    return table

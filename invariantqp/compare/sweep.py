@@ -27,13 +27,11 @@ import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from invariantqp.compare.exact import ReferenceFailure
-from invariantqp.compare.laws.view import kinematics
-from invariantqp.compare.measure import calibration, loops, solves, ticks
-from invariantqp.compare.measure.cell import Cell, Kind, Result, absent, with_robot, without_robot
-from invariantqp.compare.measure.machine import machine, source_digest, versions
-from invariantqp.compare.registry import chosen, left_out
-from invariantqp.compare.results import SCHEMA, Results, plain, write_results
+from invariantqp.compare.loop import kinematics
+from invariantqp.compare.measurements import KINDS, Cell, Kind
+from invariantqp.compare.registry import absent, chosen, left_out, with_robot, without_robot
+from invariantqp.compare.results import SCHEMA, Results, machine, plain, source_digest, versions, write_results
+from invariantqp.compare.watched import Result
 from invariantqp.errors import UnknownName
 from invariantqp.progress import Progress
 
@@ -48,11 +46,6 @@ DEFAULT_TASKS = (
 )
 # Environment variables that BLAS libraries read when they are loaded.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-
-
-def kinds() -> dict[str, Kind]:
-    """Every measurement by its name."""
-    return {**loops.KINDS, **calibration.KINDS, **solves.KINDS, **ticks.KINDS}
 
 
 def cells(
@@ -70,43 +63,31 @@ def cells(
     """
     found = []
     for name, kind in sorted(_wanted(only).items(), key=lambda item: item[1].alone):
-        if (quick and kind.slow and only is None) or not kind.installed:
+        if quick and kind.slow and only is None:
             continue
+        groups = [tuple(methods)] if kind.alone else [(method,) for method in methods]
         places = tasks if kind.tasks is None else kind.tasks
-        groups = _groups(kind, methods)
         found += [Cell(name, task, group, seed, quick) for task in places for group in groups]
     return found
 
 
 def _wanted(only: Sequence[str] | None) -> dict[str, Kind]:
-    table = kinds()
     for name in only or ():
-        if name not in table:
-            raise UnknownName("measurement", name, difflib.get_close_matches(name, table), list(table))
-    return {name: kind for name, kind in table.items() if only is None or name in only}
-
-
-def _groups(kind: Kind, methods: Sequence[str]) -> list[tuple[str, ...]]:
-    """The methods of each cell of a task."""
-    fitting = [method for method in methods if kind.fits(method)]
-    if kind.alone or kind.together:
-        return [tuple(fitting)] if fitting else []
-    return [(method,) for method in fitting]
+        if name not in KINDS:
+            raise UnknownName("measurement", name, difflib.get_close_matches(name, KINDS), list(KINDS))
+    return {name: kind for name, kind in KINDS.items() if only is None or name in only}
 
 
 def not_installed(
     tasks: Sequence[str], methods: str | Sequence[str] | None, only: Sequence[str] | None = None
 ) -> dict[str, list[str]]:
-    """What a sweep with these arguments leaves out, by the extra that would install it: methods, measurements, tasks.
+    """What a sweep with these arguments leaves out, by the extra that would install it: methods and tasks.
 
     Raises:
         BadInput, UnknownName: there is no such task, method or measurement.
     """
-    missing = absent(left_out(methods), tasks)
-    for name, kind in _wanted(only).items():
-        if not kind.installed:
-            missing.setdefault("compare", []).append(f"the measurement {name!r}")
-    return missing
+    _wanted(only)
+    return absent(left_out(methods), tasks)
 
 
 def sweep(
@@ -140,7 +121,6 @@ def sweep(
     Raises:
         BadInput, UnknownName: there is no such task, method or measurement, or a method is not installed.
         MissingExtra: of no task is the robot installed.
-        ReferenceFailure: an exact answer cannot be computed.
     """
     table = chosen(methods)
     if quick and methods is None:
@@ -151,8 +131,6 @@ def sweep(
     work = [cell for cell in work if cell.task not in immobile]
     found: dict[Cell, dict[str, Result]] = {}
     for cell, result in _attempts(work, out.resolve() / "cells", jobs):
-        if isinstance(result, str):
-            raise ReferenceFailure(result)
         found[cell] = result
         if progress is not None:
             progress(len(found), len(work))
@@ -177,20 +155,19 @@ def sweep(
     return results
 
 
-def _attempts(work: list[Cell], store: Path, jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result] | str]]:
+def _attempts(work: list[Cell], store: Path, jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
     """The results of every cell in the order in which they are finished; see `attempt`."""
-    table = kinds()
     measure = joblib.Memory(store, verbose=0).cache(measure_cell)
-    beside = [cell for cell in work if not table[cell.kind].alone]
+    beside = [cell for cell in work if not KINDS[cell.kind].alone]
     if beside:
         yield from in_parallel(measure, beside, jobs)
-    alone = [cell for cell in work if table[cell.kind].alone]
+    alone = [cell for cell in work if KINDS[cell.kind].alone]
     if alone:
         with ProcessPoolExecutor(1, env=dict.fromkeys(ONE_THREAD, "1")) as process:
             yield from process.map(attempt, repeat(measure), alone, map(conditions, alone))
 
 
-def in_parallel(measure: Any, work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result] | str]]:
+def in_parallel(measure: Any, work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
     """`attempt` on every cell; a method that ends its process, as a division by zero in C does, is a failed one."""
     left = dict.fromkeys(work)
     parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
@@ -214,7 +191,7 @@ def measure_cell(cell: Cell, _conditions: str) -> dict[str, Result]:
     What solvers print on standard output is suppressed.
     """
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
-        return kinds()[cell.kind].measure(cell)
+        return KINDS[cell.kind].measure(cell)
 
 
 def conditions(cell: Cell) -> str:
@@ -225,15 +202,12 @@ def conditions(cell: Cell) -> str:
     return digest
 
 
-def attempt(measure: Any, cell: Cell, known: str) -> tuple[Cell, dict[str, Result] | str]:
-    """A cell and what `measure(cell, known)` finds; a message instead if the sweep has to end.
+def attempt(measure: Any, cell: Cell, known: str) -> tuple[Cell, dict[str, Result]]:
+    """A cell and what `measure(cell, known)` finds; whatever a method raises is its result.
 
-    Whatever a method raises is its result, but a reference that fails ends the sweep. Only results of cells without
-    an exception are kept on disk: a failed one is tried again in the next sweep.
+    Only results of cells without an exception are kept on disk: a failed one is tried again in the next sweep.
     """
     try:
         return cell, measure(cell, known)
-    except ReferenceFailure as failure:
-        return cell, f"{cell.kind}, {cell.task}: {failure}"
     except Exception as error:  # noqa: BLE001 (a measurement that fails is a row of the report)
         return cell, {method: {"failed": f"{type(error).__name__}: {error}"} for method in cell.methods}

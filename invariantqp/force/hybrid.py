@@ -6,7 +6,7 @@
 Everything is in the base frame; **wrenches are those that the tool exerts** (a `WrenchSensor` turns readings into
 them). Neither part of s disturbs the other: see `hybrid_task`.
 
-Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.laws.raibert_craig`).
+Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.frames`).
 """
 
 from __future__ import annotations

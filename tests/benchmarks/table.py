@@ -23,8 +23,7 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 import invariantqp as iq
-from invariantqp.compare.laws.mink_law import MinkLaw
-from invariantqp.compare.laws.pink_law import PinkLaw
+from invariantqp.compare.libraries import MinkLaw, PinkLaw
 from invariantqp.velocity import compiled
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"

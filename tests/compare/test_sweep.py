@@ -12,14 +12,11 @@ from typer.testing import CliRunner
 
 from invariantqp import extras
 from invariantqp.cli import app
+from invariantqp.compare import results as kept
 from invariantqp.compare import sweep as module
-from invariantqp.compare.exact import ReferenceFailure
-from invariantqp.compare.measure.cell import Cell, Kind
-from invariantqp.compare.measure.machine import LIBRARIES, versions
-from invariantqp.compare.measure.ticks import interleaved, spread
+from invariantqp.compare.measurements import Cell, Kind, interleaved, spread
 from invariantqp.compare.registry import methods
-from invariantqp.compare.report.ranking import rank_agreement
-from invariantqp.compare.results import load_results, plain, results_of
+from invariantqp.compare.results import LIBRARIES, load_results, plain, rank_agreement, results_of, versions
 from invariantqp.compare.sweep import cells, in_parallel, measure_cell, sweep
 from invariantqp.errors import BadInput, MissingExtra, UnknownName, install_command
 from invariantqp.robots import load
@@ -39,30 +36,24 @@ def stumbling(cell):
     return counted(cell)
 
 
-def disagreeing(cell):
-    raise ReferenceFailure("two references differ by 1e-3")
-
-
 @pytest.fixture
 def toys(monkeypatch):
     table = {
         "counted": Kind(counted),
-        "together": Kind(counted, together=True),
         "own": Kind(counted, tasks=("arm_3r", "scara")),
     }
-    monkeypatch.setattr(module, "kinds", lambda: table)
+    monkeypatch.setattr(module, "KINDS", table)
     MEASURED.clear()
     return table
 
 
 def test_cells_are_kinds_times_tasks_times_methods(toys):
-    toys["timed"] = Kind(counted, alone=True, fits=lambda name: name != "DLS")
+    toys["timed"] = Kind(counted, alone=True)
     work = cells(["t", "u"], FEW, seed=3, quick=True)
     by_kind = {kind: [c for c in work if c.kind == kind] for kind in toys}
     assert [(c.task, c.methods) for c in by_kind["counted"]] == [(t, (m,)) for t in "tu" for m in FEW]
-    assert [(c.task, c.methods) for c in by_kind["together"]] == [("t", tuple(FEW)), ("u", tuple(FEW))]
     assert {c.task for c in by_kind["own"]} == {"arm_3r", "scara"}
-    assert [c.methods for c in by_kind["timed"]] == [("Moore-Penrose",)] * 2
+    assert [(c.task, c.methods) for c in by_kind["timed"]] == [("t", tuple(FEW)), ("u", tuple(FEW))]
     assert [c.kind for c in work[-2:]] == ["timed", "timed"]
     assert {c.seed for c in work} == {3}
     toys["slow"] = Kind(counted, slow=True)
@@ -76,18 +67,18 @@ def test_cells_are_kinds_times_tasks_times_methods(toys):
 def test_an_interrupted_sweep_takes_up_what_it_has(toys, tmp_path):
     seen = []
     first = sweep(["compare/panda_limits"], FEW, tmp_path, progress=lambda *k: seen.append(k))
-    assert seen[-1] == (7, 7)
-    assert len(MEASURED) == 7
+    assert seen[-1] == (6, 6)
+    assert len(MEASURED) == 6
     again = sweep(["compare/panda_limits"], FEW, tmp_path)
-    assert len(MEASURED) == 7
+    assert len(MEASURED) == 6
     assert again == first == load_results(tmp_path / "results.json")
     files = sorted((tmp_path / "cells").rglob("output.pkl"))
     files[0].unlink()
     files[1].write_bytes(files[1].read_bytes()[:20])
     assert sweep(["compare/panda_limits"], FEW, tmp_path) == first
-    assert len(MEASURED) == 9
+    assert len(MEASURED) == 8
     sweep(["compare/panda_limits"], FEW, tmp_path, seed=1)  # other settings are other cells
-    assert len(MEASURED) == 16
+    assert len(MEASURED) == 14
 
 
 def test_a_changed_package_is_measured_again(toys, tmp_path, monkeypatch):
@@ -97,10 +88,27 @@ def test_a_changed_package_is_measured_again(toys, tmp_path, monkeypatch):
     assert len(MEASURED) == 4
 
 
+def test_every_source_counts_those_of_the_compiled_core_too(monkeypatch, tmp_path):
+    root = tmp_path / "invariantqp"
+    monkeypatch.setattr(kept, "__file__", str(root / "compare" / "results.py"))
+    seen = set()
+    for name in ("compare/results.py", "csrc/core.c", "csrc/core.h", "_native.abi3.so", "notes.txt"):
+        file = root / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("1", encoding="utf-8")
+        kept.source_digest.cache_clear()
+        seen.add(kept.source_digest())
+    assert len(seen) == 4  # notes change nothing
+    (root / "csrc" / "core.c").write_text("2", encoding="utf-8")
+    kept.source_digest.cache_clear()
+    assert kept.source_digest() not in seen
+    kept.source_digest.cache_clear()
+
+
 def test_results_have_their_schema(toys, tmp_path):
     results = sweep(["so101_line"], FEW, tmp_path, seed=2, quick=True)
     assert set(results) == {"schema", "machine", "versions", "kinematics", "seed", "quick", "tasks", "methods", "cells"}
-    assert results["methods"][0].keys() >= {"name", "family", "why", "problem", "takes", "shown"}
+    assert results["methods"][0].keys() >= {"name", "family", "why", "takes", "shown"}
     assert all(set(cell) == {"kind", "task", "method", "result"} for cell in results["cells"])
     assert results["cells"][0]["result"]["nothing"] is None
     assert results["versions"]["numpy"] == np.__version__
@@ -114,7 +122,7 @@ def test_results_say_the_version_of_every_library_that_a_row_needs():
             name = called.get(module_name, module_name)
             assert name in LIBRARIES
             assert not row.installed or versions()[name] == metadata.version(name)
-    assert versions().keys() >= {"invariantqp", "numpy", "scipy", "daqp", "pin", "mpmath", "example-robot-data"}
+    assert versions().keys() >= {"invariantqp", "numpy", "scipy", "daqp", "pin", "example-robot-data"}
 
 
 def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys, tmp_path):
@@ -160,13 +168,6 @@ def test_a_method_that_ends_its_process_is_a_row_and_not_an_end():
     assert all(("failed" in found[cell][cell.method]) == (cell.method == "DLS") for cell in work)
 
 
-def test_references_that_disagree_end_it(toys, tmp_path):
-    toys["counted"] = Kind(disagreeing)
-    with pytest.raises(ReferenceFailure, match="counted, compare/panda_limits: two references differ"):
-        sweep(["compare/panda_limits"], FEW, tmp_path, only=["counted"])
-    assert not (tmp_path / "results.json").exists()
-
-
 def test_wrong_settings_are_told_before_the_work(toys, tmp_path):
     with pytest.raises(UnknownName, match="task 'panda_pat'"):
         sweep(["panda_pat"], FEW, tmp_path)
@@ -186,15 +187,17 @@ def test_a_figure_that_is_none_is_null():
 
 def test_a_dask_cluster_gives_the_same_figures(tmp_path):
     distributed = pytest.importorskip("distributed")
-    cell = Cell("error", "so101_line", tuple(FEW), quick=True)
+    cells = [Cell("loop", "so101_line", (name,), quick=True) for name in FEW]
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
         distributed.Client(cluster),
         joblib.parallel_config(backend="dask"),
     ):
-        results = sweep(["so101_line"], FEW, tmp_path, quick=True, only=["error"])
+        results = sweep(["so101_line"], FEW, tmp_path, quick=True, only=["loop"])
         assert len(cluster.scheduler.transition_log) > 0
-    assert {c["method"]: c["result"] for c in results["cells"]} == plain(measure_cell(cell, ""))
+    assert {c["method"]: c["result"] for c in results["cells"]} == {
+        c.method: plain(measure_cell(c, ""))[c.method] for c in cells
+    }
 
 
 def test_rounds_go_through_all_in_turn():
@@ -227,7 +230,7 @@ def test_two_runs_ranks_are_compared():
 def small_run(tmp_path_factory):
     """One real run of the command: three methods on one task."""
     out = tmp_path_factory.mktemp("comparison")
-    words = ["compare", "so101_line", "--quick", "--only", "error,loop,tick", "--jobs", "1", "--out", str(out)]
+    words = ["compare", "so101_line", "--quick", "--only", "loop,tick", "--jobs", "1", "--out", str(out)]
     names = ("invariantqp", "Moore-Penrose", "DLS")
     chosen = [word for name in names for word in ("--methods", name)]
     done = CliRunner().invoke(app, [*words, *chosen])
@@ -238,13 +241,8 @@ def small_run(tmp_path_factory):
 def test_the_command_writes_everything(small_run):
     out, output, _, _ = small_run
     results = load_results(out / "results.json")
-    errors, loops, times = (results_of(results, kind) for kind in ("error", "loop", "tick"))
-    assert set(errors) == set(times) == set(loops) == {("so101_line", m["name"]) for m in results["methods"]}
-    ours, theirs = (errors["so101_line", name] for name in ("invariantqp", "Moore-Penrose"))
-    assert ours["free"]["error"] < 1e-11
-    assert ours["limited"]["error"] < 1e-11
-    assert theirs["free"]["error"] < 1e-12
-    assert theirs["limited"]["error"] > 1e-3
+    loops, times = (results_of(results, kind) for kind in ("loop", "tick"))
+    assert set(times) == set(loops) == {("so101_line", m["name"]) for m in results["methods"]}
     assert all(0.0 < t["median_us"] <= t["p99_us"] for t in times.values())
     mine, other = (loops["so101_line", name] for name in ("invariantqp", "Moore-Penrose"))
     assert mine["frame"] < 1e-11
@@ -255,12 +253,6 @@ def test_the_command_writes_everything(small_run):
     assert "another tool frame moves the joints by" in html
     assert "no exact, clips" in html
     assert "DLS" in output
-
-
-def test_two_methods_of_which_one_has_no_problem_are_no_crash(tmp_path):
-    words = ["compare", "so101_line", "--quick", "--jobs", "1", "--only", "error,tick", "--out", str(tmp_path)]
-    done = CliRunner().invoke(app, [*words, "--methods", "invariantqp (Python)", "--methods", "DLS"])
-    assert done.exit_code == 0, done.output
 
 
 def test_everyday_tasks_alone_are_a_table_and_a_page(tmp_path):
@@ -292,7 +284,7 @@ def test_two_runs_are_told_apart_by_rank(small_run, tmp_path):
         (["--json", "x.json"], "--json"),
         (["nope"], "unknown task 'nope'"),
         (["--methods", "pinf"], "unknown method 'pinf'"),
-        (["--only", "errors"], "unknown measurement 'errors'; did you mean error"),
+        (["--only", "loops"], "unknown measurement 'loops'; did you mean loop"),
         (["--against", "nowhere.json"], "nowhere.json: found No such file or directory"),
     ],
 )
@@ -303,8 +295,7 @@ def test_wrong_words_are_told(words, said, tmp_path):
 
 
 def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
-    toys["exact"] = Kind(counted, needs=("mpmath",))
-    without = {"pinocchio", "mink", "mpmath"}
+    without = {"pinocchio", "mink"}
     monkeypatch.setattr(extras, "find_spec", lambda name: None if name in without else object())
     monkeypatch.setattr(load, "DATA", "no-such-robots")
 
@@ -313,13 +304,12 @@ def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
     for left_out, extra in (
         ("hand-written loop", "pin"),
         ("Pink; Pink with lm_damping; mink", "peers"),
-        ("the measurement 'exact'", "compare"),
         ("the robots of panda_path, so101_line", "robots"),
     ):
         assert f"not installed, so left out: {left_out}. Run: {install_command(extra)}" in done.stderr
     results = load_results(tmp_path / "results.json")
     assert results["tasks"] == ["scara"]
-    assert {cell["kind"] for cell in results["cells"]} == {"counted", "together", "own"}
+    assert {cell["kind"] for cell in results["cells"]} == {"counted", "own"}
     assert not {"hand-written loop", "Pink", "mink"} & {method["name"] for method in results["methods"]}
 
     done = CliRunner().invoke(app, ["compare", "panda_path", "--out", str(tmp_path / "none")])
@@ -331,7 +321,7 @@ def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
 BARE = """
 import sys
 from importlib.abc import MetaPathFinder
-ABSENT = {"pinocchio", "pink", "mink", "mujoco", "placo", "pydrake", "qpsolvers", "osqp", "mpmath"}
+ABSENT = {"pinocchio", "pink", "mink", "mujoco", "placo", "pydrake", "qpsolvers", "osqp"}
 class Nowhere(MetaPathFinder):
     def find_spec(self, name, path, target=None):
         if name.split(".")[0] in ABSENT:
@@ -340,15 +330,14 @@ sys.meta_path.insert(0, Nowhere())
 """
 
 
-@pytest.mark.parametrize("python", [pytest.param("1", id="compiled"), pytest.param("0", id="Python alone")])
-def test_it_runs_on_what_robots_installs(tmp_path, python):
+def test_it_runs_on_what_robots_installs_without_the_core_too(tmp_path):
     (tmp_path / "sitecustomize.py").write_text(BARE, encoding="utf-8")
     path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
     words = ["so101_line", "--quick", "--only", "loop,tick", "--jobs", "1", "--out", str(tmp_path)]
-    chosen = [word for name in ("invariantqp", "QP", "Moore-Penrose") for word in ("--methods", name)]
+    chosen = [word for name in ("invariantqp", "written", "length", "Moore-Penrose") for word in ("--methods", name)]
     done = subprocess.run(
         [sys.executable, "-m", "invariantqp", "compare", *words, *chosen],
-        env={**os.environ, "PYTHONPATH": path, "INVARIANTQP_NATIVE": python},
+        env={**os.environ, "PYTHONPATH": path, "INVARIANTQP_NATIVE": "0"},
         capture_output=True,
         text=True,
         check=False,
@@ -358,7 +347,7 @@ def test_it_runs_on_what_robots_installs(tmp_path, python):
     results = load_results(tmp_path / "results.json")
     assert not [cell for cell in results["cells"] if "failed" in cell["result"]]
     names = {method["name"] for method in results["methods"]}
-    assert {"invariantqp", "QP with length and LM", "Moore-Penrose"} <= names
+    assert names == {"invariantqp", "QP with length and LM", "Moore-Penrose"}
     assert set(results_of(results, "loop")) == set(results_of(results, "tick")) == {("so101_line", n) for n in names}
     assert "read the arm from invariantqp" in (tmp_path / "report.html").read_text(encoding="utf-8")
 

@@ -31,7 +31,7 @@ for file in package.rglob("*.py"):
     if "matplotlib" in file.read_text(encoding="utf-8"):
         import_module(".".join(file.relative_to(package.parent).with_suffix("").parts))
 imported = look()
-from invariantqp.compare.report import chart
+from invariantqp.compare import chart
 from invariantqp.compare.results import load_results
 results, out = load_results(Path(sys.argv[2])), Path(sys.argv[1])
 results = {**results, "tasks": results["tasks"][:1]}

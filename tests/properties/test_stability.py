@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.compare.measure.stability import YARDSTICK, Case, cases, run_case
-from invariantqp.compare.names import OURS
+from invariantqp.compare.method import OURS
 from invariantqp.compare.registry import controller_named
+from invariantqp.compare.stability import YARDSTICK, Case, cases, run_case
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import shipped_tasks

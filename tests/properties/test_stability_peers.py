@@ -8,10 +8,10 @@ import pytest
 from scipy import sparse
 
 import invariantqp as iq
-from invariantqp.compare.laws.ours import paper_law
-from invariantqp.compare.laws.pink_law import PinkLaw
-from invariantqp.compare.measure.stability import Case, run_case
-from invariantqp.compare.names import OURS
+from invariantqp.compare.libraries import PinkLaw
+from invariantqp.compare.method import OURS
+from invariantqp.compare.ours import paper_law
+from invariantqp.compare.stability import Case, run_case
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec

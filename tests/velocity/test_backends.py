@@ -3,11 +3,11 @@ from functools import cache
 import numpy as np
 import pytest
 import qpsolvers
-from support.rational_references import limited_minimum
 from support.velocity_reference import (
     LIMITED,
     box_minimum,
     least_squares_form,
+    limited_minimum,
     quadprog_minimum,
     regular_problem,
     root_of,

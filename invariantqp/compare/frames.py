@@ -1,0 +1,329 @@
+"""How much a run changes when frames are chosen differently for the same motion of the same tool.
+
+    T_tool' = T_tool X,  T_target' = T_target X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
+
+    change    max |q(t) - q'(t)|, in contact max |x(t) - x'(t)|
+    control   max |q(t) - q''(t)|,  q'' from a start moved by 1e-12: a change that is not above it is no dependence
+
+Nothing physical moves, the description alone does; it is made here, outside the run, which knows nothing of it. In
+contact our controller is compared with the hybrid controller of textbooks, whose task frame keeps its axes along the
+surface, as a user would see to.
+
+Reference: Raibert & Craig 1981; Lipkin & Duffy 1988 and Duffy 1990 for what is wrong with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from invariantqp.compare.method import DLS, LEAST_SQUARES, OURS, PENROSE
+from invariantqp.compare.registry import controller_named
+from invariantqp.control.tracking import tracking_gain
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.progress import Progress
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.brief import Brief, Goal
+from invariantqp.runs.controllers import MakeController
+from invariantqp.runs.pilots import Pilot, pilot_of
+from invariantqp.runs.plants.plant import Measurement, Plant, PlantState
+from invariantqp.runs.prepare import Setup, prepare
+from invariantqp.runs.run import run
+from invariantqp.runs.taskfile import Task
+from invariantqp.velocity.limits import JointBox
+from invariantqp.velocity.solution import Status, VelocitySolution
+
+# Standard deviation of the random displacement along each axis [m], about the length of a tool.
+DISPLACEMENT = 0.25
+# By how much the start of the control is moved, all joints alike [rad, m].
+NUDGE = 1e-12
+# Diagonal of the selection matrix for each shape of contact, rotations first: 1 for motion, 0 for force.
+SELECTIONS = {
+    "point": (1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
+    "edge": (1.0, 0.0, 1.0, 1.0, 1.0, 0.0),
+    "face": (0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
+    "hinge": (0.0, 0.0, 1.0, 0.0, 1.0, 0.0),
+}
+
+
+def displaced(
+    setup: Setup,
+    tool: ArrayLike | None = None,
+    sensor: ArrayLike | None = None,
+    contact: ArrayLike | None = None,
+) -> Setup:
+    """The setup of a run with frames displaced in themselves, (4, 4) or None each; its plant is the new one's too.
+
+    Raises:
+        BadInput: not finite (4, 4) rigid motions.
+    """
+    brief, plant = setup.brief, setup.plant
+    if tool is not None:
+        brief = _with_tool(brief, arrays.pose(tool, "tool"))
+    if sensor is not None:
+        Y = arrays.pose(sensor, "sensor")
+        plant = DisplacedSensor(plant, Y)
+        brief = replace(brief, sensor=None if brief.sensor is None else brief.sensor.relabelled(Y))
+    if contact is not None and brief.contact_task is not None:
+        brief = replace(brief, contact_task=brief.contact_task.relabelled(arrays.pose(contact, "contact")))
+    return replace(setup, plant=plant, brief=brief)
+
+
+def _with_tool(brief: Brief, X: Array) -> Brief:
+    """The brief for a tool frame displaced by X in itself: points, poses, sensor and contact are expressed in it."""
+    back = se3.inverse(X)
+    law = brief.law
+    points = {key: back.dot([*getattr(law, key), 1.0])[:3] for key in ("point", "tool_speed_point")}
+    return replace(
+        brief,
+        robot=brief.robot.with_tool(X),
+        law=law.model_copy(update={key: tuple(p.tolist()) for key, p in points.items()}),
+        poses=brief.poses.dot(X),
+        contact_task=None if brief.contact_task is None else brief.contact_task.relabelled(None, X),
+        sensor=None if brief.sensor is None else brief.sensor.relabelled(None, X),
+    )
+
+
+class DisplacedSensor:
+    """A plant whose force sensor's readings are expressed in a frame displaced by Y (4, 4) in the sensor's own."""
+
+    def __init__(self, plant: Plant, Y: Array) -> None:
+        self._plant = plant
+        self._from_sensor = se3.coadjoint(se3.inverse(Y))
+
+    def measure(self) -> Measurement:
+        """What the sensors say, the wrench in the displaced frame."""
+        measured = self._plant.measure()
+        wrench = None if measured.wrench is None else self._from_sensor.dot(measured.wrench)
+        return measured._replace(wrench=wrench)
+
+    def command(self, velocity: Array) -> None:
+        """Move for one tick at joint velocities (m,)."""
+        self._plant.command(velocity)
+
+    def state(self) -> PlantState:
+        """How things really are now."""
+        return self._plant.state()
+
+
+@dataclass(frozen=True)
+class FrameCheck:
+    """What another tool frame changed for one law.
+
+    Attributes:
+        law: its name.
+        change: largest change of a joint position during the run [rad, m].
+        control: the same for a start moved by 1e-12, in the tool frame of the task [rad, m].
+        worst_error_mm: largest position error of the tool with the tool frame of the task [mm].
+    """
+
+    law: str
+    change: float
+    control: float
+    worst_error_mm: float
+
+
+def random_displacement(seed: int) -> Array:
+    """A random (4, 4) rigid motion: any rotation, and a translation with this standard deviation along each axis."""
+    rng = np.random.default_rng(seed)
+    return se3.transform(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
+
+
+def moved_start(task: Task, setup: Setup) -> Setup:
+    """The same motion of the tool from a start that is moved by rounding."""
+    start = [x + NUDGE for x in task.robot.start]
+    other = prepare(task.model_copy(update={"robot": task.robot.model_copy(update={"start": start})}))
+    told = setup.brief
+    brief = replace(other.brief, time=told.time, poses=told.poses, feedforward=told.feedforward)
+    return replace(other, brief=brief, wanted=setup.wanted, noise=setup.noise)
+
+
+def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:
+    """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
+
+    The laws are ours, least squares by a QP, Moore-Penrose and damped, and for an elastic path, which the others do not
+    have, ours. Runs of such a path may differ in length: the shorter one rests at its end.
+
+    Args:
+        task: from `load_task`.
+        seed: seed of the displacement.
+        progress: called with (ticks done, ticks in all).
+
+    Returns:
+        One FrameCheck for each law.
+    """
+    tool = random_displacement(seed)
+    names = (OURS, LEAST_SQUARES, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,)
+    laws: dict[str, MakeController] = {name: controller_named(name) for name in names}
+    checks = []
+    done = 0
+    total = 3 * len(laws) * task.ticks
+
+    def count(_: int, __: int) -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(min(done, total), total)
+
+    for name, make in laws.items():
+        as_told, moved = prepare(task), displaced(prepare(task), tool)
+        plain, other, nudged = (
+            run(setup, pilot_of(setup.brief, make), count) for setup in (as_told, moved, moved_start(task, as_told))
+        )
+        change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
+        checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
+    return checks
+
+
+def largest_change(a: Array, b: Array) -> float:
+    """The largest difference of two joint trajectories (n, m) and (k, m)."""
+    n = max(len(a), len(b))
+    return float(max(np.abs(a[min(i, len(a) - 1)] - b[min(i, len(b) - 1)]).max() for i in range(n)))
+
+
+@dataclass(frozen=True)
+class ContactFrameCheck:
+    """What other frames changed for one controller.
+
+    Attributes:
+        law: its name.
+        change: largest change of a joint velocity during the run [rad/s, m/s].
+        error_mm: largest path error after the contact has settled, with the frames of the task file [mm].
+        force_error: rms error of the true force divided by the wanted force, with the frames of the task file.
+        displaced_error_mm: the same path error with displaced frames [mm].
+        displaced_force_error: the same force error with displaced frames.
+    """
+
+    law: str
+    change: float
+    error_mm: float
+    force_error: float | None
+    displaced_error_mm: float
+    displaced_force_error: float | None
+
+
+class Textbook(Pilot):
+    """Raibert and Craig's controller as a pilot, for the contact of a task file."""
+
+    def __init__(self, setup: Setup, tool: Array | None = None) -> None:
+        """For a run in displaced frames, of which it knows the sensor's, and the tool's by its (4, 4) displacement."""
+        brief, scene = setup.brief, setup.scene
+        if scene is None or brief.sensor is None:
+            raise BadInput("setup", "a task without contact", "one with [contact] and [force]")
+        law = brief.law
+        self._back = np.eye(4) if tool is None else se3.inverse(tool)
+        self._contact_at = scene.task.contact_at
+        self._sensor = brief.sensor
+        self._loop = RaibertCraig(
+            brief.robot,
+            np.array(SELECTIONS[scene.springs.shape]),
+            np.eye(3),
+            scene.wanted,
+            dt=law.dt,
+            gain=tracking_gain(law.gain, law.dt),
+            compliance=np.diag(np.asarray(scene.task.compliance)),
+            sensor_axes=np.asarray(self._sensor.mount)[:3, :3],
+        )
+
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
+        """One tick."""
+        if measured.wrench is None:
+            raise BadInput("plant", "no force sensor", "a plant that measures the wrench at the tool")
+        tool = self._loop.robot.pose(measured.q)
+        exerted = self._sensor.load(measured.wrench, tool)
+        self.wrench = self._sensor.in_base(exerted, tool)
+        self._loop.axes = np.asarray(self._contact_at(tool.dot(self._back)).pose)[:3, :3]
+        return self._loop.step(measured.q, goal.target, exerted, goal.feedforward)
+
+
+def contact_frame_check(
+    task: Task, seed: int = 0, physics: str = "ideal", progress: Progress | None = None
+) -> list[ContactFrameCheck]:
+    """Run a task with contact in its own frames and in frames displaced at random, under our controller and another.
+
+    Args:
+        task: a task with contact, from `load_task`.
+        seed: seed of the three displacements.
+        physics: the plant, "ideal" or "mujoco".
+        progress: called with (ticks done, ticks in all).
+
+    Returns:
+        One ContactFrameCheck for each controller; ours is the first.
+
+    Raises:
+        BadInput: no such plant, or one without a force sensor.
+    """
+    laws: dict[str, Callable[[Setup, Array | None], Pilot]] = {
+        OURS: lambda setup, _: pilot_of(setup.brief),  # it needs to be told of no displacement
+        "Raibert-Craig": Textbook,
+    }
+    tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
+    checks = []
+    runs = 0
+
+    def count(done: int, total: int) -> None:
+        if progress is not None:
+            progress(runs * total + done, 2 * len(laws) * total)
+
+    for name, make in laws.items():
+        as_told, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
+        plain = run(as_told, make(as_told, None), count)
+        runs += 1
+        other = run(moved, make(moved, tool), count)
+        runs += 1
+        change = float(np.abs(plain.velocity - other.velocity).max())
+        errors = [1e3 * float(trace.position_error[trace.counted_from :].max()) for trace in (plain, other)]
+        checks.append(ContactFrameCheck(name, change, errors[0], plain.force_error, errors[1], other.force_error))
+    return checks
+
+
+@dataclass
+class RaibertCraig:
+    """The hybrid controller of textbooks: a diagonal selection matrix says along which axes of a task frame the tool
+    moves.
+
+        xi = Sigma (gain e + s_d) + (I - Sigma) C (W_d - W),     x = clip(J^+ xi)
+
+    All are written in the axes of the task frame. e is the error of the tool's position and its rotation vector. W is
+    the sensor's reading, rotated into the axes of the task frame but not moved to its origin, so its moment is still
+    about the origin of the sensor. xi is the velocity of the tool's origin. This is right while tool, sensor and
+    contact have the same origin, as in the figures of textbooks.
+    """
+
+    robot: Robot  # the arm
+    selection: Array  # (6,) diagonal of Sigma, rotations first: 1 for an axis of motion, 0 for an axis of force
+    axes: Array  # (3, 3) the task frame's axes in the base frame, as columns; they may change from tick to tick
+    wanted: Array  # (6,) wrench W_d, in the axes of the task frame
+    dt: float  # duration of a tick [s]
+    gain: float  # of the tracking error [1/s]
+    compliance: Array  # (6,) diagonal of C, twist per wrench
+    sensor_axes: Array  # (3, 3) axes of the sensor frame in the tool frame, as columns
+
+    def step(
+        self, q: ArrayLike, target: Any, wrench: ArrayLike, feedforward: ArrayLike | None = None
+    ) -> VelocitySolution:
+        """One tick; `wrench` (6,) is what the tool exerts, as the sensor reads it in its own frame."""
+        positions = arrays.vector(q, len(self.robot.names), "q")
+        reading = arrays.vector(wrench, 6, "wrench")
+        sighting, T = self.robot.sight(positions, target), self.robot.pose(positions)
+        s = self.gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
+        to_sensor = self.axes.T.dot(T[:3, :3]).dot(self.sensor_axes)
+        measured = np.concatenate((to_sensor.dot(reading[:3]), to_sensor.dot(reading[3:])))
+        # Twists about the tool's origin, in the axes of the task frame.
+        at_tool = se3.adjoint(se3.inverse(se3.transform(self.axes, T[:3, 3]), check=False), check=False)
+        motion, force = at_tool.dot(s), self.compliance * (self.wanted - measured)
+        xi = self.selection * motion + (1.0 - self.selection) * force
+        x: Array = np.linalg.pinv(at_tool.dot(sighting.J)).dot(xi)
+        limits = self.robot.position_lower, self.robot.position_upper, self.robot.velocity_limit
+        lower, upper = JointBox(*limits, self.dt).at(positions)
+        clipped = np.minimum(np.maximum(x, lower), upper)
+        active = tuple(np.flatnonzero(clipped != x).tolist())
+        residual = s - sighting.J.dot(clipped)
+        return VelocitySolution(clipped, "raibert-craig", Status.OK, "", active, residual, 1.0, 0.0, 0.0, "")

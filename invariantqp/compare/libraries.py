@@ -1,0 +1,445 @@
+"""Other libraries on the same tasks, each imported where its loop is made: Pink, mink, placo and Drake.
+
+Pink has the robot's own Pinocchio model. mink and placo get robots rebuilt joint by joint from the same screws, in
+MuJoCo and as a URDF: at q = 0 the axes of every link are those of the base. Drake needs no model: it is given J and s
+in the tool frame and the told bounds. Their limits on joint positions and velocities are on, and none stops when a
+limit is exceeded.
+
+Pink, mink and placo take no feedforward twist. Instead they get a target that lies ahead on the path, as far as it
+takes for their own gain to ask for the velocity of the path. Their frame task has unit costs, the posture task the cost
+of Pink's own examples and the gain per tick that makes the told gain per second.
+
+Reference: Caron et al., Pink (pin-pink); Zakka, mink; Duclusaud et al., placo; Tedrake et al., Drake.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.compare.loop import AccelerationReach, pose_of
+from invariantqp.compare.method import Method, Question, Setting, Solve, Takes, answer, posture_of
+from invariantqp.control.tracking import tracking_gain
+from invariantqp.errors import RobotModelError
+from invariantqp.geometry import arrays, screws, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import UNLIMITED, Robot
+from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.backends import SolverFailure
+from invariantqp.velocity.limits import accelerations
+from invariantqp.velocity.solution import VelocitySolution
+
+# A joint with a pitch below this is a hinge [m]; URDFs give six digits.
+HINGE = 1e-9
+# Cost of the posture task in Pink's and mink's own examples; the frame task has unit costs.
+POSTURE_COST = 1e-3
+# Of the QP of an arm without a posture task; with one, the default of both libraries.
+QP_DAMPING, QP_DAMPING_BESIDE_POSTURE = 1e-6, 1e-12
+# Pink's lm_damping in its own examples.
+LM_DAMPING = 1.0
+# placo counts six coordinates of the base, and seven positions, before those of the joints.
+BASE, BASE_POSITIONS = 6, 7
+# What the frame at the told point is called.
+POINT = "told point"
+# placo reads masses, and MuJoCo requires them of every moving link; kinematics does not depend on them [kg], [kg m^2].
+MASS, INERTIA = 1.0, (1.0, 1.0, 1.0)
+LINK = (
+    '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    "</link>"
+)
+JOINT = (
+    '<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" '
+    'rpy="{rpy}"/><axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" velocity="{speed}" effort="1"/></joint>'
+)
+
+
+class Joint(NamedTuple):
+    """A hinge or a slide at q = 0, in the base frame."""
+
+    axis: Array  # (3,) unit direction
+    point: Array  # (3,) a point of its axis; the origin for a slide [m]
+    slides: bool  # whether it is a slide
+
+
+def joints_of(robot: Robot) -> list[Joint]:
+    """The joints of an arm, base first.
+
+    Raises:
+        RobotModelError: a helical joint; the models of other libraries have none.
+    """
+    found = []
+    for name, screw in zip(robot.names, robot.jacobian(np.zeros(len(robot.names))).T, strict=True):
+        if not screw[:3].any():
+            found.append(Joint(screw[3:] / np.linalg.norm(screw[3:]), np.zeros(3), slides=True))
+        elif abs(screws.pitch(screw)) < HINGE:
+            found.append(Joint(*screws.axis(screw), slides=False))
+        else:
+            raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")
+    return found
+
+
+def qp_damping(pull: Array) -> float:
+    """Damping of the QP of an arm that is pulled to its posture by (m,) gains."""
+    return QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
+
+
+def share_of(law: LawSpec) -> float:
+    """The part of the tracking error that a control loop corrects in one tick."""
+    return tracking_gain(law.gain, law.dt, law.delay) * law.dt
+
+
+def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Array:
+    """The (4, 4) pose that the target will have in `lead` seconds."""
+    ahead = np.zeros(6) if feedforward is None else arrays.twist(feedforward)
+    return se3.exp(lead * ahead, check=False).dot(pose) if ahead.any() else pose
+
+
+def at_point(law: LawSpec) -> Array:
+    """(4, 4) frame in the tool frame whose origin is the told point."""
+    return se3.transform(np.eye(3), np.asarray(law.point))
+
+
+def tool_and_point(robot: Robot, point: Array) -> dict[str, Array]:
+    """Where the tool frame and a frame (4, 4) in it are at q = 0, by their names in rebuilt robots."""
+    home = robot.pose(np.zeros(len(robot.names)))
+    return {"tool": home, POINT: home.dot(point)}
+
+
+class TaskLaw:
+    """The loop of Pink and of mink, whose tasks and whose `solve_ik` are called alike; a subclass has its model.
+
+    A point to be met exactly is an equality constraint: the first three rows of a frame task there.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        law: LawSpec,
+        library: Any,
+        configuration: Any,
+        *,
+        pose: Callable[[Array], Any],
+        tool: tuple[str, ...],
+        point: tuple[str, ...],
+        posture: tuple[Any, ...] = (),
+        lm_damping: float = 0.0,
+        **options: Any,
+    ) -> None:
+        """Set up a library's tasks with its `Configuration` of the robot; of the law, dt, gain, delay,
+        acceleration_limit, posture, exact and point are used.
+
+        `pose` makes the library's poses from (4, 4); `tool` and `point` are the tool frame and one at the told point as
+        its `FrameTask` takes them, `posture` what its `PostureTask` takes before the cost, `options` go to its
+        `solve_ik`.
+        """
+        self._name, self._solve, self._options, self._pose = library.__name__, library.solve_ik, options, pose
+        self._configuration, self._offset = configuration, at_point(law)
+        self._dt, self._share, self._reach = law.dt, share_of(law), AccelerationReach(law, len(robot.names))
+        self._task = library.FrameTask(*tool, 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
+        self._tasks: list[Any] = [self._task]
+        mid, pull = posture_of(robot, law)
+        self._damping = qp_damping(pull)
+        if pull.any():
+            self._tasks.append(library.PostureTask(*posture, cost=POSTURE_COST, gain=float(pull.max()) * law.dt))
+            self._tasks[-1].set_target(mid)
+        self._exact: list[Any] = []
+        if law.exact is not None:
+            self._exact.append(_position_task(library.FrameTask)(*point, 1.0, 1.0, gain=self._share))
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; raises whatever the library raises."""
+        ahead = lead_target(pose_of(target), feedforward, self._dt / self._share)
+        self._configuration.update(np.asarray(q, dtype=np.float64))
+        self._task.set_target(self._pose(ahead))
+        for task in self._exact:
+            task.set_target(self._pose(ahead.dot(self._offset)))
+        x = self._solve(
+            self._configuration,
+            self._tasks,
+            self._dt,
+            solver="daqp",
+            damping=self._damping,
+            constraints=self._exact,
+            **self._options,
+        )
+        return answer(self._reach.cut(x), self._name, "daqp")
+
+
+def _position_task(frame_task: Any) -> Any:
+    """A library's frame task without the rows of orientation."""
+
+    class PositionTask(frame_task):  # type: ignore[misc]
+        def compute_error(self, configuration: Any) -> Any:
+            return super().compute_error(configuration)[:3]
+
+        def compute_jacobian(self, configuration: Any) -> Any:
+            return super().compute_jacobian(configuration)[:3]
+
+    return PositionTask
+
+
+class PinkLaw(TaskLaw):
+    """Pink's solve_ik on the robot's own Pinocchio model."""
+
+    def __init__(self, robot: Robot, law: LawSpec, *, lm_damping: float = 0.0) -> None:
+        """Set up Pink's tasks for the robot.
+
+        Raises:
+            RobotModelError: the robot has no Pinocchio model, or a helical joint, which Pink cannot have.
+        """
+        joints_of(robot)
+        if getattr(robot, "model", None) is None:
+            raise RobotModelError("Pink needs a robot with a Pinocchio model; this one has none")
+        import pink
+        import pinocchio as pin
+
+        model: Any = robot.model.copy()  # type: ignore[attr-defined]
+        frame = str(getattr(robot, "tool", ""))
+        if law.exact is not None:
+            tool = model.frames[model.getFrameId(frame)]
+            place = tool.placement * pin.SE3(at_point(law))
+            model.addFrame(pin.Frame(POINT, tool.parentJoint, place, pin.FrameType.OP_FRAME))
+        configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
+        # What solve_ik has by default, and the limit of accelerations, which is told what was commanded last.
+        limits = [model.configuration_limit, model.velocity_limit]
+        self._accelerations = None
+        if law.acceleration_limit is not None:
+            self._accelerations = pink.limits.AccelerationLimit(model, accelerations(law.acceleration_limit, model.nv))
+            limits.append(self._accelerations)
+        super().__init__(
+            robot,
+            law,
+            pink,
+            configuration,
+            pose=pin.SE3,
+            tool=(frame,),
+            point=(POINT,),
+            lm_damping=lm_damping,
+            safety_break=False,
+            limits=limits,
+        )
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; raises whatever Pink raises."""
+        found = super().step(q, target, feedforward)
+        if self._accelerations is not None:
+            self._accelerations.set_last_integration(found.velocity, self._dt)
+        return found
+
+
+class MinkLaw(TaskLaw):
+    """mink's solve_ik on a MuJoCo model of the robot's joints."""
+
+    def __init__(self, robot: Robot, law: LawSpec) -> None:
+        """Build mink's model of the robot, and its tasks.
+
+        Raises:
+            RobotModelError: the robot has a helical joint.
+        """
+        import mink
+
+        model = mujoco_model(robot, at_point(law))
+        speeds = {n: v for n, v in zip(robot.names, robot.velocity_limit.tolist(), strict=True) if np.isfinite(v)}
+        super().__init__(
+            robot,
+            law,
+            mink,
+            mink.Configuration(model),
+            pose=mink.SE3.from_matrix,
+            tool=("tool", "site"),
+            point=(POINT, "site"),
+            posture=(model,),
+            limits=[mink.ConfigurationLimit(model), *([mink.VelocityLimit(model, speeds)] if speeds else [])],
+        )
+
+
+def mujoco_model(robot: Robot, point: Array) -> Any:
+    """A MuJoCo model of the joints, base first; at q = 0 the frame of every link is the base frame."""
+    import mujoco
+    from scipy.spatial.transform import Rotation
+
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    body = spec.worldbody
+    bounds = zip(robot.position_lower.tolist(), robot.position_upper.tolist(), strict=True)
+    for name, joint, (lower, upper) in zip(robot.names, joints_of(robot), bounds, strict=True):
+        body = body.add_body(mass=MASS, inertia=INERTIA, explicitinertial=True)
+        body.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE if joint.slides else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=joint.axis,
+            pos=joint.point,
+            limited=bool(np.isfinite((lower, upper)).any()),
+            range=(max(lower, -UNLIMITED), min(upper, UNLIMITED)),
+        )
+    for name, frame in tool_and_point(robot, point).items():
+        body.add_site(name=name, pos=frame[:3, 3], quat=Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True))
+    return spec.compile()
+
+
+class PlacoLaw:
+    """placo's KinematicsSolver on a URDF of the robot's joints.
+
+    Weights and regularisation are the squares of the costs that Pink has. placo steps the whole way to a target. So its
+    target is the told share of the way, moved on by a tick of the path.
+    """
+
+    def __init__(self, robot: Robot, law: LawSpec) -> None:
+        """Set up placo's tasks; of `law`, dt, gain, delay, acceleration_limit, posture, exact and point are used.
+
+        Raises:
+            RobotModelError: the robot has a helical joint.
+        """
+        import placo
+
+        self._dt, self._share, self._names = law.dt, share_of(law), robot.names
+        self._reach = AccelerationReach(law, len(robot.names))
+        self._between = placo.interpolate_frames
+        self._offset = at_point(law)
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "robot.urdf").write_text(urdf(robot, self._offset), encoding="utf-8")
+            self._robot = placo.RobotWrapper(folder, placo.Flags.ignore_collisions)
+        self._solver = solver = placo.KinematicsSolver(self._robot)
+        solver.dt = law.dt
+        solver.mask_fbase(True)
+        solver.enable_velocity_limits(True)
+        self._task = solver.add_frame_task("tool", np.eye(4))
+        self._task.configure("tool", "soft", 1.0, 1.0)
+        self._point = None
+        if law.exact is not None:
+            self._point = solver.add_position_task(POINT, np.zeros(3))
+            self._point.configure(POINT, "hard", 1.0)
+        self._middle, pull = posture_of(robot, law)
+        self._pull, self._posture = law.dt * pull, None
+        solver.add_regularization_task(qp_damping(pull))
+        if pull.any():
+            self._posture = solver.add_joints_task()
+            self._posture.configure("posture", "soft", POSTURE_COST**2)
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; raises whatever placo raises."""
+        positions = np.asarray(q, np.float64)
+        arm, pose = self._robot, pose_of(target)
+        arm.state.q = np.concatenate((arm.state.q[:BASE_POSITIONS], positions))
+        arm.update_kinematics()
+        self._task.T_world_frame = self._ahead(arm.get_T_world_frame("tool"), pose, feedforward)
+        if self._point is not None:
+            there = self._ahead(arm.get_T_world_frame(POINT), pose.dot(self._offset), feedforward)
+            self._point.target_world = there[:3, 3]
+        if self._posture is not None:
+            towards = positions + self._pull * (self._middle - positions)
+            self._posture.set_joints(dict(zip(self._names, towards.tolist(), strict=True)))
+        x = self._solver.solve(False)[BASE:] / self._dt
+        return answer(self._reach.cut(x), "placo", "eiquadprog")
+
+    def _ahead(self, here: Array, pose: Array, feedforward: ArrayLike | None) -> Array:
+        """The told share of the way to a pose, and as far on as the pose moves in a tick."""
+        return lead_target(self._between(here, pose, self._share), feedforward, self._dt)
+
+
+def urdf(robot: Robot, point: Array) -> str:
+    """The joints as a URDF, base first, and frames at the tool and at the told point on the last link."""
+    from scipy.spatial.transform import Rotation
+
+    parts, parent, origin = [LINK.format("base")], "base", np.zeros(3)
+    bounds = zip(robot.position_lower, robot.position_upper, robot.velocity_limit, strict=True)
+    for name, joint, limits in zip(robot.names, joints_of(robot), bounds, strict=True):
+        low, high, fast = (float(np.clip(limit, -UNLIMITED, UNLIMITED)) for limit in limits)
+        kind, link = "prismatic" if joint.slides else "revolute", f"{name} link"
+        place = {"xyz": _words(joint.point - origin), "rpy": "0 0 0", "axis": _words(joint.axis)}
+        ends = {"lower": low, "upper": high, "speed": fast}
+        parts += [LINK.format(link), JOINT.format(name=name, kind=kind, parent=parent, child=link, **place, **ends)]
+        parent, origin = link, joint.point
+    fixed = {"kind": "fixed", "axis": "0 0 1", "lower": 0.0, "upper": 0.0, "speed": 0.0}
+    for name, frame in tool_and_point(robot, point).items():
+        angles = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
+        place = {"xyz": _words(frame[:3, 3] - origin), "rpy": _words(angles)}
+        parts += [LINK.format(name), JOINT.format(name=f"to {name}", parent=parent, child=name, **place, **fixed)]
+    return f'<robot name="arm">{"".join(parts)}</robot>'
+
+
+def _words(numbers: Array) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def drake_velocity(setting: Setting) -> Solve:
+    """maximise alpha with J x = alpha s inside the limits, and bring x near the posture in the null space of J."""
+    from pydrake.multibody import inverse_kinematics as drake
+
+    parameters = drake.DifferentialInverseKinematicsParameters(setting.m, setting.m)
+    parameters.set_time_step(setting.dt)
+    parameters.set_joint_centering_gain(np.eye(setting.m))
+    still = np.zeros(setting.m)
+
+    def velocity(tick: Question) -> Array:
+        parameters.set_nominal_joint_position(tick.q + tick.posture)
+        parameters.set_joint_velocity_limits((tick.lower, tick.upper))
+        found = drake.DoDifferentialInverseKinematics(tick.q, still, tick.s, tick.J, parameters)
+        if found.joint_velocities is None:
+            raise SolverFailure("drake", str(found.status))
+        return np.asarray(found.joint_velocities)
+
+    return velocity
+
+
+AHEAD = "a target ahead on the path"
+IN_A_QP = Takes("posture task, cost 1e-3", "equality constraint", "inside the QP", "1e-6 without a posture task", AHEAD)
+
+METHODS = [
+    Method(
+        name="Pink",
+        family="library",
+        why="frame task and posture task of Pink's solve_ik with DAQP, and its limits",
+        takes=IN_A_QP,
+        system=PinkLaw,
+        needs=("pink", "pinocchio"),
+        extra="peers",
+    ),
+    Method(
+        name="Pink with lm_damping",
+        family="library",
+        why="the same with lm_damping = 1, as in Pink's examples",
+        takes=replace(IN_A_QP, damping="lm_damping = 1"),
+        system=partial(PinkLaw, lm_damping=LM_DAMPING),
+        needs=("pink", "pinocchio"),
+        extra="peers",
+        shown=False,
+    ),
+    Method(
+        name="mink",
+        family="library",
+        why="frame task and posture task of mink's solve_ik with DAQP on a MuJoCo model, and its limits",
+        takes=IN_A_QP,
+        system=MinkLaw,
+        needs=("mink", "mujoco"),
+        extra="peers",
+        shown=False,
+    ),
+    Method(
+        name="placo",
+        family="library",
+        why="frame task and joints task of placo's KinematicsSolver (C++), and its limits",
+        takes=Takes("joints task, weight 1e-6", "hard task", "inside the QP", "1e-6 without a posture task", AHEAD),
+        system=PlacoLaw,
+        needs=("placo",),
+        extra="placo",
+        shown=False,
+    ),
+    Method(
+        name="Drake",
+        family="library",
+        why="Drake's DoDifferentialInverseKinematics, which keeps the direction of the twist",
+        takes=Takes("in what is left", "a part of the twist, with it", "inside; slows the twist down", "none"),
+        make=drake_velocity,
+        needs=("pydrake",),
+        extra="drake",
+        shown=False,
+    ),
+]

@@ -1,1 +1,0 @@
-"""What is measured of each method, one measurement in a file."""

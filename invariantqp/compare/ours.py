@@ -1,0 +1,89 @@
+"""The law as it is shipped, and what differs from it in one thing.
+
+Reference: [DS] (6.4) for Lambda.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from invariantqp.compare.method import CANNOT, OURS, OURS_PYTHON, Method, Takes
+from invariantqp.control.controller import Controller
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.tracking import tracking_gain
+from invariantqp.engine import native
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.controllers import our_controller
+from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.damping import PaperLambda
+
+# lambda in Lambda = lambda I of [DS] [m]: the value that scripts use in damped least squares.
+PAPER_LAMBDA = 0.05
+
+
+def pitch_of(robot: Robot, law: LawSpec) -> float:
+    """The pitch of methods that need one: the task's or, without one, the arm's reach to the point.
+
+    The reach is well above the principal pitches of most arms, where projectors are neither oblique nor large.
+    """
+    return law.form if isinstance(law.form, float) else ToolMeasure(robot, law.point).length
+
+
+def pitch_law(robot: Robot, law: LawSpec) -> Controller:
+    """Our controller with the pitch of the comparison."""
+    return our_controller(robot, law.model_copy(update={"form": pitch_of(robot, law)}))
+
+
+def paper_law(robot: Robot, law: LawSpec) -> Controller:
+    """The formula of [DS] with Lambda = lambda I, clipped to the limits; pitch and gain are those of the task."""
+    return Controller(
+        robot,
+        dt=law.dt,
+        gain=tracking_gain(law.gain, law.dt, law.delay),
+        form=pitch_of(robot, law),
+        damping=PaperLambda(PAPER_LAMBDA),
+        posture=law.posture,
+        posture_gain=law.posture_gain,
+        acceleration_limit=law.acceleration_limit,
+    )
+
+
+OUR_TAKES = Takes(
+    "in the null space, while the tool moves",
+    "exact, slowed down where limits forbid it",
+    "inside",
+    "where singular values are small, and with what is missed",
+)
+
+METHODS = [
+    Method(
+        name=OURS,
+        family="invariant",
+        why="this library's law as it is shipped" + (", by the compiled core" if native else ""),
+        takes=OUR_TAKES,
+        system=our_controller,
+    ),
+    Method(
+        name=OURS_PYTHON,
+        family="invariant",
+        why="the same law in Python alone",
+        takes=OUR_TAKES,
+        system=partial(our_controller, engine="python"),
+    ),
+    Method(
+        name="invariantqp with h",
+        family="invariant",
+        why="the same with a pitch form, which says what is attempted of a twist beyond the joints",
+        takes=OUR_TAKES,
+        system=pitch_law,
+        shown=False,
+    ),
+    Method(
+        name="[DS] Lambda",
+        family="invariant",
+        why="(J'Q_h J + lambda I)^-1 J'Q_h s with lambda = 0.05 m as in [DS] (6.4), which is not always a damping",
+        takes=Takes("through its damping", CANNOT, "clipped", "Lambda = 0.05 m"),
+        system=paper_law,
+        shown=False,
+    ),
+]

@@ -1,0 +1,258 @@
+"""One quadratic program a tick: a loop written by hand, least squares in its usual variants, levels, and scaling.
+
+    minimise |A x - b|^2 + eps |x - x_p|^2 + mu |x|^2    inside the limits, with the exact rows C x = e
+    A = J, b = s with metres and radians alike;  or root J, root s at the told point with the told length
+    eps = 1e-6, mu = 0;  or eps = 1e-9 |A|^2, mu = 1/8 dt |b - A x_0| |A|, x_0 that for mu = 0        (Sugihara)
+
+The posture x_p is zero for arms with up to six joints: eps is then the usual damping. Limits that forbid exact rows
+slow them down by halves. All are solved by DAQP.
+
+Reference: the examples of Pinocchio (inverse kinematics) and of DAQP; Escande, Mansard & Wieber 2014; Arnstrom,
+Bemporad & Axehill 2022 (DAQP); Sugihara 2011.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import daqp
+import numpy as np
+
+from invariantqp.compare.loop import AccelerationReach
+from invariantqp.compare.method import (
+    HAND_WRITTEN,
+    LEAST_SQUARES,
+    TOLD_LEAST_SQUARES,
+    Method,
+    Question,
+    Setting,
+    Solve,
+    Takes,
+    answer,
+    posture_of,
+)
+from invariantqp.control.tracking import tracking_gain
+from invariantqp.errors import RobotModelError
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
+from invariantqp.velocity.measure import root_at
+from invariantqp.velocity.solution import VelocitySolution
+
+# eps where it is fixed; a usual value in scripts, and the square of Pink's cost of a posture task.
+FIXED_WEIGHT = 1e-6
+# Sugihara's factor, as measured to be calm and quick: of 1/2 dt |missed| |A|.
+CALM = 0.25
+# mu below this share of |A|^2 is not worth a second QP.
+NEGLIGIBLE = 1e-6
+# eps over |A|^2 where mu takes over near singularities.
+SMALL_WEIGHT = 1e-9
+# Shares of the exact rows' speed that are tried one after the other.
+SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
+# What scaling weighs the posture and the share of the twist with: the whole of the twist comes first.
+POSTURE_WEIGHT, TWIST_WEIGHT = 1e-3, 1e3
+# How DAQP marks a row that holds as an equation.
+EQUATION = 5
+
+
+class HandWritten:
+    """Pinocchio and DAQP as a user writes it by hand: one call after the other, nothing shared with this library."""
+
+    def __init__(self, robot: Robot, law: LawSpec) -> None:
+        """Of `law`, dt, gain, delay, acceleration_limit, posture, exact and point are used.
+
+        Raises:
+            RobotModelError: the robot has no Pinocchio model.
+        """
+        import pinocchio
+
+        self.pin = pinocchio
+        self.model: Any = getattr(robot, "model", None)
+        if self.model is None:
+            raise RobotModelError("the hand-written loop needs a robot with a Pinocchio model")
+        self.data, self.frame = self.model.createData(), self.model.getFrameId(robot.tool)  # type: ignore[attr-defined]
+        self.dt, self.gain = law.dt, tracking_gain(law.gain, law.dt, law.delay)
+        self.low, self.high, self.speed = robot.position_lower, robot.position_upper, robot.velocity_limit
+        self.slowest = -self.speed
+        self.middle, pull = posture_of(robot, law)
+        self.weighted_pull = FIXED_WEIGHT * pull
+        m = len(self.middle)
+        self.reach = AccelerationReach(law, m)
+        self.damping = FIXED_WEIGHT * np.eye(m)
+        self.exact, self.point = law.exact is not None, np.asarray(law.point)
+        self.at_point = np.hstack((np.eye(3), -pinocchio.skew(self.point)))  # from a twist to the velocity of the point
+        self.rows, self.still = np.zeros((0, m)), np.zeros(6)
+        k = 3 if self.exact else 0
+        self.sense = np.concatenate((np.zeros(m), np.full(k, EQUATION))).astype(np.int32)
+        # Bounds of the joints, and behind them the exact rows' right-hand side: allocated once.
+        self.upper, self.lower = np.zeros((2, m + k))
+
+    def target(self, pose: Any) -> Any:
+        """A target as such a loop has it."""
+        return self.pin.SE3(pose)
+
+    def step(self, q: Any, target: Any, feedforward: Any = None) -> VelocitySolution:
+        """One tick."""
+        pin, m = self.pin, len(q)
+        pin.forwardKinematics(self.model, self.data, q)
+        tool = pin.updateFramePlacement(self.model, self.data, self.frame)
+        J = pin.computeFrameJacobian(self.model, self.data, q, self.frame, pin.LOCAL)
+        gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(target.homogeneous))
+        ahead = self.still
+        if feedforward is not None:
+            ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector
+        s = self.gain * pin.log6(gap).vector + ahead
+        np.maximum(np.minimum((self.high - q) / self.dt, self.speed), self.slowest, out=self.upper[:m])
+        np.minimum(np.maximum((self.low - q) / self.dt, self.slowest), self.speed, out=self.lower[:m])
+        self.lower[:m], self.upper[:m] = self.reach.within(self.lower[:m], self.upper[:m])
+        rows = self.rows
+        if self.exact:
+            there = gap.act(self.point)
+            rows = self.at_point @ J
+            self.upper[m:] = self.lower[m:] = self.gain * (there - self.point) + ahead[:3] - pin.skew(there) @ ahead[3:]
+        f = self.weighted_pull * (q - self.middle) - s @ J
+        x, _, flag, _ = daqp.solve(J.T @ J + self.damping, f, rows, self.upper, self.lower, self.sense)
+        if flag <= 0:
+            raise RuntimeError(f"DAQP: exit flag {flag}")
+        self.reach.last = x
+        return answer(x, "hand-written", "daqp")
+
+
+def least_squares(*, told_length: bool = False, calm: bool = False) -> Callable[[Setting], Solve]:
+    """A maker of least squares inside the limits: measured at the told point with the told length; with a mu that grows
+    with what is missed.
+    """
+
+    def make(setting: Setting) -> Solve:
+        root = root_at(setting.point, setting.length) if told_length else None
+        solver, eye = Daqp(), np.eye(setting.m)
+
+        def velocity(tick: Question) -> Array:
+            A, b = (tick.J, tick.s) if root is None else (root.dot(tick.J), root.dot(tick.s))
+            size = float(np.vdot(A, A))
+            weight = SMALL_WEIGHT * size if calm else FIXED_WEIGHT
+            H, c = A.T.dot(A) + weight * eye, A.T.dot(b) + weight * tick.posture
+
+            def best(mu: float) -> Array:
+                K = (H + mu * eye) / size
+                if not len(tick.C):
+                    return solver.solve(BoxQP(K, c / size, tick.lower, tick.upper, None))
+                return slowed(solver, K, c / size, tick)
+
+            x = best(0.0)
+            mu = 0.5 * CALM * setting.dt * float(np.linalg.norm(b - A.dot(x))) * np.sqrt(size) if calm else 0.0
+            return best(mu) if mu > NEGLIGIBLE * size else x
+
+        return velocity
+
+    return make
+
+
+def slowed(solver: Daqp, H: Array, c: Array, tick: Question) -> Array:
+    """The minimiser with exact rows, slowed down by halves where limits forbid them."""
+    rows = np.vstack((np.eye(len(c)), tick.C))
+    for share in SHARES:
+        e = share * tick.e
+        try:
+            return solver.solve(BoxQP(H, c, np.append(tick.lower, e), np.append(tick.upper, e), rows))
+        except SolverFailure:
+            continue
+    return np.zeros(len(c))
+
+
+def scaling(setting: Setting) -> Solve:
+    """maximise alpha with J x = alpha s inside the limits, alpha <= 1; the posture in what is left.
+
+    Where limits exclude every share, as those of accelerations may, it stops.
+    """
+    m, solver = setting.m, Daqp()
+    H = np.diag(np.r_[np.full(m, POSTURE_WEIGHT), TWIST_WEIGHT])
+
+    def velocity(tick: Question) -> Array:
+        c = np.r_[POSTURE_WEIGHT * tick.posture, TWIST_WEIGHT]
+        rows = np.vstack((np.eye(m + 1), np.column_stack((tick.J, -tick.s))))
+        low, high = np.r_[tick.lower, 0.0, np.zeros(6)], np.r_[tick.upper, 1.0, np.zeros(6)]
+        try:
+            return solver.solve(BoxQP(H, c, low, high, rows))[:m]
+        except SolverFailure:
+            return np.zeros(m)
+
+    return velocity
+
+
+def levels(setting: Setting) -> Solve:
+    """Limits > exact rows > J x = s > x = x_p, each level as far as those above allow, by DAQP's own hierarchies.
+
+    Within a level DAQP weighs every row by one over its norm: what it misses of a twist is least in these units.
+    """
+    m, eye = setting.m, np.eye(setting.m)
+
+    def velocity(tick: Question) -> Array:
+        # With exact rows the turn alone is left of the twist; rows told twice would take the posture's level away.
+        k, left = len(tick.C), 3 if len(tick.C) else 6
+        ends = np.cumsum([m, k, left, m] if k else [m, left, m]).astype(np.intc)
+        rows = np.vstack((tick.C, tick.J[:left], eye))
+        wanted = np.concatenate((tick.e, tick.s[:left], tick.posture))
+        upper, lower = np.concatenate((tick.upper, wanted)), np.concatenate((tick.lower, wanted))
+        x, _, flag, _ = daqp.solve(None, None, rows, upper, lower, np.zeros(ends[-1], dtype=np.intc), ends)
+        if flag <= 0:
+            raise SolverFailure("daqp", f"exit flag {flag}")
+        return np.asarray(x)
+
+    return velocity
+
+
+PLAIN = Takes("in the objective", "equality rows", "inside the QP", "weight 1e-6")
+DAMPED = Takes("in the objective", "equality rows", "inside the QP", "grows with what is missed (Sugihara 2011)")
+
+METHODS = [
+    Method(
+        name=HAND_WRITTEN,
+        family="QP",
+        why="Pinocchio and DAQP called one after the other in forty lines, least squares with metres and radians alike",
+        takes=PLAIN,
+        system=HandWritten,
+        needs=("pinocchio",),
+        extra="pin",
+    ),
+    Method(
+        name=LEAST_SQUARES,
+        family="QP",
+        why="least squares inside the limits, metres and radians alike, as scripts write it",
+        takes=PLAIN,
+        make=least_squares(),
+        shown=False,
+    ),
+    Method(
+        name="QP with LM",
+        family="QP",
+        why="the same with Levenberg and Marquardt's damping (Sugihara 2011)",
+        takes=DAMPED,
+        make=least_squares(calm=True),
+        shown=False,
+    ),
+    Method(
+        name=TOLD_LEAST_SQUARES,
+        family="QP",
+        why="with LM, at the told point, and a radian counting as the arm's reach: the nearest to this library's law",
+        takes=DAMPED,
+        make=least_squares(told_length=True, calm=True),
+    ),
+    Method(
+        name="hierarchical QP",
+        family="QP",
+        why="DAQP's own strict hierarchy: limits, exact rows, twist, posture (Escande, Mansard & Wieber 2014)",
+        takes=Takes("lowest level", "second level", "first level", "none"),
+        make=levels,
+        shown=False,
+    ),
+    Method(
+        name="scaling",
+        family="QP",
+        why="the largest share of the twist in its own direction inside the limits, as Drake's function does",
+        takes=Takes("in what is left", "a part of the twist, with it", "inside; slows the twist down", "none"),
+        make=scaling,
+    ),
+]

@@ -1,1 +1,0 @@
-"""What people read: charts, tables, sentences and the page, all made from results.json."""

@@ -1,0 +1,47 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from invariantqp.compare.chart import Area, nearest, placed
+
+ROOM = Area(0.0, 0.0, 400.0, 300.0)
+RADIUS = 4.0
+
+
+def overlap(a, b):
+    return bool(np.all(a[:2] < b[2:]) and np.all(b[:2] < a[2:]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("n", [1, 2, 10])
+def test_names_cover_neither_each_other_nor_a_point_and_stay_inside(n, seed):
+    rng = np.random.default_rng(seed)
+    points = np.column_stack((rng.uniform(100.0, 300.0, n), np.full(n, 100.0)))  # all as accurate, some as fast
+    sizes = np.column_stack((rng.uniform(30.0, 130.0, n), np.full(n, 12.0)))
+    names = placed(points, sizes, ROOM, RADIUS)
+    np.testing.assert_allclose(names[:, 2:] - names[:, :2], sizes)
+    for one, other in itertools.combinations(names, 2):
+        assert not overlap(one, other)
+    for name, (x, y) in itertools.product(names, points):
+        assert not overlap(name, np.array([x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS]))
+    assert (names[:, :2] >= ROOM[:2]).all()
+    assert (names[:, 2:] <= ROOM[2:]).all()
+
+
+def test_a_name_alone_is_beside_its_point():
+    (name,) = placed(np.array([[200.0, 150.0]]), np.array([[80.0, 12.0]]), ROOM, RADIUS)
+    assert np.linalg.norm(nearest(name[None], np.array([200.0, 150.0])) - [200.0, 150.0]) <= 2.0 * RADIUS
+
+
+def test_a_name_near_another_point_has_a_line_that_is_seen():
+    points = np.array([[100.0, 100.0], [115.0, 100.0], [130.0, 100.0], [145.0, 100.0]])
+    names = placed(points, np.full((4, 2), (90.0, 12.0)), ROOM, RADIUS)
+    for i, name in enumerate(names):
+        distances = np.linalg.norm([nearest(name[None], point)[0] - point for point in points], axis=1)
+        others = np.delete(distances, i)
+        assert distances[i] >= 8.0 + RADIUS or others.min() > distances[i] + 8.0
+
+
+def test_a_name_wider_than_the_room_is_no_crash():
+    assert placed(np.array([[10.0, 10.0]]), np.array([[900.0, 12.0]]), ROOM, RADIUS).shape == (1, 4)

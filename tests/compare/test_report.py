@@ -1,0 +1,163 @@
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from invariantqp.compare import chart, report, tables, verdict
+from invariantqp.compare.results import load_results
+
+RESULTS = load_results(Path(__file__).parents[2] / "examples" / "comparison" / "results.json")
+PANDA = {**RESULTS, "tasks": RESULTS["tasks"][:2]}
+TAKES = dict.fromkeys(("posture", "exact", "limits", "damping", "feedforward"), "yes")
+
+
+def results(**rows):
+    """Results of one task from {method: (us, mm, deg, frame, control)}."""
+    cells = []
+    for method, (us, mm, deg, frame, control) in rows.items():
+        loop = {"position_mm": mm, "orientation_deg": deg, "frame": frame, "control": control}
+        for kind, result in (("loop", loop), ("tick", {"median_us": us, "p99_us": 2.0 * us})):
+            cells.append({"kind": kind, "task": "compare/panda_limits", "method": method, "result": result})
+    methods = [{"name": n, "family": "QP", "why": "w", "shown": True, "takes": TAKES} for n in rows]
+    machine = {"processor": "a processor", "cores": 2, "system": "Linux", "python": "3.11"}
+    base = {"schema": 1, "machine": machine, "versions": {}, "seed": 0, "quick": False}
+    return {**base, "tasks": ["compare/panda_limits"], "methods": methods, "cells": cells}
+
+
+def test_who_is_as_good_and_who_is_not():
+    found = results(
+        invariantqp=(10.0, 0.5, 0.1, 1e-14, 1e-12), slow=(20.0, 0.54, 0.1, 1e-3, 1e-12), off=(5.0, 70.0, 9.0, 0.1, 1.0)
+    )
+    (told,) = verdict.accuracy(found)
+    near = "Panda, limits met: at most 0.5 mm off, within 10 %: invariantqp (10 us), slow (20 us)."
+    assert told == f"{near} Further off [mm]: off 70."
+
+
+def test_a_change_that_the_control_makes_too_is_no_dependence():
+    found = results(
+        invariantqp=(1.0, 1.0, 1.0, 1e-14, 1e-12), chaos=(1.0, 1.0, 1.0, 1.6, 1.6), other=(1.0, 1.0, 1.0, 1e-4, 1e-12)
+    )
+    (told,) = verdict.frames(found)
+    assert (
+        told
+        == "Panda, limits met: another tool frame moves the joints by [rad]: other 0.0001; not: invariantqp, chaos."
+    )
+    colours = [p.colour for p in chart.points(found, "compare/panda_limits", tables.shown(found), chart.LIGHT)]
+    assert colours == [chart.LIGHT.same, chart.LIGHT.same, chart.LIGHT.other]
+
+
+def test_where_we_lose_it_is_said():
+    found = results(
+        invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), fast=(5.0, 0.5, 20.0, 0.1, 0.0), near=(50.0, 0.1, 3.0, 0.1, 0.0)
+    )
+    (told,) = verdict.losses(found)
+    assert "nearer: near" in told
+    assert "it tilts by 20 deg, at 0.5 mm; less tilted: near (3 deg, at 0.1 mm)" in told
+    found = results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), fast=(5.0, 0.5, 20.0, 0.1, 0.0))
+    assert "faster: fast (5 us)" in verdict.losses(found)[0]
+    assert verdict.losses(results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), slow=(20.0, 0.5, 20.0, 0.1, 0.0))) == []
+
+
+@pytest.mark.parametrize(
+    "rows", [{}, {"DLS": (1.0, None, None, None, None)}, {"invariantqp": (1.0, 0.0, 0.0, 0.0, 0.0)}]
+)
+def test_few_results_are_a_page_all_the_same(rows, tmp_path):
+    files = report.write_report(results(**rows), tmp_path)
+    assert files[0].read_text(encoding="utf-8").count("<table>") >= 2
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The report of the committed results on one arm."""
+    return report.write_report(PANDA, tmp_path_factory.mktemp("report"))
+
+
+def test_the_page_has_the_first_things_first_and_the_rest_folded(files):
+    text = files[0].read_text(encoding="utf-8")
+    assert [file.name for file in files] == ["report.html", "speed_and_accuracy.svg"]
+    first = text[: text.index("<details>")]
+    assert first.index("as near as any") < first.index("<svg") < first.index("<table>")
+    assert first.count("<tr>") == 11
+    assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"|<!DOCTYPE[^>]*>', "", text)
+
+
+class Balanced(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in {"meta", "path", "use", "rect", "br"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in {"path", "use", "rect"}:
+            assert self.open.pop() == tag
+
+
+def test_a_page_is_well_formed_and_says_what_it_is_given(tmp_path):
+    file = tmp_path / "a.svg"
+    file.write_text('<svg><g id="x"/><use href="#x"/><path clip-path="url(#x)"/></svg>', encoding="utf-8")
+    drawn = report.inline_svg(file)
+    assert drawn == '<svg><g id="a-x"/><use href="#a-x"/><path clip-path="url(#a-x)"/></svg>'
+    text = report.html(results(**{"1 < 2": (1.0, 1.0, 1.0, 0.0, 0.0), "{{ b }}": (2.0, 1.0, 1.0, 0.0, 0.0)}), drawn)
+    parser = Balanced()
+    parser.feed(text)
+    assert parser.open == []
+    assert drawn in text
+    assert "1 &lt; 2" in text
+    assert "{{ b }}" in text
+    assert "<summary>Task by task</summary>" in text
+    assert "<figure>" not in report.html(results(), "")
+
+
+def test_the_chart_is_drawn_for_dark_pages_too(tmp_path):
+    file = tmp_path / "chart.svg"
+    chart.draw(results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), other=(5.0, 0.5, 20.0, 0.1, 0.0)), file, chart.DARK)
+    text = file.read_text(encoding="utf-8").upper()
+    for colour in (chart.DARK.paper, chart.DARK.same, chart.DARK.other, chart.DARK.text):
+        assert colour.upper() in text
+
+
+def test_points_stand_at_their_values_and_each_has_its_name(tmp_path, monkeypatch):
+    drawn = []
+    keep = chart._names
+    monkeypatch.setattr(chart, "_names", lambda axes, *rest: (drawn.append(axes), keep(axes, *rest)))
+    chart.draw(PANDA, tmp_path / "chart.svg")
+    for axes, task in zip(drawn, PANDA["tasks"], strict=True):
+        found = chart.points(PANDA, task, tables.shown(PANDA), chart.LIGHT)
+        assert len(found) == 10
+        dots = {tuple(line.get_xydata()[0]) for line in axes.lines if line.get_marker() == "o"}
+        assert dots == {(p.time, p.error) for p in found}
+        assert sorted(text.get_text() for text in axes.texts) == sorted(p.name for p in found)
+        low, high = axes.get_ylim()
+        assert all(low < p.error < high for p in found)
+
+
+def test_the_page_says_versions_as_far_as_the_results_have_them():
+    assert "pin 3.8.0" in report.machine(RESULTS)
+    old = {key: value for key, value in RESULTS.items() if key not in {"versions", "kinematics"}}
+    assert "No versions." in report.html(old, "")
+    assert "read the arm from" not in report.html(old, "")
+    assert "read the arm from invariantqp" in report.html({**old, "kinematics": "invariantqp"}, "")
+
+
+def test_one_task_is_not_all_one_tasks():
+    both = dict.fromkeys(("invariantqp", "hand-written loop"), (10.0, 0.5, 0.1, 0.0, 0.0))
+    assert "is as near here; it takes 1 times our time." in " ".join(verdict.short(results(**both)))
+
+
+def test_the_page_is_dark_where_its_reader_is_and_fits_a_phone(files):
+    text = files[0].read_text(encoding="utf-8")
+    light, dark = text.index("prefers-color-scheme"), text.index("</style>")
+    for name, colour in chart.LIGHT._asdict().items():
+        assert text.lower().count(colour.lower()) == 1  # where it gets its name, and nowhere else
+        assert f"--{name}: {colour}" in text[:light]
+        assert f"--{name}: {getattr(chart.DARK, name)}" in text[light:dark]
+        assert f"var(--{name})" in text[dark:]
+    # Two panels in a row, and one for narrow screens.
+    sizes = [tuple(map(float, size)) for size in re.findall(r'<svg[^>]* viewBox="0 0 ([\d.]+) ([\d.]+)"', text)]
+    assert [round(100.0 / 72.0 * width) for width, _ in sizes] == [850, 425]
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
