@@ -167,7 +167,7 @@ def test_sources_that_were_never_installed_name_the_extra(monkeypatch):
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "requires", nowhere)
-    assert iq.errors.MissingExtra("viser", "view").install == "pip install '.[view]'"
+    assert iq.errors.MissingExtra("trimesh", "view").install == "pip install '.[view]'"
 
 
 # What a user does first with each extra, and the packages that are not there.
@@ -180,7 +180,6 @@ EXTRAS = {
     "mink": ("from invariantqp.mink import InvariantFrameTask", ["mink"]),
     "peers": ("from invariantqp.compare.registry import controller_named as c; c('Pink')", ["pink"]),
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
-    "view": ("iq.view.Viewer(iq.load_task('scara'))", ["viser"]),
     "placo": ("from invariantqp.compare.registry import controller_named as c; c('placo')", ["placo"]),
     "drake": ("from invariantqp.compare.registry import controller_named as c; c('Drake')", ["pydrake"]),
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import webbrowser
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +13,7 @@ from typer.core import TyperCommand
 from invariantqp.cli.places import PAGES, PICTURES, writable, write, writing
 from invariantqp.cli.status import NotAccepted
 from invariantqp.errors import BadInput
-from invariantqp.extras import is_installed, require
+from invariantqp.extras import require
 from invariantqp.printing import print_contact_frame_check, print_frame_check, print_run, progress, say
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ def run(
         str | None,
         typer.Option(
             metavar="[FILE]",
-            help="Watch in a browser; with a FILE, write an .html page; without viser, write one and open it.",
+            help="Watch in a browser; with a FILE, or without a screen, write an .html page.",
         ),
     ] = None,
     backend: Annotated[
@@ -92,8 +91,8 @@ def run(
         observer = None if viewer is None else viewer.watch
         trace = run_task(problem, physics=physics, progress=report, observer=observer, **overrides)
     _write(trace, json_file, plot, page)
-    if page is not None and not view:
-        _open(page, quiet)
+    if page is not None and not view and not quiet:
+        say(f"no display: the view is written to {page}")
     if not quiet:
         print_run(trace)
     if check_frame:
@@ -108,16 +107,14 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
     """Where a run is to be seen: a page to write, or a browser that shows it from now on; neither if nobody asked."""
     if view is None:
         return None, None
-    from invariantqp.view.display import has_display, is_remote, page_name
+    require("pictures", "jinja2")
+    from invariantqp.view.server import Viewer, has_display, is_remote, page_name
 
     remote = is_remote()
-    if view or not (is_installed("viser") and (has_display() or remote)):
+    if view or not (has_display() or remote):
         page = Path(view or page_name(task))
         writable("--view", page, PAGES)
-        require("pictures", "jinja2")
         return page, None
-    from invariantqp.view.server import Viewer
-
     viewer = Viewer(task)
     ctx.call_on_close(viewer.close)
     if remote:
@@ -143,17 +140,6 @@ def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path |
         from invariantqp.view.page import page as page_of
 
         write(page, page_of(film_of(trace)))
-
-
-def _open(page: Path, quiet: bool) -> None:
-    """Show a page that nobody named, where there is a display."""
-    from invariantqp.view.display import has_display
-
-    display = has_display()
-    if not quiet:
-        say(f"{'' if display else 'no display: '}the view is written to {page}")
-    if display:
-        webbrowser.open(page.resolve().as_uri())
 
 
 def _check_frames(trace: Trace, seed: int) -> None:

@@ -7,9 +7,8 @@ const written = x => {
 };
 
 class Chart {
-  constructor(side, chart, time, limited, seek) {
-    Object.assign(this, { chart, time, limited });
-    const head = side.appendChild(document.createElement("h2"));
+  constructor(side, chart, seek) {
+    const head = this.head = side.appendChild(document.createElement("h2"));
     head.append(chart.title);
     if (chart.keyed) chart.names.forEach((name, i) => {
       const key = head.appendChild(document.createElement("small"));
@@ -25,6 +24,11 @@ class Chart {
     this.canvas.addEventListener("pointerdown", e => { this.canvas.setPointerCapture(e.pointerId); at(e); });
     this.canvas.addEventListener("pointermove", e => { if (e.buttons) at(e); });
   }
+
+  // The curves, when they are, where a limit is active, and when the run ends.
+  show(chart, time, limited, last) { Object.assign(this, { chart, time, limited, last }); this.layout(); }
+
+  remove() { this.head.remove(); this.canvas.remove(); }
 
   // The vertical axis: [low, high, ticks], as exponents of ten if it is logarithmic.
   axis() {
@@ -47,17 +51,17 @@ class Chart {
   }
 
   timeAt(x) {
-    const [left, right] = [46, this.canvas.clientWidth - 8], last = this.time[this.time.length - 1];
-    return last * Math.min(1, Math.max(0, (x - left) / (right - left)));
+    const [left, right] = [46, this.canvas.clientWidth - 8];
+    return this.last * Math.min(1, Math.max(0, (x - left) / (right - left)));
   }
 
   // Draw everything but the cursor once, on a canvas of its own.
   layout() {
-    const { canvas, sheet, chart, time, limited } = this, fine = window.devicePixelRatio || 1;
+    const { canvas, sheet, chart, time, limited, last } = this, fine = window.devicePixelRatio || 1;
     const w = canvas.clientWidth, h = canvas.clientHeight;
     canvas.width = sheet.width = Math.round(w * fine);
     canvas.height = sheet.height = Math.round(h * fine);
-    const pen = sheet.getContext("2d"), [low, high, ticks] = this.axis(), last = time[time.length - 1];
+    const pen = sheet.getContext("2d"), [low, high, ticks] = this.axis();
     pen.setTransform(fine, 0, 0, fine, 0, 0);
     const x = t => 46 + t / last * (w - 54), y = v => 6 + (high - v) / (high - low) * (h - 26);
     pen.font = "11px system-ui, sans-serif";
@@ -98,6 +102,7 @@ class Chart {
   draw(t) {
     const pen = this.canvas.getContext("2d"), fine = window.devicePixelRatio || 1;
     pen.setTransform(1, 0, 0, 1, 0, 0);
+    if (!this.sheet.width || !this.sheet.height) return;  // a window without area has nothing to copy
     pen.clearRect(0, 0, this.canvas.width, this.canvas.height);
     pen.drawImage(this.sheet, 0, 0);
     pen.setTransform(fine, 0, 0, fine, 0, 0);

@@ -6,12 +6,15 @@ its axis.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.errors import CURVES, SMALLEST, errors_of
 from invariantqp.pictures.palette import BLUE, GREEN, SCREEN_COLOURS, SKY, VERMILION
@@ -19,16 +22,32 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import ClearanceTrace, Trace
-from invariantqp.view.arm import ArmShape, arm_shape, tool_velocity
 from invariantqp.view.look import Look, Part, look_of
-from invariantqp.view.solids import Solid, solids
-from invariantqp.view.surroundings import Surroundings, surroundings
+from invariantqp.view.scenery import Solid, Surroundings, solids, surroundings
 
 # The most frames of a run; players interpolate. Of the ticks between two frames the worst values are shown.
 FRAMES = 600
 # No arrow is drawn for a velocity below this, relative to the size of all [1/s], or for a weaker force [N].
 REST, WEAK = 2e-4, 0.05
 FORCE, TRAVEL = VERMILION, GREEN
+# Title of the chart of errors, from which a page reads what the error is.
+ERROR = "tracking error"
+
+
+class ArmShape(NamedTuple):
+    """What to draw of an arm in one state."""
+
+    points: Array  # (m + 2, 3) base, joints, tool
+    axes: Array  # (m, 3) unit directions of the joints
+    tool: Array  # (4, 4) pose
+
+
+def arm_shape(robot: Robot, q: ArrayLike) -> ArmShape:
+    """What to draw of an arm at joint positions q (m,)."""
+    J, T = robot.jacobian(q), robot.pose(q)
+    axes = np.where(J[:3].any(axis=0), J[:3], J[3:])
+    points = np.vstack((np.zeros(3), robot.origins(q), T[:3, 3]))
+    return ArmShape(points, (axes / np.linalg.norm(axes, axis=0)).T, T)
 
 
 class CurveChart(NamedTuple):
@@ -136,24 +155,27 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
     n = len(trace.velocity)
     ends = np.unique(np.linspace(0, n, min(n + 1, frames)).round().astype(int))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
-    status = [next((s for s in trace.statuses[a:b] if s != "ok"), trace.statuses[b - 1]) for a, b in _ticks(ends)]
     then = trace.velocity[np.maximum(ends - 1, 0)]
     drawn = _film(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
     drawn = replace(drawn, speed=extremes(trace.velocity, ends))
     return replace(
         drawn,
         about=f"{trace.task.about} {went}",
-        limit_active=[any(trace.limit_active[a:b]) for a, b in _ticks(ends)],
-        status=status,
+        **states(trace.statuses, trace.limit_active, ends),
         charts=(
             _error_chart(trace, ends),
             *_clearance_charts(trace.clearance, ends),
             *_force_charts(trace.contact, ends),
             *limit_charts(drawn),
         ),
-        travel=np.array([tool_velocity(robot, *state) for state in zip(trace.q[ends], then, strict=True)]),
+        travel=np.array([_tool_velocity(robot, *state) for state in zip(trace.q[ends], then, strict=True)]),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
+
+
+def _tool_velocity(robot: Robot, q: Array, velocity: Array) -> Array:
+    """(3,) velocity of the tool frame's origin at joint positions and velocities (m,)."""
+    return se3.velocity_at(robot.jacobian(q).dot(velocity), robot.pose(q)[:3, 3])
 
 
 def film_before(task: Task) -> Film:
@@ -210,6 +232,13 @@ def extremes(values: Array, ends: Array) -> Array:
     return np.array([np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0] for v in blocks])
 
 
+def states(statuses: Sequence[str], limited: Sequence[bool], ends: Array) -> dict[str, Any]:
+    """What a film has of the statuses of the ticks and of whether a limit was active in each."""
+    ticks = _ticks(ends)
+    status = [next((s for s in statuses[a:b] if s != "ok"), statuses[b - 1]) for a, b in ticks]
+    return {"status": status, "limit_active": [any(limited[a:b]) for a, b in ticks]}
+
+
 def _ticks(ends: Array) -> list[tuple[int, int]]:
     """First and last tick of each frame: those since the frame before; the first frame has the first tick."""
     return [(0, 1), *pairwise(ends.tolist())]
@@ -222,7 +251,7 @@ def colours(joints: int) -> tuple[str, ...]:
 
 def _error_chart(trace: Trace, ends: Array) -> CurveChart:
     values = np.maximum(extremes(errors_of(trace), ends), SMALLEST).T
-    return CurveChart("tracking error", tuple(CURVES), values, tuple(CURVES.values()), log=True)
+    return CurveChart(ERROR, tuple(CURVES), values, tuple(CURVES.values()), log=True)
 
 
 def _clearance_charts(clearance: ClearanceTrace | None, ends: Array) -> list[CurveChart]:

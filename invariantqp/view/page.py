@@ -17,19 +17,20 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.palette import BLUE, ORANGE, SKY
 from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
-from invariantqp.view.film import FORCE, TRAVEL, CurveChart, Film, colours, film_of
+from invariantqp.view.film import ERROR, FORCE, TRAVEL, CurveChart, Film, colours, film_of
 from invariantqp.view.look import Part
-from invariantqp.view.solids import Solid
+from invariantqp.view.scenery import Solid
 
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # A chart of more curves than this has no key: the colours are those of the joints' bars.
 KEYED = 3
 
 
-def page(film: Film) -> str:
-    """The file's text."""
-    scripts = [_script(name) for name in SCRIPTS]
-    values = {"title": film.title, "about": film.about, "run": _run(film), "scripts": scripts}
+def page(film: Film, *, live: bool = False) -> str:
+    """The file's text; a live page asks its server for the run that it shows, again and again."""
+    scripts = [_script(name) for name in (*SCRIPTS, "live.js")[: None if live else -1]]
+    run = {**drawn(film), "live": live, "parts": [_part(part) for part in film.look.parts]}
+    values = {"title": film.title, "about": film.about, "run": run, "scripts": scripts}
     return fill_template("invariantqp.view", "page.html", values)
 
 
@@ -52,8 +53,8 @@ def _script(name: str) -> str:
     return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
-def _run(film: Film) -> dict[str, Any]:
-    """What the page draws, as JSON has it."""
+def drawn(film: Film) -> dict[str, Any]:
+    """What the page draws, as JSON has it, without what the arm looks like."""
     named = {
         "time": film.time,
         "screws": film.screws,
@@ -61,6 +62,7 @@ def _run(film: Film) -> dict[str, Any]:
         "home": film.home.tool,
         "travel": film.travel,
         "wanted": film.wanted,
+        "path": film.wanted[:, :3, 3],
         "q": film.q,
         "limits": film.limits,
         "speed": film.speed,
@@ -70,7 +72,10 @@ def _run(film: Film) -> dict[str, Any]:
     if film.force is not None:
         named["force"] = film.force
     return {
+        "live": False,
+        "duration": float(film.time[-1]),
         "joints": film.joints,
+        "error_title": ERROR,
         "recorded": film.recorded,
         "colours": colours(len(film.joints)),
         "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE, "travel": TRAVEL, "body": SKY},
@@ -83,7 +88,6 @@ def _run(film: Film) -> dict[str, Any]:
         "floor": film.floor,
         "force_scale": film.force_scale,
         "travel_scale": film.travel_scale,
-        "parts": [_part(part) for part in film.look.parts],
         "missing": film.look.missing,
         "solids": [_solid(solid) for solid in film.solids],
         "charts": [_chart(c) for c in film.charts],

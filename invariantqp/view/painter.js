@@ -10,14 +10,14 @@ const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
 const LIGHT = unit([0.4, -0.5, 0.9]);
 const lit = normal => 0.56 + 0.44 * dot(normal, LIGHT);
 class Painter {
-  // The ball that is seen at first, and a smaller one in it that a double click shows.
-  constructor(canvas, [centre, size], [spot, extent]) {
+  // The ball that is seen at first.
+  constructor(canvas, [centre, size]) {
     this.canvas = canvas;
+    this.size = size;
     this.pen = canvas.getContext("2d");
     this.home = { turn: -0.9, rise: 0.42, reach: 2.75 * size, target: centre };
-    this.close = { turn: -0.9, rise: 0.6, reach: Math.max(3 * extent, 0.2 * size), target: spot };
+    this.lookAt(centre, size);
     this.camera = { ...this.home };
-    this.size = size;
     this.near = 0.02 * size;
     this.polygons = [];
     this.meshes = [];
@@ -28,6 +28,11 @@ class Painter {
     sheet.addEventListener("webglcontextlost", e => e.preventDefault());
     sheet.addEventListener("webglcontextrestored", () => { this.hardware = new Hardware(gl, sheet); this.changed(); });
     this.listen();
+  }
+
+  // A smaller ball, which a double click shows.
+  lookAt(spot, extent) {
+    this.close = { turn: -0.9, rise: 0.6, reach: Math.max(3 * extent, 0.2 * this.size), target: spot };
   }
 
   // Begin a picture: the camera's axes, and a canvas as fine as the screen.

@@ -5,11 +5,9 @@ const decoded = (a, kind = Float32Array) => {
   const bytes = Uint8Array.from(atob(a.data), c => c.charCodeAt(0));
   return { shape: a.shape, data: new kind(bytes.buffer) };
 };
-const run = JSON.parse($("run").textContent);
-const arrays = Object.fromEntries(Object.entries(run.arrays).map(([name, a]) => [name, decoded(a)]));
-for (const chart of run.charts) chart.values = decoded(chart.values);
-const { data: time } = arrays.time, last = time[time.length - 1], frames = time.length;
-const limited = run.limit_active;
+const first = JSON.parse($("run").textContent);
+// What is drawn; while a run is running it is loaded again and again.
+let run, arrays, time, last, frames, limited, path, drawn, solids, faces, charts = [];
 
 // The numbers of an array in one frame, and interpolated between two frames.
 const row = (name, i) => {
@@ -29,41 +27,61 @@ const frameAt = t => {
 };
 
 const state = { t: 0, playing: false, rate: 1 };
-const arm = new Arm(arrays.screws.data, arrays.places.data, Array.from(arrays.home.data));
+const fixed = name => decoded(first.arrays[name]).data;
+const arm = new Arm(fixed("screws"), fixed("places"), Array.from(fixed("home")));
 // Where the arm is in a frame, whole or between two; of recorded poses alone the tool is all there is.
 const placed = f => {
   if (run.joints.length) return arm.at(between("q", f));
   const tool = between("wanted", f);
   return { motions: [], points: [spot(tool)], axes: [], tool };
 };
-const each = place => Array.from({ length: frames }, (_, i) => place(i));
-const r = run.size, wanted = each(i => spot(row("wanted", i))), states = each(placed);
-const drawn = states.map(s => spot(s.tool));
-const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
-const painter = new Painter($("view"), [run.centre, r], [mix(...ends, 0.5), norm(add(...ends, -1)) / 2]);
-const parts = (painter.hardware ? run.parts : []).map(part => {
+const r = first.size, painter = new Painter($("view"), [first.centre, r]);
+const parts = (painter.hardware ? first.parts : []).map(part => {
   const vertices = decoded(part.vertices).data, faces = decoded(part.faces, Uint16Array).data;
   return { ...part, vertices, faces, normals: smooth(vertices, faces) };
 });
-const floor = run.floor - 0.01 * r;
-const corners = triples([...arrays.faces.data]);
-const solids = run.solids.map(({ joint, faces, poses }) => ({
-  joint, faces: triples([...decoded(faces).data]), poses: poses && decoded(poses).data }));
-const bars = new Bars($("joints"), { ...run, limits: arrays.limits.data, speedLimit: arrays.speed_limit.data });
-if (!run.joints.length) $("joints").previousElementSibling.hidden = $("joints").hidden = true;
-const charts = run.charts.map(c => new Chart($("side"), c, time, limited, t => { play(false); seek(t); }));
-const HUES = { wanted: rgb(run.hues.wanted), drawn: rgb(run.hues.drawn), force: rgb(run.hues.force),
-  travel: rgb(run.hues.travel), dark: rgb("#4a5764"), touched: rgb("#cdbb9f"), body: rgb(run.hues.body) };
-const keyed = (hue, words) => `<span><i style="color:${run.hues[hue]}"></i>${words}</span> `;
-$("key").innerHTML = (run.recorded ? "" : keyed("wanted", "path wanted"))
-  + keyed("drawn", run.recorded ? "path recorded" : "path drawn")
-  + (arrays.force ? keyed("force", "force of the tool") : "") + keyed("travel", "velocity of the tool")
-  + (solids.length ? keyed("body", "bodies kept apart") : "")
-  + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
-    : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far");
-if (run.missing) $("key").append(document.createElement("br"), run.missing);
+const floor = first.floor - 0.01 * r;
+const bars = new Bars($("joints"), { ...first, limits: fixed("limits"), speedLimit: fixed("speed_limit") });
+if (!first.joints.length) $("joints").previousElementSibling.hidden = $("joints").hidden = true;
 const caption = $("side").appendChild(document.createElement("p"));
-caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
+
+function load(next) {
+  run = next;
+  arrays = Object.fromEntries(Object.entries(run.arrays).map(([name, a]) => [name, decoded(a)]));
+  ({ data: time } = arrays.time);
+  [last, frames, limited] = [run.duration, time.length, run.limit_active];
+  path = triples([...arrays.path.data]);
+  faces = triples([...arrays.faces.data]);
+  drawn = Array.from({ length: frames }, (_, i) => spot(placed(i).tool));
+  const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
+  painter.lookAt(mix(...ends, 0.5), norm(add(...ends, -1)) / 2);
+  solids = run.solids.map(({ joint, faces, poses }) => ({
+    joint, faces: triples([...decoded(faces).data]), poses: poses && decoded(poses).data }));
+  if (charts.map(c => c.chart.title).join() !== run.charts.map(c => c.title).join()) {
+    for (const chart of charts) chart.remove();
+    charts = run.charts.map(c => new Chart($("side"), c, t => { play(false); seek(t); }));
+  }
+  run.charts.forEach((c, i) => { c.values = decoded(c.values); charts[i].show(c, time, limited, last); });
+  if (run.about) $("about").textContent = run.about;
+  $("time").max = last;
+  for (const control of ["play", "time", "speed"]) $(control).disabled = run.live;
+  caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
+  $("side").append(caption);
+  key();
+}
+
+const HUES = { ...Object.fromEntries(Object.entries(first.hues).map(([name, hue]) => [name, rgb(hue)])),
+  dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
+const keyed = (hue, words) => `<span><i style="color:${run.hues[hue]}"></i>${words}</span> `;
+function key() {
+  $("key").innerHTML = (run.recorded ? "" : keyed("wanted", "path wanted"))
+    + keyed("drawn", run.recorded ? "path recorded" : "path drawn")
+    + (arrays.force ? keyed("force", "force of the tool") : "") + keyed("travel", "velocity of the tool")
+    + (solids.length ? keyed("body", "bodies kept apart") : "")
+    + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
+      : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far");
+  if (first.missing) $("key").append(document.createElement("br"), first.missing);
+}
 
 function triad(T, length, width, alpha, names) {
   const at = spot(T);
@@ -108,8 +126,8 @@ function draw() {
   const { motions, points, axes, tool } = placed(f), goal = between("wanted", f);
   painter.floor(floor, ink("--rule"));
   painter.shadow(points, floor, 0.05 * r, "rgba(0,0,0,0.10)");
-  for (let k = 0; k < corners.length; k += 4) {
-    const [a, b, c, d] = corners.slice(k, k + 4);
+  for (let k = 0; k < faces.length; k += 4) {
+    const [a, b, c, d] = faces.slice(k, k + 4);
     painter.face([a, b, c, d], HUES.touched, unit(cross(add(b, a, -1), add(d, a, -1))), 0.5, 0.06 * r);
   }
   for (const { joint, faces, poses } of solids) {  // obstacles, and the arm's bodies seen through
@@ -130,19 +148,20 @@ function draw() {
     }
     painter.bar(a, b, 0.012 * r, 0.012 * r, HUES.dark, 4);
   }
-  if (!run.recorded) painter.line(wanted, HUES.wanted, 5, 1, 0.01 * r);
+  if (!run.recorded) painter.line(path, HUES.wanted, 5, 1, 0.01 * r);
   painter.line([...drawn.slice(0, Math.floor(f) + 1), spot(tool)], HUES.drawn, 2, 1, 0.02 * r);
   if (parts.length) for (const part of parts) painter.mesh(part, motions[part.joint]);
   else if (points.length > 1) bones(points);
   axes.forEach((u, k) => joint(points[k + 1], u, k));
   if (!run.recorded) triad(goal, 0.13 * r, 2, 0.35, false);
   triad(tool, 0.13 * r, 3.5, 1, true);
-  const told = [`t      ${state.t.toFixed(2)} s`];
+  const told = [`t      ${state.t.toFixed(2)} s`], error = run.charts.find(c => c.title === run.error_title);
   if (run.recorded) told.push(`contact ${run.status[i]}`);
-  else {
-    const error = run.charts[0].values, [mm, deg] = [error.data[i], error.data[frames + i]];
-    told.push(`error  ${written(mm)} mm, ${written(deg)} deg`, `status ${run.status[i]}`);
+  else if (error) {
+    const { data } = error.values;
+    told.push(`error  ${written(data[i])} mm, ${written(data[frames + i])} deg`);
   }
+  if (!run.recorded) told.push(run.status[i] ? `status ${run.status[i]}` : "waiting for the run");
   if (limited[i]) told.push("limit active");
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
@@ -194,7 +213,6 @@ function setRate() {
 function layout() { for (const chart of charts) chart.layout(); draw(); }
 
 painter.changed = () => { if (!state.playing) draw(); };
-$("time").max = last;
 $("time").addEventListener("input", e => { play(false); seek(+e.target.value); });
 $("speed").addEventListener("input", setRate);
 $("play").addEventListener("click", () => play(!state.playing));
@@ -205,8 +223,9 @@ addEventListener("keydown", e => {
 });
 addEventListener("resize", layout);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", layout);
+load(first);
 setRate();
 layout();
 // page.html#2.5 opens at 2.5 s and does not play; without a number the page plays.
 const moment = location.hash.length > 1 ? Number(location.hash.slice(1)) : NaN;
-if (Number.isFinite(moment)) seek(moment); else play(true);
+if (run.live) follow(); else if (Number.isFinite(moment)) seek(moment); else play(true);

@@ -16,10 +16,9 @@ from invariantqp.identification.identify import Identification
 from invariantqp.pictures.palette import ORANGE, SKY
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
-from invariantqp.view.arm import ArmShape, arm_shape
-from invariantqp.view.film import FORCE, FRAMES, CurveChart, Film, limit_charts
+from invariantqp.view.film import FORCE, FRAMES, ArmShape, CurveChart, Film, arm_shape, limit_charts
 from invariantqp.view.look import Look, read_look
-from invariantqp.view.surroundings import SIDE, Surroundings
+from invariantqp.view.scenery import SIDE, Surroundings, tiles
 
 # How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
 MARGIN = 0.4
@@ -148,6 +147,4 @@ def _surface(c: Candidate, poses: Array) -> Surroundings:
         corners = c.centre + aside - np.sign(c.radius) * depth[..., None] * z
     else:
         corners = corners + ((base - corners) @ z)[..., None] * z
-    return Surroundings(
-        np.stack((corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]), axis=2).reshape(-1, 4, 3)
-    )
+    return Surroundings(tiles(corners))

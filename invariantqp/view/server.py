@@ -1,49 +1,47 @@
-"""A run in a browser, while it is running and after, served to this machine only. The one file that imports viser."""
+"""A run in a browser, while it is running and after: the page of a run, served to this machine only.
+
+The page asks for what is new and draws it; at the end of the run it is the page that `animation` writes.
+
+Where a person looks: at a browser on this machine's screen, from another machine over SSH, or at a file later.
+"""
 
 from __future__ import annotations
 
-import io
+import json
+import os
+import re
+import socket
+import sys
 import webbrowser
-from contextlib import redirect_stdout
+from contextlib import suppress
 from dataclasses import replace
-from time import monotonic, sleep
-from typing import Any
+from getpass import getuser
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Event, Thread
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.extras import optional
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
-from invariantqp.view.arm import ArmShape, arm_shape, tool_velocity
-from invariantqp.view.display import tunnel
-from invariantqp.view.film import (
-    FORCE,
-    CurveChart,
-    Film,
-    extremes,
-    film_before,
-    film_of,
-    limit_charts,
-)
-from invariantqp.view.stage import Stage
-from invariantqp.view.widgets import joint_bars, paragraph, span, with_cursor
+from invariantqp.view.film import FORCE, CurveChart, Film, extremes, film_before, film_of, limit_charts, states
+from invariantqp.view.page import drawn, page
 
-# The port to serve at, or the next one that is free.
-PORT = 8080
-# How often the robot is drawn, and the curves, which cost more [1/s].
-PICTURES = 30
-PLOTS = 8
-# Points of a curve while the run is running.
+# The port to serve at, or the next one that is free of so many.
+PORT, PORTS = 8080, 100
+# Frames of a run that is running.
 COARSE = 200
-SLOWEST, FASTEST = 0.05, 4.0
-CURSOR = "#808080"
+# Environment variables that say that nobody looks at this machine's screen, if it has one.
+ELSEWHERE = ("CI", "SSH_CONNECTION", "SSH_TTY")
+# Environment variables of which Linux and the BSDs set one where there is a screen.
+SCREEN = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 class Viewer:
-    """A page with robot, path, playback and curves, for one run.
+    """A page with robot, path, playback and curves, for one run; any number of browsers may look at it.
 
     Attributes:
         url: what to open in a browser on this machine.
@@ -54,78 +52,39 @@ class Viewer:
         """Serve what is known before the run: the arm at its start, and its path.
 
         Raises:
-            MissingExtra: viser is not installed.
+            MissingExtra: Jinja is not installed.
             RobotModelError, UnknownName: the robot cannot be loaded.
+            OSError: no port is free.
         """
-        with optional("view", "viser"):
-            import viser
-        self._robot = task.load_robot()
         self._dt = task.law.dt
-        self._film = film_before(task)
-        with redirect_stdout(io.StringIO()):  # viser prints when it starts and stops
-            self._server = viser.ViserServer(host="127.0.0.1", port=port, label=task.name, verbose=False)
-        at = self._server.get_port()
+        self._before = film_before(task)
+        self._done: Film | None = None
+        self._seen: list[_Seen] = []
+        self._closed = Event()
+        self._text = page(self._before, live=True)
+        self._path = drawn(self._before)["arrays"]["path"]
+        self._server = _listening(port)
+        self._server.viewer = self
+        Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
+        at = self._server.server_address[1]
         self.url: str = f"http://localhost:{at}"
         self.tunnel: str = tunnel(at)
-        self._open = True
-        self._t, self._shown, self._playing = 0.0, -1.0, False
-        self._seen: list[tuple[Array, Array, Array, Array]] = []
-        self._next_picture = self._next_plots = 0.0
-        self._plots: dict[str, tuple[Any, dict[str, Any]]] = {}
-        self._stage = Stage(self._server, self._film)
-        self._stage.arm(arm_shape(self._robot, task.start()), np.array(task.start()))
-        self._stage.goal(self._film.wanted[0], np.empty((0, 3)))
-        self._add_panel()
 
     def close(self) -> None:
         """Stop serving."""
-        if self._open:
-            self._open = False
-            with redirect_stdout(io.StringIO()):
-                self._server.stop()
+        if not self._closed.is_set():
+            self._closed.set()
+            self._server.shutdown()
+            self._server.server_close()
 
-    def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:
-        """An observer for `run_task`; draws no more often than an eye can follow."""
-        self._seen.append((state.q, solution.velocity, state.wrench[3:], state.pose[:3, 3]))
-        now = monotonic()
-        if now < self._next_picture or not tick:
-            return
-        self._next_picture = now + 1.0 / PICTURES
-        with self._server.atomic():
-            self._stage.arm(arm_shape(self._robot, state.q), state.q)
-            self._stage.travel(state.pose, tool_velocity(self._robot, state.q, solution.velocity))
-            self._stage.push(state.pose, -state.wrench[3:])
-            drawn = np.array([point for *_, point in self._seen[:: 1 + tick // COARSE]])
-            self._stage.goal(self._film.wanted[self._film.frame(self._dt * tick)], drawn)
-            self._told.content = paragraph(f"running: {tick * self._dt:.2f} s, {solution.status}")
-            if now >= self._next_plots:
-                self._next_plots = now + 1.0 / PLOTS
-                so_far = self._so_far()
-                self._draw_plots(so_far, so_far.time[-1])
-                self._joints.content = joint_bars(so_far, -1)
-
-    def _so_far(self) -> Film:
-        """The run as far as it has come."""
-        q, speed, force, _ = (np.array(part) for part in zip(*self._seen, strict=True))
-        ends = np.unique(np.linspace(0, len(q) - 1, COARSE).astype(int))
-        seen = replace(self._film, time=self._dt * ends, q=q[ends], speed=extremes(speed, ends))
-        size = extremes(np.linalg.norm(force, axis=1)[:, None], ends).T
-        felt = [CurveChart("contact force [N]", ("size",), size, (FORCE,))] if force.any() else []
-        return replace(seen, charts=(*felt, *limit_charts(seen)))
+    def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:  # noqa: ARG002 (an observer)
+        """An observer for `run_task`: keeps what a browser may ask for."""
+        status, limited = str(solution.status), bool(solution.active)
+        self._seen.append(_Seen(state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
 
     def show(self, film: Film) -> None:
         """Play a run that is done."""
-        self._film = film
-        with self._server.atomic():
-            for plot, _ in self._plots.values():  # a plot that is removed could still be sent changes
-                plot.visible = False
-            self._plots = {}
-            self._about.content = paragraph(film.about)
-            self._time.max = float(film.time[-1])
-            for control in (self._play, self._time, self._rate):
-                control.disabled = False
-        self._t = 0.0
-        self._set_playing(True)
+        self._done = film
 
     def open_browser(self) -> None:
         """Show the page on this machine's display."""
@@ -137,98 +96,131 @@ class Viewer:
         self.serve()
 
     def serve(self) -> None:
-        """Play, pause and seek as the page asks, until interrupted or closed."""
-        before = monotonic()
-        while self._open:
-            sleep(1.0 / PICTURES)
-            now = monotonic()
-            if self._playing and self._server.get_clients():  # time stands still while nobody looks
-                self._t = min(float(self._film.time[-1]), self._t + self._rate.value * (now - before))
-                self._set_playing(self._t < self._film.time[-1])
-            before = now
-            if self._open and self._t != self._shown:
-                self._draw(self._t)
+        """Answer browsers until interrupted or closed."""
+        while not self._closed.wait(0.1):  # Ctrl-C is not heard during a wait without an end everywhere
+            pass
 
-    def _add_panel(self) -> None:
-        """Fill the panel: playback, joints, curves."""
-        gui = self._server.gui
-        gui.configure_theme(control_width="large", show_share_button=False)
-        gui.main_panel.dock_right()
-        gui.set_panel_label(f"invariantqp: {self._film.title}")
-        self._about = gui.add_html(paragraph(self._film.about))
-        self._told = gui.add_html(paragraph("waiting for the run"))
-        self._play = gui.add_button("Pause", disabled=True)
-        last = float(self._film.time[-1])
-        self._time: Any = gui.add_slider("time [s]", 0.0, last, last / 1000.0, 0.0, disabled=True)
-        self._rate = gui.add_slider("speed", SLOWEST, FASTEST, SLOWEST, 1.0, disabled=True)
-        self._joints = gui.add_html(joint_bars(self._film, 0))
+    def text(self) -> str:
+        """The page as it is now."""
+        return self._text if self._done is None else page(self._done)
 
-        @self._play.on_click
-        def _(_: Any) -> None:
-            if self._t >= self._film.time[-1]:
-                self._t = 0.0
-            self._set_playing(not self._playing)
+    def news(self, tag: str) -> tuple[str, str | None]:
+        """What the page is to draw, and its tag; nothing where that is what it draws already."""
+        done, n = self._done, len(self._seen)
+        now = f"{n}" if done is None else "done"
+        if now == tag or (done is None and not n):
+            return now, None
+        if done is not None:
+            return now, json.dumps({**drawn(done), "about": done.about})
+        so_far = drawn(self._so_far(n))
+        so_far["arrays"]["path"] = self._path
+        whole = {"duration": float(self._before.time[-1]), "travel_scale": self._before.travel_scale}
+        return now, json.dumps({**so_far, **whole, "live": True})
 
-        @self._time.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:  # moved by a person, not by `_draw`
-                self._set_playing(False)
-                self._t = float(self._time.value)
-
-    def _set_playing(self, on: bool) -> None:
-        if on != self._playing:
-            self._playing = on
-            self._play.label = "Pause" if on else "Play"
-            self._next_plots = 0.0
-
-    def _draw(self, t: float) -> None:
-        """Draw everything at a time t [s]."""
-        film, now = self._film, monotonic()
-        i = film.frame(t)
-        with self._server.atomic():
-            self._stage.arm(ArmShape(film.points[i], film.axes[i], film.tool[i]), film.q[i])
-            self._stage.travel(film.tool[i], film.travel[i])
-            self._stage.goal(film.wanted[i], film.tool[: i + 1, :3, 3])
-            if film.force is not None:
-                self._stage.push(film.tool[i], film.force[i])
-            self._time.value = t
-            mm, deg = film.charts[0].values[:, i]
-            limit = ", limit active" if film.limit_active[i] else ""
-            words = f"{t:.2f} s: error {mm:.2g} mm, {deg:.2g} deg, {film.status[i]}{limit}"
-            self._told.content = paragraph(words)
-            if now >= self._next_plots or not self._playing:
-                self._next_plots = now + 1.0 / PLOTS
-                self._joints.content = joint_bars(film, i)
-                self._draw_plots(film, t)
-        self._shown = t
-
-    def _draw_plots(self, film: Film, t: float) -> None:
-        """Draw a film's curves with a cursor at t."""
-        for chart in film.charts:
-            data = with_cursor(film.time, chart, t)
-            scales = {
-                "x": {"time": False, "range": (0.0, float(self._film.time[-1]))},
-                "y": {"range": span(chart)},
-            }
-            if chart.title not in self._plots:
-                self._plots[chart.title] = self._add_plot(chart, data, scales), scales
-                continue
-            plot, before = self._plots[chart.title]
-            plot.data = data
-            if scales != before:
-                plot.scales = scales
-                self._plots[chart.title] = plot, scales
-
-    def _add_plot(self, chart: CurveChart, data: tuple[Array, ...], scales: dict[str, Any]) -> Any:
-        lines: list[Any] = [
-            {"label": name, "stroke": colour, "width": 1.5}
-            for name, colour in zip(chart.names, chart.colours, strict=True)
-        ]
-        return self._server.gui.add_uplot(
-            data,
-            ({"label": "time [s]"}, *lines, {"label": "now", "stroke": CURSOR, "width": 1.0}),
-            title=f"{chart.title}, powers of ten" if chart.log else chart.title,
-            scales=scales,
-            legend={"show": len(chart.names) < 4, "live": False},
-            height=150,
+    def _so_far(self, n: int) -> Film:
+        """The first n ticks of the run."""
+        q, speed, force, place, status, limited = zip(*self._seen[:n], strict=True)
+        before, push = self._before, np.array(force)
+        ends = np.unique(np.linspace(0, n, min(n + 1, COARSE)).round().astype(int))
+        time = self._dt * ends
+        places = np.vstack((before.tool[0, :3, 3], place))[ends]
+        size = extremes(np.linalg.norm(push, axis=1)[:, None], ends).T
+        pressing = [CurveChart("contact force [N]", ("size",), size, (FORCE,))] if push.any() else []
+        seen = replace(
+            before,
+            time=time,
+            q=np.vstack((before.q[0], q))[ends],
+            speed=extremes(np.array(speed), ends),
+            wanted=before.wanted[[before.frame(t) for t in time.tolist()]],
+            travel=np.gradient(places, time, axis=0),
+            force=push[np.maximum(ends - 1, 0)] if push.any() else None,
+            **states(status, limited, ends),
         )
+        return replace(seen, charts=(*pressing, *limit_charts(seen)))
+
+
+class _Seen(NamedTuple):
+    """One tick of a run."""
+
+    q: Array
+    velocity: Array
+    force: Array  # (3,) that the tool exerts
+    place: Array  # (3,) of the tool
+    status: str
+    limited: bool
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    allow_reuse_address = os.name != "nt"  # there it would take a port that another has
+    viewer: Viewer
+
+
+def _listening(port: int) -> _Server:
+    """A server at a port of this machine alone, or at the next one that is free."""
+    for at in range(port, port + PORTS):
+        with suppress(OSError):
+            return _Server(("127.0.0.1", at), _Answer)
+    return _Server(("127.0.0.1", port + PORTS), _Answer)
+
+
+class _Answer(BaseHTTPRequestHandler):
+    """Answers to the page."""
+
+    server: _Server
+
+    def do_GET(self) -> None:
+        """The page, or as `run?TAG` what is new since."""
+        where, _, tag = self.path.partition("?")
+        if where == "/":
+            self._send(200, "text/html; charset=utf-8", self.server.viewer.text(), "")
+        elif where == "/run":
+            now, news = self.server.viewer.news(tag)
+            self._send(204 if news is None else 200, "application/json", news or "", now)
+        else:
+            self._send(404, "text/plain", "", "")
+
+    def _send(self, status: int, kind: str, text: str, tag: str) -> None:
+        body = text.encode()
+        self.send_response(status)
+        for name, value in (("Content-Type", kind), ("Content-Length", str(len(body))), ("Cache-Control", "no-store")):
+            self.send_header(name, value)
+        if tag:
+            self.send_header("ETag", tag)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: Any) -> None:
+        """Say nothing: what is printed is the run's."""
+
+
+def has_display() -> bool:
+    """Whether a browser opened here would be seen."""
+    if any(os.environ.get(name) for name in ELSEWHERE):
+        return False
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in SCREEN)
+
+
+def is_remote() -> bool:
+    """Whether somebody sits at a terminal of this machine over SSH."""
+    over_ssh = bool(os.environ.get("SSH_CONNECTION")) and not os.environ.get("CI")
+    return over_ssh and sys.stdin is not None and sys.stdin.isatty()
+
+
+def tunnel(port: int) -> str:
+    """The command that, on another machine, makes http://localhost:PORT there show what is served here.
+
+    This machine is named by the address that SSH came to, else by its name.
+    """
+    words = os.environ.get("SSH_CONNECTION", "").split()
+    host, at = (words[2], words[3]) if len(words) == 4 else (socket.gethostname(), "22")
+    try:
+        user = f"{getuser()}@"
+    except (KeyError, OSError):  # a container's user may have no name
+        user = ""
+    return f"ssh -L {port}:localhost:{port} {'' if at == '22' else f'-p {at} '}{user}{host}"
+
+
+def page_name(task: Task) -> str:
+    """The file, in the current folder, for the page of a task when nobody names one."""
+    return f"{re.sub(r'[^A-Za-z0-9._-]+', '_', task.name)}.html"

@@ -13,8 +13,8 @@ from support.command_line import call
 from support.views import TASK, read
 
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view import display
-from invariantqp.view.display import has_display, page_name
+from invariantqp.view import server
+from invariantqp.view.server import has_display, page_name
 
 
 @pytest.fixture
@@ -66,20 +66,6 @@ def test_a_place_that_cannot_be_written_to_is_told_before_the_run(run, tmp_path,
     assert said in err
 
 
-@pytest.mark.parametrize("quiet", [(), ("--quiet",)], ids=["told", "quiet"])
-def test_without_viser_a_page_is_written_and_opened(run, monkeypatch, tmp_path, quiet):
-    opened = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    monkeypatch.setenv("DISPLAY", ":7")
-    monkeypatch.setitem(sys.modules, "viser", None)
-    status, _, err = run("short.toml", "--view", *quiet)
-    assert (status, err) == (0, "" if quiet else "the view is written to a_short_one.html\n")
-    assert opened == [(tmp_path / "a_short_one.html").as_uri()]
-    assert read((tmp_path / "a_short_one.html").read_text(encoding="utf-8")).tags[0][0] == "html"
-    assert run("short.toml", "--view", "seen.html", *quiet)[0] == 0
-    assert len(opened) == 1  # a page with a name is for later
-
-
 @pytest.mark.parametrize(
     ("platform", "environment", "display"),
     [
@@ -100,16 +86,16 @@ def test_where_a_browser_would_be_seen(monkeypatch, platform, environment, displ
 
 
 def test_over_ssh_a_command_is_told_that_shows_the_view(monkeypatch):
-    monkeypatch.setattr(display, "getuser", lambda: "me")
-    monkeypatch.setattr(display.socket, "gethostname", lambda: "lab")
+    monkeypatch.setattr(server, "getuser", lambda: "me")
+    monkeypatch.setattr(server.socket, "gethostname", lambda: "lab")
     monkeypatch.setattr(os, "environ", {"SSH_CONNECTION": "10.0.0.9 5000 10.0.0.2 22"})
-    assert display.tunnel(8080) == "ssh -L 8080:localhost:8080 me@10.0.0.2"
+    assert server.tunnel(8080) == "ssh -L 8080:localhost:8080 me@10.0.0.2"
     monkeypatch.setattr(os, "environ", {"SSH_CONNECTION": "10.0.0.9 5000 10.0.0.2 2222"})
-    assert display.tunnel(8081) == "ssh -L 8081:localhost:8081 -p 2222 me@10.0.0.2"
+    assert server.tunnel(8081) == "ssh -L 8081:localhost:8081 -p 2222 me@10.0.0.2"
     monkeypatch.setattr(os, "environ", {})
-    assert display.tunnel(8080) == "ssh -L 8080:localhost:8080 me@lab"
-    monkeypatch.setattr(display, "getuser", lambda: {}["no name"])
-    assert display.tunnel(8080) == "ssh -L 8080:localhost:8080 lab"
+    assert server.tunnel(8080) == "ssh -L 8080:localhost:8080 me@lab"
+    monkeypatch.setattr(server, "getuser", lambda: {}["no name"])
+    assert server.tunnel(8080) == "ssh -L 8080:localhost:8080 lab"
 
 
 @pytest.mark.parametrize(
@@ -124,9 +110,9 @@ def test_over_ssh_a_command_is_told_that_shows_the_view(monkeypatch):
 def test_where_somebody_sits_at_another_machine(monkeypatch, environment, terminal, remote):
     monkeypatch.setattr(os, "environ", environment)
     monkeypatch.setattr(sys.stdin, "isatty", lambda: terminal, raising=False)
-    assert display.is_remote() is remote
+    assert server.is_remote() is remote
     monkeypatch.setattr(sys, "stdin", None)  # closed, or under pythonw
-    assert display.is_remote() is False
+    assert server.is_remote() is False
 
 
 def test_a_pages_name_is_a_files_name():
@@ -156,7 +142,7 @@ def test_ctrl_c_leaves_cleanly(run, tmp_path):
 
 
 def test_over_ssh_the_run_is_served_to_another_machine(run, monkeypatch):
-    monkeypatch.setattr("invariantqp.view.display.is_remote", lambda: True)
+    monkeypatch.setattr("invariantqp.view.server.is_remote", lambda: True)
     monkeypatch.setattr("invariantqp.view.server.Viewer.play", lambda *_: None)
     monkeypatch.setenv("SSH_CONNECTION", "10.0.0.9 5000 10.0.0.2 22")
     status, _, err = run("short.toml", "--view")

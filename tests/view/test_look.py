@@ -15,7 +15,6 @@ from invariantqp.errors import install_command
 from invariantqp.robots.load import urdf_of
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view import look, meshes
-from invariantqp.view.arm import motions
 from invariantqp.view.look import TRIANGLES, Look, look_of
 
 WHEELED = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
@@ -64,7 +63,7 @@ def test_parts_are_where_pinocchio_places_the_meshes(name):
     for shape, place in zip(shapes.geometryObjects, seen.oMg, strict=True):
         found_there = meshes.read_meshes(Path(shape.meshPath))
         corners += [m.vertices * shape.meshScale @ place.rotation.T + place.translation for m in found_there]
-    moved = motions(robot.jacobian(np.zeros(len(q))), q)
+    moved = robot.motions(q)
     parts = [part.vertices @ moved[part.joint][:3, :3].T + moved[part.joint][:3, 3] for part in found.parts]
     np.testing.assert_allclose(box(np.vstack(parts)), box(np.vstack(corners)), atol=0.006)
 

@@ -9,6 +9,7 @@ import urllib.request
 from dataclasses import replace
 from html import unescape
 from itertools import pairwise
+from urllib.error import HTTPError
 
 import numpy as np
 import pinocchio as pin
@@ -19,10 +20,8 @@ import invariantqp as iq
 from invariantqp.robots.load import KNOWN
 from invariantqp.runs.make_scene import scene_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.arm import arm_shape
-from invariantqp.view.film import extremes, film_before, film_of
-from invariantqp.view.page import page
-from invariantqp.view.widgets import joint_bars, paragraph, with_cursor
+from invariantqp.view.film import arm_shape, extremes, film_before, film_of
+from invariantqp.view.page import drawn, page
 
 
 @pytest.fixture(scope="module")
@@ -320,24 +319,56 @@ def test_a_page_that_cannot_be_written_says_so(trace, tmp_path):
 # The server
 
 
-def test_a_cursor_is_an_upright_line_among_the_curves(film):
-    chart = film.charts[1]
-    time, *curves, cursor = with_cursor(film.time, chart, 0.333)
-    assert (np.diff(time) >= 0.0).all()
-    upright = np.isfinite(cursor)
-    assert time[upright].tolist() == [0.333, 0.333]
-    assert cursor[upright].tolist() == list(chart.span)
-    for curve, values in zip(curves, chart.values, strict=True):
-        np.testing.assert_array_equal(curve[~upright], values)
-        np.testing.assert_allclose(curve[upright], np.interp(0.333, film.time, values))
+def answered(viewer, where=""):
+    """Status, text and tag of what the server answers."""
+    with urllib.request.urlopen(f"{viewer.url}/{where}") as answer:
+        return answer.status, answer.read().decode(), answer.headers["ETag"]
 
 
-def test_words_and_names_are_not_markup(film):
-    assert paragraph("a < b & {c}").count("<") == 2
-    bars = joint_bars(replace(film, joints=("<img>", *film.joints[1:])), 50)
-    assert [tag for tag, _ in read(bars).tags if tag == "img"] == []
-    assert f"{np.degrees(film.q[50, 6]):.1f}°<" in bars
-    assert f"{np.degrees(film.speed[50, 6]):.1f}°/s<" in bars
+def test_a_run_is_served_while_it_is_running_and_after(task, trace, film):
+    viewer, during = iq.view.Viewer(task, port=0), []
+    try:
+        before = json.loads(read(answered(viewer)[1]).scripts[0])
+        assert before["live"]
+        assert answered(viewer, "run?")[0] == 204
+        np.testing.assert_array_equal(unpacked(before["arrays"]["q"])[0], np.float32(task.start()))
+
+        def watch(tick, state, solution):
+            viewer.watch(tick, state, solution)
+            if tick == 59:
+                during.append(answered(viewer, "run?"))
+
+        iq.run_task(task, observer=watch)
+        status, text, tag = during[0]
+        seen = json.loads(text)
+        assert (status, tag, seen["live"], "parts" in seen) == (200, "60", True, False)
+        assert seen["duration"] == pytest.approx(1.0)
+        np.testing.assert_allclose(unpacked(seen["arrays"]["time"]), trace.time[:61], rtol=1e-6)
+        np.testing.assert_allclose(unpacked(seen["arrays"]["q"]), trace.q[:61], rtol=1e-6)
+        np.testing.assert_allclose(unpacked(seen["arrays"]["speed"])[1:], trace.velocity[:60], rtol=1e-6)
+        np.testing.assert_allclose(unpacked(seen["arrays"]["wanted"])[-1, :3, 3], trace.wanted[60, :3, 3], atol=1e-3)
+        assert [c["title"] for c in seen["charts"]] == [c.title for c in film.charts[1:]]
+        assert seen["status"] == [trace.statuses[0], *trace.statuses[:60]]
+        viewer.show(film)
+        status, text, tag = answered(viewer, "run?60")
+        assert (status, tag) == (200, "done")
+        assert json.loads(text) == {**json.loads(json.dumps(drawn(film))), "about": film.about}
+        assert answered(viewer, "run?done")[:2] == (204, "")
+        assert answered(viewer)[1] == page(film)
+        with pytest.raises(HTTPError, match="404"):
+            answered(viewer, "../setup")
+    finally:
+        viewer.close()
+
+
+def test_a_port_that_is_taken_is_left_alone(task):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        viewer = iq.view.Viewer(task, port=taken)
+        viewer.close()
+        assert int(viewer.url.rsplit(":", 1)[1]) > taken
 
 
 def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
@@ -347,7 +378,7 @@ def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
         iq.run_task(task, observer=viewer.watch)
         with urllib.request.urlopen(viewer.url) as answer:
             assert answer.status == 200
-            assert b"<title>Viser</title>" in answer.read()
+            assert b"<title>short</title>" in answer.read()
         viewer.show(film)
         serving = threading.Thread(target=viewer.serve)
         serving.start()
