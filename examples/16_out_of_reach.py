@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from invariantqp.lerobot import RobotKinematics
 from invariantqp.robots.load import urdf_of
 from invariantqp.robots.urdf import read_xml
-from invariantqp.view.arm import motions
 from invariantqp.view.look import read_look
 
 HERE = Path(__file__).parent
@@ -84,9 +83,9 @@ def fastest(q):
     return RATE * np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1)
 
 
-def triangles(parts, screws, q):
+def triangles(parts, robot, q):
     """Triangles (n, 3, 2) on paper and their colours (n, 3), the farthest first."""
-    moved = motions(screws, np.radians(q))
+    moved = robot.motions(np.radians(q))
     corners = np.vstack([(p.vertices @ moved[p.joint][:3, :3].T + moved[p.joint][:3, 3])[p.faces] for p in parts])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None] + 1e-12
@@ -99,7 +98,6 @@ def triangles(parts, screws, q):
 
 
 def draw(found, file, frames, robot, start):
-    screws = robot.jacobian(np.zeros(len(JOINTS)))
     parts = read_look(urdf_of("so101"), robot.names).parts
     figure = Figure(figsize=(8.5, 4.0), dpi=100)
     figure.subplots_adjust(left=0.0, right=1.0, top=0.91, bottom=0.0, wspace=0.0)
@@ -119,7 +117,7 @@ def draw(found, file, frames, robot, start):
         i = round(k / max(frames - 1, 1) * (len(found[title]) - 1))
         wanted = target(start, i / RATE)[:3, 3]
         for arm, goal, text, q, speed in panels:
-            faces, colours = triangles(parts, screws, q[i])
+            faces, colours = triangles(parts, robot, q[i])
             arm.set_verts(faces)
             arm.set(facecolors=colours, edgecolors=colours)
             goal.set_data(*(VIEW[:2] @ wanted)[:, None])
