@@ -246,7 +246,15 @@ def descend(
 ) -> tuple[Array, float, float, float, int, bool, bool, Array | None] | None: ...
 def misses(arm: Arm, target: Any, q: Array, /) -> tuple[float, float] | None: ...
 def clearance(
-    screws: Array, q: Array, shapes: Array, twists: Array, pairs: Array, speeds: Array, settings: Array, /
+    screws: Array,
+    q: Array,
+    before: Array,
+    shapes: Array,
+    twists: Array,
+    pairs: Array,
+    limits: Array,
+    settings: Array,
+    /,
 ) -> tuple[Array, Array, Array, Array] | None: ...
 def sight(
     screws: Array, home: Array, q: Array, target: Array | None, /

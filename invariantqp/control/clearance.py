@@ -3,16 +3,21 @@
     C x >= -alpha (d - d_min) - n'v_obstacle        C = w'J on the joints between two bodies,  w = (p x n; n)
 
 for each place where a pair is near (`geometry/distance.py`): n from one body to the other, p a point of that line. The
-approach to d_min is exponential at the rate alpha, the largest at which
+approach to d_min is exponential at the rate alpha = min(0.1 / dt, 1 / (e (D + dt/2))): a tick covers at most a tenth of
+the room, and what is decided on positions D seconds old does not overshoot.
 
-    0.1 / dt                a tick covers a tenth of the room
-    1 / (e (D + dt/2))      what is decided on positions D seconds old does not overshoot
-    0.7 min a_i / v_i       joints can brake: (1 - alpha dt) times the last velocity keeps both, as far as
-                            the rows do not turn with the arm
+Joints with acceleration limits a do not stop at once. A velocity is then one that can still be braked from:
 
-A row that no velocity inside the limits can reach is left out, so there is no distance of influence; of the others the
-16 most urgent are kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way
-out of the nearest one, slowly. Rows give way where they contradict joint limits, never the other way round.
+    q_n(x) = q + dt (x + x' + x'' + ...)      n ticks of braking x at 0.8 a, each joint by itself, inside its range
+    d(q_n(x), n dt) - d_min >= (1 - alpha dt) (d(q_n(y), n dt) - d_min),    y the last velocity braked for a tick
+
+to first order in x - y, for n = 0 and the ticks that it takes to stop, a half, a quarter, ... of them. In the next tick
+braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every acceleration
+and every joint limit. So rows contradict nothing that a start did not contradict already.
+
+A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
+kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest
+one, slowly. Rows give way where they contradict joint limits, never the other way round.
 
 What it does not do: find a way around. An arm that is led straight into an obstacle stops before it.
 """
@@ -21,14 +26,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
-from math import e, inf
+from math import ceil, e, inf
 from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.limits import Limit, Loop
+from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays, se3
@@ -39,7 +44,7 @@ from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.srdf import Exclusions, excluded
-from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.limits import LimitRows, braking_speed
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
 # Rows of a tick, at most: more than an arm has joints several times over.
@@ -50,8 +55,9 @@ EQUAL = 1e-9
 UNMOVED = 1e-12
 # A tick covers this share of the room that is left.
 SHARE_OF_ROOM = 0.1
-# Of the accelerations, rows take this share to brake by; the rest is for how their directions turn as the arm moves.
-BRAKING = 0.7
+# Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
+# between the states that are looked at.
+BRAKING = 0.8
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
 # than the second: an arm that begins inside comes out in a second or three, without a kick. That holds from a depth on
 # of the third, of the distance; less is what curvature takes of it in a tick.
@@ -88,8 +94,56 @@ class Dropped(NamedTuple):
 class Rate(NamedTuple):
     """What decides how fast bodies may come nearer."""
 
-    settings: Array  # d_min [length], alpha [1/s], the share of the speeds at which bodies move apart
+    limits: Array  # (4, m) of speed, acceleration (inf where joints stop at once) and position, the lower and the upper
+    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING
     delay: float  # of the robot [s]
+
+    def braked(self, before: Array) -> Array:
+        """(m,) how fast joints still are after a tick of braking a velocity (m,)."""
+        return np.asarray(np.maximum(np.abs(before) - self.settings[3] * self.settings[4] * self.limits[1], 0.0))
+
+
+class States(NamedTuple):
+    """The states in which distances are looked at: the arm's own first, and those that it passes as it brakes."""
+
+    positions: Array  # (s, m) of the joints
+    weights: Array  # (s, m) how they change with the velocity, in ticks
+    times: Array  # (s,) from now [s]
+    y: Array  # (m,) the velocity braked for a tick
+    reach: Array  # (m,) how far another one can be from it
+    sure: Array  # (m,) and certainly
+
+    @classmethod
+    def ahead(cls, q: Array, before: Array, limits: Array, settings: Array) -> States:
+        """From joint positions q (m,), after a velocity `before` (m,); limits and settings are as in `Rate`."""
+        m = len(q)
+        speed, a, low, high = limits
+        if np.isinf(a).all():
+            return cls(q[None], np.ones((1, m)), np.zeros(1), np.zeros(m), speed, np.full(m, inf))
+        dt, share = settings[3:].tolist()
+        b = share * a
+        y = np.sign(before) * np.maximum(np.abs(before) - b * dt, 0.0)
+        y = np.clip(y, -braking_speed(q - low, a, dt), braking_speed(high - q, a, dt))
+        ticks = np.floor(np.abs(y) / (b * dt))  # that y takes to stop, but for a rest
+        n = [0.0, *halves(float(ticks.max()))]
+        own = np.minimum(np.array(n)[:, None], ticks)
+        with np.errstate(invalid="ignore"):  # infinitely strong brakes stop in no tick
+            lost = np.where(own > 0.0, 0.5 * b * dt * own * (own + 1.0), 0.0)
+        free = q + dt * ((own + 1.0) * y - np.sign(y) * lost)
+        states = np.clip(free, np.minimum(low, q), np.maximum(high, q))
+        weights = np.where(states == free, own + 1.0, 1.0)
+        reach, sure = np.minimum(2.0 * a * dt, speed + np.abs(y)), (1.0 - share) * a * dt
+        times = dt * np.array([0.0, *n])
+        return cls(np.vstack((q, states)), np.vstack((np.ones(m), weights)), times, y, reach, sure)
+
+
+def halves(ticks: float) -> list[float]:
+    """A number of ticks, a half, a quarter, ... down to one, whole ones."""
+    found = []
+    while ticks > 0.0:
+        found.append(ticks)
+        ticks = ceil(0.5 * ticks) if ticks > 1.0 else 0.0
+    return found
 
 
 class _Part(NamedTuple):
@@ -256,41 +310,28 @@ class Clearance(Limit):
         """The clearance at the rate of a loop.
 
         Raises:
-            BadInput: a loop of another robot; accelerations are limited, but speeds are not.
+            BadInput: a loop of another robot.
         """
         if loop.robot.names != self.robot.names:
             raise BadInput("limits", f"{self!r} of another robot", "one made with this controller's robot")
-        limited = loop.acceleration if np.isfinite(loop.acceleration).any() else None
-        return _InLoop(self, self.in_loop(loop.dt, loop.delay, limited, loop.velocity_limit))
+        return _InLoop(self, self.in_loop(loop))
 
-    def in_loop(self, dt: float, delay: float, acceleration_limit: Array | None, speed: Array) -> Rate:
-        """The rate for a loop with ticks of dt [s], a delay [s], accelerations (m,) or None, and speeds (m,).
+    def in_loop(self, loop: Loop) -> Rate:
+        """The rate in a loop, and what its joints brake by."""
+        alpha = min(SHARE_OF_ROOM / loop.dt, 1.0 / (e * (loop.delay + 0.5 * loop.dt)))
+        rate = self._at_rate(alpha if self._rate is None else min(alpha, self._rate), loop.delay, loop.dt)
+        box = boxes(loop, loop.velocity_limit)[0]
+        limits = box.velocity_limit, loop.acceleration, box.position_lower, box.position_upper
+        return rate._replace(limits=np.array(limits))
 
-        Raises:
-            BadInput: accelerations are limited, but speeds are not.
-        """
-        alpha = min(SHARE_OF_ROOM / dt, 1.0 / (e * (delay + 0.5 * dt)))
-        if acceleration_limit is not None:
-            limited = np.isfinite(acceleration_limit)
-            if not np.isfinite(speed[limited]).all():
-                i = int((limited & ~np.isfinite(speed)).argmax())
-                raise BadInput(
-                    "limits",
-                    f"a Clearance beside an acceleration limit of joint {i} ({self.robot.names[i]}) without a speed",
-                    "a velocity limit of each such joint, for how far away it must begin to brake",
-                    "Give it with robot.with_limits(velocity_limit=[...]).",
-                )
-            alpha = min([alpha, *(BRAKING * acceleration_limit[limited] / speed[limited]).tolist()])
-        return self._at_rate(alpha if self._rate is None else min(alpha, self._rate), delay)
-
-    def rows_at(self, q: Array, rate: Rate) -> LimitRows | None:
-        """The rows at joint positions q (m,), None where nothing is near enough to matter."""
-        C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate)
+    def rows_at(self, q: Array, rate: Rate, before: Array | None = None) -> LimitRows | None:
+        """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
+        C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate, before)
         self.nearest = self._nearest(distances)
         upper = np.full(len(lower), inf)
         names = [self._called(i, distances[i]) for i in of_pair.astype(int).tolist()]
         if self._is_inside(self.nearest) and not self._twists.any():
-            speed = self._calm()
+            speed = self._calm() if before is None else np.maximum(self._calm(), rate.braked(before))
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
             lower, upper = np.append(lower, -speed[limited]), np.append(upper, speed[limited])
@@ -366,8 +407,12 @@ class Clearance(Limit):
         moved = [None if part.frame is None else part.body for part in self._parts]
         return [(part.name, body, at) for part, body, at in zip(self._parts, moved, placed, strict=True)]
 
-    def _at_rate(self, alpha: float, delay: float) -> Rate:
-        return Rate(np.array((self.distance, alpha, ESCAPE)), delay)
+    def _at_rate(self, alpha: float, delay: float, dt: float = 0.0) -> Rate:
+        """A rate for joints that stop at once."""
+        robot = self.robot
+        free = np.full(len(robot.names), inf)
+        limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
+        return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING)), delay)
 
     def _nearest(self, distances: Array) -> Near:
         if not len(distances):
@@ -379,21 +424,15 @@ class Clearance(Limit):
     def _distances(self, q: ArrayLike) -> Array:
         return self._asked(arrays.vector(q, len(self.robot.names), "q"), self._still)[3]
 
-    def _asked(self, q: Array, rate: Rate) -> tuple[Array, Array, Array, Array]:
+    def _asked(self, q: Array, rate: Rate, before: Array | None = None) -> tuple[Array, Array, Array, Array]:
         """Rows, their lower limits, the pair of each, and the distance of each pair."""
         self._refresh(rate.delay)
-        given = (
-            self.robot.screws,
-            np.ascontiguousarray(q),
-            self._numbers,
-            self._twists,
-            self._pairs,
-            self.robot.velocity_limit,
-            rate.settings,
-        )
+        velocity = np.zeros(len(q)) if before is None else before
+        shapes = self._numbers, self._twists, self._pairs
+        given = (np.ascontiguousarray(q), velocity, *shapes, rate.limits, rate.settings)
         found: tuple[Array, Array, Array, Array] | None
-        found = None if core is None else core.clearance(*given)
-        return rows_of(self.robot, *given[1:]) if found is None else found
+        found = None if core is None else core.clearance(self.robot.screws, *given)
+        return rows_of(self.robot, *given) if found is None else found
 
     def _refresh(self, delay: float) -> None:
         """Where obstacles are, when a command of now acts."""
@@ -549,8 +588,7 @@ class _InLoop(Limit):
         self._clearance, self._rate = clearance, rate
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
-        del velocity
-        return self._clearance.rows_at(q, self._rate)
+        return self._clearance.rows_at(q, self._rate, velocity)
 
     def blocked(self, q: Array) -> str:
         return self._clearance.blocked(q)
@@ -575,64 +613,88 @@ def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
 
 
 def rows_of(
-    robot: Chain, q: Array, shapes: Array, twists: Array, pairs: Array, speed: Array, settings: Array
+    robot: Chain, q: Array, before: Array, shapes: Array, twists: Array, pairs: Array, limits: Array, settings: Array
 ) -> tuple[Array, Array, Array, Array]:
     """The rows of a tick: what `core.clearance` computes, in NumPy.
 
     Args:
         robot: whose joints move the bodies.
         q: (m,) joint positions.
+        before: (m,) joint velocity.
         shapes: (n, 18) body, core, radius, half sizes (3), rotation (9) and place (3) at q = 0, in the base frame.
         twists: (n, 6) of shapes by themselves.
         pairs: (k, 3) two shapes, and the share of the room that this arm may take.
-        speed: (m,) velocity limits.
-        settings: distance, alpha, and the share of the speeds at which bodies move apart.
+        limits: as in `Rate`.
+        settings: as in `Rate`.
 
     Returns:
-        (r, m) C, (r,) lower limits, (r,) the pair of each row, (k,) distances of the pairs. The core leaves those
+        (r, m) C, (r,) lower limits, (r,) the pair of each row, (k,) distances of the pairs at q. The core leaves those
         infinite that are neither the least nor near enough for a row, unless alpha is 0.
     """
-    wanted, alpha, escape = settings.tolist()
-    J = robot.jacobian(q)
-    placed = _placed(shapes, robot.motions(q))
-    usual = np.where(np.isfinite(speed), speed, USUAL_SPEED)
+    states = States.ahead(q, before, limits, settings)
     kept: list[tuple[float, float, int, Array]] = []  # urgency, lower limit, pair, row
     distances = np.full(len(pairs), inf)
-    for k, (i, j, share) in enumerate(pairs.tolist()):
-        one, other = int(i), int(j)
-        bodies = int(shapes[one, 0]), int(shapes[other, 0])
-        between = slice(min(bodies), max(bodies))
-        first: Place | None = None
-        for place in places(placed[one], placed[other]):
-            w = np.concatenate((se3.cross(place.point, place.normal), place.normal))
-            C = np.zeros(len(q))
-            C[between] = _product(w, J[:, between]) * (1.0 if bodies[0] < bodies[1] else -1.0)
-            scaled = np.abs(C) * usual
-            weighed = float(scaled.sum())
-            if not weighed > 0.0:
-                continue
-            room = place.distance - wanted
-            first = place if first is None else first
-            distances[k] = min(distances[k], place.distance)
-            drift = float(w.dot(twists[other] - twists[one]))
-            if room >= 0.0:
-                wish = -alpha * share * room
-            else:
-                apart = min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
-                wish = max(0.0, float(place.normal.dot(first.normal))) * apart
-            lower = wish - drift
-            moved = C != 0.0
-            if lower > -float(np.abs(C[moved]).dot(speed[moved])):
-                _keep(kept, (lower / weighed - (place is not first), lower, k, C))
+    for s, (at, weight, time) in enumerate(zip(*states[:2], states.times.tolist(), strict=True)):
+        J, motions, leaving = robot.jacobian(at), robot.motions(at), s == 0 and len(states.times) > 1
+        placed = _placed(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists])
+        for k, (i, j, share) in enumerate(pairs.tolist()):
+            one, other = int(i), int(j)
+            bodies = int(shapes[one, 0]), int(shapes[other, 0])
+            between = slice(min(bodies), max(bodies))
+            sides = twists[other] - twists[one], weight[between] * (1.0 if bodies[0] < bodies[1] else -1.0)
+            wanted = settings[0] if s == 0 else min(settings[0], distances[k])
+            found = places(placed[one], placed[other])
+            moved = [(place, C) for place in found if (C := _row(place, J, between, sides[1])).any()]
+            if s == 0:
+                distances[k] = min((place.distance for place, _ in moved), default=inf)
+            for place, C in moved:
+                drift = float(_wrench(place).dot(sides[0]))
+                out = float(place.normal.dot(moved[0][0].normal))
+                room = place.distance - wanted
+                approach = min(room, share * room), out, drift
+                lower, urgency = _asked_of(C, approach, states, limits[0], settings, leaving=leaving)
+                if lower > -inf:
+                    _keep(kept, (urgency - (place is not found[0]), lower, k, C))
     C_kept = np.array([row[3] for row in kept]).reshape(-1, len(q))
     return C_kept, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances
 
 
-def _product(w: Array, J: Array) -> Array:
-    """w'J, zero where it is rounding."""
-    parts = w[:, None] * J
-    total = parts.sum(axis=0)
-    return np.where(np.abs(total) > UNMOVED * np.abs(parts).sum(axis=0), total, 0.0)
+def _wrench(place: Place) -> Array:
+    return np.concatenate((se3.cross(place.point, place.normal), place.normal))
+
+
+def _row(place: Place, J: Array, between: slice, weights: Array) -> Array:
+    """(m,) how fast a distance grows with joint velocities, weighed; zero where it is rounding."""
+    parts = _wrench(place)[:, None] * J[:, between]
+    total, C = parts.sum(axis=0), np.zeros(J.shape[1])
+    C[between] = weights * np.where(np.abs(total) > UNMOVED * np.abs(parts).sum(axis=0), total, 0.0)
+    return C
+
+
+def _asked_of(
+    C: Array, approach: tuple[float, float, float], states: States, speed: Array, settings: Array, *, leaving: bool
+) -> tuple[float, float]:
+    """The lower limit of a row, -inf where every velocity keeps it, and how urgent it is.
+
+    `approach` has the room that the arm may take, the part of the way out that the row's direction is, and how fast
+    the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near.
+    """
+    (room, out, drift), (_, alpha, escape, _, _) = approach, settings.tolist()
+    scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
+    moved = C != 0.0
+    braked = float(C[moved].dot(states.y[moved]))
+    if leaving and room >= 0.0:
+        return -inf, 0.0
+    if room >= 0.0:
+        wish = -alpha * room
+    else:
+        wish = max(0.0, out) * min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
+    lower = braked + wish - drift
+    if leaving:
+        lower = min(wish - drift, braked + float(np.abs(C[moved]).dot(states.sure[moved])))
+    if not lower > braked - float(np.abs(C[moved]).dot(states.reach[moved])):
+        return -inf, 0.0
+    return lower, (lower - braked) / float(scaled.sum())
 
 
 def _keep(kept: list[tuple[float, float, int, Array]], row: tuple[float, float, int, Array]) -> None:
@@ -650,13 +712,15 @@ def _keep(kept: list[tuple[float, float, int, Array]], row: tuple[float, float, 
             kept[last] = row
 
 
-def _placed(shapes: Array, motions: Sequence[Array]) -> list[Placed]:
-    """Shapes (n, 18) in the base frame, by the motions of the bodies."""
+def _placed(shapes: Array, motions: Sequence[Array], own: Sequence[Array] = ()) -> list[Placed]:
+    """Shapes (n, 18) in the base frame, by the motions of the bodies and those of their own."""
     made = []
-    for numbers in shapes:
+    for i, numbers in enumerate(shapes):
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = numbers[6:15].reshape(3, 3), numbers[15:]
-        made.append(Placed(Core(int(numbers[1])), float(numbers[2]), numbers[3:6], motions[int(numbers[0])].dot(T)))
+        T = motions[int(numbers[0])].dot(T)
+        core, half = Core(int(numbers[1])), numbers[3:6]
+        made.append(Placed(core, float(numbers[2]), half, own[i].dot(T) if own else T))
     return made
 
 

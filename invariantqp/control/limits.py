@@ -447,7 +447,7 @@ def _within(loop: Loop, limits: Iterable[Limit]) -> Loop:
     return loop
 
 
-def _boxes(loop: Loop, velocity_limit: Array) -> tuple[JointBox, BrakingBox | None]:
+def boxes(loop: Loop, velocity_limit: Array) -> tuple[JointBox, BrakingBox | None]:
     """The joint limits of a loop at a velocity limit (m,); the same with room to brake, or None."""
     box = JointBox(loop.position_lower, loop.position_upper, velocity_limit, loop.dt, loop.margin)
     return box, BrakingBox(box, loop.acceleration) if np.isfinite(loop.acceleration).any() else None
@@ -574,7 +574,7 @@ class Changes(NamedTuple):
         fastest = self.loop.velocity_limit
         fastest = self.speed * fastest if self.speed > 0.0 else np.zeros(len(before))  # which may be infinite
         slowest = np.maximum(np.abs(before) - self.loop.acceleration * usual.dt, 0.0)
-        return _boxes(self.loop, np.minimum(np.maximum(fastest, slowest), usual.velocity_limit))
+        return boxes(self.loop, np.minimum(np.maximum(fastest, slowest), usual.velocity_limit))
 
     def for_core(self, usual: Loop) -> dict[str, Any] | None:
         """The same but rows, for the core; None for ranges, accelerations or points of the tool other than usual."""
@@ -633,7 +633,7 @@ class LoopLimits(NamedTuple):
             MissingExtra: a limit of Pink's without Pink.
         """
         robot, loop = loop.robot, _within(loop, limits)
-        box, braking = _boxes(loop, loop.velocity_limit)
+        box, braking = boxes(loop, loop.velocity_limit)
         rows = RowLimits(limits, loop)
         held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
         beyond = np.where(turning & held, FAR_OUTSIDE, inf)

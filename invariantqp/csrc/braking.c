@@ -9,7 +9,7 @@
 #define DISTANCE_DAMPING 0.1
 
 /* The largest x >= 0 with D(x) <= room. */
-static double braking_speed(double room, double acceleration, double dt)
+double braking_speed(double room, double acceleration, double dt)
 {
     double a = fmin(acceleration, BOUNDLESS), r = between(room, 0.0, BOUNDLESS) / (a * dt * dt);
     double n = fmax(ceil(0.5 * (sqrt(8.0 * r + 1.0) - 1.0)), 1.0);

@@ -1,6 +1,6 @@
 /* Twin of geometry/distance.py and rows_of in control/clearance.py: distances of convex shapes, and the rows that keep them.
 
-       C x >= -alpha (d - d_min) - n'(v_b - v_a),     C = w'J on the joints between two bodies,  w = (p x n; n)
+       C (x - y) >= -alpha (d - d_min) - n'(v_b - v_a),     C = w'J on the joints between two bodies,  w = (p x n; n)
 
    A pure function of arrays: `rows_of` says what goes in and out. */
 
@@ -468,8 +468,60 @@ static double at_least(const Shape *a, const Shape *b)
     return dot(3, normal, w) - norm(3, other->half) - other->radius;
 }
 
-/* How fast joints `from` to `to` can move any point of the outermost of two shapes, at most. */
-static double swept(int from, int to, const Shape *outer, const Row J[6], const Row speeds)
+/* Twin of States.ahead: the states in which distances are looked at, and how they change with the velocity. */
+#define MOST_STATES 34
+typedef struct {
+    int count;
+    Row speed, braked, reach, sure; /* limit; velocity braked for a tick; how far another can be from it; and certainly */
+    Row q[MOST_STATES], weight[MOST_STATES];
+    double time[MOST_STATES];
+} States;
+
+static void own_state(int m, const double *q, States *states)
+{
+    states->count = 1;
+    states->time[0] = 0.0;
+    for (int j = 0; j < m; j++) {
+        states->q[0][j] = q[j];
+        states->weight[0][j] = 1.0;
+        states->braked[j] = 0.0;
+        states->reach[j] = states->speed[j];
+        states->sure[j] = INFINITY;
+    }
+}
+
+static void braked_states(int m, const double *q, const double *before, const double *acceleration, const double *low,
+                          const double *high, double dt, double share, States *states)
+{
+    double ticks[MOST], most = 0.0;
+    for (int j = 0; j < m; j++) {
+        double a = acceleration[j], b = share * a, y = fmax(fabs(before[j]) - b * dt, 0.0);
+        double fastest = braking_speed(before[j] > 0.0 ? high[j] - q[j] : q[j] - low[j], a, dt);
+        y = fmin(y, fastest);
+        ticks[j] = floor(y / (b * dt));
+        most = fmax(most, ticks[j]);
+        states->braked[j] = before[j] < 0.0 ? -y : y;
+        states->reach[j] = fmin(2.0 * a * dt, states->speed[j] + y);
+        states->sure[j] = (1.0 - share) * a * dt;
+    }
+    double n = 0.0;
+    for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : ceil(0.5 * n)) {
+        states->time[s] = n * dt;
+        for (int j = 0; j < m; j++) {
+            double own = fmin(n, ticks[j]), y = states->braked[j];
+            double lost = own > 0.0 ? 0.5 * share * acceleration[j] * dt * own * (own + 1.0) : 0.0;
+            double free = q[j] + dt * ((own + 1.0) * y - (y < 0.0 ? -lost : lost));
+            states->q[s][j] = fmin(fmax(free, fmin(low[j], q[j])), fmax(high[j], q[j]));
+            states->weight[s][j] = states->q[s][j] == free ? own + 1.0 : 1.0;
+        }
+        states->count = s + 1;
+        if (n == 1.0 || most == 0.0)
+            break;
+    }
+}
+
+/* How fast joints `from` to `to`, each at `speed` times its weight, can move any point of the outermost of two shapes. */
+static double swept(int from, int to, const Shape *outer, const Row J[6], const double *weight, const double *speed)
 {
     double most = 0.0, ball = norm(3, outer->half) + outer->radius;
     for (int j = from; j < to; j++) {
@@ -477,47 +529,20 @@ static double swept(int from, int to, const Shape *outer, const Row J[6], const 
         cross(omega, outer->p, v);
         for (int i = 0; i < 3; i++)
             v[i] += J[3 + i][j];
-        most += speeds[j] * (norm(3, v) + norm(3, omega) * ball);
+        most += weight[j] * speed[j] * (norm(3, v) + norm(3, omega) * ball);
     }
     return most;
 }
 
-/* clearance(screws, q, shapes, twists, pairs, speeds, (distance, rate, escape)): rows C, their lower limits, the pair of
-   each, and the distance of every pair; of those that are neither nearest nor near, infinite, unless the rate is 0. None
-   where it has no such problem. */
-PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+/* Joint twists J and the motions of the bodies at joint positions q. */
+static void moved_by(int m, const Row screws[6], const double *q, Row J[6], Pose *motions)
 {
-    (void)module;
-    static const char *const USE = "clearance(screws, q, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, speeds, "
-                                   "(distance, rate, escape))";
-    if (count != 7)
-        return refused(USE);
-    for (int i = 2; i < 5; i++) {
-        PyArrayObject *array = (PyArrayObject *)arguments[i];
-        if (!PyArray_CheckExact(arguments[i]) || PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISCARRAY_RO(array) ||
-            PyArray_NDIM(array) != 2 || PyArray_DIM(array, 1) != (i == 2 ? OF_SHAPE : i == 3 ? 6 : 3))
-            return refused(USE);
-    }
-    npy_intp m = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
-    npy_intp n = PyArray_DIM((PyArrayObject *)arguments[2], 0), k = PyArray_DIM((PyArrayObject *)arguments[4], 0);
-    Row screws[6], q, speeds, J[6];
-    double settings[3];
-    if (m < 1 || m > MOST || n > MOST_SHAPES || PyArray_DIM((PyArrayObject *)arguments[3], 0) != n ||
-        !matrix(arguments[0], 6, (int)m, MOST, screws[0]) || !vector(arguments[1], (int)m, q) || !all_finite((int)m, q) ||
-        !vector(arguments[5], (int)m, speeds) || !vector(arguments[6], 3, settings))
-        return left_to_python();
-    const double *numbers = PyArray_DATA((PyArrayObject *)arguments[2]), *pairs = PyArray_DATA((PyArrayObject *)arguments[4]);
-    const double *twists = PyArray_DATA((PyArrayObject *)arguments[3]);
-    for (npy_intp i = 0; i < n; i++)
-        if (!within(numbers[i * OF_SHAPE + BODY], 0, (int)m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, FREE_SIDE))
-            return refused(USE);
-    for (npy_intp i = 0; i < k; i++)
-        if (!within(pairs[3 * i], 0, (int)n - 1) || !within(pairs[3 * i + 1], 0, (int)n - 1))
-            return refused(USE);
-    Pose motions[MOST + 1] = {{{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}}}, step;
+    static const Pose HERE = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}};
+    motions[0] = HERE;
     for (int j = 0; j < m; j++) {
         double w[3] = {screws[0][j], screws[1][j], screws[2][j]}, v[3] = {screws[3][j], screws[4][j], screws[5][j]};
         double omega[3], moved[3], lever[3];
+        Pose step;
         turned(&motions[j], w, omega);
         turned(&motions[j], v, moved);
         cross(motions[j].p, omega, lever);
@@ -528,72 +553,169 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
         exponential(w, v, q[j], &step);
         product(&motions[j], &step, &motions[j + 1]);
     }
-    Shape shapes[MOST_SHAPES];
+}
+
+/* Two shapes in one of the states, and what their rows need. */
+typedef struct {
+    int m, pair, from, to;
+    double sign, share, wanted, rate, escape;
+    const Row *J;
+    const double *weight, *twist_a, *twist_b;
+    const States *joints;
+    bool leaving; /* the arm's own state beside those that it can brake through: rows lead out of what is too near alone */
+} Pair;
+
+/* Its rows, kept where they are urgent; the least distance, infinite where no joint changes it. */
+static double rows_of_pair(const Pair *pair, const Places *found, Rows *rows)
+{
+    double out[3] = {0.0, 0.0, 0.0}, least = INFINITY;
+    for (int f = 0; f < found->count; f++) {
+        const Near *near = &found->at[f];
+        const States *joints = pair->joints;
+        double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0;
+        double room = near->d - pair->wanted;
+        cross(near->x, near->n, w);
+        memcpy(w + 3, near->n, 3 * sizeof(double));
+        for (int j = pair->from; j < pair->to; j++) {
+            double parts = 0.0;
+            for (int r = 0; r < 6; r++) {
+                C[j] += pair->sign * w[r] * pair->J[r][j];
+                parts += fabs(w[r] * pair->J[r][j]);
+            }
+            C[j] = fabs(C[j]) > UNMOVED * parts ? pair->weight[j] * C[j] : 0.0;
+            double size = fabs(C[j]), scaled = size * (isfinite(joints->speed[j]) ? joints->speed[j] : USUAL_SPEED);
+            if (size > 0.0) {
+                reach += size * joints->reach[j];
+                sure += size * joints->sure[j];
+                braked += C[j] * joints->braked[j];
+            }
+            weighed += scaled;
+            square += scaled * scaled;
+            largest = fmax(largest, scaled);
+        }
+        if (!(weighed > 0.0))
+            continue;
+        least = fmin(least, near->d);
+        double later = f == 0 ? 0.0 : 1.0, approach;
+        if (f == 0 || (out[0] == 0.0 && out[1] == 0.0 && out[2] == 0.0))
+            memcpy(out, near->n, sizeof out);
+        double drift = dot(6, w, pair->twist_b) - dot(6, w, pair->twist_a), lower;
+        if (pair->leaving && room >= 0.0)
+            continue;
+        if (room >= 0.0)
+            approach = -pair->rate * pair->share * room;
+        else
+            approach = fmax(0.0, dot(3, near->n, out)) * fmin(-pair->rate * room, pair->escape * square / largest);
+        lower = pair->leaving ? fmin(approach - drift, braked + sure) : braked + approach - drift;
+        if (lower > braked - reach)
+            keep(rows, pair->m, C, lower, (lower - braked) / weighed - later, pair->pair);
+    }
+    return least;
+}
+
+/* Arrays of numbers (n, k), C-contiguous. */
+static bool is_table(PyObject *object, npy_intp columns)
+{
+    PyArrayObject *array = (PyArrayObject *)object;
+    return PyArray_CheckExact(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY_RO(array) &&
+           PyArray_NDIM(array) == 2 && PyArray_DIM(array, 1) == columns;
+}
+
+/* clearance(screws, q, before, shapes, twists, pairs, joints, settings): what rows_of in control/clearance.py says.
+   Distances of pairs that are neither the nearest nor near are infinite, unless the rate is 0. None where it has no such
+   problem. */
+PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    static const char *const USE =
+        "clearance(screws, q, velocity before, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, (4, m) limits of speed, "
+        "acceleration and position, (distance, rate, escape, tick, share of braking))";
+    if (count != 8 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 6) || !is_table(arguments[5], 3))
+        return refused(USE);
+    const double *numbers = PyArray_DATA((PyArrayObject *)arguments[3]), *twists = PyArray_DATA((PyArrayObject *)arguments[4]);
+    const double *pairs = PyArray_DATA((PyArrayObject *)arguments[5]);
+    npy_intp n = PyArray_DIM((PyArrayObject *)arguments[3], 0), k = PyArray_DIM((PyArrayObject *)arguments[5], 0);
+    npy_intp joints = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
+    if (PyArray_DIM((PyArrayObject *)arguments[4], 0) != n)
+        return refused(USE);
+    int m = (int)joints;
+    Row screws[6], limits[4], q, before, J[6];
+    double settings[5];
+    if (joints < 1 || joints > MOST || n > MOST_SHAPES || !matrix(arguments[0], 6, m, MOST, screws[0]) ||
+        !vector(arguments[1], m, q) || !vector(arguments[2], m, before) || !all_finite(m, q) || !all_finite(m, before) ||
+        !matrix(arguments[6], 4, m, MOST, limits[0]) || !vector(arguments[7], 5, settings))
+        return left_to_python();
     for (npy_intp i = 0; i < n; i++)
-        shape_from(numbers + i * OF_SHAPE, &motions[(int)numbers[i * OF_SHAPE + BODY]], &shapes[i]);
+        if (!within(numbers[i * OF_SHAPE + BODY], 0, m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, FREE_SIDE))
+            return refused(USE);
+    for (npy_intp i = 0; i < k; i++)
+        if (!within(pairs[3 * i], 0, (int)n - 1) || !within(pairs[3 * i + 1], 0, (int)n - 1))
+            return refused(USE);
+    States states;
+    memcpy(states.speed, limits[0], sizeof states.speed);
+    own_state(m, q, &states);
+    bool brakes = false;
+    for (int j = 0; j < m; j++)
+        brakes = brakes || isfinite(limits[1][j]);
+    if (brakes)
+        braked_states(m, q, before, limits[1], limits[2], limits[3], settings[3], settings[4], &states);
+    Shape shapes[MOST_SHAPES];
     Rows rows = {.count = 0};
     Places found;
     PyObject *distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE);
     if (distances == NULL)
         return NULL;
-    double *least = PyArray_DATA((PyArrayObject *)distances), wanted = settings[0], rate = settings[1], escape = settings[2];
-    double smallest = INFINITY;
-    for (npy_intp i = 0; i < k; i++) {
-        int one = (int)pairs[3 * i], other = (int)pairs[3 * i + 1];
-        const Shape *a = &shapes[one], *b = &shapes[other];
-        least[i] = INFINITY;
-        bool nearest = true;
-        double out[3];
-        int from = a->body < b->body ? a->body : b->body, to = a->body < b->body ? b->body : a->body;
-        double sign = a->body < b->body ? 1.0 : -1.0;
-        /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
-        const Shape *outer = a->body < b->body ? b : a;
-        double far = at_least(a, b);
-        if (rate > 0.0 && far > smallest && outer->kind != FREE_SIDE && is_still(twists + 6 * one) &&
-            is_still(twists + 6 * other) &&
-            rate * pairs[3 * i + 2] * (far - wanted) > swept(from, to, outer, (const Row *)J, speeds))
-            continue;
-        places(a, b, &found);
-        for (int f = 0; f < found.count; f++) {
-            const Near *near = &found.at[f];
-            double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, room = near->d - wanted;
-            cross(near->x, near->n, w);
-            memcpy(w + 3, near->n, 3 * sizeof(double));
-            for (int j = from; j < to; j++) {
-                double parts = 0.0;
-                for (int r = 0; r < 6; r++) {
-                    C[j] += sign * w[r] * J[r][j];
-                    parts += fabs(w[r] * J[r][j]);
-                }
-                if (!(fabs(C[j]) > UNMOVED * parts))
-                    C[j] = 0.0;
-                double size = fabs(C[j]), scaled = size * (isfinite(speeds[j]) ? speeds[j] : USUAL_SPEED);
-                reach += size > 0.0 ? size * speeds[j] : 0.0;
-                weighed += scaled;
-                square += scaled * scaled;
-                largest = fmax(largest, scaled);
+    double *least = PyArray_DATA((PyArrayObject *)distances), smallest = INFINITY, wanted = settings[0], rate = settings[1];
+    for (int s = 0; s < states.count; s++) {
+        Pose motions[MOST + 1], step, motion;
+        moved_by(m, (const Row *)screws, states.q[s], J, motions);
+        for (npy_intp i = 0; i < n; i++) {
+            const double *own = numbers + i * OF_SHAPE, *twist = twists + 6 * i;
+            motion = motions[(int)own[BODY]];
+            if (states.time[s] > 0.0 && !is_still(twist)) {
+                exponential(twist, twist + 3, states.time[s], &step);
+                product(&step, &motions[(int)own[BODY]], &motion);
             }
-            if (!(weighed > 0.0))
+            shape_from(own, &motion, &shapes[i]);
+        }
+        for (npy_intp i = 0; i < k; i++) {
+            int one = (int)pairs[3 * i], other = (int)pairs[3 * i + 1];
+            const Shape *a = &shapes[one], *b = &shapes[other], *outer = a->body < b->body ? b : a;
+            if (s == 0)
+                least[i] = INFINITY;
+            Pair pair = {.m = m,
+                         .pair = (int)i,
+                         .from = a->body < b->body ? a->body : b->body,
+                         .to = outer->body,
+                         .sign = a->body < b->body ? 1.0 : -1.0,
+                         .share = pairs[3 * i + 2],
+                         .wanted = s > 0 && least[i] < wanted ? least[i] : wanted,
+                         .rate = rate,
+                         .escape = settings[2],
+                         .J = (const Row *)J,
+                         .weight = states.weight[s],
+                         .twist_a = twists + 6 * one,
+                         .twist_b = twists + 6 * other,
+                         .joints = &states,
+                         .leaving = brakes && s == 0};
+            /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
+            double far = at_least(a, b);
+            if (rate > 0.0 && far > wanted && (s > 0 || far > smallest) && outer->kind != FREE_SIDE &&
+                is_still(pair.twist_a) && is_still(pair.twist_b) &&
+                (pair.leaving || rate * pair.share * (far - wanted) >
+                                     swept(pair.from, pair.to, outer, pair.J, pair.weight, states.reach)))
                 continue;
-            least[i] = fmin(least[i], near->d);
-            smallest = fmin(smallest, near->d);
-            double later = nearest ? 0.0 : 1.0;
-            if (nearest)
-                memcpy(out, near->n, sizeof out);
-            nearest = false;
-            double drift = dot(6, w, twists + 6 * other) - dot(6, w, twists + 6 * one), speed;
-            if (room >= 0.0)
-                speed = -rate * pairs[3 * i + 2] * room;
-            else
-                speed = fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, escape * square / largest);
-            double lower = speed - drift;
-            if (lower > -reach)
-                keep(&rows, (int)m, C, lower, lower / weighed - later, (int)i);
+            places(a, b, &found);
+            double nearest = rows_of_pair(&pair, &found, &rows);
+            if (s == 0) {
+                least[i] = nearest;
+                smallest = fmin(smallest, nearest);
+            }
         }
     }
     double of_pair[KEPT_ROWS];
     for (int i = 0; i < rows.count; i++)
         of_pair[i] = rows.pair[i];
-    return Py_BuildValue("(NNNN)", new_matrix(rows.count, (int)m, MOST, rows.C[0]), new_vector(rows.count, rows.lower),
+    return Py_BuildValue("(NNNN)", new_matrix(rows.count, m, MOST, rows.C[0]), new_vector(rows.count, rows.lower),
                          new_vector(rows.count, of_pair), distances);
 }

@@ -24,6 +24,7 @@ typedef struct {
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
 bool braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand, Tick *tick);
+double braking_speed(double room, double acceleration, double dt);
 double share_within(const Loop *loop, double gain, const Row distance);
 Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);

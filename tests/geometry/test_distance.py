@@ -78,14 +78,10 @@ def by_core(a: Shape, b: Shape) -> float:
     slides = Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4))
     table = np.array([np.concatenate(((body, s.core, s.radius), s.half, T[:3, :3].ravel(), T[:3, 3]))
                       for body, s in ((3, a), (0, b)) for T in [s.pose.dot(s.place)]])  # fmt: skip
-    given = (
-        np.zeros(3),
-        table,
-        np.zeros((2, 6)),
-        np.array([[0.0, 1.0, 1.0]]),
-        np.full(3, np.inf),
-        np.array([1.0, 1.0, 1.0]),
-    )
+    free = np.full(3, np.inf)
+    pairs, limits = np.array([[0.0, 1.0, 1.0]]), np.array((free, free, -free, free))
+    settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
+    given = (np.zeros(3), np.zeros(3), table, np.zeros((2, 6)), pairs, limits, settings)
     found = rows_of(slides, *given) if core is None else core.clearance(slides.screws, *given)
     return float(found[3][0])
 
