@@ -1,12 +1,12 @@
 """Speed against accuracy at equal information: table, verdict and chart, from results kept beside this script.
 
 Every figure is in examples/comparison/results.json: machine, versions, seeds. To measure all of it again in about ten
-minutes on an idle machine (extras robots, peers, placo, drake), draw charts, and write README's verdict and the report:
+minutes on an idle machine (extras robots, peers, placo, drake), draw charts, and write README's part and the report:
 
     python examples/07_speed_and_accuracy.py --measure
 
 Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart and prints table and verdict
-     python examples/07_speed_and_accuracy.py --readme           draws the charts, writes README's verdict and the page
+     python examples/07_speed_and_accuracy.py --readme           draws the charts, writes README's part and the page
      python examples/07_speed_and_accuracy.py --everyday         measures the everyday tasks, a minute; writes the page
 """
 
@@ -21,7 +21,7 @@ from invariantqp.compare.report import write_report
 from invariantqp.compare.results import load_results, write_results
 from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 from invariantqp.compare.tables import summary
-from invariantqp.compare.verdict import short, verdict
+from invariantqp.compare.verdict import losses, verdict
 from invariantqp.printing import progress
 
 HERE = Path(__file__).parent
@@ -46,8 +46,8 @@ def main(word):
     if word in {"--measure", "--readme"}:
         chart.draw(results, PICTURES / "speed_and_accuracy.png")
         chart.draw(results, PICTURES / "speed_and_accuracy_dark.png", chart.DARK)
-        write_section(HERE.parent / "README.md", listed(short(results)))
-        print("\nREADME.md has the verdict, examples/guide/comparison.md the tables, examples/pictures the charts")
+        write_section(HERE.parent / "README.md", listed(losses(results)))
+        print("\nREADME.md has where ours loses, examples/guide/comparison.md the tables, examples/pictures the charts")
     elif word != "--everyday":
         chart.draw(results, Path(word))
         print(f"\nmeasured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")
