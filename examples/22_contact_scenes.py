@@ -18,7 +18,7 @@ from shared.contact_scenes import scenes
 
 import invariantqp as iq
 from invariantqp.robots.load import urdf_of
-from invariantqp.runs.physics import Physics
+from invariantqp.runs.contactspec import Physics
 from invariantqp.runs.plants.plant import Measurement, PlantState
 
 DT = 0.002  # [s]

@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from invariantqp.geometry.arrays import Array
     from invariantqp.identification.candidate import Candidate
     from invariantqp.identification.identify import Identification
-    from invariantqp.runs.pathlog import PathTrace
     from invariantqp.runs.taskfile import Task
-    from invariantqp.runs.trace import Trace
+    from invariantqp.runs.trace import PathTrace, Trace
 
 # Width of paragraphs where no terminal says how wide it is.
 PLAIN_WIDTH = 100

@@ -33,8 +33,8 @@ from invariantqp.pose.ik import RESTARTS, solve_pose
 from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import load_robot
-from invariantqp.runs.log import distance
 from invariantqp.runs.taskfile import LawSpec
+from invariantqp.runs.trace import distance
 
 # A target (4, 4) and a start (m,) to joint positions (m,), whether they reach the target or not.
 Solver = Callable[[Array, Array], Array]

@@ -65,7 +65,7 @@ def identify(
     from invariantqp.force.wrench import WrenchSensor
     from invariantqp.identification import files
     from invariantqp.identification.identify import identify as look
-    from invariantqp.runs.arm import arm
+    from invariantqp.runs.taskfile import load_arm
 
     writable("--json", json_file)
     writable("--view", view, PAGES)
@@ -78,7 +78,7 @@ def identify(
     off = None if accuracy is None else numbers("--accuracy", accuracy)
     if off is not None and len(off) != 2:
         raise BadInput("--accuracy", accuracy or "", "two numbers: degrees and a length")
-    loaded: Robot | None = None if robot is None else arm(robot, tool)
+    loaded: Robot | None = None if robot is None else load_arm(robot, tool)
     file = files.read(recording, loaded)
     sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
     if file.time is not None and files.largest_gap(file.time) > GAP:

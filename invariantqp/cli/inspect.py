@@ -78,7 +78,7 @@ def inspect(
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
     from invariantqp.analysis.inspection import DEFAULT_SAMPLES
     from invariantqp.analysis.inspection import inspect as look
-    from invariantqp.runs.arm import arm
+    from invariantqp.runs.taskfile import load_arm
 
     if q is not None and samples is not None:
         raise BadInput("--q", "--samples too", "one of them: --q for one state, --samples for the joint range")
@@ -86,7 +86,7 @@ def inspect(
     writable("--plot", plot, PICTURES)
     if plot is not None:
         require("pictures", "matplotlib")
-    loaded = arm(robot, tool)
+    loaded = load_arm(robot, tool)
     state = None if q is None else numbers("--q", q)
     with progress("inspecting", samples is None) as report:
         found = look(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)

@@ -30,11 +30,9 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.brief import Brief, Goal
-from invariantqp.runs.controllers import MakeController
-from invariantqp.runs.pilots import Pilot, pilot_of
+from invariantqp.runs.controllers import MakeController, Pilot, pilot_of
 from invariantqp.runs.plants.plant import Measurement, Plant, PlantState
-from invariantqp.runs.prepare import Setup, prepare
+from invariantqp.runs.prepare import Brief, Goal, Setup, prepare
 from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task
 from invariantqp.velocity.limits import JointBox

@@ -19,12 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.control.controller import Controls
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.controllers import MakeController
-from invariantqp.runs.log import distance
-from invariantqp.runs.pilots import pilot_of
+from invariantqp.runs.controllers import MakeController, pilot_of
 from invariantqp.runs.prepare import Setup
 from invariantqp.runs.run import run
-from invariantqp.runs.trace import Trace
+from invariantqp.runs.trace import Trace, distance
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # The figures of one method, ready for JSON.

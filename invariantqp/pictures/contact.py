@@ -16,8 +16,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.errors import plot_errors
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLACK, BLUE, RULE, SHADE, SKY, VERMILION
-from invariantqp.runs.log import ContactTrace
-from invariantqp.runs.trace import Trace
+from invariantqp.runs.trace import ContactTrace, Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

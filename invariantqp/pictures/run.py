@@ -19,8 +19,7 @@ from invariantqp.pictures.contact import contact_picture
 from invariantqp.pictures.errors import plot_errors
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import COLOURS, RULE, SHADE
-from invariantqp.runs.pathlog import PathTrace
-from invariantqp.runs.trace import Trace
+from invariantqp.runs.trace import PathTrace, Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,21 +1,42 @@
-"""The controllers that a task's [law] describes: its keys are their arguments."""
+"""What steers a plant in a run, by the [law] of a task: a controller, given in each tick the measurements and the goal.
+
+Without contact it follows the path. In contact it moves along S and presses along S*. Together with an operator it
+keeps the tool on a plane while the operator moves it there, s = P1 gain log(T_d T^-1) + P2 s_operator.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from math import pi
 from typing import Any
+
+import numpy as np
 
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
 from invariantqp.control.limits import AnyLimit as Limit
 from invariantqp.control.measure import tool_metric
+from invariantqp.control.path_follower import PathFollower
+from invariantqp.control.path_solution import PathSolution
+from invariantqp.control.shared import SharedTask
+from invariantqp.control.tracking import tracking_twist
 from invariantqp.engine import Engine
+from invariantqp.errors import BadInput
 from invariantqp.force.hybrid import HybridController
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.wrench import WrenchSensor
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.contactspec import OperatorSpec
+from invariantqp.runs.plants.plant import Measurement
+from invariantqp.runs.prepare import Brief, Goal
 from invariantqp.runs.taskfile import LawSpec
+from invariantqp.systems.contacts import face_contact
+from invariantqp.velocity.forms import Form
 from invariantqp.velocity.limits import ToolSpeed
+from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 MakeController = Callable[[Robot, LawSpec], Controls]
 
@@ -52,3 +73,120 @@ def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
         "position_margin": law.position_margin,
         "tool_speed": None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),
     }
+
+
+# Poses by which an elastic path is known: more than a plot could show.
+PATH_SAMPLES = 1500
+
+
+class Pilot(ABC):
+    """Steers a plant."""
+
+    form: Form | None = None  # how its law measures twists; None where it does not say
+    # (6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read
+    wrench: Array = np.zeros(6)
+    done: bool = False  # whether the run may end before its time
+
+    @abstractmethod
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
+        """One tick."""
+
+
+class PathPilot(Pilot):
+    """A velocity controller that follows the path."""
+
+    def __init__(self, loop: Controls) -> None:
+        self._loop = loop
+        self.form = loop.law.form if isinstance(loop, Controller) else None
+
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
+        """One tick."""
+        return self._loop.step(measured.q, goal.target, goal.feedforward)
+
+
+class ElasticPilot(Pilot):
+    """A path follower: it stays on the path, and is late where limits bind."""
+
+    def __init__(self, loop: Controller, brief: Brief, q: Array) -> None:
+        """Along the path of a brief, from joint positions q (m,)."""
+        n = len(brief.poses)
+        kept = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
+        self.follower: PathFollower = PathFollower(loop, brief.poses[kept], times=brief.time[kept], rate=1.0)
+        self.follower.prepare(q)
+        self.form = loop.law.form
+        self.followed: list[PathSolution] = []
+
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:  # noqa: ARG002 (the path has its own time)
+        """One tick."""
+        solution = self.follower.step(measured.q)
+        self.followed.append(solution)
+        self.done = solution.status in ("done", "blocked")
+        answer = solution.velocity_solution
+        return answer if solution.status != "blocked" else with_trouble(answer, solution.reason)
+
+
+class ContactPilot(Pilot):
+    """The hybrid controller."""
+
+    def __init__(self, loop: HybridController) -> None:
+        self._loop = loop
+        self.form = loop.loop.law.form
+
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
+        """One tick."""
+        if measured.wrench is None:
+            raise BadInput("plant", "no force sensor", "one that measures the wrench at the tool")
+        solution = self._loop.step(measured.q, goal.target, measured.wrench, goal.feedforward)
+        self.wrench = solution.wrench
+        return solution.velocity_solution._replace(status=solution.status, reasons=solution.reason)
+
+
+class OperatorPilot(Pilot):
+    """An operator who moves the tool on a plane, leaving it now and then, and the robot that keeps it there."""
+
+    def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
+        """Beside an operator; the robot levels the tool about a point (3,) of its frame [m]."""
+        plane = face_contact((0.0, 0.0, 0.0), operator.normal)
+        lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
+        ours = se3.adjoint(plane.pose).dot(np.hstack((lift, tilts)))
+        self._loop = loop
+        self.form = loop.law.form
+        self._shared = SharedTask(ours, plane.freedoms)
+        self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
+        self._beats = operator.beats
+        self._point = np.append(point, 1.0)
+
+    def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
+        """One tick."""
+        robot = self._loop.robot
+        sighting = robot.sight(measured.q, goal.target)
+        here = se3.transform(None, robot.pose(measured.q).dot(self._point)[:3])
+        astray = se3.adjoint(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * goal.time)
+        s = self._shared.moved(here).twist(tracking_twist(sighting.error, self._loop.gain), goal.feedforward + astray)
+        return self._loop.follow(measured.q, s)
+
+
+def pilot_of(brief: Brief, controller: MakeController | None = None) -> Pilot:
+    """What steers a plant by a brief; `controller` makes its velocity controller, None is ours.
+
+    Raises:
+        BadInput: a controller for a task in contact, which needs a hybrid one.
+    """
+    robot, law = brief.robot, brief.law
+    limits = [] if brief.around is None else [brief.around.clearance]
+    if brief.contact_task is not None:
+        if controller is not None:
+            found = "a velocity controller for a task in contact"
+            raise BadInput("controller", found, "a task without [contact]", "A contact needs a hybrid controller.")
+        return ContactPilot(our_hybrid(robot, law, brief.contact_task, brief.sensor, limits))
+    loop = our_controller(robot, law, limits) if controller is None else controller(robot, law)
+    if brief.elastic is not None:
+        if not isinstance(loop, Controller):
+            expected = "ours, or none"
+            raise BadInput(
+                "controller", f"{type(loop).__name__} on an elastic path", expected, "Others keep its timing."
+            )
+        return ElasticPilot(loop, brief, brief.elastic)
+    if brief.operator is not None and isinstance(loop, Controller):
+        return OperatorPilot(loop, brief.operator, np.array(law.point))
+    return PathPilot(loop)

@@ -1,26 +1,56 @@
-"""A task made ready to run: everything that a run needs, as one value. Nothing has moved yet."""
+"""A task made ready to run: everything that a run needs, and what its controller is told. Nothing has moved yet."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
 from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
+from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.wrench import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.brief import Brief
-from invariantqp.runs.make_scene import scene_of
-from invariantqp.runs.plants.ideal import IdealPlant
-from invariantqp.runs.plants.plant import Plant
-from invariantqp.runs.problems import said
-from invariantqp.runs.scene import ContactScene
+from invariantqp.runs.clearancespec import Around
+from invariantqp.runs.contactspec import OperatorSpec
+from invariantqp.runs.plants.plant import IdealPlant, Plant
+from invariantqp.runs.scene import ContactScene, scene_of
+from invariantqp.runs.section import said
 from invariantqp.runs.taskfile import LawSpec, Task
+
+
+class Goal(NamedTuple):
+    """What is asked for in a tick."""
+
+    target: Any  # tool pose, as `robot.target` returned it
+    feedforward: Array  # (6,) twist of the target, base frame [rad/s, m/s]
+    time: float  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Brief:
+    """What a controller is told."""
+
+    robot: Robot  # the arm, with the tool frame that targets are for
+    law: LawSpec  # the [law] table; its points are in that tool frame
+    time: Array  # (n + 1,) [s]
+    poses: Array  # (n + 1, 4, 4) tool poses that are asked for
+    feedforward: Array  # (n, 6) their twists, base frame [rad/s, m/s]
+    contact_task: HybridTask | None = None  # what to do at a contact; None without one
+    sensor: WrenchSensor | None = None  # what is known of the force sensor; None without contact
+    operator: OperatorSpec | None = None  # the person who moves the tool too; None without one
+    around: Around | None = None  # what is around the arm, and the clearance from it; None without
+    elastic: Array | None = None  # (m,) joint positions at the start of a path that may be late; None keeps its timing
+
+    def goals(self) -> list[Goal]:
+        """What is asked for, tick by tick."""
+        ticks = zip(self.poses, self.feedforward, self.time.tolist(), strict=False)
+        return [Goal(self.robot.target(T), twist, t) for T, twist, t in ticks]
 
 
 @dataclass(frozen=True, eq=False)

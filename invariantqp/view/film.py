@@ -19,9 +19,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.errors import CURVES, SMALLEST, errors_of
 from invariantqp.pictures.palette import BLUE, GREEN, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.log import ContactTrace
 from invariantqp.runs.taskfile import Task
-from invariantqp.runs.trace import ClearanceTrace, Trace
+from invariantqp.runs.trace import ClearanceTrace, ContactTrace, Trace
 from invariantqp.view.look import Look, Part, look_of
 from invariantqp.view.scenery import Solid, Surroundings, solids, surroundings
 

@@ -17,8 +17,8 @@ from invariantqp.geometry.shapes import Core
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
-from invariantqp.runs.make_scene import scene_of
-from invariantqp.runs.plants.springs import HingeSprings
+from invariantqp.runs.plants.plant import HingeSprings
+from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import Task
 
 # Faces along each side: small ones, because viewers sort faces by depth.

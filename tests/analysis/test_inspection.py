@@ -12,7 +12,7 @@ from invariantqp.analysis.recommendation import LARGEST_NORM, NEARLY_ALL, recomm
 from invariantqp.analysis.survey import joint_ranges, spread, survey
 from invariantqp.analysis.upright import PARALLEL, upright
 from invariantqp.robots.kinematics import middle
-from invariantqp.runs.arm import arm
+from invariantqp.runs.taskfile import arm
 from invariantqp.velocity.measure import root_at
 
 X, Y, Z = np.eye(3)

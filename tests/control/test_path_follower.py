@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 import invariantqp as iq
 from invariantqp.geometry import se3
-from invariantqp.runs.log import distance
+from invariantqp.runs.trace import distance
 
 DT = 0.002
 RISE = 0.2

@@ -7,7 +7,7 @@ from support.task_files import content, pen, run_displaced
 
 import invariantqp as iq
 from invariantqp.errors import TaskFileError
-from invariantqp.runs.make_scene import scene_of
+from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import shipped_tasks, task_from
 
 IN_CONTACT = [n for n in shipped_tasks() if iq.load_task(n).contact is not None]

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.runs.newtask import new_task, well_placed
-from invariantqp.runs.problems import toml
-from invariantqp.runs.reference import PATHS, TABLES
+from invariantqp.runs.newtask import PATHS, TABLES, new_task, well_placed
+from invariantqp.runs.section import toml
 from invariantqp.runs.taskfile import Task, task_from, tomllib
 
 

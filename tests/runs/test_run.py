@@ -9,8 +9,8 @@ from support.task_files import content, run_displaced
 import invariantqp as iq
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.path import eased
-from invariantqp.runs.pathlog import PathTrace
 from invariantqp.runs.taskfile import shipped_tasks, task_from
+from invariantqp.runs.trace import PathTrace
 
 READY = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
 

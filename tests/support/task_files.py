@@ -1,7 +1,7 @@
 """Decoded task files that tests change key by key, and a run in another tool frame."""
 
 from invariantqp.compare.frames import displaced
-from invariantqp.runs.pilots import pilot_of
+from invariantqp.runs.controllers import pilot_of
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run
 

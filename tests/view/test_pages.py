@@ -18,7 +18,7 @@ from support.views import TASK, read
 
 import invariantqp as iq
 from invariantqp.robots.load import KNOWN
-from invariantqp.runs.make_scene import scene_of
+from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import task_from
 from invariantqp.view.film import arm_shape, extremes, film_before, film_of
 from invariantqp.view.page import drawn, page

@@ -1,10 +1,28 @@
-"""What a run controls: an arm and what it touches, simulated or real. A controller only sees its measurements."""
+"""What a run controls: an arm, its force sensor and what it touches; and the ideal one, q <- q + dt x.
+
+A controller only sees measurements. The ideal plant moves exactly as commanded, against springs at points of the tool:
+one point, the two ends of an edge, the four corners of a face or a handle. It has no inertia, no actuator lag, no
+friction and no noise; a dead time only where one is asked for.
+
+    on a surface:  f_i = (k / n) max(depth_i, 0) normal_i,     on a hinge:  f_i = (k / n) (g_i(angle) - p_i)
+
+Wrenches are what the surroundings exert on the tool, about the origin of the base frame. How strongly an edge or a face
+resists being tilted follows from where its points are: k L^2 / 4 for an edge of length L.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
 
+import numpy as np
+
+from invariantqp.force.wrench import GRAVITY
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.surfaces import Plane, Surface
+from invariantqp.robots.kinematics import Robot
 
 
 class Measurement(NamedTuple):
@@ -36,3 +54,137 @@ class Plant(Protocol):
     def state(self) -> PlantState:
         """How things really are now; no controller is told."""
         ...
+
+
+# Gauss-Newton steps for the angle of a hinge: two reach rounding from the angle of a tick ago.
+ANGLE_STEPS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSprings:
+    """Points of a tool on a surface that pushes and does not pull."""
+
+    shape: Literal["point", "edge", "face"]  # the part of the tool that touches
+    points: Array  # (n, 3) in the tool frame [m]: one, the two ends of an edge, or the four corners of a face in order
+    surface: Surface  # what they touch
+    stiffness: float  # of all points together [N/m]
+
+    def wrench(self, T: Array) -> Array:
+        """(6,) of the surface on the tool at pose T."""
+        total = np.zeros(6)
+        each = self.stiffness / len(self.points)
+        for p in self.points.dot(T[:3, :3].T) + T[:3, 3]:
+            depth, normal = self.surface.depth(p)
+            if depth > 0.0 and (not isinstance(self.surface, Plane) or self.surface.extent(p) > 0.0):
+                total += force_at(each * depth * normal, p)
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class HingeSprings:
+    """A tool that holds the handle of a door, which turns about an axis."""
+
+    points: Array  # (n, 3) of the tool frame [m], each tied to the point of the door that it is on at angle 0
+    home: Array  # (4, 4) tool pose at angle 0
+    screw: Array  # (6,) twist of the door, in the base frame
+    stiffness: float  # of all points together [N/m]
+    shape: Literal["hinge"] = "hinge"
+
+    def handle(self, angle: float) -> Array:
+        """(n, 3) where the points of the door are at an angle [rad]."""
+        T = se3.exp(angle * self.screw).dot(self.home)
+        points: Array = self.points.dot(T[:3, :3].T) + T[:3, 3]
+        return points
+
+    def angle(self, T: Array, guess: float) -> float:
+        """The angle [rad] of a door that only the springs hold, with the tool at pose T: where they stretch least."""
+        p = self.points.dot(T[:3, :3].T) + T[:3, 3]
+        for _ in range(ANGLE_STEPS):
+            g = self.handle(guess)
+            along = np.cross(self.screw[:3], g) + self.screw[3:]
+            guess += float(np.vdot(along, p - g) / np.vdot(along, along))
+        return guess
+
+    def wrench(self, T: Array, angle: float) -> Array:
+        """(6,) of the door on the tool at pose T."""
+        p = self.points.dot(T[:3, :3].T) + T[:3, 3]
+        forces = self.stiffness / len(p) * (self.handle(angle) - p)
+        return np.concatenate((np.cross(p, forces).sum(axis=0), forces.sum(axis=0)))
+
+
+Springs = SurfaceSprings | HingeSprings
+
+
+def force_at(force: Array, point: Array) -> Array:
+    """(6,) wrench of a force (3,) along the line through a point (3,)."""
+    return np.concatenate((se3.cross(point, force), force))
+
+
+class SimulatedSensor(NamedTuple):
+    """A force sensor and what hangs on it."""
+
+    mount: Array  # (4, 4) pose of the sensor in the tool frame
+    mass: float = 0.0  # of the tool beyond the sensor [kg]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) centre of that mass in the sensor's frame [m]
+
+    def reading(self, T: Array, contact: Array) -> Array:
+        """(6,) what it reads with the tool at rest at pose T under a contact wrench: that and weight, in its frame."""
+        pose = T.dot(self.mount)
+        weight = force_at(self.mass * np.array(GRAVITY), pose[:3, :3].dot(self.centre) + pose[:3, 3])
+        reading: Array = se3.adjoint(pose, check=False).T.dot(contact + weight)
+        return reading
+
+
+# The wrench on a tool that touches nothing.
+NO_WRENCH = np.zeros(6)
+
+
+class IdealPlant:
+    """An arm that moves as commanded, against springs without mass or friction."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        start: Array,
+        dt: float,
+        springs: Springs | None = None,
+        sensor: SimulatedSensor | None = None,
+        delay: float = 0.0,
+    ) -> None:
+        """An arm at rest at `start` (m,) that does what it is told `delay` seconds late, in whole ticks of dt [s]."""
+        self._robot = robot
+        self._dt = dt
+        self._springs = springs
+        self._sensor = SimulatedSensor(np.eye(4)) if sensor is None else sensor
+        self._q = start.copy()
+        self._late = deque([np.zeros(len(start))] * round(delay / dt))
+        self._angle = 0.0
+        self._state: PlantState | None = None  # asked for twice in a tick
+
+    def measure(self) -> Measurement:
+        """Joint positions and the sensor's wrench, both exact."""
+        if self._springs is None:
+            return Measurement(self._q, None)
+        now = self.state()
+        return Measurement(now.q, self._sensor.reading(now.pose, now.wrench))
+
+    def command(self, velocity: Array) -> None:
+        """q <- q + dt x, x the velocity that was commanded a dead time ago."""
+        self._late.append(velocity)
+        self._q = self._q + self._dt * self._late.popleft()
+        self._state = None
+
+    def state(self) -> PlantState:
+        """Joint positions, tool pose and the springs' wrench."""
+        if self._state is None:
+            T = self._robot.pose(self._q)
+            self._state = PlantState(self._q, T, self._wrench(T))
+        return self._state
+
+    def _wrench(self, T: Array) -> Array:
+        if self._springs is None:
+            return NO_WRENCH
+        if isinstance(self._springs, SurfaceSprings):
+            return self._springs.wrench(T)
+        self._angle = self._springs.angle(T, self._angle)
+        return self._springs.wrench(T, self._angle)

@@ -6,9 +6,8 @@ import pytest
 import invariantqp as iq
 from invariantqp.geometry.surfaces import Cylinder, Plane
 from invariantqp.robots.load import IN_DATA, urdf_of
-from invariantqp.runs.physics import Physics
-from invariantqp.runs.plants.sensor import SimulatedSensor
-from invariantqp.runs.plants.springs import HingeSprings, SurfaceSprings
+from invariantqp.runs.contactspec import Physics
+from invariantqp.runs.plants.plant import HingeSprings, SimulatedSensor, SurfaceSprings
 
 mujoco = pytest.importorskip("mujoco")
 from invariantqp.runs.plants.mujoco import MujocoPlant  # noqa: E402

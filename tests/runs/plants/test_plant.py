@@ -7,9 +7,7 @@ from support.wrist import wrist
 
 import invariantqp as iq
 from invariantqp.geometry.surfaces import Cylinder, Plane
-from invariantqp.runs.plants.ideal import IdealPlant
-from invariantqp.runs.plants.sensor import SimulatedSensor
-from invariantqp.runs.plants.springs import HingeSprings, SurfaceSprings
+from invariantqp.runs.plants.plant import HingeSprings, IdealPlant, SimulatedSensor, SurfaceSprings
 
 UP = np.array([0.0, 0.0, 1.0])
 EDGE = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0]])

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import get_args
 
 from invariantqp.runs.clearancespec import BodySpec, ObstacleSpec
-from invariantqp.runs.problems import toml
-from invariantqp.runs.reference import TABLES, default_of, meaning
-from invariantqp.runs.robotspec import Screw
-from invariantqp.runs.taskfile import Task
+from invariantqp.runs.newtask import TABLES, default_of, meaning
+from invariantqp.runs.section import toml
+from invariantqp.runs.taskfile import Screw, Task
 
 PAGE = Path(__file__).parents[2] / "examples" / "guide" / "task_files.md"
 # Tables of which a file may have several.
