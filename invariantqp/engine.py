@@ -14,8 +14,8 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     a slider at zero, joint positions that cannot be true                           10 to 35
     `follow` with rows, a sighting, a point or a posture of one tick                5 and more
     joint positions of a robot that is no `Chain`                                   all of it: 120
-    limits whose decision rounding would make: exact rows that limits leave next    150 and more
-    to nothing of, a form on a singular arm, numbers beyond 1e70
+    decisions that rounding would make: exact rows that limits move, and leave      150 and more
+    next to nothing of; a form on an arm that loses a direction; sizes beyond 1e70
     `solve_tasks` but for its QPs, `solve_velocity` with a form, a damping, a       40 to 90; 10
     joint metric or a tool speed of one's own, but for its tick
     `dual_projectors`; a pseudoinverse near a principal pitch                       30; 20

@@ -10,8 +10,8 @@
 
 /* A singular value within this factor of NULL_RATIO might be on its other side in Python. */
 static const double CLOSE = 10.0;
-/* Where M leaves a direction of V to itself, eigenvalues of |MV| below this share of |M|, rounding enlarged by one over
-   that decides on it; damping of more than DAMPED_SHARE does not let it count. */
+/* Rounding enlarged by one over this share of |M| decides on a direction of V that M hardly sees, but for one that it leaves
+   to itself (UNTOUCHED); damping of more than DAMPED_SHARE does not let it count. */
 static const double DISTINCT = 1e-3, DAMPED_SHARE = 0.999;
 /* A vector shorter than this share of itself before it was made orthogonal depends on the others. */
 static const double DEPENDENT_TWIST = 1e-8;
@@ -65,33 +65,6 @@ static Outcome complement(const Law *form, const double root[6][6], double M[6][
     return DONE;
 }
 
-/* |MV| + damping = LL' for k directions; MV[i] = M V_i, share[i] what damping leaves of one. */
-static Outcome sized(int k, const double (*MV)[6], const double *share, double norm, Row *L)
-{
-    Row columns[6];
-    Spectrum found;
-    static const double nothing[6] = {0.0};
-    for (int r = 0; r < 6; r++)
-        for (int i = 0; i < k; i++)
-            columns[r][i] = MV[i][r];
-    if (spectrum(6, k, (const Row *)columns, nothing, NULL, &found) == HAND_BACK)
-        return HAND_BACK;
-    for (int i = 0; i < k; i++)
-        for (int j = 0; j <= i; j++)
-            L[i][j] = i == j ? (1.0 - share[i]) * norm : 0.0;
-    for (int l = 0; l < k; l++) {
-        double damped = 0.0, size = found.sigma[l] + UNSEEN * norm;
-        for (int i = 0; i < k; i++) {
-            damped += (1.0 - share[i]) * found.V[l][i] * found.V[l][i];
-            for (int j = 0; j <= i; j++)
-                L[i][j] += size * found.V[l][i] * found.V[l][j];
-        }
-        if (damped < DAMPED_SHARE && found.sigma[l] < DISTINCT * norm)
-            return HAND_BACK;
-    }
-    return factored(k, L) ? DONE : HAND_BACK;
-}
-
 /* f(C) p */
 static Outcome filtered(int k, const Row *C, const double *p, double *y)
 {
@@ -115,8 +88,9 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
 {
     int k = n < 6 ? n : 6;
     const Law *form = demand->form;
-    double largest = found->sigma[0], share[6], r[6], done[6] = {0.0}, M[6][6], V[6][6], MV[6][6], square = 0.0;
-    Row L[6], C[6], y;
+    double largest = found->sigma[0], share[6], r[6], done[6] = {0.0}, M[6][6], V[6][6], W[6][6] = {{0.0}}, square = 0.0;
+    Row MV[6], L[6], C[6], y;
+    Spectrum own;
     bool whole = k == 6;
     memcpy(attempt, b, 6 * sizeof(double));
     if (largest == 0.0)
@@ -144,17 +118,36 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
     for (int i = 0; i < k; i++)
         for (int j = 0; j < 6; j++)
             V[i][j] = sqrt(share[i]) * found->U[i][j];
-    for (int i = 0; i < k; i++) {
+    for (int i = 0; i < k; i++)
         for (int j = 0; j < 6; j++)
-            MV[i][j] = dot(6, M[j], V[i]);
-        y[i] = dot(6, MV[i], r);
+            MV[j][i] = dot(6, M[j], V[i]);
+    if (spectrum(6, k, (const Row *)MV, NULL, NULL, &own) == HAND_BACK) /* |MV| = V sigma V' */
+        return HAND_BACK;
+    double size = sqrt(square);
+    for (int l = 0; l < k; l++) {
+        double damped = 0.0;
+        for (int i = 0; i < k; i++) {
+            damped += (1.0 - share[i]) * own.V[l][i] * own.V[l][i];
+            for (int j = 0; j < 6; j++)
+                W[l][j] += own.V[l][i] * V[i][j];
+        }
+        if (damped < DAMPED_SHARE && own.sigma[l] > UNTOUCHED * size / CLOSE && own.sigma[l] < DISTINCT * size)
+            return HAND_BACK;
+        bool untouched = own.sigma[l] <= UNTOUCHED * size;
+        for (int h = 0; h <= l; h++) {
+            L[l][h] = h < l ? 0.0 : own.sigma[l] + (UNSEEN + (untouched ? 1.0 : 0.0)) * size;
+            for (int i = 0; i < k; i++)
+                L[l][h] += own.V[l][i] * own.V[h][i] * (1.0 - share[i]) * size;
+        }
+        own.sigma[l] = untouched ? 0.0 : own.sigma[l];
+        y[l] = own.sigma[l] * dot(6, own.U[l], r);
     }
-    if (sized(k, (const double(*)[6])MV, share, sqrt(square), L) == HAND_BACK)
+    if (!factored(k, L))
         return HAND_BACK;
     for (int i = 0; i < k; i++) { /* columns of N, and rows of L^-1 N */
         Row column;
         for (int j = 0; j < k; j++)
-            column[j] = dot(6, MV[i], V[j]);
+            column[j] = own.sigma[j] > 0.0 ? own.sigma[i] * dot(6, own.U[i], W[j]) : 0.0;
         forward(k, (const Row *)L, column);
         for (int j = 0; j < k; j++)
             C[j][i] = column[j];
@@ -168,7 +161,7 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
     double step[6] = {0.0}, shortened = 1.0;
     for (int i = 0; i < k; i++)
         for (int j = 0; j < 6; j++)
-            step[j] += y[i] * V[i][j];
+            step[j] += y[i] * W[i][j];
     if (form->fraction >= 0.0) {
         double most = sqrt((1.0 - form->fraction) * dot(6, done, done)), length = norm(6, step);
         shortened = length > 0.0 ? most / fmax(most, length) : 1.0;

@@ -8,6 +8,9 @@
 #define CODE(name) {"velocity.reasons.Code." #name, WHY_##name}
 
 const Constant CONSTANTS[] = {
+    CODE(NOT_FOLLOWING),
+    CODE(OUTSIDE),
+    CODE(ACCELERATION),
     CODE(ROWS_CONTRADICT),
     CODE(TOOL_FASTER),
     CODE(ROWS_UNKEPT),
@@ -26,6 +29,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.forms", FORM_THRESHOLD),
     ONE("velocity.forms", FORM_CEILING),
     ONE("velocity.forms", UNSEEN),
+    ONE("velocity.forms", UNTOUCHED),
     {"velocity.tick.DECREASE_ROUNDING", GUARD_ROUNDING},
     ONE("velocity.objective", NULL_RATIO),
     ONE("velocity.objective", NULL_WEIGHT),

@@ -295,6 +295,7 @@ extern const Constant CONSTANTS[];
 #define FORM_THRESHOLD 0.3
 #define FORM_CEILING 0.3
 #define UNSEEN 1e-7
+#define UNTOUCHED 1e-11
 #define GUARD_ROUNDING 1e-13
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8

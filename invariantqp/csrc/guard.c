@@ -6,7 +6,7 @@
 #include "core.h"
 
 /* Rounding of t, as a share of the velocity, beyond which Python might blend otherwise. */
-static const double UNDECIDED = 1e-12;
+static const double UNDECIDED = 1e-10;
 /* Rounding of a decrease, as a share of |b|^2 or |A x|^2, and of products of it. */
 static const double DECREASE_ROUNDING = 1e-15;
 

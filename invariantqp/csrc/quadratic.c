@@ -85,12 +85,12 @@ bool slow_enough(const Slow *slow, int n, const Row e, double tolerance)
 }
 
 /* nu with sum of squares / (1 + nu gain)^2 = limit^2, or `most` where that is larger. */
-static double multiplier(const double gains[3], const double squares[3], double limit, double most)
+static double multiplier(const double gains[4], const double squares[4], double limit, double most)
 {
     double nu = 0.0, wanted = limit * limit;
     for (int step = 0; step < NEWTON_STEPS; step++) {
         double square = 0.0, slope = 0.0;
-        for (int i = 0; i < 3; i++) {
+        for (int i = 0; i < 4; i++) {
             double shrink = 1.0 + nu * gains[i], shrunk = squares[i] / (shrink * shrink);
             square += shrunk;
             slope += shrunk * gains[i] / shrink;
@@ -113,24 +113,26 @@ static double multiplier(const double gains[3], const double squares[3], double 
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
 {
     Row M[3];
-    double v[3], gains[3], squares[3];
+    double v[3], gains[4] = {0.0}, squares[4] = {0.0}, left;
+    int rank = 0;
     Spectrum found;
-    if (n < 3)
-        return HAND_BACK;
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < n; j++)
             M[i][j] = slow->M[i][j];
         along(n, k, Q, M[i]);
     }
-    velocity(slow, n, e, v);
+    left = velocity(slow, n, e, v);
     if (spectrum(3, n, (const Row *)M, v, NULL, &found) == HAND_BACK)
         return HAND_BACK;
-    for (int i = 0; i < 3; i++) {
-        gains[i] = found.sigma[i] * found.sigma[i];
-        squares[i] = found.wanted[i] * found.wanted[i];
+    left *= left;
+    for (; rank < 3 && rank < n && found.sigma[rank] > NULL_RATIO * found.sigma[0]; rank++) {
+        gains[rank] = found.sigma[rank] * found.sigma[rank];
+        squares[rank] = found.wanted[rank] * found.wanted[rank];
+        left -= squares[rank];
     }
+    squares[rank] = rank < 3 ? fmax(left, 0.0) : 0.0; /* what no direction changes */
     *nu = multiplier(gains, squares, slow->limit, slow->most);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < rank; i++) {
         double step = *nu * found.sigma[i] * found.wanted[i] / (1.0 + *nu * gains[i]);
         for (int j = 0; j < n; j++)
             e[j] -= step * found.V[i][j];

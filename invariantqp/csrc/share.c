@@ -7,10 +7,10 @@
 #include "core.h"
 #include <string.h>
 
-/* Where the least motion of the rows is this near what they ask for, rounding would tell what the share is. */
-static const double UNDECIDED = 1e-8;
-/* A smaller share than this is told by weights 1e-9 apart. */
+/* A smaller share than this is told by weights 1e-9 apart where standing still is not allowed. */
 static const double LOOSE = 1e-3;
+/* Where the least motion of the rows is this near what they ask for, it is that, or Python decides. */
+static const double NOTHING = 1e-11, UNDECIDED = 1e-8;
 
 /* The optimum for nu, from `first` or the active limits of `found`, which is written over. */
 static Outcome best(const Polytope *room, const Cone *slow, const Row first, int n, double length, double nu, Optimum *found)
@@ -42,9 +42,14 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
     quadratic(&still, &cost);
     for (int i = 0; i < limits->count; i++) /* active at first: limits that do not allow standing still */
         found.multipliers[i] = (limits->upper[i] < 0.0) - (limits->lower[i] > 0.0);
-    if (minimise(&cost, limits, cone, inside, &found, &found) == HAND_BACK)
-        return HAND_BACK;
-    memcpy(inside, found.z, (size_t)m * sizeof(double));
+    for (int pass = 0; pass < 2; pass++) {
+        if (minimise(&cost, limits, cone, inside, &found, &found) == HAND_BACK)
+            return HAND_BACK;
+        memcpy(inside, found.z, (size_t)m * sizeof(double));
+        for (int i = 0; i < m; i++)
+            still.optimum[i] = (i < k ? REGULARISATION : 1.0) * dot(m, still.V[i], inside);
+        centre(&still, cost.centre);
+    }
     for (int i = 0; i < k; i++) {
         double along = dot(m, reduction->span[i], inside);
         for (int j = 0; j < m; j++)
@@ -53,8 +58,10 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
     Row d;
     for (int j = 0; j < m; j++)
         d[j] = reduction->full[j] - reduction->start[j];
-    double left = norm(m, d);
-    return left == 0.0 || left > UNDECIDED * fmax(norm(m, reduction->full), norm(m, inside)) ? DONE : HAND_BACK;
+    double left = norm(m, d), size = fmax(norm(m, reduction->full), norm(m, inside));
+    if (left <= NOTHING * size)
+        memcpy(reduction->start, reduction->full, (size_t)m * sizeof(double));
+    return left <= NOTHING * size || left > UNDECIDED * size ? DONE : HAND_BACK;
 }
 
 /* From a velocity share->inside that moves the rows least. `limits` and `cone` are on y, dt is the tick. */
@@ -98,7 +105,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
         return HAND_BACK;
     double value = within(found.z[0] / length);
-    if (value < LOOSE)
+    if (value < LOOSE && norm(m, reduction->start) > 0.0)
         return HAND_BACK;
     joint(reduction, m, found.z + 1, found.z[0] / length, velocity);
     double given = value >= WHOLE ? 1.0 : 1.0 - INTERIOR * (1.0 - value);

@@ -476,8 +476,6 @@ static Outcome guarded(Posed *problem, const Room *room, double mu, Row y, doubl
     *blended = 0.0;
     if (problem->attempt == problem->wanted || demand->form->fraction < 0.0)
         return DONE;
-    if (demand->cone.limit > 0.0 && share->value < 1.0) /* a share that is told loosely */
-        return HAND_BACK;
     if (objective(problem, problem->wanted, problem->ahead, share->value, &plain) == HAND_BACK)
         return HAND_BACK;
     if (within(problem, room, &plain, &best, least, slowed, &pace) == HAND_BACK ||

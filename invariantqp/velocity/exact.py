@@ -299,8 +299,10 @@ def counted_from_least(
     free = reduction.basis.dot(reduction.basis.T)
     fixed = np.eye(len(inside)) - free
     most, least = sqrt(1.0 + REGULARISATION), sqrt(REGULARISATION)
-    still = Quadratic(most * fixed + least * free, fixed / most + free / least, np.zeros(len(inside)))
-    y = minimise(backend, still, limits, cone, inside).z
+    still, y = Quadratic(most * fixed + least * free, fixed / most + free / least, np.zeros(len(inside))), inside
+    for _ in range(2):  # what keeps it convex moves the rows by its weight; around the first answer, by its square
+        y = minimise(backend, still, limits, cone, y).z
+        still = still._replace(centre=free.dot(y) + REGULARISATION * fixed.dot(y))
     return reduction._replace(start=fixed.dot(y)), y
 
 

@@ -42,8 +42,10 @@ COMPLEMENT_TOLERANCE = 1e-10
 # accuracy when the arm passes a principal pitch, smaller ones do not.
 FORM_THRESHOLD = 0.3
 FORM_CEILING = 0.3
-# Least size of a direction in |MU|, relative to |M|: the square root of the rounding of an eigenvalue that is zero.
+# Least size of a direction in |MU|, relative to |M|: its inverse is by how much rounding may be enlarged.
 UNSEEN = 1e-7
+# A direction of a smaller size is one that M leaves to itself, but for rounding; it fades in, so that there is no jump.
+UNTOUCHED = 1e-11
 
 
 @runtime_checkable
@@ -250,13 +252,14 @@ def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damp
     r = b - done
     M = form.matrix(inverse_root)
     V = U * np.sqrt(share)
-    MV = M.dot(V)
-    squared, vectors, _ = lapack.dsyev(MV.T.dot(MV))
     norm = float(np.linalg.norm(M)) or 1.0
-    size = (vectors * (np.sqrt(np.maximum(squared, 0.0)) + UNSEEN * norm)).dot(vectors.T)
-    # A damped direction gets a large size, hence an eigenvalue near zero, and is filtered.
-    mu, axes, _ = lapack.dsygv(V.T.dot(MV), size + np.diag((1.0 - share) * norm))
-    pull = M.dot(r).dot(V).dot(axes)
+    seen, sizes, own, _ = lapack.dgesdd(M.dot(V), full_matrices=0)  # |MV| = own' sizes own
+    counts = np.clip(sizes / (UNTOUCHED * norm) - 1.0, 0.0, 1.0)
+    V, MV = V.dot(own.T), seen * (counts * sizes)
+    # A direction that is damped, or untouched, gets a large size, hence an eigenvalue near zero, and is filtered.
+    size = np.diag(sizes + (UNSEEN + 1.0 - counts) * norm) + (own * (1.0 - share)).dot(own.T) * norm
+    mu, axes, _ = lapack.dsygv(counts[:, None] * V.T.dot(MV), size)
+    pull = r.dot(MV).dot(axes)
     left = np.maximum(0.0, 1.0 - (mu / FORM_THRESHOLD) ** 2)
     divisor = mu * mu + (FORM_CEILING * left) ** 2
     y = V.dot(axes.dot(np.divide(mu * pull, divisor, out=np.zeros(len(mu)), where=divisor > 0.0)))

@@ -23,6 +23,8 @@ AGREE = 1e-10
 ROUNDING = 64 * np.finfo(float).eps
 # Likewise the share of exact rows, alone and beside a speed limit.
 SHARE, LOOSE = 1e-8, 1e-6
+# A share of exact rows that is rounding of none.
+NOTHING_LEFT = 1e-9
 SIZES = (1e-60, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e3, 1e60)
 DAMPINGS = (
     iq.velocity.Adaptive(),
@@ -65,7 +67,7 @@ def random_tick(rng):
     law = random_law(rng, m)
     exact = random_rows(rng, size * J, size * s) if m > 1 and rng.random() < 0.35 else None
     point = rng.normal(size=3)
-    slow = iq.limits.ToolSpeed(size * np.abs(s).max() * 10.0 ** rng.uniform(-1.5, 1.0) + 1e-300, point)
+    slow = iq.limits.ToolSpeed(size * (np.abs(s).max() or 1.0) * 10.0 ** rng.uniform(-1.5, 1.0), point)
     cone = slow.cone(size * J, point) if rng.random() < 0.3 else None
     rows = random_limits(rng, lower, upper) if rng.random() < 0.3 else None
     demand = Demand(size * J, size * s, root, lower, upper, exact, posture, rows, cone)
@@ -190,6 +192,8 @@ def disagreements(law, demand, native, answer):
         share, least = LOOSE, LOOSE
         reach = problem.reduction.full + problem.reduction.basis.dot(problem.objective(1.0).centre())
         spread += LOOSE * float(np.abs(reach).max())
+    if answer.scale < NOTHING_LEFT:  # more limits meet there than it takes to hold the rows
+        reasons = [[without_holders(reason) for reason in found] for found in reasons]
     if demand.cone is not None and answer.scale < 1.0:
         # Weights 1e-9 apart, twice: which limits hold the rows, and how the arm moves within itself, is loosely told.
         share, reasons = LOOSE, [[without_holders(reason) for reason in found] for found in reasons]
@@ -201,7 +205,7 @@ def disagreements(law, demand, native, answer):
         *([] if near(*velocities, spread) else [f"velocity {native.velocity} {answer.velocity}"]),
         *([] if np.isclose(native.scale, answer.scale, rtol=share, atol=least) else [f"{native.scale} {answer.scale}"]),
         *([] if regular or np.isclose(native.damping, answer.damping, rtol=1e-6, atol=0.0) else ["damping"]),
-        *([] if same_pull(law, demand, native, answer, gradient) else ["multipliers"]),
+        *([] if same_pull(law, problem, demand, native, answer, gradient) else ["multipliers"]),
         *([] if native.status == answer.status else ["status"]),
         *([] if same_method(native, answer, gradient) else ["method"]),
         *([] if regular or native.active == answer.active else ["active"]),
@@ -209,8 +213,10 @@ def disagreements(law, demand, native, answer):
     ]
 
 
-def same_pull(law, demand, native, answer, gradient):
-    """Whether limits pull alike; where more of them meet than there are directions, how it is shared is open."""
+def same_pull(law, problem, demand, native, answer, gradient):
+    """Whether limits pull alike on what exact rows leave free; where more of them meet than there are directions there,
+    how it is shared is open.
+    """
     if near(native.multipliers, answer.multipliers, gradient) and near(
         native.row_multipliers, answer.row_multipliers, gradient
     ):
@@ -219,7 +225,8 @@ def same_pull(law, demand, native, answer, gradient):
     pulls = []
     for found in (native, answer):  # without a limit that is met, there are none
         rows = 0.0 if demand.rows is None or found.multipliers is None else demand.rows.C.T @ found.row_multipliers
-        pulls.append(T.T @ ((np.zeros(len(T)) if found.multipliers is None else found.multipliers) + rows))
+        pull = T.T @ ((np.zeros(len(T)) if found.multipliers is None else found.multipliers) + rows)
+        pulls.append(problem.reduction.basis.T @ pull)
     return near(*pulls, gradient * (1.0 + (0.0 if demand.rows is None else np.abs(demand.rows.C).sum(axis=0).max())))
 
 
